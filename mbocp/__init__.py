@@ -1,0 +1,46 @@
+"""Optimal control of multibody systems, driven by Pinocchio and URDF.
+
+    import mbocp
+
+    problem = mbocp.load_problem("ur5_reach.toml")
+    solution = mbocp.solve(problem)
+
+The public names are loaded on first use, so that `import mbocp` stays light.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem as Problem
+    from mbocp.problem import load_problem as load_problem
+    from mbocp.robot import Robot as Robot
+    from mbocp.robot import load_robot as load_robot
+    from mbocp.solution import Solution as Solution
+    from mbocp.solve import solve as solve
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Problem": "mbocp.problem",
+    "Robot": "mbocp.robot",
+    "Solution": "mbocp.solution",
+    "load_problem": "mbocp.problem",
+    "load_robot": "mbocp.robot",
+    "solve": "mbocp.solve",
+}
+
+__all__ = ["Problem", "Robot", "Solution", "__version__", "load_problem", "load_robot", "solve"]
+
+
+def __getattr__(name: str) -> Any:
+    home = _HOME.get(name)
+    if home is None:
+        raise AttributeError(f"module 'mbocp' has no attribute {name!r}")
+    return getattr(importlib.import_module(home), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

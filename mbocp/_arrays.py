@@ -1,0 +1,51 @@
+"""Array types and the two habits every frozen value shares: copied in, made read-only."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbocp.exceptions import DimensionMismatch
+
+Array: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+__all__ = ["Array", "BoolArray", "frozen_array", "frozen_mask"]
+
+
+def frozen_array(value: ArrayLike, *, shape: tuple[int | None, ...] | None = None, name: str = "array") -> Array:
+    """Copy `value` into a read-only float64 array.
+
+    Parameters
+    ----------
+    value : array_like
+        Numbers.
+    shape : tuple of int or None, optional
+        Expected shape; None stands for any length along that axis.
+    name : str
+        What the value is called in the error.
+
+    Raises
+    ------
+    DimensionMismatch
+        If the shape is not the expected one.
+    """
+    array = np.array(value, dtype=np.float64, order="C")
+    fits = shape is None or (
+        array.ndim == len(shape) and all(s is None or s == n for s, n in zip(shape, array.shape, strict=True))
+    )
+    if not fits:
+        raise DimensionMismatch(name, got=array.shape, expected=shape or ())
+    array.setflags(write=False)
+    return array
+
+
+def frozen_mask(value: ArrayLike, *, size: int, name: str = "mask") -> BoolArray:
+    """Copy `value` into a read-only boolean array of `size` entries."""
+    mask = np.array(value, dtype=np.bool_)
+    if mask.shape != (size,):
+        raise DimensionMismatch(name, got=mask.shape, expected=(size,))
+    mask.setflags(write=False)
+    return mask

@@ -1,0 +1,176 @@
+"""Every error that mbocp raises on purpose: one root, then one branch a layer.
+
+An error says what is wrong, where, and what to do about it, and carries the data as attributes.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+__all__ = [
+    "CompilationError",
+    "DimensionMismatch",
+    "InconsistentStart",
+    "InvalidValue",
+    "MbocpError",
+    "NativeMismatch",
+    "NotConverged",
+    "OverdeterminedGoal",
+    "ProblemError",
+    "ProblemFileError",
+    "ReplayError",
+    "ResultFileError",
+    "RobotError",
+    "RobotFileError",
+    "SingularSystem",
+    "SolverError",
+    "TranscriptionError",
+    "UnknownFrame",
+    "UnknownJoint",
+    "UnknownRobot",
+    "UnsupportedRobot",
+    "suggest",
+]
+
+
+def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
+    """Return "did you mean ...?" for a near miss, else the (shortened) list of what is valid."""
+    names = list(valid)
+    close = difflib.get_close_matches(name, names, n=3)
+    if close:
+        return f"did you mean {' or '.join(repr(c) for c in close)}?"
+    shown = ", ".join(names[:limit])
+    return f"valid names: {shown}{', ...' if len(names) > limit else ''}"
+
+
+class MbocpError(Exception):
+    """Root of all errors of mbocp."""
+
+
+class DimensionMismatch(MbocpError):
+    """An array does not have the shape that the robot or problem asks for."""
+
+    def __init__(self, name: str, got: Sequence[int] | int, expected: Sequence[int | None] | int, hint: str = "") -> None:
+        self.name, self.got, self.expected = name, got, expected
+        super().__init__(f"{name}: got shape {_shape(got)}, expected {_shape(expected)}{'; ' + hint if hint else ''}")
+
+
+class InvalidValue(MbocpError):
+    """A number that cannot be right: NaN, infinite, negative where it must be positive."""
+
+    def __init__(self, name: str, got: Any, expected: str) -> None:
+        self.name, self.got, self.expected = name, got, expected
+        super().__init__(f"{name}: got {got}, expected {expected}")
+
+
+class RobotError(MbocpError):
+    """Something about the robot's model."""
+
+
+class UnknownRobot(RobotError):
+    """No robot of that name, and no such file."""
+
+    def __init__(self, name: str, valid: Iterable[str]) -> None:
+        self.name, self.valid = name, tuple(valid)
+        super().__init__(
+            f"unknown robot {name!r}: {suggest(name, self.valid)} (run `mbocp robots` for the whole list, "
+            "or give the path of a URDF or robot.toml)"
+        )
+
+
+class RobotFileError(RobotError):
+    """A URDF, robot.toml or package folder that cannot be read or does not say what it must."""
+
+    def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
+        self.path, self.reason, self.key = Path(path), reason, key
+        super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
+
+
+class UnknownJoint(RobotError):
+    """A joint name that the robot does not have."""
+
+    def __init__(self, name: str, robot: str, valid: Iterable[str]) -> None:
+        self.name, self.robot, self.valid = name, robot, tuple(valid)
+        super().__init__(f"robot {robot!r} has no joint {name!r}: {suggest(name, self.valid)}")
+
+
+class UnknownFrame(RobotError):
+    """A frame name that the robot does not have."""
+
+    def __init__(self, name: str, robot: str, valid: Iterable[str]) -> None:
+        self.name, self.robot, self.valid = name, robot, tuple(valid)
+        super().__init__(f"robot {robot!r} has no frame {name!r}: {suggest(name, self.valid)}")
+
+
+class UnsupportedRobot(RobotError):
+    """A feature of the robot that mbocp does not support, by name."""
+
+
+class ProblemError(MbocpError):
+    """Something about the optimal control problem."""
+
+
+class ProblemFileError(ProblemError):
+    """A problem file that is missing, malformed, or has a wrong key or value."""
+
+    def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
+        self.path, self.reason, self.key = Path(path), reason, key
+        super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
+
+
+class InconsistentStart(ProblemError):
+    """The start (or goal) violates a holonomic constraint, at position or velocity level."""
+
+
+class OverdeterminedGoal(ProblemError):
+    """More exact end conditions than the system can meet."""
+
+
+class TranscriptionError(MbocpError):
+    """Something about turning the problem into compiled stage functions."""
+
+
+class CompilationError(TranscriptionError):
+    """The C compiler refused a generated stage function."""
+
+
+class NativeMismatch(MbocpError):
+    """The native part does not fit the installed Pinocchio or CasADi."""
+
+
+class SolverError(MbocpError):
+    """Something about the numbers."""
+
+
+class SingularSystem(SolverError):
+    """A linear system without a unique solution."""
+
+
+class NotConverged(SolverError):
+    """`solve(..., check=True)` did not converge; the best iterate is in `solution`."""
+
+    def __init__(self, solution: Any) -> None:
+        self.solution = solution
+        super().__init__(f"{solution.status}: {solution.advice}")
+
+
+class ResultFileError(MbocpError):
+    """A result file that cannot be read or written."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path, self.reason = Path(path), reason
+        super().__init__(f"{path}: {reason}")
+
+
+class ReplayError(MbocpError):
+    """A replay that cannot be written or shown."""
+
+
+def _shape(value: Sequence[int | None] | int) -> str:
+    if isinstance(value, int):
+        return f"({value},)"
+    inner = ", ".join("any" if v is None else str(v) for v in value)
+    return f"({inner}{',' if len(value) == 1 else ''})"
