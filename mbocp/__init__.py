@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot as Robot
     from mbocp.robot import load_robot as load_robot
     from mbocp.solution import Solution as Solution
-    from mbocp.solve import solve as solve
+    from mbocp.api import solve as solve
 
 __version__ = "0.1.0"
 
@@ -29,7 +29,7 @@ _HOME = {
     "Solution": "mbocp.solution",
     "load_problem": "mbocp.problem",
     "load_robot": "mbocp.robot",
-    "solve": "mbocp.solve",
+    "solve": "mbocp.api",
 }
 
 __all__ = ["Problem", "Robot", "Solution", "__version__", "load_problem", "load_robot", "solve"]
