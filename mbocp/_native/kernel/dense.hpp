@@ -1,0 +1,197 @@
+// Small dense linear algebra for the stages: row-major, leading dimensions padded to whole vectors, no allocation.
+//
+// Blocks of a stage are 4 to 100 rows; at that size a general BLAS or a dynamic Eigen product spends more time
+// in dispatch than in arithmetic. Padding columns hold zeros, so the kernels need no remainder loops.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace mbocp::dense {
+
+inline constexpr int width = 4;  // doubles in a vector register (AVX2); SSE2 code uses two registers for one
+inline int padded(int n) { return (n + width - 1) / width * width; }
+
+typedef double Vec __attribute__((vector_size(32), aligned(8), may_alias));
+
+inline Vec load(const double* p) { return *reinterpret_cast<const Vec*>(p); }
+inline void store(double* p, Vec v) { *reinterpret_cast<Vec*>(p) = v; }
+
+// C (m x n) += A^T B with A (k x m), B (k x n), all row-major; m and n are rounded up to whole vectors,
+// so C needs padded(m) rows and every leading dimension must be padded.
+inline void gemm_tn(int m, int n, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc) {
+    for (int i = 0; i < m; i += 4) {
+        int j = 0;
+        for (; j + 8 <= padded(n); j += 8) {
+            Vec acc[4][2];
+            for (int r = 0; r < 4; ++r) {
+                acc[r][0] = load(C + (i + r) * ldc + j);
+                acc[r][1] = load(C + (i + r) * ldc + j + 4);
+            }
+            for (int p = 0; p < k; ++p) {
+                const Vec b0 = load(B + p * ldb + j), b1 = load(B + p * ldb + j + 4);
+                const double* a = A + p * lda + i;
+                for (int r = 0; r < 4; ++r) {
+                    acc[r][0] += a[r] * b0;
+                    acc[r][1] += a[r] * b1;
+                }
+            }
+            for (int r = 0; r < 4; ++r) {
+                store(C + (i + r) * ldc + j, acc[r][0]);
+                store(C + (i + r) * ldc + j + 4, acc[r][1]);
+            }
+        }
+        for (; j < n; j += 4) {
+            Vec acc[4];
+            for (int r = 0; r < 4; ++r) acc[r] = load(C + (i + r) * ldc + j);
+            for (int p = 0; p < k; ++p) {
+                const Vec b = load(B + p * ldb + j);
+                const double* a = A + p * lda + i;
+                for (int r = 0; r < 4; ++r) acc[r] += a[r] * b;
+            }
+            for (int r = 0; r < 4; ++r) store(C + (i + r) * ldc + j, acc[r]);
+        }
+    }
+}
+
+// y (m) += A x, A (m x n) row-major.
+inline void gemv(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
+    for (int i = 0; i < m; ++i) {
+        const double* a = A + i * lda;
+        Vec lanes = {0.0, 0.0, 0.0, 0.0};
+        int j = 0;
+        for (; j + width <= n; j += width) lanes += load(a + j) * load(x + j);
+        double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+        for (; j < n; ++j) sum += a[j] * x[j];
+        y[i] += scale * sum;
+    }
+}
+
+// y (n) += A^T x, A (m x n) row-major.
+inline void gemv_t(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
+    for (int i = 0; i < m; ++i) {
+        const double s = scale * x[i];
+        const double* a = A + i * lda;
+        for (int j = 0; j < n; ++j) y[j] += s * a[j];
+    }
+}
+
+// In-place LU with partial pivoting; returns min |pivot| / max |pivot| (0 when singular or not finite).
+inline double lu_factor(int n, double* A, int lda, int* pivot) {
+    double smallest = INFINITY, largest = 0.0;
+    for (int k = 0; k < n; ++k) {
+        int best = k;
+        for (int i = k + 1; i < n; ++i)
+            if (std::abs(A[i * lda + k]) > std::abs(A[best * lda + k])) best = i;
+        pivot[k] = best;
+        if (best != k) std::swap_ranges(A + k * lda, A + k * lda + n, A + best * lda);
+        const double p = std::abs(A[k * lda + k]);
+        if (!(p > 0.0) || !std::isfinite(p)) return 0.0;
+        smallest = std::min(smallest, p);
+        largest = std::max(largest, p);
+        const double inverse = 1.0 / A[k * lda + k];
+        const double* top = A + k * lda;
+        for (int i = k + 1; i < n; ++i) {
+            double* row = A + i * lda;
+            if (row[k] == 0.0) continue;
+            const double factor = row[k] * inverse;
+            row[k] = factor;
+            for (int j = k + 1; j < n; ++j) row[j] -= factor * top[j];
+        }
+    }
+    return n ? smallest / largest : 1.0;
+}
+
+// B <- A^{-1} B for a factored A; B (n x m) row-major.
+inline void lu_solve(int n, const double* A, int lda, const int* pivot, double* B, int ldb, int m) {
+    for (int k = 0; k < n; ++k)
+        if (pivot[k] != k) std::swap_ranges(B + k * ldb, B + k * ldb + m, B + pivot[k] * ldb);
+    for (int i = 1; i < n; ++i) {
+        double* row = B + i * ldb;
+        for (int k = 0; k < i; ++k) {
+            const double factor = A[i * lda + k];
+            if (factor == 0.0) continue;
+            const double* top = B + k * ldb;
+            for (int j = 0; j < m; ++j) row[j] -= factor * top[j];
+        }
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        double* row = B + i * ldb;
+        for (int k = i + 1; k < n; ++k) {
+            const double factor = A[i * lda + k];
+            if (factor == 0.0) continue;
+            const double* low = B + k * ldb;
+            for (int j = 0; j < m; ++j) row[j] -= factor * low[j];
+        }
+        const double inverse = 1.0 / A[i * lda + i];
+        for (int j = 0; j < m; ++j) row[j] *= inverse;
+    }
+}
+
+// b <- A^{-T} b for a factored A.
+inline void lu_solve_transposed(int n, const double* A, int lda, const int* pivot, double* b) {
+    for (int k = 0; k < n; ++k) {
+        const double* row = A + k * lda;
+        b[k] /= row[k];
+        for (int j = k + 1; j < n; ++j) b[j] -= b[k] * row[j];
+    }
+    for (int i = n - 1; i > 0; --i) {
+        const double* row = A + i * lda;
+        for (int j = 0; j < i; ++j) b[j] -= b[i] * row[j];
+    }
+    for (int k = n - 1; k >= 0; --k)
+        if (pivot[k] != k) std::swap(b[k], b[pivot[k]]);
+}
+
+// Lower Cholesky factor in place (upper part untouched); false when not positive definite.
+inline bool cholesky(int n, double* A, int lda) {
+    for (int j = 0; j < n; ++j) {
+        double* row = A + j * lda;
+        for (int k = 0; k < j; ++k) {
+            double sum = row[k];
+            for (int p = 0; p < k; ++p) sum -= row[p] * A[k * lda + p];
+            row[k] = sum / A[k * lda + k];
+        }
+        double d = row[j];
+        for (int p = 0; p < j; ++p) d -= row[p] * row[p];
+        if (!(d > 0.0) || !std::isfinite(d)) return false;
+        row[j] = std::sqrt(d);
+    }
+    return true;
+}
+
+// B <- L^{-1} B, B (n x m) row-major.
+inline void lower_solve(int n, const double* L, int ldl, double* B, int ldb, int m) {
+    for (int i = 0; i < n; ++i) {
+        double* row = B + i * ldb;
+        for (int k = 0; k < i; ++k) {
+            const double factor = L[i * ldl + k];
+            const double* top = B + k * ldb;
+            for (int j = 0; j < m; ++j) row[j] -= factor * top[j];
+        }
+        const double inverse = 1.0 / L[i * ldl + i];
+        for (int j = 0; j < m; ++j) row[j] *= inverse;
+    }
+}
+
+// B <- L^{-T} B, B (n x m) row-major.
+inline void lower_solve_transposed(int n, const double* L, int ldl, double* B, int ldb, int m) {
+    for (int i = n - 1; i >= 0; --i) {
+        double* row = B + i * ldb;
+        for (int k = i + 1; k < n; ++k) {
+            const double factor = L[k * ldl + i];
+            const double* low = B + k * ldb;
+            for (int j = 0; j < m; ++j) row[j] -= factor * low[j];
+        }
+        const double inverse = 1.0 / L[i * ldl + i];
+        for (int j = 0; j < m; ++j) row[j] *= inverse;
+    }
+}
+
+inline void zero(double* p, int n) { std::memset(p, 0, sizeof(double) * static_cast<std::size_t>(n)); }
+inline void copy(const double* from, double* to, int n) {
+    std::memcpy(to, from, sizeof(double) * static_cast<std::size_t>(n));
+}
+
+}  // namespace mbocp::dense

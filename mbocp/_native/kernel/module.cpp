@@ -1,0 +1,153 @@
+// Python's view of the kernel: typed arrays at the border, records as named attributes.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <stdexcept>
+
+#include "programme.hpp"
+
+#ifndef MBOCP_KERNEL_NAME
+#define MBOCP_KERNEL_NAME _kernel
+#endif
+
+namespace nb = nanobind;
+using namespace mbocp;
+using Input = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Output = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
+
+namespace {
+
+Numbers to_numbers(const Input& a) { return Numbers(a.data(), a.data() + a.size()); }
+
+Output to_array(const Numbers& values) {
+    auto* copy = new Numbers(values);
+    nb::capsule owner(copy, [](void* p) noexcept { delete static_cast<Numbers*>(p); });
+    return Output(copy->data(), {copy->size()}, owner);
+}
+
+// A property that reads a copy and writes in place after a check of the length.
+template <Numbers Programme::* Field>
+void vector_property(nb::class_<Programme>& c, const char* name, const char* doc) {
+    c.def_prop_rw(
+        name, [](const Programme& p) { return to_array(p.*Field); },
+        [name](Programme& p, const Input& value) {
+            if (value.size() != (p.*Field).size())
+                throw std::invalid_argument(std::string(name) + ": got " + std::to_string(value.size()) +
+                                            " numbers, expected " + std::to_string((p.*Field).size()));
+            std::copy(value.data(), value.data() + value.size(), (p.*Field).begin());
+        },
+        doc);
+}
+
+}  // namespace
+
+NB_MODULE(MBOCP_KERNEL_NAME, module) {
+    module.doc() = "Stage evaluation, sweeps and the structured factorisation of a stagewise programme.";
+
+    nb::class_<StageFunction>(module, "StageFunction")
+        .def_static("from_library", &StageFunction::from_library, nb::arg("path"), nb::arg("name"))
+        .def_static("from_string", &StageFunction::from_string, nb::arg("serialised"))
+        .def_ro("num_inputs", &StageFunction::num_inputs);
+
+    nb::class_<Kind>(module, "Kind")
+        .def(
+            "__init__",
+            [](Kind* self, int nx, int ndx, int ny, int nu, int nr, Function values, Function jacobian,
+               Function complete, const Input& scale_c, const Input& scale_y, const Input& scale_m,
+               const Input& scale_ru) {
+                new (self) Kind();
+                self->nx = nx, self->ndx = ndx, self->ny = ny, self->nu = nu, self->nr = nr;
+                self->values = std::move(values), self->jacobian = std::move(jacobian);
+                self->complete = std::move(complete);
+                self->scale_c = to_numbers(scale_c), self->scale_y = to_numbers(scale_y);
+                self->scale_m = to_numbers(scale_m), self->scale_ru = to_numbers(scale_ru);
+                const auto check = [](const Numbers& v, int n, const char* name) {
+                    if (static_cast<int>(v.size()) != n)
+                        throw std::invalid_argument(std::string(name) + ": expected " + std::to_string(n) + " numbers");
+                };
+                check(self->scale_c, self->nc(), "scale_c"), check(self->scale_y, ny, "scale_y");
+                check(self->scale_m, self->nc(), "scale_m"), check(self->scale_ru, nu, "scale_ru");
+            },
+            nb::kw_only(), nb::arg("nx"), nb::arg("ndx"), nb::arg("ny"), nb::arg("nu"), nb::arg("nr"),
+            nb::arg("values"), nb::arg("jacobian"), nb::arg("complete"), nb::arg("scale_c"), nb::arg("scale_y"),
+            nb::arg("scale_m"), nb::arg("scale_ru"));
+
+    nb::class_<Terminal>(module, "Terminal")
+        .def(
+            "__init__",
+            [](Terminal* self, int ng, Function values, Function complete) {
+                new (self) Terminal();
+                self->ng = ng, self->values = std::move(values), self->complete = std::move(complete);
+            },
+            nb::kw_only(), nb::arg("ng"), nb::arg("values"), nb::arg("complete"));
+
+    nb::class_<Evaluation>(module, "Evaluation")
+        .def_ro("cost", &Evaluation::cost)
+        .def_ro("residual", &Evaluation::residual)
+        .def_ro("primal", &Evaluation::primal)
+        .def_ro("dual", &Evaluation::dual)
+        .def_ro("violation", &Evaluation::violation)
+        .def_ro("worst", &Evaluation::worst)
+        .def_ro("worst_stage", &Evaluation::worst_stage)
+        .def_ro("worst_row", &Evaluation::worst_row)
+        .def_ro("finite", &Evaluation::finite);
+
+    nb::class_<Factorisation>(module, "Factorisation")
+        .def_ro("negative", &Factorisation::negative)
+        .def_ro("smallest_pivot", &Factorisation::smallest_pivot)
+        .def_ro("positive_controls", &Factorisation::positive_controls)
+        .def_ro("end_condition", &Factorisation::end_condition)
+        .def_ro("ok", &Factorisation::ok)
+        .def_ro("bad_stage", &Factorisation::bad_stage);
+
+    nb::class_<Direction>(module, "Direction")
+        .def_ro("increment", &Direction::increment)
+        .def_ro("increment_primal", &Direction::increment_primal)
+        .def_ro("cost_slope", &Direction::cost_slope)
+        .def_ro("curvature", &Direction::curvature)
+        .def_ro("linear_residual", &Direction::linear_residual)
+        .def_ro("finite", &Direction::finite);
+
+    nb::class_<Trial>(module, "Trial")
+        .def_ro("cost", &Trial::cost)
+        .def_ro("violation", &Trial::violation)
+        .def_ro("finite", &Trial::finite);
+
+    nb::class_<Sweep>(module, "Sweep")
+        .def_ro("ok", &Sweep::ok)
+        .def_ro("failed_stage", &Sweep::failed_stage)
+        .def_ro("iterations", &Sweep::iterations)
+        .def_ro("residual", &Sweep::residual);
+
+    nb::class_<Programme> programme(module, "Programme");
+    programme.def(nb::init<std::vector<Kind>, std::vector<int>, Terminal, Function>(), nb::arg("kinds"),
+                  nb::arg("stage_kind"), nb::arg("terminal"), nb::arg("retract"));
+    vector_property<&Programme::x>(programme, "x", "States, node after node.");
+    vector_property<&Programme::y>(programme, "y", "Algebraic unknowns, stage after stage.");
+    vector_property<&Programme::u>(programme, "u", "Controls, stage after stage.");
+    vector_property<&Programme::m>(programme, "m", "Multipliers of the stages' rows, stage after stage.");
+    vector_property<&Programme::eta>(programme, "eta", "Multipliers of the end condition.");
+    programme
+        .def("set_parameters",
+             [](Programme& p, const Input& theta, const Input& rho, const Input& rho_terminal) {
+                 p.set_parameters(to_numbers(theta), to_numbers(rho), to_numbers(rho_terminal));
+             },
+             nb::arg("theta"), nb::arg("rho"), nb::arg("rho_terminal"))
+        .def("evaluate", &Programme::evaluate, nb::arg("share") = 1.0)
+        .def("factorise", &Programme::factorise, nb::arg("regularise_u") = 0.0, nb::arg("regularise_x") = 0.0)
+        .def("solve", &Programme::solve, nb::arg("refinements") = 1)
+        .def("correct", &Programme::correct, nb::arg("alpha"))
+        .def("trial", &Programme::trial, nb::arg("alpha"))
+        .def("accept", &Programme::accept, nb::arg("alpha_dual"))
+        .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"))
+        .def_prop_ro("num_stages", &Programme::num_stages)
+        .def_prop_ro("dx", [](const Programme& p) { return to_array(p.direction().dx); })
+        .def_prop_ro("dy", [](const Programme& p) { return to_array(p.direction().dy); })
+        .def_prop_ro("du", [](const Programme& p) { return to_array(p.direction().du); })
+        .def_prop_ro("dm", [](const Programme& p) { return to_array(p.direction().dm); })
+        .def_prop_ro("deta", [](const Programme& p) { return to_array(p.direction().deta); })
+        .def_prop_ro("gains", [](const Programme& p) { return to_array(p.gains()); });
+}

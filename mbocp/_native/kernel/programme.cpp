@@ -1,0 +1,347 @@
+#include "programme.hpp"
+
+#include <stdexcept>
+
+namespace mbocp {
+using dense::padded;
+
+namespace {
+
+enum Block { JW, JS, HWW, HWS, HSS, GW, GS };
+
+void check_output(const Function& f, std::size_t index, int rows, int columns, const char* what) {
+    if (f->outputs.size() <= index || f->outputs[index].rows != rows || f->outputs[index].columns != columns)
+        throw std::invalid_argument(std::string(what) + ": expected output " + std::to_string(index) + " of shape (" +
+                                    std::to_string(rows) + ", " + std::to_string(columns) + ")");
+}
+
+double square(double v) { return v * v; }
+
+}  // namespace
+
+void Kind::prepare() {
+    check_output(values, 0, nc(), 1, "values");
+    check_output(jacobian, 1, nc(), nw(), "jacobian");
+    check_output(complete, 2, nc(), nw() + ns(), "complete");
+    check_output(complete, 4, nw() + ns(), nw() + ns(), "complete");
+    const int ldw = padded(nw()), lds = padded(ns());
+    const auto split = [&](int j) { return j < nw(); };
+    to_jacobian.clear(), to_hessian.clear(), to_gradient.clear(), to_step_jacobian.clear();
+    const Pattern& J = complete->outputs[2];
+    for (int k = 0; k < J.nnz(); ++k) {
+        const int i = J.row[k], j = J.column[k];
+        to_jacobian.push_back(split(j) ? Target{JW, i * ldw + j, -1} : Target{JS, i * lds + j - nw(), -1});
+    }
+    const Pattern& g = complete->outputs[3];
+    for (int k = 0; k < g.nnz(); ++k) {
+        const int i = std::max(g.row[k], g.column[k]);
+        to_gradient.push_back(split(i) ? Target{GW, i, -1} : Target{GS, i - nw(), -1});
+    }
+    const Pattern& H = complete->outputs[4];
+    for (int k = 0; k < H.nnz(); ++k) {
+        const int i = H.row[k], j = H.column[k];  // upper: i <= j
+        if (split(j))
+            to_hessian.push_back({HWW, i * ldw + j, j * ldw + i});
+        else if (split(i))
+            to_hessian.push_back({HWS, i * lds + j - nw(), -1});
+        else
+            to_hessian.push_back({HSS, (i - nw()) * lds + j - nw(), (j - nw()) * lds + i - nw()});
+    }
+    const Pattern& Jw = jacobian->outputs[1];
+    for (int k = 0; k < Jw.nnz(); ++k) to_step_jacobian.push_back(Jw.row[k] * ldw + Jw.column[k]);
+}
+
+Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract)
+    : kinds_(std::move(kinds)), stage_kind_(std::move(stage_kind)), terminal_(std::move(terminal)),
+      retract_(std::move(retract)), N(static_cast<int>(stage_kind_.size())) {
+    if (N < 1 || kinds_.empty()) throw std::invalid_argument("a programme needs at least one stage and one kind");
+    nx_ = kinds_[0].nx, ndx_ = kinds_[0].ndx, ng_ = terminal_.ng;
+    for (auto& kind : kinds_) {
+        if (kind.nx != nx_ || kind.ndx != ndx_) throw std::invalid_argument("kinds differ in the size of the state");
+        kind.prepare();
+    }
+    check_output(terminal_.values, 1, ng_, 1, "terminal values");
+    check_output(terminal_.complete, 2, ng_, ndx_, "terminal complete");
+    check_output(retract_, 0, nx_, 1, "retract");
+    allocate();
+}
+
+void Programme::allocate() {
+    std::size_t total = 0, pivots = 0;
+    int ny = 0, nu = 0, nm = 0, nr = 0;
+    y_offset = u_offset = m_offset = r_offset = {0};
+    const int ldx = padded(ndx_), ldg = padded(ng_);
+    // Each stage's blocks, in the order in which the factorisation walks through them.
+    const auto lay_out = [&](const Kind& k, double* base, Stage* stage) {
+        std::size_t at = 0;
+        const auto take = [&](double*& target, std::size_t size) {
+            if (base) target = base + at;
+            at += (size + 3) / 4 * 4;
+        };
+        Stage unused;
+        Stage& s = stage ? *stage : unused;
+        const std::size_t nw = k.nw(), pw = padded(k.nw()), ps = padded(k.ns()), nc = k.nc();
+        take(s.c, nc), take(s.gw, nw), take(s.gs, k.ns()), take(s.lw, nw), take(s.ls, k.ns());
+        take(s.Jw, nc * pw), take(s.Js, nc * ps);
+        take(s.Hww, pw * pw), take(s.Hws, pw * ps), take(s.Hss, ps * ps);
+        take(s.LU, nc * pw), take(s.T, pw * ps);
+        take(s.Quu, static_cast<std::size_t>(k.nu) * padded(k.nu));
+        take(s.K, static_cast<std::size_t>(padded(k.nu)) * ldx), take(s.Keta, static_cast<std::size_t>(k.nu) * ldg);
+        take(s.P, static_cast<std::size_t>(ldx) * ldx), take(s.S, static_cast<std::size_t>(ndx_) * ldg);
+        take(s.t0, nw), take(s.k, k.nu), take(s.p, ndx_);
+        return at;
+    };
+    for (const int index : stage_kind_) {
+        const Kind& k = kinds_.at(static_cast<std::size_t>(index));
+        total += lay_out(k, nullptr, nullptr);
+        pivots += static_cast<std::size_t>(k.nc() + k.nu);
+        y_offset.push_back(ny += k.ny), u_offset.push_back(nu += k.nu);
+        m_offset.push_back(nm += k.nc()), r_offset.push_back(nr += k.nr);
+    }
+    pool_.assign(total + 8, 0.0);
+    pivots_.assign(pivots, 0);
+    stages_.resize(static_cast<std::size_t>(N));
+    double* base = pool_.data();
+    int* pivot = pivots_.data();
+    std::size_t largest = 0;
+    for (int n = 0; n < N; ++n) {
+        const Kind& k = kinds_[static_cast<std::size_t>(stage_kind_[n])];
+        Stage& s = stages_[n];
+        s.kind = &k, s.pivot = pivot, s.definite = true;
+        base += lay_out(k, base, &s);
+        pivot += k.nc() + k.nu;
+        const std::size_t pw = padded(k.nw()), ps = padded(k.ns());
+        max_nw_ = std::max(max_nw_, k.nw()), max_ns_ = std::max(max_ns_, k.ns());
+        diagonal_.resize(std::max(diagonal_.size(), static_cast<std::size_t>(k.nu)));
+        largest = std::max(largest, pw * pw + 2 * pw * ps + ps * ps + 8 * (pw + ps) + (ps + 4) * (ldx + ldg));
+    }
+    x.assign(static_cast<std::size_t>(N + 1) * nx_, 0.0);
+    y.assign(ny, 0.0), u.assign(nu, 0.0), m.assign(nm, 0.0), eta.assign(ng_, 0.0);
+    rho_.assign(nr, 0.0);
+    Hterm_.assign(static_cast<std::size_t>(ldx) * ldx, 0.0);
+    Sterm_.assign(static_cast<std::size_t>(ndx_) * ldg, 0.0);
+    gterm_.assign(ng_, 0.0), psix_.assign(ndx_, 0.0), rterm_.assign(ndx_, 0.0);
+    R_.assign(static_cast<std::size_t>(padded(ng_)) * ldg + 4, 0.0);
+    const auto size_step = [&](Step& d) {
+        d.dx.assign(static_cast<std::size_t>(N + 1) * ndx_, 0.0);
+        d.dy.assign(ny, 0.0), d.du.assign(nu, 0.0), d.dm.assign(nm, 0.0), d.deta.assign(ng_, 0.0);
+    };
+    size_step(step_), size_step(correction_);
+    const auto size_residual = [&](Residual& r) {
+        r.c.assign(nm, 0.0), r.w.assign(nm, 0.0);
+        r.s.assign(static_cast<std::size_t>(nu) + static_cast<std::size_t>(N) * ndx_, 0.0);
+        r.x_terminal.assign(ndx_, 0.0), r.g.assign(ng_, 0.0);
+    };
+    size_residual(rhs_), size_residual(work_);
+    x_trial_ = x, y_trial_ = y, u_trial_ = u;
+    c_trial_.assign(nm, 0.0), g_trial_.assign(ng_, 0.0);
+    scratch_.assign(largest + 64, 0.0);
+    scaled_m_.assign(nm, 0.0);
+}
+
+void Programme::set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal) {
+    if (static_cast<int>(rho.size()) != r_offset.back()) throw std::invalid_argument("stage parameters: wrong length");
+    theta_ = theta, rho_ = rho, rho_terminal_ = rho_terminal;
+    theta_.resize(theta_.size() + 1), rho_.resize(rho_.size() + 1), rho_terminal_.resize(rho_terminal_.size() + 1);
+}
+
+void Programme::bind(const Kind&, StageFunction& f, int n, const double* x_now, const double* y_now, const double* u_now) {
+    f.arg[0] = x_now + static_cast<std::size_t>(n) * nx_;
+    f.arg[1] = x_now + static_cast<std::size_t>(n + 1) * nx_;
+    f.arg[2] = y_now + y_offset[n];
+    f.arg[3] = u_now + u_offset[n];
+}
+
+Evaluation Programme::evaluate(double share) {
+    Evaluation e;
+    bool ok = true;
+    if (share != 1.0)
+        for (std::size_t i = 0; i < m.size(); ++i) scaled_m_[i] = share * m[i];
+    const double* multipliers = share != 1.0 ? scaled_m_.data() : m.data();
+    double primal = 0, dual = 0;
+    const auto violation = [&](double value, double scale, int stage, int row) {
+        e.violation += std::abs(value);
+        primal += square(value * scale);
+        if (!(std::abs(value * scale) <= e.worst)) e.worst = std::abs(value * scale), e.worst_stage = stage, e.worst_row = row;
+    };
+    for (int n = 0; n < N; ++n) {
+        Stage& s = stages_[n];
+        const Kind& k = *s.kind;
+        StageFunction& f = *k.complete;
+        bind(k, f, n, x.data(), y.data(), u.data());
+        f.arg[4] = multipliers + m_offset[n];
+        f.arg[5] = theta_.data();
+        f.arg[6] = rho_.data() + r_offset[n];
+        ok = f.call() && ok;
+        e.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
+        double* blocks[] = {s.Jw, s.Js, s.Hww, s.Hws, s.Hss, s.lw, s.ls};
+        const Pattern& c = f.outputs[0];
+        for (int i = 0; i < c.nnz(); ++i) s.c[c.row[i]] = f.res[0][i];
+        for (std::size_t i = 0; i < k.to_jacobian.size(); ++i)
+            blocks[k.to_jacobian[i].block][k.to_jacobian[i].offset] = f.res[2][i];
+        for (std::size_t i = 0; i < k.to_gradient.size(); ++i)
+            blocks[k.to_gradient[i].block][k.to_gradient[i].offset] = f.res[3][i];
+        for (std::size_t i = 0; i < k.to_hessian.size(); ++i) {
+            const auto& t = k.to_hessian[i];
+            blocks[t.block][t.offset] = f.res[4][i];
+            if (t.mirror >= 0) blocks[t.block][t.mirror] = f.res[4][i];
+        }
+        for (int i = 0; i < k.nc(); ++i) violation(s.c[i], k.scale_c[i], n, i);
+        dense::copy(s.lw, s.gw, k.nw());
+        dense::copy(s.ls, s.gs, k.ns());
+        dense::gemv_t(k.nc(), k.nw(), s.Jw, padded(k.nw()), m.data() + m_offset[n], s.gw);
+        dense::gemv_t(k.nc(), k.ns(), s.Js, padded(k.ns()), m.data() + m_offset[n], s.gs);
+    }
+    StageFunction& t = *terminal_.complete;
+    t.arg[0] = x.data() + static_cast<std::size_t>(N) * nx_;
+    t.arg[1] = eta.data();
+    t.arg[2] = rho_terminal_.data();
+    ok = t.call() && ok;
+    e.cost += t.outputs[0].nnz() ? t.res[0][0] : 0.0;
+    for (int i = 0; i < t.outputs[1].nnz(); ++i) gterm_[t.outputs[1].row[i]] = t.res[1][i];
+    for (int i = 0; i < t.outputs[2].nnz(); ++i)
+        Sterm_[t.outputs[2].column[i] * padded(ng_) + t.outputs[2].row[i]] = t.res[2][i];
+    for (int i = 0; i < t.outputs[3].nnz(); ++i)
+        psix_[std::max(t.outputs[3].row[i], t.outputs[3].column[i])] = t.res[3][i];
+    for (int i = 0; i < t.outputs[4].nnz(); ++i) {
+        const int a = t.outputs[4].row[i], b = t.outputs[4].column[i];
+        Hterm_[a * padded(ndx_) + b] = Hterm_[b * padded(ndx_) + a] = t.res[4][i];
+    }
+    for (int i = 0; i < ng_; ++i) violation(gterm_[i], 1.0, -1, i);
+    dense::copy(psix_.data(), rterm_.data(), ndx_);
+    dense::gemv(ndx_, ng_, Sterm_.data(), padded(ng_), eta.data(), rterm_.data());
+    for (int n = 0; n < N; ++n) {  // stationarity in x_n collects from stage n and from stage n + 1
+        const Stage& s = stages_[n];
+        const Kind& k = *s.kind;
+        const double* after = n + 1 < N ? stages_[n + 1].gs : rterm_.data();
+        for (int i = 0; i < ndx_; ++i) dual += square(s.gw[i] + after[i]);
+        for (int i = 0; i < k.ny; ++i) dual += square(s.gw[ndx_ + i]);
+        for (int i = 0; i < k.nu; ++i) dual += square(s.gs[ndx_ + i] * k.scale_ru[i]);
+    }
+    e.primal = std::sqrt(primal), e.dual = std::sqrt(dual), e.residual = std::sqrt(primal + dual);
+    e.finite = ok && std::isfinite(e.residual) && std::isfinite(e.cost);
+    return e;
+}
+
+bool Programme::retract_into(const double* x_now, const double* dx, double alpha, double* x_next) {
+    double* scaled = scratch_.data();
+    for (int i = 0; i < ndx_; ++i) scaled[i] = alpha * dx[i];
+    retract_->arg[0] = x_now;
+    retract_->arg[1] = scaled;
+    if (!retract_->call()) return false;
+    for (int i = 0; i < retract_->outputs[0].nnz(); ++i) x_next[retract_->outputs[0].row[i]] = retract_->res[0][i];
+    return true;
+}
+
+Trial Programme::trial(double alpha) {
+    Trial t;
+    bool ok = true;
+    for (std::size_t i = 0; i < y.size(); ++i) y_trial_[i] = y[i] + alpha * step_.dy[i];
+    for (std::size_t i = 0; i < u.size(); ++i) u_trial_[i] = u[i] + alpha * step_.du[i];
+    std::copy(x.begin(), x.begin() + nx_, x_trial_.begin());
+    for (int n = 1; n <= N; ++n)
+        ok = retract_into(x.data() + static_cast<std::size_t>(n) * nx_, step_.dx.data() + static_cast<std::size_t>(n) * ndx_,
+                          alpha, x_trial_.data() + static_cast<std::size_t>(n) * nx_) && ok;
+    for (int n = 0; n < N; ++n) {
+        const Kind& k = *stages_[n].kind;
+        StageFunction& f = *k.values;
+        bind(k, f, n, x_trial_.data(), y_trial_.data(), u_trial_.data());
+        f.arg[4] = theta_.data();
+        f.arg[5] = rho_.data() + r_offset[n];
+        ok = f.call() && ok;
+        double* c = c_trial_.data() + m_offset[n];
+        for (int i = 0; i < f.outputs[0].nnz(); ++i) c[f.outputs[0].row[i]] = f.res[0][i];
+        for (int i = 0; i < k.nc(); ++i) t.violation += std::abs(c[i]);
+        t.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
+    }
+    StageFunction& f = *terminal_.values;
+    f.arg[0] = x_trial_.data() + static_cast<std::size_t>(N) * nx_;
+    f.arg[1] = rho_terminal_.data();
+    ok = f.call() && ok;
+    t.cost += f.outputs[0].nnz() ? f.res[0][0] : 0.0;
+    for (int i = 0; i < f.outputs[1].nnz(); ++i) g_trial_[f.outputs[1].row[i]] = f.res[1][i];
+    for (int i = 0; i < ng_; ++i) t.violation += std::abs(g_trial_[i]);
+    t.finite = ok && std::isfinite(t.cost) && std::isfinite(t.violation);
+    return t;
+}
+
+void Programme::accept(double alpha_dual) {
+    x.swap(x_trial_), y.swap(y_trial_), u.swap(u_trial_);
+    for (std::size_t i = 0; i < m.size(); ++i) m[i] += alpha_dual * step_.dm[i];
+    for (std::size_t i = 0; i < eta.size(); ++i) eta[i] += alpha_dual * step_.deta[i];
+}
+
+Sweep Programme::simulate(double tolerance, int max_iterations) {
+    Sweep sweep;
+    Numbers LU, c, dx, guess;
+    std::vector<int> pivot;
+    for (int n = 0; n < N; ++n) {
+        const Kind& k = *stages_[n].kind;
+        StageFunction& f = *k.jacobian;
+        const int nc = k.nc(), ld = padded(k.nw());
+        double* x1 = x.data() + static_cast<std::size_t>(n + 1) * nx_;
+        double* y1 = y.data() + y_offset[n];
+        std::copy(x1 - nx_, x1, x1);  // start from the state before
+        if (n > 0 && y_offset[n] - y_offset[n - 1] == k.ny) std::copy(y1 - k.ny, y1, y1);
+        pivot.resize(nc), dx.assign(ndx_, 0.0), guess.resize(nx_);
+        double norm = INFINITY, before = INFINITY, factor = 1.0;
+        Numbers y_before(k.ny), direction;
+        for (int iteration = 0;; ++iteration) {
+            bind(k, f, n, x.data(), y.data(), u.data());
+            f.arg[4] = theta_.data();
+            f.arg[5] = rho_.data() + r_offset[n];
+            const bool ok = f.call();
+            c.assign(nc, 0.0);
+            for (int i = 0; i < f.outputs[0].nnz(); ++i) c[f.outputs[0].row[i]] = f.res[0][i];
+            norm = 0;
+            for (int i = 0; i < nc; ++i) norm = std::max(norm, std::abs(c[i]));
+            ++sweep.iterations;
+            const bool finite = ok && std::isfinite(norm);
+            if (finite && norm <= tolerance) break;
+            // A full step at the level of round-off cannot improve further.
+            if (finite && iteration > 3 && norm < 1e4 * tolerance && norm >= before && factor == 1.0) break;
+            if (iteration >= max_iterations || (!finite && direction.empty())) {
+                sweep.failed_stage = n, sweep.residual = norm;
+                return sweep;
+            }
+            if (!finite || norm > before * (1.0 + 1e-3 * factor) + 1e3 * tolerance) {  // halve the last step
+                factor *= 0.5;
+                if (factor < 1e-6) {
+                    sweep.failed_stage = n, sweep.residual = norm;
+                    return sweep;
+                }
+            } else {
+                before = norm, factor = 1.0;
+                std::copy(x1, x1 + nx_, guess.begin());
+                std::copy(y1, y1 + k.ny, y_before.begin());
+                LU.assign(static_cast<std::size_t>(nc) * ld, 0.0);
+                for (std::size_t i = 0; i < k.to_step_jacobian.size(); ++i) LU[k.to_step_jacobian[i]] = f.res[1][i];
+                if (dense::lu_factor(nc, LU.data(), ld, pivot.data()) == 0.0) {
+                    sweep.failed_stage = n, sweep.residual = norm;
+                    return sweep;
+                }
+                direction = c;
+                dense::lu_solve(nc, LU.data(), ld, pivot.data(), direction.data(), 1, 1);
+            }
+            for (int i = 0; i < ndx_; ++i) dx[i] = -direction[i];
+            if (!retract_into(guess.data(), dx.data(), factor, x1)) {
+                sweep.failed_stage = n;
+                return sweep;
+            }
+            for (int i = 0; i < k.ny; ++i) y1[i] = y_before[i] - factor * direction[ndx_ + i];
+        }
+        sweep.residual = std::max(sweep.residual, norm);
+    }
+    sweep.ok = true;
+    return sweep;
+}
+
+Numbers Programme::gains() const {
+    Numbers out;
+    for (const Stage& s : stages_)
+        for (int i = 0; i < s.kind->nu; ++i)
+            out.insert(out.end(), s.K + i * padded(ndx_), s.K + i * padded(ndx_) + ndx_);
+    return out;
+}
+
+}  // namespace mbocp

@@ -1,0 +1,154 @@
+// The stagewise programme and one Newton step of it.
+//
+//   minimise    sum_n l_n(x_{n-1}, x_n, u_n) + psi(x_N)
+//   subject to  c_n(x_{n-1}, x_n, y_n, u_n) = 0        multiplier m_n     (dynamics and constraints of a step)
+//               g(x_N) = 0                             multiplier eta
+//
+// with algebraic unknowns y_n of as many entries as c_n has rows beyond the state's tangent dimension. Nothing
+// here knows what a robot is. Stages refer to a kind (functions and dimensions); kinds may differ along the horizon.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dense.hpp"
+#include "stage_function.hpp"
+
+namespace mbocp {
+
+using Function = std::shared_ptr<StageFunction>;
+using Numbers = std::vector<double>;
+
+// How one kind of stage looks: functions of (x0, x1, y, u, [m,] theta, rho).
+struct Kind {
+    int nx = 0, ndx = 0, ny = 0, nu = 0, nr = 0;  // state, its tangent, algebraic unknowns, controls, stage parameters
+    Function values;      // -> c, l
+    Function jacobian;    // -> c, dc_d(x1, y)
+    Function complete;    // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c, with z = (x1, y, x0, u)
+    Numbers scale_c, scale_y, scale_u;  // factors from the programme's rows and unknowns to the reported ones
+    Numbers scale_m, scale_ru;
+
+    int nw() const { return ndx + ny; }
+    int ns() const { return ndx + nu; }
+    int nc() const { return ndx + ny; }
+
+    struct Target {
+        int block, offset, mirror;  // mirror: second place of a symmetric entry, or -1
+    };
+    std::vector<Target> to_jacobian, to_hessian, to_gradient;
+    std::vector<int> to_step_jacobian;
+    void prepare();  // scatter tables from the functions' patterns
+};
+
+struct Terminal {
+    int ng = 0, nr = 0;
+    Function values;    // (x, rho) -> psi, g
+    Function complete;  // (x, eta, rho) -> psi, g, dg_dx, dpsi_dx, upper Hessian of psi + eta'g
+};
+
+struct Evaluation {
+    double cost = 0, residual = 0, primal = 0, dual = 0, violation = 0, worst = 0;
+    int worst_stage = -1, worst_row = -1;  // stage -1: the end condition
+    bool finite = false;
+};
+
+struct Factorisation {
+    int negative = 0;             // negative eigenvalues of the control Hessians plus those of eta's Schur complement
+    double smallest_pivot = 0.0;  // relative, over the stages' step matrices
+    bool positive_controls = false;
+    double end_condition = 1.0;   // relative size of the smallest eigenvalue of eta's (equilibrated) Schur complement
+    bool ok = false;
+    int bad_stage = -1;  // where a matrix was singular; num_stages: the end condition
+};
+
+struct Direction {
+    double increment = 0, increment_primal = 0, cost_slope = 0, curvature = 0, linear_residual = 0;
+    bool finite = false;
+};
+
+struct Trial {
+    double cost = 0, violation = 0;
+    bool finite = false;
+};
+
+struct Sweep {
+    bool ok = false;
+    int failed_stage = -1, iterations = 0;
+    double residual = 0;
+};
+
+class Programme {
+public:
+    Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract);
+
+    int num_stages() const { return N; }
+    void set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal);
+
+    Numbers x, y, u, m, eta;  // the iterate: (N+1) nx, then stage after stage
+
+    // Functions and derivatives at the iterate; the Hessian uses multipliers scaled by `share` (0: Gauss-Newton).
+    Evaluation evaluate(double share);
+    Factorisation factorise(double regularise_u, double regularise_x);
+    Direction solve(int refinements);
+    // Second-order correction: the direction for constraint values alpha c + c(trial).
+    Direction correct(double alpha);
+    Trial trial(double alpha);
+    void accept(double alpha_dual);
+    // States and algebraic unknowns from x[0] and u, stage by stage (eq. 29).
+    Sweep simulate(double tolerance, int max_iterations);
+
+    struct Step {
+        Numbers dx, dy, du, dm, deta;
+    };
+    const Step& direction() const { return step_; }
+    // Feedback gains du_n = K_n dx_{n-1} of the last factorisation, (N, nu, ndx).
+    Numbers gains() const;
+    std::vector<int> y_offset, u_offset, m_offset, r_offset;
+
+private:
+    struct Stage {
+        const Kind* kind;
+        double *c, *gw, *gs, *lw, *ls;                    // residual, Lagrangian gradient, cost gradient
+        double *Jw, *Js, *Hww, *Hws, *Hss;                // derivatives
+        double *LU, *T, *Quu, *K, *Keta, *P, *S;          // factorisation
+        double *t0, *k, *p;                               // one right-hand side
+        int* pivot;
+        bool definite;
+    };
+    struct Residual {  // right-hand side of the linear system, stage after stage
+        Numbers c, w, s, x_terminal, g;
+    };
+
+    void bind(const Kind& kind, StageFunction& f, int n, const double* x_now, const double* y_now, const double* u_now);
+    void allocate();
+    bool condense(int n, double regularise_u, double regularise_x, Factorisation& result);
+    void solve_linear(const Residual& rhs, Step& out);
+    double residual_linear(const Residual& rhs, const Step& d, Residual& out, double* curvature);
+    void gather_residual(Residual& out) const;
+    Direction finish_direction(const Residual& rhs, int refinements);
+    bool retract_into(const double* x_now, const double* dx, double alpha, double* x_next);
+
+    std::vector<Kind> kinds_;
+    std::vector<int> stage_kind_;
+    Terminal terminal_;
+    Function retract_;
+    int N, nx_, ndx_, ng_;
+    Numbers theta_, rho_, rho_terminal_;
+    Numbers pool_;
+    std::vector<int> pivots_;
+    std::vector<Stage> stages_;
+    Numbers Hterm_, Sterm_, gterm_, psix_, rterm_;   // terminal Hessian, Jacobian transposed, g, gradients
+    Numbers R_, R_factor_;                            // Schur complement of eta
+    std::vector<int> R_pivot_;
+    Step step_;
+    Residual rhs_, work_;
+    Step correction_;
+    Numbers x_trial_, y_trial_, u_trial_;
+    Numbers c_trial_, g_trial_;
+    Numbers scratch_, scaled_m_, diagonal_;
+    double regularise_u_ = 0, regularise_x_ = 0;      // of the last factorisation
+    int max_nw_ = 0, max_ns_ = 0;
+};
+
+}  // namespace mbocp

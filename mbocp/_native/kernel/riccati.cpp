@@ -1,0 +1,373 @@
+// One Newton step of the whole horizon: condense each stage, walk backward (Riccati), then forward.
+//
+// The end condition's multiplier eta rides along as extra right-hand sides, which are the auxiliary adjoint A of
+// eqs. (33)-(44) of the first paper; S below. Work and memory grow linearly with the number of stages.
+#include <Eigen/Dense>
+#include <algorithm>
+
+#include "programme.hpp"
+
+namespace mbocp {
+using dense::padded;
+
+namespace {
+
+using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using MatrixMap = Eigen::Map<RowMatrix, 0, Eigen::OuterStride<>>;
+
+constexpr double singular = 1e-15;  // relative pivot or eigenvalue below which a matrix counts as singular
+
+// Negative eigenvalues of a symmetric matrix; -1 when it is singular.
+int count_negative(const Eigen::VectorXd& eigenvalues) {
+    const double largest = eigenvalues.cwiseAbs().maxCoeff();
+    if (!(eigenvalues.cwiseAbs().minCoeff() > singular * largest)) return -1;
+    return static_cast<int>((eigenvalues.array() < 0).count());
+}
+
+}  // namespace
+
+bool Programme::condense(int n, double regularise_u, double regularise_x, Factorisation& result) {
+    Stage& s = stages_[n];
+    const Kind& k = *s.kind;
+    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, nd = ndx_;
+    const int pw = padded(nw), ps = padded(ns), pu = padded(nu), px = padded(nd), pg = padded(ng_);
+
+    // dw = T ds + t0 from the linearised step.
+    dense::copy(s.Jw, s.LU, nc * pw);
+    const double pivot = dense::lu_factor(nc, s.LU, pw, s.pivot);
+    result.smallest_pivot = std::min(result.smallest_pivot, pivot);
+    if (pivot < singular) return false;
+    for (int i = 0; i < nc * ps; ++i) s.T[i] = -s.Js[i];
+    dense::lu_solve(nc, s.LU, pw, s.pivot, s.T, ps, ps);
+
+    // Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term.
+    double* Hhat = scratch_.data();
+    double* M = Hhat + pw * pw;
+    double* W = M + pw * ps;
+    double* QS = W + ps * ps;
+    for (int i = 0; i < nw * pw; ++i) Hhat[i] = 0.5 * s.Hww[i];
+    for (int i = 0; i < nd; ++i) {
+        for (int j = 0; j < nd; ++j) Hhat[i * pw + j] += 0.5 * s.P[i * px + j];
+        Hhat[i * pw + i] += 0.5 * regularise_x;
+    }
+    dense::copy(s.Hws, M, pw * ps);
+    dense::gemm_tn(nw, ns, nw, Hhat, pw, s.T, ps, M, ps);
+    dense::zero(W, ps * ps);
+    dense::gemm_tn(ns, ns, nw, s.T, ps, M, ps, W, ps);
+    const auto q = [&](int i, int j) { return s.Hss[i * ps + j] + W[i * ps + j] + W[j * ps + i]; };
+    if (ng_) {
+        dense::zero(QS, ps * pg);
+        dense::gemm_tn(ns, ng_, nd, s.T, ps, s.S, pg, QS, pg);
+    }
+
+    // Controls: K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
+    for (int i = 0; i < nu; ++i) {
+        for (int j = 0; j < nu; ++j) s.Quu[i * pu + j] = q(nd + i, nd + j);
+        s.Quu[i * pu + i] += regularise_u;
+        diagonal_[i] = s.Quu[i * pu + i];
+        for (int j = 0; j < nd; ++j) s.K[i * px + j] = -q(nd + i, j);
+        for (int g = 0; g < ng_; ++g) s.Keta[i * pg + g] = -QS[(nd + i) * pg + g];
+    }
+    int* control_pivot = s.pivot + nc;
+    double* kept = W;  // Qux rows, needed after K overwrites them; W's columns are free once P's part is taken
+    double* P_before = n > 0 ? stages_[n - 1].P : nullptr;
+    if (P_before)
+        for (int i = 0; i < nd; ++i)
+            for (int j = 0; j < nd; ++j) P_before[i * px + j] = q(i, j);
+    for (int i = 0; i < nu * px; ++i) kept[i] = -s.K[i];
+    s.definite = dense::cholesky(nu, s.Quu, pu);
+    if (s.definite) {
+        dense::lower_solve(nu, s.Quu, pu, s.K, px, px);
+        dense::lower_solve_transposed(nu, s.Quu, pu, s.K, px, px);
+        if (ng_) {
+            dense::lower_solve(nu, s.Quu, pu, s.Keta, pg, pg);
+            dense::lower_solve_transposed(nu, s.Quu, pu, s.Keta, pg, pg);
+        }
+    } else {
+        // `cholesky` has spoilt the lower triangle: the upper one still holds Quu.
+        for (int i = 0; i < nu; ++i)
+            for (int j = 0; j < i; ++j) s.Quu[i * pu + j] = s.Quu[j * pu + i];
+        for (int i = 0; i < nu; ++i) s.Quu[i * pu + i] = diagonal_[i];
+        const MatrixMap map(s.Quu, nu, nu, Eigen::OuterStride<>(pu));
+        if (!map.allFinite()) return false;
+        const Eigen::SelfAdjointEigenSolver<RowMatrix> eigen(map, Eigen::EigenvaluesOnly);
+        const int negative = count_negative(eigen.eigenvalues());
+        if (negative < 0) return false;
+        result.negative += negative;
+        result.positive_controls = false;
+        if (dense::lu_factor(nu, s.Quu, pu, control_pivot) == 0.0) return false;
+        dense::lu_solve(nu, s.Quu, pu, control_pivot, s.K, px, px);
+        if (ng_) dense::lu_solve(nu, s.Quu, pu, control_pivot, s.Keta, pg, pg);
+    }
+
+    if (P_before) {
+        dense::gemm_tn(nd, nd, nu, kept, px, s.K, px, P_before, px);
+        for (int i = 0; i < nd; ++i)
+            for (int j = 0; j < i; ++j) {
+                const double mean = 0.5 * (P_before[i * px + j] + P_before[j * px + i]);
+                P_before[i * px + j] = P_before[j * px + i] = mean;
+            }
+    }
+    if (ng_) {
+        if (n > 0) {
+            double* S_before = stages_[n - 1].S;
+            for (int i = 0; i < nd; ++i)
+                for (int g = 0; g < ng_; ++g) {
+                    double sum = QS[i * pg + g];
+                    for (int j = 0; j < nu; ++j) sum += kept[j * px + i] * s.Keta[j * pg + g];
+                    S_before[i * pg + g] = sum;
+                }
+        }
+        for (int g = 0; g < ng_; ++g)
+            for (int h = 0; h < ng_; ++h) {
+                double sum = 0;
+                for (int j = 0; j < nu; ++j) sum += QS[(nd + j) * pg + g] * s.Keta[j * pg + h];
+                R_[g * pg + h] += sum;
+            }
+    }
+    return true;
+}
+
+Factorisation Programme::factorise(double regularise_u, double regularise_x) {
+    Factorisation f;
+    f.smallest_pivot = 1.0, f.positive_controls = true;
+    regularise_u_ = regularise_u, regularise_x_ = regularise_x;
+    Stage& last = stages_.back();
+    dense::copy(Hterm_.data(), last.P, padded(ndx_) * padded(ndx_));
+    if (ng_) dense::copy(Sterm_.data(), last.S, ndx_ * padded(ng_));
+    std::fill(R_.begin(), R_.end(), 0.0);
+    for (int n = N - 1; n >= 0; --n)
+        if (!condense(n, regularise_u, regularise_x, f)) {
+            f.bad_stage = n;
+            return f;
+        }
+    if (ng_) {  // eigenvectors of the equilibrated Schur complement: ng is small, and inertia comes for free
+        const int pg = padded(ng_);
+        RowMatrix R = MatrixMap(R_.data(), ng_, ng_, Eigen::OuterStride<>(pg));
+        R = 0.5 * (R + R.transpose()).eval();
+        Eigen::VectorXd scale(ng_);
+        for (int i = 0; i < ng_; ++i) scale[i] = 1.0 / std::sqrt(std::max(std::abs(R(i, i)), 1e-300));
+        R = scale.asDiagonal() * R * scale.asDiagonal();
+        f.bad_stage = N;
+        if (!R.allFinite()) return f;
+        const Eigen::SelfAdjointEigenSolver<RowMatrix> eigen(R);
+        const int negative = count_negative(eigen.eigenvalues());
+        if (negative < 0) return f;
+        f.negative += negative;
+        f.end_condition = eigen.eigenvalues().cwiseAbs().minCoeff() / eigen.eigenvalues().cwiseAbs().maxCoeff();
+        const RowMatrix inverse = scale.asDiagonal() * eigen.eigenvectors() *
+                                  eigen.eigenvalues().cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose() *
+                                  scale.asDiagonal();
+        R_factor_.assign(inverse.data(), inverse.data() + inverse.size());
+    }
+    f.bad_stage = -1, f.ok = true;
+    return f;
+}
+
+void Programme::gather_residual(Residual& out) const {
+    for (int n = 0; n < N; ++n) {
+        const Stage& s = stages_[n];
+        const Kind& k = *s.kind;
+        std::copy(s.c, s.c + k.nc(), out.c.begin() + m_offset[n]);
+        std::copy(s.gw, s.gw + k.nw(), out.w.begin() + m_offset[n]);
+        std::copy(s.gs, s.gs + k.ns(), out.s.begin() + u_offset[n] + n * ndx_);
+    }
+    out.x_terminal = rterm_;
+    out.g = gterm_;
+}
+
+// KKT * out = -rhs with the blocks of the last factorisation.
+void Programme::solve_linear(const Residual& rhs, Step& out) {
+    const int nd = ndx_, px = padded(nd), pg = padded(ng_);
+    double* h = scratch_.data();
+    double* q = h + padded(max_nw_);
+    Numbers r = rhs.g;
+    std::copy(rhs.x_terminal.begin(), rhs.x_terminal.end(), stages_.back().p);
+    for (int n = N - 1; n >= 0; --n) {
+        Stage& s = stages_[n];
+        const Kind& k = *s.kind;
+        const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns), pu = padded(nu);
+        for (int i = 0; i < nc; ++i) s.t0[i] = -rhs.c[m_offset[n] + i];
+        dense::lu_solve(nc, s.LU, pw, s.pivot, s.t0, 1, 1);
+        dense::copy(rhs.w.data() + m_offset[n], h, nw);
+        for (int i = 0; i < nd; ++i) h[i] += s.p[i];
+        dense::gemv(nw, nw, s.Hww, pw, s.t0, h);
+        dense::gemv(nd, nd, s.P, px, s.t0, h);
+        if (regularise_x_ != 0.0)
+            for (int i = 0; i < nd; ++i) h[i] += regularise_x_ * s.t0[i];
+        dense::copy(rhs.s.data() + u_offset[n] + n * nd, q, ns);
+        dense::gemv_t(nw, ns, s.T, ps, h, q);
+        dense::gemv_t(nw, ns, s.Hws, ps, s.t0, q);
+        for (int i = 0; i < nu; ++i) s.k[i] = -q[nd + i];
+        if (s.definite) {
+            dense::lower_solve(nu, s.Quu, pu, s.k, 1, 1);
+            dense::lower_solve_transposed(nu, s.Quu, pu, s.k, 1, 1);
+        } else {
+            dense::lu_solve(nu, s.Quu, pu, s.pivot + nc, s.k, 1, 1);
+        }
+        if (ng_) {
+            dense::gemv_t(nd, ng_, s.S, pg, s.t0, r.data());
+            dense::gemv_t(nu, ng_, s.Keta, pg, q + nd, r.data());
+        }
+        if (n > 0) {
+            double* p = stages_[n - 1].p;
+            dense::copy(q, p, nd);
+            dense::gemv_t(nu, nd, s.K, px, q + nd, p);
+        }
+    }
+    std::fill(out.deta.begin(), out.deta.end(), 0.0);
+    if (ng_) dense::gemv(ng_, ng_, R_factor_.data(), ng_, r.data(), out.deta.data(), -1.0);
+
+    std::fill(out.dx.begin(), out.dx.begin() + nd, 0.0);
+    for (int n = 0; n < N; ++n) {
+        Stage& s = stages_[n];
+        const Kind& k = *s.kind;
+        const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns);
+        const double* dx = out.dx.data() + static_cast<std::size_t>(n) * nd;
+        double* du = out.du.data() + u_offset[n];
+        dense::copy(s.k, du, nu);
+        dense::gemv(nu, nd, s.K, px, dx, du);
+        dense::gemv(nu, ng_, s.Keta, pg, out.deta.data(), du);
+        double* ds = q;
+        dense::copy(dx, ds, nd);
+        dense::copy(du, ds + nd, nu);
+        double* dw = h;
+        dense::copy(s.t0, dw, nw);
+        dense::gemv(nw, ns, s.T, ps, ds, dw);
+        double* dx_next = out.dx.data() + static_cast<std::size_t>(n + 1) * nd;
+        dense::copy(dw, dx_next, nd);
+        dense::copy(dw + nd, out.dy.data() + y_offset[n], k.ny);
+        double* dm = out.dm.data() + m_offset[n];
+        dense::copy(rhs.w.data() + m_offset[n], dm, nw);
+        dense::gemv(nw, nw, s.Hww, pw, dw, dm);
+        dense::gemv(nw, ns, s.Hws, ps, ds, dm);
+        dense::gemv(nd, nd, s.P, px, dw, dm);
+        for (int i = 0; i < nd; ++i) dm[i] += s.p[i] + regularise_x_ * dw[i];
+        dense::gemv(nd, ng_, s.S, pg, out.deta.data(), dm);
+        for (int i = 0; i < nc; ++i) dm[i] = -dm[i];
+        dense::lu_solve_transposed(nc, s.LU, pw, s.pivot, dm);
+    }
+}
+
+// out = rhs + KKT d; returns its largest entry, and d'Hd when asked.
+double Programme::residual_linear(const Residual& rhs, const Step& d, Residual& out, double* curvature) {
+    const int nd = ndx_, px = padded(nd), pg = padded(ng_);
+    double* Hw = scratch_.data();
+    double* ds = Hw + padded(std::max(max_nw_, max_ns_));
+    double* dw = ds + padded(max_ns_);
+    double largest = 0, quadratic = 0;
+    out = rhs;
+    for (int n = 0; n < N; ++n) {
+        Stage& s = stages_[n];
+        const Kind& k = *s.kind;
+        const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns);
+        dense::copy(d.dx.data() + static_cast<std::size_t>(n) * nd, ds, nd);
+        dense::copy(d.du.data() + u_offset[n], ds + nd, nu);
+        dense::copy(d.dx.data() + static_cast<std::size_t>(n + 1) * nd, dw, nd);
+        dense::copy(d.dy.data() + y_offset[n], dw + nd, k.ny);
+        double* c = out.c.data() + m_offset[n];
+        dense::gemv(nc, nw, s.Jw, pw, dw, c);
+        dense::gemv(nc, ns, s.Js, ps, ds, c);
+        dense::zero(Hw, nw);
+        dense::gemv(nw, nw, s.Hww, pw, dw, Hw);
+        dense::gemv(nw, ns, s.Hws, ps, ds, Hw);
+        for (int i = 0; i < nd; ++i) Hw[i] += regularise_x_ * dw[i];
+        for (int i = 0; i < nw; ++i) quadratic += dw[i] * Hw[i];
+        double* w = out.w.data() + m_offset[n];
+        for (int i = 0; i < nw; ++i) w[i] += Hw[i];
+        const double* dm = d.dm.data() + m_offset[n];
+        dense::gemv_t(nc, nw, s.Jw, pw, dm, w);
+        double* Hs = Hw;
+        dense::zero(Hs, ns);
+        dense::gemv(ns, ns, s.Hss, ps, ds, Hs);
+        dense::gemv_t(nw, ns, s.Hws, ps, dw, Hs);
+        for (int i = 0; i < nu; ++i) Hs[nd + i] += regularise_u_ * ds[nd + i];
+        for (int i = 0; i < ns; ++i) quadratic += ds[i] * Hs[i];
+        double* r = out.s.data() + u_offset[n] + n * nd;
+        for (int i = 0; i < ns; ++i) r[i] += Hs[i];
+        dense::gemv_t(nc, ns, s.Js, ps, dm, r);
+        if (n > 0) {  // both contributions to x_{n-1} belong to one row
+            double* before = out.w.data() + m_offset[n - 1];
+            for (int i = 0; i < nd; ++i) before[i] += r[i];
+        }
+        std::fill(r, r + nd, 0.0);
+        for (int i = 0; i < nc; ++i) largest = std::max(largest, std::abs(c[i]));
+        for (int i = 0; i < nu; ++i) largest = std::max(largest, std::abs(r[nd + i]));
+    }
+    const double* dx = d.dx.data() + static_cast<std::size_t>(N) * nd;
+    double* last = out.w.data() + m_offset[N - 1];
+    double* Hx = Hw;
+    dense::zero(Hx, nd);
+    dense::gemv(nd, nd, Hterm_.data(), px, dx, Hx);
+    for (int i = 0; i < nd; ++i) quadratic += dx[i] * Hx[i], last[i] += Hx[i] + out.x_terminal[i];
+    dense::gemv(nd, ng_, Sterm_.data(), pg, d.deta.data(), last);
+    std::fill(out.x_terminal.begin(), out.x_terminal.end(), 0.0);
+    dense::gemv_t(nd, ng_, Sterm_.data(), pg, dx, out.g.data());
+    for (const double v : out.w) largest = std::max(largest, std::abs(v));
+    for (const double v : out.g) largest = std::max(largest, std::abs(v));
+    if (curvature) *curvature = quadratic;
+    return largest;
+}
+
+Direction Programme::finish_direction(const Residual& rhs, int refinements) {
+    Direction d;
+    solve_linear(rhs, step_);
+    double scale = 0;
+    for (const Numbers* part : {&rhs.c, &rhs.w, &rhs.g})
+        for (const double v : *part) scale = std::max(scale, std::abs(v));
+    for (int pass = 0;; ++pass) {
+        const double largest = residual_linear(rhs, step_, work_, &d.curvature);
+        d.linear_residual = scale > 0 ? largest / scale : largest;
+        if (pass >= refinements || !(largest > 1e-11 * scale)) break;
+        solve_linear(work_, correction_);
+        const auto add = [](Numbers& to, const Numbers& from) {
+            for (std::size_t i = 0; i < to.size(); ++i) to[i] += from[i];
+        };
+        add(step_.dx, correction_.dx), add(step_.dy, correction_.dy), add(step_.du, correction_.du);
+        add(step_.dm, correction_.dm), add(step_.deta, correction_.deta);
+    }
+    double primal = 0, dual = 0;
+    for (int n = 0; n < N; ++n) {
+        const Stage& s = stages_[n];
+        const Kind& k = *s.kind;
+        const double* dx0 = step_.dx.data() + static_cast<std::size_t>(n) * ndx_;
+        const double* dx1 = dx0 + ndx_;
+        for (int i = 0; i < ndx_; ++i) {
+            primal += dx1[i] * dx1[i];
+            d.cost_slope += s.lw[i] * dx1[i] + s.ls[i] * dx0[i];
+        }
+        for (int i = 0; i < k.ny; ++i) {
+            const double v = step_.dy[y_offset[n] + i];
+            primal += v * k.scale_y[i] * v * k.scale_y[i];
+            d.cost_slope += s.lw[ndx_ + i] * v;
+        }
+        for (int i = 0; i < k.nu; ++i) {
+            const double v = step_.du[u_offset[n] + i];
+            primal += v * v;
+            d.cost_slope += s.ls[ndx_ + i] * v;
+        }
+        for (int i = 0; i < k.nc(); ++i) {
+            const double v = step_.dm[m_offset[n] + i] * k.scale_m[i];
+            dual += v * v;
+        }
+    }
+    for (int i = 0; i < ndx_; ++i) d.cost_slope += psix_[i] * step_.dx[static_cast<std::size_t>(N) * ndx_ + i];
+    for (const double v : step_.deta) dual += v * v;
+    d.increment = std::sqrt(primal + dual), d.increment_primal = std::sqrt(primal);
+    d.finite = std::isfinite(d.increment) && std::isfinite(d.linear_residual);
+    return d;
+}
+
+Direction Programme::solve(int refinements) {
+    gather_residual(rhs_);
+    return finish_direction(rhs_, refinements);
+}
+
+Direction Programme::correct(double alpha) {
+    gather_residual(rhs_);
+    for (std::size_t i = 0; i < rhs_.c.size(); ++i) rhs_.c[i] = alpha * rhs_.c[i] + c_trial_[i];
+    for (std::size_t i = 0; i < rhs_.g.size(); ++i) rhs_.g[i] = alpha * rhs_.g[i] + g_trial_[i];
+    return finish_direction(rhs_, 0);
+}
+
+}  // namespace mbocp
