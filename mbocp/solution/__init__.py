@@ -1,0 +1,8 @@
+"""What a solve returns, its diagnostics, and its files."""
+
+from __future__ import annotations
+
+from mbocp.solution.records import Column, IterationRecord, Labels, Phase, Status
+from mbocp.solution.solution import Solution
+
+__all__ = ["Column", "IterationRecord", "Labels", "Phase", "Solution", "Status"]

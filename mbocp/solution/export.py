@@ -1,0 +1,104 @@
+"""A solution for other tools: a CSV table and the object that `mbocp solve --json` prints."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.solution.atomic import atomic_path
+from mbocp.solution.records import Column
+
+if TYPE_CHECKING:
+    from mbocp.solution.solution import Solution
+
+__all__ = ["solution_dict", "table", "write_csv"]
+
+
+def table(solution: Solution) -> tuple[list[str], Array]:
+    """All trajectories side by side, one row a node.
+
+    What belongs to the step from node n to n+1 (u, lam, zeta, H) stands in row n, and is NaN in the last row.
+
+    Returns
+    -------
+    header : list of str
+        `t [s]`, then `q:joint [rad]` and so on.
+    rows : ndarray, shape (N + 1, columns)
+    """
+    labels, num_v = solution.labels, solution.nv
+    momenta = tuple(Column(name, "cost") for name in solution.control_momentum_names)
+    blocks: list[tuple[str, tuple[Column, ...], Array]] = [
+        ("q:", labels.q, solution.qs),
+        ("v:", labels.v, solution.vs),
+        ("p:", labels.p, solution.ps),
+        ("u:", labels.u, solution.us),
+        ("lam:", labels.lam, solution.lams),
+        ("mu_q:", labels.mu[:num_v], solution.mus[:, :num_v]),
+        ("mu_p:", labels.mu[num_v:], solution.mus[:, num_v:]),
+        ("zeta:", labels.zeta, solution.zetas),
+        ("", (Column("H", "cost/s"),), solution.control_hamiltonians[:, None]),
+        ("xi:", momenta, solution.control_momenta),
+    ]
+    header, columns = ["t [s]"], [solution.t[:, None]]
+    for prefix, names, values in blocks:
+        header += [prefix + column.header for column in names]
+        missing = np.full((len(solution.t) - len(values), values.shape[1]), np.nan)
+        columns.append(np.vstack([values, missing]))
+    return header, np.hstack(columns)
+
+
+def write_csv(solution: Solution, path: str | Path) -> Path:
+    """Write `table(solution)` as CSV, atomically; NaN is an empty cell, numbers have all their digits."""
+    header, rows = table(solution)
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(["" if math.isnan(x) else repr(x) for x in row] for row in rows.tolist())
+    return Path(path)
+
+
+def solution_dict(solution: Solution) -> dict[str, Any]:
+    """The object of `--json`: plain numbers and lists; NaN and infinity become None."""
+    result = {
+        "status": str(solution.status),
+        "converged": solution.converged,
+        "advice": solution.advice,
+        "solver": solution.solver,
+        "iterations": solution.iterations,
+        "cost": solution.cost,
+        "residual": solution.residual,
+        "increment": solution.increment,
+        "constraint_violation": solution.constraint_violation,
+        "unknowns": solution.unknowns,
+        "num_steps": solution.num_steps,
+        "wall_time_s": solution.wall_time_s,
+        "phases": [
+            {"name": p.name, "iterations": p.iterations, "wall_time_s": p.wall_time_s}
+            for p in solution.phases
+        ],
+        "history": [
+            {"residual": r.residual, "increment": r.increment, "cost": r.cost, "step_length": r.step_length}
+            for r in solution.history
+        ],
+        "control_hamiltonian": solution.control_hamiltonian,
+        "control_momentum_drift": solution.control_momentum_drift,
+        "q_final": solution.q_final.tolist(),
+        "p_final": solution.p_final.tolist(),
+        "u_first": solution.u_first.tolist(),
+        "u_last": solution.u_last.tolist(),
+        "eta": solution.eta.tolist(),
+    }
+    return {key: _finite(value) for key, value in result.items()}
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(v) for key, v in value.items()}
+    return [_finite(v) for v in value] if isinstance(value, list) else value

@@ -1,0 +1,179 @@
+"""What a solve leaves behind besides the trajectories: its status, its phases, its iterations, its columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from mbocp.exceptions import DimensionMismatch
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = ["Column", "IterationRecord", "Labels", "Phase", "Status"]
+
+
+class Status(str, Enum):
+    """How a solve ended; the advice that goes with it is in `Solution.advice`."""
+
+    CONVERGED = "converged"
+    MAX_ITERATIONS = "max_iterations"
+    LINE_SEARCH_FAILED = "line_search_failed"
+    SINGULAR = "singular"
+    DIVERGED = "diverged"
+    INTERRUPTED = "interrupted"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One phase of a solve: compile, guess, or a stage of the solver.
+
+    Attributes
+    ----------
+    name : str
+    iterations : int
+        Iterations of this phase; 0 where there are none.
+    wall_time_s : float
+        Duration [s].
+    """
+
+    name: str
+    iterations: int
+    wall_time_s: float
+
+
+@dataclass(frozen=True)
+class IterationRecord:
+    """One iteration of a solver; NaN where the solver has no such number.
+
+    Attributes
+    ----------
+    iteration : int
+        Counts from 0, the guess.
+    residual : float
+        Euclidean norm of the optimality conditions, r_w or r_u.
+    increment : float
+        Euclidean norm of the change of the unknowns.
+    cost : float
+        Objective J, eq. (7).
+    step_length : float
+        Fraction of the Newton step that was taken.
+    primal, dual : float
+        Largest entry of the feasibility and of the stationarity part of the residual.
+    regularisation : float
+        What was added to the Hessian's diagonal.
+    wall_time_s : float
+        Duration of the iteration [s].
+    phase : str
+        Name of the phase that it belongs to.
+    """
+
+    iteration: int
+    residual: float
+    increment: float = math.nan
+    cost: float = math.nan
+    step_length: float = math.nan
+    primal: float = math.nan
+    dual: float = math.nan
+    regularisation: float = 0.0
+    wall_time_s: float = math.nan
+    phase: str = ""
+
+
+class Column(NamedTuple):
+    """Name and unit of one column of a trajectory."""
+
+    name: str
+    unit: str
+
+    @property
+    def header(self) -> str:
+        """`name [unit]`; just the name for a number without unit."""
+        return f"{self.name} [{self.unit}]" if self.unit not in ("", "1", "-") else self.name
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Columns of the trajectories, named after joints, actuators and constraints.
+
+    Every field takes anything with `name` and `unit`, or pairs of the two. What is left out is numbered.
+
+    Attributes
+    ----------
+    q, v, p, u : tuple of Column
+        Configuration (nq), velocity (nv), momentum (nv), control (nu).
+    lam, zeta : tuple of Column
+        Multiplier of the holonomic constraints and its adjoint (nc).
+    mu : tuple of Column
+        Adjoint of the state (2 nv): first of q, then of p.
+    """
+
+    q: tuple[Column, ...] = ()
+    v: tuple[Column, ...] = ()
+    p: tuple[Column, ...] = ()
+    u: tuple[Column, ...] = ()
+    lam: tuple[Column, ...] = ()
+    mu: tuple[Column, ...] = ()
+    zeta: tuple[Column, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, _columns(getattr(self, name)))
+
+    @classmethod
+    def of_robot(cls, robot: Robot) -> Labels:
+        """Columns of a trajectory of `robot`; the adjoints' units are those of the cost over the state's."""
+        v = _columns(robot.v_labels)
+        p = _columns(robot.p_labels)
+        constraints = _columns(robot.constraint_labels)
+        # mu^q is dual to the tangent of q, whose unit is that of v times a second.
+        mu_q = [Column(c.name, f"cost/{_over_rate(c.unit)}") for c in v]
+        mu_p = [Column(c.name, f"cost/({c.unit})") for c in p]
+        return cls(
+            q=_columns(robot.q_labels),
+            v=v,
+            p=p,
+            u=_columns(robot.u_labels),
+            lam=tuple(Column(c.name, f"J/{_grouped(c.unit)}") for c in constraints),
+            mu=tuple(mu_q + mu_p),
+            zeta=tuple(Column(c.name, f"cost/(s {c.unit})") for c in constraints),
+        )
+
+    def completed(self, **sizes: int) -> Labels:
+        """Number the columns that have no name yet, and check the count of those that have."""
+        filled: dict[str, tuple[Column, ...]] = {}
+        for field in self.__dataclass_fields__:
+            columns: tuple[Column, ...] = getattr(self, field)
+            size = sizes[field]
+            if columns and len(columns) != size:
+                raise DimensionMismatch(f"labels.{field}", len(columns), size)
+            filled[field] = columns or tuple(Column(str(i), "") for i in range(size))
+        if not self.mu:  # the adjoint has a column for each of v and of p
+            filled["mu"] = tuple(Column(c.name, "") for c in filled["v"] + filled["p"])
+        return Labels(**filled)
+
+
+def _columns(labels: Iterable[Any]) -> tuple[Column, ...]:
+    return tuple(
+        Column(str(c.name), str(c.unit)) if hasattr(c, "name") else _pair(c)  # robot labels, or pairs
+        for c in labels
+    )
+
+
+def _pair(label: Sequence[str]) -> Column:
+    name, unit = label
+    return Column(str(name), str(unit))
+
+
+def _grouped(unit: str) -> str:
+    return f"({unit})" if " " in unit or "/" in unit else unit
+
+
+def _over_rate(unit: str) -> str:
+    return unit.removesuffix("/s") if unit.endswith("/s") else f"({unit} s)"

@@ -1,0 +1,166 @@
+"""Result files: what goes in comes out, and nothing half-written or foreign gets through."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from mbocp.exceptions import ResultFileError
+from mbocp.solution import IterationRecord, Solution, files
+from mbocp.solution.atomic import atomic_path
+
+from .fabricated import arm, humanoid, pendulum
+
+
+@pytest.mark.parametrize("make", [pendulum, arm, humanoid])
+def test_round_trip(make: Any, tmp_path: Path) -> None:
+    saved = make()
+    assert saved.save(tmp_path / "result.h5") == tmp_path / "result.h5"
+    assert Solution.load(tmp_path / "result.h5") == saved
+
+
+def test_round_trip_of_odd_numbers(tmp_path: Path) -> None:
+    nothing = IterationRecord(iteration=3, residual=float("inf"), cost=float("-inf"))
+    saved = pendulum(
+        cost=float("nan"),
+        residual=float("inf"),
+        history=(nothing,),
+        qs=np.full((101, 3), np.nan),
+        advice="ζ\n%s",
+    )
+    saved.save(tmp_path / "result.h5")
+    assert Solution.load(tmp_path / "result.h5") == saved
+
+
+def test_every_dataset_describes_itself(tmp_path: Path) -> None:
+    pendulum().save(tmp_path / "result.h5")
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert file.attrs["format"] == "mbocp solution"
+        assert file.attrs["format_version"] == 1
+        assert file["summary"].attrs["status"] == "converged"
+        for name, data in file["trajectories"].items():
+            assert {"description", "symbol", "rows", "columns", "units"} <= set(data.attrs), name
+        assert list(file["trajectories/us"].attrs["columns"]) == ["force_x", "force_y", "force_z"]
+        assert list(file["trajectories/vs"].attrs["units"]) == ["m/s"] * 3
+        assert all("description" in data.attrs for data in file["text"].values())
+
+
+def test_an_interrupted_save_leaves_the_old_file_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "result.h5"
+    old = pendulum()
+    old.save(path)
+
+    def interrupted(group: Any, name: str, words: str, kind: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files, "_write_text", interrupted)  # after the trajectories are written
+    with pytest.raises(KeyboardInterrupt):
+        arm().save(path)
+    assert os.listdir(tmp_path) == ["result.h5"]
+    assert Solution.load(path) == old
+
+
+def test_a_full_disk_is_an_error_and_leaves_the_old_file_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "result.h5"
+    old = pendulum()
+    old.save(path)
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(ResultFileError, match=r"No space left on device; what was there before is unchanged"):
+        arm().save(path)
+    monkeypatch.undo()
+    assert os.listdir(tmp_path) == ["result.h5"]
+    assert Solution.load(path) == old
+
+
+def test_saving_into_nowhere(tmp_path: Path) -> None:
+    with pytest.raises(ResultFileError, match=r"folder .*missing does not exist: create it first"):
+        pendulum().save(tmp_path / "missing" / "result.h5")
+    with pytest.raises(ResultFileError, match="is a folder"):
+        pendulum().save(tmp_path)
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    (tmp_path / "link.h5").symlink_to(tmp_path / "real.h5")
+    with atomic_path(tmp_path / "link.h5") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "link.h5").is_symlink()
+    assert (tmp_path / "real.h5").read_text() == "new"
+
+
+def test_the_file_has_the_usual_permissions(tmp_path: Path) -> None:
+    (tmp_path / "plain").write_text("")
+    pendulum().save(tmp_path / "result.h5")
+    assert (tmp_path / "result.h5").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_a_missing_file_a_folder_and_a_foreign_file(tmp_path: Path) -> None:
+    with pytest.raises(ResultFileError, match="no such file"):
+        Solution.load(tmp_path / "none.h5")
+    with pytest.raises(ResultFileError, match="is a folder"):
+        Solution.load(tmp_path)
+    (tmp_path / "text.h5").write_text("robot = 'panda'\n")
+    with pytest.raises(ResultFileError, match="not even HDF5"):
+        Solution.load(tmp_path / "text.h5")
+    (tmp_path / "empty.h5").write_text("")
+    with pytest.raises(ResultFileError, match="not even HDF5"):
+        Solution.load(tmp_path / "empty.h5")
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["x"] = np.zeros(3)
+    with pytest.raises(ResultFileError, match="is HDF5, but not a result file of mbocp"):
+        Solution.load(tmp_path / "foreign.h5")
+
+
+def test_a_truncated_file_is_refused_at_any_length(tmp_path: Path) -> None:
+    pendulum().save(tmp_path / "result.h5")
+    whole = (tmp_path / "result.h5").read_bytes()
+    for fraction in (0.1, 0.5, 0.9, 0.999):
+        (tmp_path / "cut.h5").write_bytes(whole[: int(len(whole) * fraction)])
+        with pytest.raises(ResultFileError, match="is damaged or incomplete"):
+            Solution.load(tmp_path / "cut.h5")
+
+
+def test_a_flipped_bit_in_a_trajectory_is_noticed(tmp_path: Path) -> None:
+    solution = pendulum()
+    solution.save(tmp_path / "result.h5")
+    content = bytearray((tmp_path / "result.h5").read_bytes())
+    content[content.index(solution.qs.tobytes()) + 100] ^= 1
+    (tmp_path / "result.h5").write_bytes(content)
+    with pytest.raises(ResultFileError, match="is damaged"):
+        Solution.load(tmp_path / "result.h5")
+
+
+def test_parts_that_are_missing_or_do_not_fit(tmp_path: Path) -> None:
+    pendulum().save(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        del file["trajectories/mus"]
+    with pytest.raises(ResultFileError, match="damaged or incomplete .*mus"):
+        Solution.load(tmp_path / "a.h5")
+    pendulum().save(tmp_path / "b.h5")
+    with h5py.File(tmp_path / "b.h5", "r+") as file:
+        columns = dict(file["trajectories/t"].attrs)
+        del file["trajectories/t"]
+        file["trajectories/t"] = np.zeros(7)
+        file["trajectories/t"].attrs.update(columns)
+    with pytest.raises(ResultFileError, match="do not fit together .*qs: got shape"):
+        Solution.load(tmp_path / "b.h5")
+
+
+def test_a_newer_format_asks_for_an_upgrade(tmp_path: Path) -> None:
+    pendulum().save(tmp_path / "result.h5")
+    with h5py.File(tmp_path / "result.h5", "r+") as file:
+        file.attrs["format_version"] = 2
+    with pytest.raises(ResultFileError, match=r"has format 2, written by a newer mbocp; .* up to 1: upgrade"):
+        Solution.load(tmp_path / "result.h5")

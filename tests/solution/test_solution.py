@@ -1,0 +1,118 @@
+"""A solution holds together: shapes, derived values, equality."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+
+from mbocp.exceptions import DimensionMismatch, InvalidValue
+from mbocp.solution import Column, IterationRecord, Labels, Status
+
+from .fabricated import arm, pendulum
+
+
+def test_arrays_are_copies_and_read_only() -> None:
+    t = np.linspace(0.0, 1.5, 101)
+    solution = pendulum(t=t)
+    t[0] = 9.0
+    assert solution.t[0] == 0.0
+    for name in ("t", "qs", "vs", "ps", "us", "lams", "mus", "zetas", "eta", "control_momenta"):
+        assert not getattr(solution, name).flags.writeable, name
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        ("qs", (100, 3)),
+        ("vs", (100, 3)),
+        ("ps", (101, 2)),
+        ("us", (101, 3)),
+        ("lams", (101, 1)),
+        ("mus", (101, 5)),
+        ("zetas", (100, 2)),
+        ("eta", (2, 2)),
+        ("t", (1,)),
+        ("control_hamiltonians", (101,)),
+        ("control_momenta", (101, 2)),
+    ],
+)
+def test_a_wrong_shape_is_refused_by_name(name: str, shape: tuple[int, ...]) -> None:
+    with pytest.raises(DimensionMismatch, match=name):
+        pendulum(**{name: np.zeros(shape)})
+
+
+def test_labels_must_fit_their_trajectory() -> None:
+    with pytest.raises(DimensionMismatch, match=r"labels\.u"):
+        pendulum(labels=Labels(u=(Column("only one", "N"),)))
+
+
+def test_labels_that_are_left_out_are_numbered() -> None:
+    solution = pendulum(labels=Labels())
+    assert [c.name for c in solution.labels.mu] == ["0", "1", "2", "0", "1", "2"]
+    assert solution.labels.q[0].header == "0"
+
+
+def test_what_is_absent_has_no_columns() -> None:
+    solution = arm(lams=np.zeros(0), zetas=np.zeros(0), control_hamiltonians=np.zeros(0))
+    assert solution.lams.shape == solution.zetas.shape == (100, 0)
+    assert np.isnan(solution.control_hamiltonian["min"])
+    quiet = arm(control_momenta=np.zeros(0), control_momentum_names=())
+    assert np.isnan(quiet.control_momentum_drift)
+
+
+def test_derived_values() -> None:
+    momenta = np.zeros((101, 2))
+    momenta[7, 1], momenta[0, 1] = -3.0, 1.0
+    solution = pendulum(
+        control_momenta=momenta, control_momentum_names=("translation along x", "rotation about z")
+    )
+    assert (solution.num_steps, solution.nq, solution.nv, solution.nu, solution.nc) == (100, 3, 3, 3, 1)
+    assert solution.control_momentum_drift == 4.0
+    assert solution.control_hamiltonian["max"] == np.max(solution.control_hamiltonians)
+    assert np.array_equal(solution.q_final, solution.qs[-1])
+    assert np.array_equal(solution.p_final, solution.ps[-1])
+    assert np.array_equal(solution.u_first, solution.us[0])
+    assert np.array_equal(solution.u_last, solution.us[-1])
+    assert solution.duration == 1.5
+
+
+def test_only_one_status_is_converged() -> None:
+    assert [s for s in Status if pendulum(status=s).converged] == [Status.CONVERGED]
+    assert pendulum(status="max_iterations").status is Status.MAX_ITERATIONS
+    assert f"{Status.SINGULAR}" == str(Status.SINGULAR) == "singular"
+
+
+def test_repr_is_short_and_says_what_matters() -> None:
+    text = repr(pendulum())
+    assert len(text) < 140
+    assert "rigid_pendulum: converged after 9 iterations of monolithic, cost 12.3456789" in text
+
+
+def test_equality_is_by_content_and_nan_equals_nan() -> None:
+    assert pendulum() == pendulum()
+    assert pendulum(cost=float("nan")) == pendulum(cost=float("nan"))
+    assert pendulum().equals("something else") is False
+    qs = pendulum().qs.copy()
+    qs[50, 1] = np.nextafter(qs[50, 1], 9.0)
+    assert pendulum() != pendulum(qs=qs)
+    record = IterationRecord(iteration=0, residual=1.0)
+    assert pendulum(history=(record,)) != pendulum(history=(dataclasses.replace(record, cost=2.0),))
+
+
+def test_solutions_travel_between_processes() -> None:
+    assert pickle.loads(pickle.dumps(pendulum())) == pendulum()
+
+
+def test_options_that_no_file_can_hold_are_refused() -> None:
+    with pytest.raises(InvalidValue, match=r"options: got function"):
+        pendulum(options={"callback": lambda: None})
+
+
+def test_options_are_copied() -> None:
+    options = {"nested": {"tolerance": 1e-9}}
+    solution = pendulum(options=options)
+    options["nested"]["tolerance"] = 1.0
+    assert solution.options["nested"]["tolerance"] == 1e-9
