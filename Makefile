@@ -1,0 +1,45 @@
+# make demo | test | lint | bench | clean; each installs what it needs into .venv first.
+PYTHON ?= python3
+CXX    ?= c++
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+
+NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
+
+.PHONY: demo test lint bench setup clean
+
+demo: setup
+	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
+
+test: setup
+	$(BIN)/python -m pytest
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: setup
+	$(BIN)/python -m benchmarks
+
+setup: $(STAMP)
+
+# The build requirements come from pyproject.toml, so that they are written once.
+$(STAMP): pyproject.toml $(NATIVE)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
+	    || { echo "mbocp needs Python 3.10 or newer (Debian: apt install python3), or set PYTHON=..." >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
+	    || { echo "Python's venv module is missing (Debian: apt install python3-venv)" >&2; exit 1; }
+	@command -v $(CXX) >/dev/null \
+	    || { echo "a C++ compiler is missing (Debian: apt install g++)" >&2; exit 1; }
+	@$(PYTHON) -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))' \
+	    || { echo "Python.h is missing (Debian: apt install python3-dev)" >&2; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
+	$(BIN)/python .ci/build_requirements.py | $(BIN)/python -m pip install --quiet --disable-pip-version-check -r /dev/stdin
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[dev]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache ur5_reach.h5 ur5_reach.html ur5_reach.png

@@ -1,0 +1,1 @@
+"""The compiled part: `_bridge` (Pinocchio with CasADi's scalar) and `_kernel` (numbers). Nothing here is public."""

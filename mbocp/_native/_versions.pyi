@@ -1,0 +1,2 @@
+PINOCCHIO: str
+CASADI: str

@@ -1,0 +1,39 @@
+// The interface between the Python module and the algorithms: no Pinocchio in it, so that module.cpp compiles fast.
+#pragma once
+
+#include <casadi/casadi.hpp>
+
+#include <memory>
+#include <string>
+
+namespace mbocp
+{
+  struct Tree;
+
+  std::shared_ptr<const Tree> load_tree(const std::string & serialized_model);
+  int configuration_size(const Tree & tree);
+  int velocity_size(const Tree & tree);
+  int frame_count(const Tree & tree);
+
+  // Inverse dynamics.
+  casadi::Function rnea(const Tree & tree);
+  casadi::Function nonlinear_effects(const Tree & tree);
+  casadi::Function gravity(const Tree & tree);
+  // Forward dynamics.
+  casadi::Function aba(const Tree & tree);
+  casadi::Function minverse(const Tree & tree);
+  // Inertia.
+  casadi::Function crba(const Tree & tree);
+  casadi::Function kinetic_energy(const Tree & tree);
+  casadi::Function potential_energy(const Tree & tree);
+  casadi::Function center_of_mass(const Tree & tree);
+  casadi::Function centroidal_momentum(const Tree & tree);
+  // The configuration manifold.
+  casadi::Function integrate(const Tree & tree);
+  casadi::Function difference(const Tree & tree);
+  casadi::Function dintegrate(const Tree & tree);
+  // Frames; `reference` is Pinocchio's ReferenceFrame.
+  casadi::Function frame_placement(const Tree & tree, int frame);
+  casadi::Function frame_jacobian(const Tree & tree, int frame, int reference);
+  casadi::Function frame_velocity(const Tree & tree, int frame, int reference);
+} // namespace mbocp

@@ -1,0 +1,86 @@
+// The Python module: a robot's functions, each as the text of casadi::Function::serialize().
+//
+// Text crosses, objects do not: this module and Python's casadi need not agree on more than the format.
+#include "bridge.hpp"
+
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/string.h>
+
+#include <map>
+#include <stdexcept>
+
+namespace nb = nanobind;
+
+namespace
+{
+  using Builder = casadi::Function (*)(const mbocp::Tree &);
+
+  const std::map<std::string, Builder> builders = {
+    {"rnea", &mbocp::rnea},
+    {"nonlinear_effects", &mbocp::nonlinear_effects},
+    {"gravity", &mbocp::gravity},
+    {"aba", &mbocp::aba},
+    {"minverse", &mbocp::minverse},
+    {"crba", &mbocp::crba},
+    {"kinetic_energy", &mbocp::kinetic_energy},
+    {"potential_energy", &mbocp::potential_energy},
+    {"center_of_mass", &mbocp::center_of_mass},
+    {"centroidal_momentum", &mbocp::centroidal_momentum},
+    {"integrate", &mbocp::integrate},
+    {"difference", &mbocp::difference},
+    {"dintegrate", &mbocp::dintegrate},
+  };
+
+  class Robot
+  {
+  public:
+    explicit Robot(const std::string & serialized_model) : tree(mbocp::load_tree(serialized_model)) {}
+
+    std::string function(const std::string & name) const
+    {
+      const auto found = builders.find(name);
+      if (found == builders.end())
+        throw std::invalid_argument("no function named '" + name + "'");
+      return found->second(*tree).serialize();
+    }
+
+    std::string frame_placement(int frame) const { return mbocp::frame_placement(*tree, checked(frame)).serialize(); }
+
+    std::string frame_jacobian(int frame, int reference) const
+    {
+      return mbocp::frame_jacobian(*tree, checked(frame), reference).serialize();
+    }
+
+    std::string frame_velocity(int frame, int reference) const
+    {
+      return mbocp::frame_velocity(*tree, checked(frame), reference).serialize();
+    }
+
+    int nq() const { return mbocp::configuration_size(*tree); }
+    int nv() const { return mbocp::velocity_size(*tree); }
+
+  private:
+    int checked(int frame) const
+    {
+      if (frame < 0 || frame >= mbocp::frame_count(*tree))
+        throw std::out_of_range("no frame of index " + std::to_string(frame));
+      return frame;
+    }
+
+    std::shared_ptr<const mbocp::Tree> tree;
+  };
+} // namespace
+
+NB_MODULE(_bridge, m)
+{
+  using namespace nb::literals;
+  m.doc() = "Pinocchio's algorithms with CasADi's scalar, as serialized CasADi functions.";
+  nb::class_<Robot>(m, "Robot", "A model with CasADi's scalar.")
+    .def(nb::init<const std::string &>(), "serialized_model"_a)
+    .def_prop_ro("nq", &Robot::nq)
+    .def_prop_ro("nv", &Robot::nv)
+    .def("function", &Robot::function, "name"_a)
+    .def("frame_placement", &Robot::frame_placement, "frame"_a)
+    .def("frame_jacobian", &Robot::frame_jacobian, "frame"_a, "reference"_a)
+    .def("frame_velocity", &Robot::frame_velocity, "frame"_a, "reference"_a);
+}
