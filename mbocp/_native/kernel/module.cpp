@@ -39,7 +39,7 @@ void vector_property(nb::class_<Programme>& c, const char* name, const char* doc
                                             " numbers, expected " + std::to_string((p.*Field).size()));
             std::copy(value.data(), value.data() + value.size(), (p.*Field).begin());
         },
-        doc);
+        nb::for_getter(nb::rv_policy::move), doc);
 }
 
 }  // namespace
@@ -137,17 +137,19 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
              },
              nb::arg("theta"), nb::arg("rho"), nb::arg("rho_terminal"))
         .def("evaluate", &Programme::evaluate, nb::arg("share") = 1.0)
-        .def("factorise", &Programme::factorise, nb::arg("regularise_u") = 0.0, nb::arg("regularise_x") = 0.0)
+        .def("factorise", &Programme::factorise, nb::arg("regularise_u") = 0.0, nb::arg("regularise_x") = 0.0,
+             nb::arg("augment") = 0.0)
         .def("solve", &Programme::solve, nb::arg("refinements") = 1)
         .def("correct", &Programme::correct, nb::arg("alpha"))
+        .def("move", &Programme::move, nb::arg("alpha"))
         .def("trial", &Programme::trial, nb::arg("alpha"))
         .def("accept", &Programme::accept, nb::arg("alpha_dual"))
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"))
         .def_prop_ro("num_stages", &Programme::num_stages)
-        .def_prop_ro("dx", [](const Programme& p) { return to_array(p.direction().dx); })
-        .def_prop_ro("dy", [](const Programme& p) { return to_array(p.direction().dy); })
-        .def_prop_ro("du", [](const Programme& p) { return to_array(p.direction().du); })
-        .def_prop_ro("dm", [](const Programme& p) { return to_array(p.direction().dm); })
-        .def_prop_ro("deta", [](const Programme& p) { return to_array(p.direction().deta); })
-        .def_prop_ro("gains", [](const Programme& p) { return to_array(p.gains()); });
+        .def_prop_ro("dx", [](const Programme& p) { return to_array(p.direction().dx); }, nb::rv_policy::move)
+        .def_prop_ro("dy", [](const Programme& p) { return to_array(p.direction().dy); }, nb::rv_policy::move)
+        .def_prop_ro("du", [](const Programme& p) { return to_array(p.direction().du); }, nb::rv_policy::move)
+        .def_prop_ro("dm", [](const Programme& p) { return to_array(p.direction().dm); }, nb::rv_policy::move)
+        .def_prop_ro("deta", [](const Programme& p) { return to_array(p.direction().deta); }, nb::rv_policy::move)
+        .def_prop_ro("gains", [](const Programme& p) { return to_array(p.gains()); }, nb::rv_policy::move);
 }

@@ -233,8 +233,7 @@ bool Programme::retract_into(const double* x_now, const double* dx, double alpha
     return true;
 }
 
-Trial Programme::trial(double alpha) {
-    Trial t;
+bool Programme::move(double alpha) {
     bool ok = true;
     for (std::size_t i = 0; i < y.size(); ++i) y_trial_[i] = y[i] + alpha * step_.dy[i];
     for (std::size_t i = 0; i < u.size(); ++i) u_trial_[i] = u[i] + alpha * step_.du[i];
@@ -242,6 +241,12 @@ Trial Programme::trial(double alpha) {
     for (int n = 1; n <= N; ++n)
         ok = retract_into(x.data() + static_cast<std::size_t>(n) * nx_, step_.dx.data() + static_cast<std::size_t>(n) * ndx_,
                           alpha, x_trial_.data() + static_cast<std::size_t>(n) * nx_) && ok;
+    return ok;
+}
+
+Trial Programme::trial(double alpha) {
+    Trial t;
+    bool ok = move(alpha);
     for (int n = 0; n < N; ++n) {
         const Kind& k = *stages_[n].kind;
         StageFunction& f = *k.values;

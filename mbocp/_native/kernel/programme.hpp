@@ -89,11 +89,14 @@ public:
 
     // Functions and derivatives at the iterate; the Hessian uses multipliers scaled by `share` (0: Gauss-Newton).
     Evaluation evaluate(double share);
-    Factorisation factorise(double regularise_u, double regularise_x);
+    Factorisation factorise(double regularise_u, double regularise_x, double augment);
     Direction solve(int refinements);
     // Second-order correction: the direction for constraint values alpha c + c(trial).
     Direction correct(double alpha);
+    // The iterate moved along the direction, into a second buffer; `trial` also evaluates cost and violation there.
+    bool move(double alpha);
     Trial trial(double alpha);
+    // Take the moved iterate over; multipliers go alpha_dual of their way.
     void accept(double alpha_dual);
     // States and algebraic unknowns from x[0] and u, stage by stage (eq. 29).
     Sweep simulate(double tolerance, int max_iterations);
@@ -147,7 +150,8 @@ private:
     Numbers x_trial_, y_trial_, u_trial_;
     Numbers c_trial_, g_trial_;
     Numbers scratch_, scaled_m_, diagonal_;
-    double regularise_u_ = 0, regularise_x_ = 0;      // of the last factorisation
+    double regularise_u_ = 0, regularise_x_ = 0, augment_ = 0;    // of the last factorisation
+    bool factorised_ = false;
     int max_nw_ = 0, max_ns_ = 0;
 };
 

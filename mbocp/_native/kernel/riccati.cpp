@@ -2,8 +2,14 @@
 //
 // The end condition's multiplier eta rides along as extra right-hand sides, which are the auxiliary adjoint A of
 // eqs. (33)-(44) of the first paper; S below. Work and memory grow linearly with the number of stages.
+//
+// Propagating S with the open-loop dynamics is single shooting in disguise: on an unstable system its columns become
+// parallel and the Schur complement of eta singular to working precision. The quadratic programme is therefore first
+// augmented by rho/2 |g + g_x dx|^2, which changes neither its solution nor the inertia of its KKT matrix, but closes
+// the loop: S then follows A + BK, and the Schur complement tends to -1/rho.
 #include <Eigen/Dense>
 #include <algorithm>
+#include <stdexcept>
 
 #include "programme.hpp"
 
@@ -128,12 +134,17 @@ bool Programme::condense(int n, double regularise_u, double regularise_x, Factor
     return true;
 }
 
-Factorisation Programme::factorise(double regularise_u, double regularise_x) {
+Factorisation Programme::factorise(double regularise_u, double regularise_x, double augment) {
     Factorisation f;
     f.smallest_pivot = 1.0, f.positive_controls = true;
     regularise_u_ = regularise_u, regularise_x_ = regularise_x;
     Stage& last = stages_.back();
+    augment_ = augment, factorised_ = false;
     dense::copy(Hterm_.data(), last.P, padded(ndx_) * padded(ndx_));
+    for (int i = 0; i < ndx_; ++i)
+        for (int j = 0; j < ndx_; ++j)
+            for (int g = 0; g < ng_; ++g)
+                last.P[i * padded(ndx_) + j] += augment * Sterm_[i * padded(ng_) + g] * Sterm_[j * padded(ng_) + g];
     if (ng_) dense::copy(Sterm_.data(), last.S, ndx_ * padded(ng_));
     std::fill(R_.begin(), R_.end(), 0.0);
     for (int n = N - 1; n >= 0; --n)
@@ -160,7 +171,7 @@ Factorisation Programme::factorise(double regularise_u, double regularise_x) {
                                   scale.asDiagonal();
         R_factor_.assign(inverse.data(), inverse.data() + inverse.size());
     }
-    f.bad_stage = -1, f.ok = true;
+    f.bad_stage = -1, f.ok = factorised_ = true;
     return f;
 }
 
@@ -183,6 +194,7 @@ void Programme::solve_linear(const Residual& rhs, Step& out) {
     double* q = h + padded(max_nw_);
     Numbers r = rhs.g;
     std::copy(rhs.x_terminal.begin(), rhs.x_terminal.end(), stages_.back().p);
+    dense::gemv(nd, ng_, Sterm_.data(), pg, rhs.g.data(), stages_.back().p, augment_);
     for (int n = N - 1; n >= 0; --n) {
         Stage& s = stages_[n];
         const Kind& k = *s.kind;
@@ -313,7 +325,7 @@ Direction Programme::finish_direction(const Residual& rhs, int refinements) {
     Direction d;
     solve_linear(rhs, step_);
     double scale = 0;
-    for (const Numbers* part : {&rhs.c, &rhs.w, &rhs.g})
+    for (const Numbers* part : {&rhs.c, &rhs.w, &rhs.s, &rhs.g})
         for (const double v : *part) scale = std::max(scale, std::abs(v));
     for (int pass = 0;; ++pass) {
         const double largest = residual_linear(rhs, step_, work_, &d.curvature);
@@ -359,11 +371,13 @@ Direction Programme::finish_direction(const Residual& rhs, int refinements) {
 }
 
 Direction Programme::solve(int refinements) {
+    if (!factorised_) throw std::logic_error("solve: the last factorisation failed or is missing");
     gather_residual(rhs_);
     return finish_direction(rhs_, refinements);
 }
 
 Direction Programme::correct(double alpha) {
+    if (!factorised_) throw std::logic_error("correct: the last factorisation failed or is missing");
     gather_residual(rhs_);
     for (std::size_t i = 0; i < rhs_.c.size(); ++i) rhs_.c[i] = alpha * rhs_.c[i] + c_trial_[i];
     for (std::size_t i = 0; i < rhs_.g.size(); ++i) rhs_.g[i] = alpha * rhs_.g[i] + g_trial_[i];

@@ -1,0 +1,42 @@
+"""Generalised forces of the force elements between two frames."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from mbocp.robot import QuarticSpring, SpringDamper
+
+if TYPE_CHECKING:
+    from mbocp.mechanics.joint import JointMechanics
+
+__all__ = ["force_element_force"]
+
+
+def force_element_force(
+    element: QuarticSpring | SpringDamper, mechanics: JointMechanics, q: ca.SX, v: ca.SX
+) -> ca.SX:
+    """Generalised force of one element, shape (nv,) [N, N m].
+
+    Parameters
+    ----------
+    element : QuarticSpring or SpringDamper
+        What acts between two frames.
+    mechanics : JointMechanics
+        Gives the frames' positions and the tangent map.
+    q, v : casadi.SX
+        Configuration (nq,), velocity (nv,).
+    """
+    d = mechanics.frame_position(element.frame_a, q) - mechanics.frame_position(element.frame_b, q)
+    tangent = mechanics.tangent_map(q)
+    if isinstance(element, QuarticSpring):  # V = c/4 (|d|^2 - l^2)^2, before eq. (45) and in section 6.3.2
+        stretch = ca.dot(d, d) - element.length**2
+        return -(ca.jacobian(element.coefficient / 4 * stretch**2, q) @ tangent).T
+    dd_dq = ca.jacobian(d, q) @ tangent  # (3, nv)
+    if element.length == 0.0:  # no direction needed, and none defined where the ends meet
+        return -dd_dq.T @ (element.stiffness * d + element.damping * (dd_dq @ v))
+    distance = ca.norm_2(d)
+    direction = d / distance
+    rate = ca.dot(direction, dd_dq @ v)
+    return -dd_dq.T @ direction * (element.stiffness * (distance - element.length) + element.damping * rate)

@@ -1,0 +1,91 @@
+"""Joint coordinates: the URDF tree's own, on the joints' Lie group, with holonomic constraints on top.
+
+Configurations q live on the group of the joints, velocities v and all derivatives in its tangent space. The
+equations are the paper's (1)-(3) with p = M(q) v; the inverse-dynamics form needs no inverse of M.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from mbocp.mechanics.forces import force_element_force
+from mbocp.robot import Robot
+from mbocp.symbolic import model_functions
+
+__all__ = ["JointMechanics"]
+
+
+class JointMechanics:
+    """Symbolic equations of motion of `robot` in joint coordinates.
+
+    Every method takes and returns `casadi.SX`; vectors are columns.
+
+    Attributes
+    ----------
+    nq, nv, nu, nc : int
+        Sizes of configuration, velocity, control and holonomic constraints.
+    is_vector_space : bool
+        Whether a configuration is a plain vector, so that tangent and coordinate derivatives agree.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.nq, self.nv, self.nu, self.nc = robot.nq, robot.nv, robot.nu, robot.nc
+        self.is_vector_space = robot.is_vector_space
+        self._functions = model_functions(robot.model)
+
+    def integrate(self, q: ca.SX, dv: ca.SX) -> ca.SX:
+        """Configuration q moved along the tangent vector `dv`, shape (nq,)."""
+        return q + dv if self.is_vector_space else self._functions.integrate(q, dv)
+
+    def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
+        """Tangent vector at `q0` that leads to `q1`, shape (nv,)."""
+        return q1 - q0 if self.is_vector_space else self._functions.difference(q0, q1)
+
+    def tangent_map(self, q: ca.SX) -> ca.SX:
+        """Derivative of q's coordinates along the tangent space, shape (nq, nv)."""
+        if self.is_vector_space:
+            return ca.SX.eye(self.nv)
+        dv = ca.SX.sym("dv", self.nv)
+        jacobian = ca.jacobian(self.integrate(q, dv), dv)
+        return ca.Function("tangent_map", [q, dv], [jacobian])(q, ca.SX.zeros(self.nv))
+
+    def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Canonical momentum p = M(q) v, shape (nv,) [kg m/s, N m s]."""
+        return self._functions.crba(q) @ v
+
+    def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+        """Generalised force M(q) a + C(q, v) v + gravity, shape (nv,) [N, N m]."""
+        return self._functions.rnea(q, v, a)
+
+    def force(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
+        """Applied generalised force B(q) u plus the force elements', shape (nv,) [N, N m]."""
+        actuation = self.robot.actuation
+        selection = ca.sparsify(ca.SX(ca.DM(np.asarray(actuation.selection))))
+        num_joint = selection.shape[1]
+        total = selection @ u[:num_joint] if num_joint else ca.SX.zeros(self.nv)
+        for k, actuator in enumerate(actuation.frame_actuators):
+            jacobian = self._functions.frame_jacobian(actuator.frame_id, "local")(q)
+            total += jacobian.T @ ca.DM(np.asarray(actuator.direction)) * u[num_joint + k]
+        for element in self.robot.forces:
+            total += force_element_force(element, self, q, v)
+        return total
+
+    def frame_position(self, frame_id: int, q: ca.SX) -> ca.SX:
+        """Position of a frame's origin in the world, shape (3,) [m]."""
+        return self._functions.frame_placement(frame_id)(q)[1]
+
+    def constraints(self, q: ca.SX) -> ca.SX:
+        """Holonomic constraints Phi(q), shape (nc,) [m^2 for rods]."""
+        rows = []
+        for rod in self.robot.constraints:
+            d = self.frame_position(rod.frame_a, q) - self.frame_position(rod.frame_b, q)
+            rows.append((ca.dot(d, d) - rod.length**2) / 2)
+        return ca.vertcat(*rows) if rows else ca.SX.zeros(0, 1)
+
+    def constraint_jacobian(self, q: ca.SX) -> ca.SX:
+        """Derivative of Phi in tangent coordinates, shape (nc, nv)."""
+        if self.nc == 0:
+            return ca.SX.zeros(0, self.nv)
+        return ca.jacobian(self.constraints(q), q) @ self.tangent_map(q)

@@ -1,0 +1,224 @@
+r"""Rigid motions of the whole robot that change nothing about its equations, and their momentum maps.
+
+A spatial twist s (about the origin of the world, linear before angular) is a symmetry if there is a field X(q) of
+joint velocities that moves every massive body by it,
+
+.. math:: J_i(q)\,X(q) = s \quad \text{for all bodies } i,
+
+and if gravity, the force elements, the holonomic constraints and the actuation are invariant; the control may turn
+along, :math:`u \to e^{\varepsilon\Omega} u` with a skew :math:`\Omega`, which leaves :math:`|u|^2` as it is
+(Proposition 3 of [Bijalwan2025]_). Noether's theorem then gives the control momentum, eq. (15).
+
+Only fields that the discrete step :math:`q_n = q_{n-1} \circ \exp(\Delta t\,v_n)` respects are found, for it is they
+whose momentum an integrator keeps to round-off: affine in the coordinates of prismatic and revolute joints, and
+:math:`\mathrm{Ad}_q^{-1}\sigma` on joints that live on a Lie group. (A ball joint made of three hinges is symmetric,
+too, but Euler angles and Euler steps do not commute with rotations.) So
+
+.. math:: X(q) = c + A\,q + \mathrm{Ad}_q^{-1}\sigma, \qquad X_v(q, v) = A\,v
+
+generate the motion of configurations and velocities, with constants c, A and sigma that linear algebra finds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.mechanics.symmetry_fields import Ansatz, Symmetry, skew
+from mbocp.robot import Robot, SpringDamper
+
+__all__ = ["Symmetry", "find_symmetries"]
+
+_TOLERANCE = 1e-8  # relative, of singular values that count as zero; they come out at 1e-15 or at 1e-2
+_POINT_MASS = 1e-10  # [m^2] inertia by mass, below which a body has no orientation (radius of gyration 10 um)
+# Central difference of order 8: exact to 1e-12 for trigonometric functions at this step.
+_STENCIL = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+_STEP = 0.02
+
+
+def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
+    """Find the rigid motions that leave the robot's equations and the cost |u|^2 invariant.
+
+    Limits are not looked at: a bound on a coordinate that the symmetry moves breaks it where it is active.
+
+    Returns
+    -------
+    symmetries : tuple of Symmetry
+        A basis: translations, then rotations, along the axes of the world where possible. Empty if there is none.
+    """
+    ansatz = Ansatz(robot, _support(robot))
+    if ansatz.size == 0:
+        return ()
+    rows = list(ansatz.static_rows())
+    for q in _random_configurations(robot, ansatz.size + 8):
+        rows += _motion_rows(robot, q, ansatz.features(q))
+    basis = _null_space(np.vstack(rows))
+    basis, omegas = _with_actuation(robot, ansatz, basis)
+    return tuple(
+        ansatz.symmetry(name, basis @ weights, np.tensordot(weights, omegas, 1))
+        for name, weights in _named_basis(basis[-6:])
+    )
+
+
+def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
+    rng = np.random.default_rng(20250521)  # any seed: what holds at random configurations holds everywhere
+    for _ in range(count):
+        yield pin.integrate(robot.model, pin.neutral(robot.model), rng.uniform(-1.2, 1.2, robot.nv))
+
+
+def _null_space(matrix: Array, tolerance: float = _TOLERANCE) -> Array:
+    """Orthonormal basis of the null space in columns."""
+    triangle = np.linalg.qr(matrix, mode="r")  # tall matrices: no large left factor
+    _, singular, vt = np.linalg.svd(triangle)
+    rank = int(np.count_nonzero(singular > tolerance * max(singular.max(initial=0.0), 1.0)))
+    basis: Array = vt[rank:].T
+    return basis
+
+
+def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
+    """Rows of J_i X - s = 0 in the coordinates of each massive body, where X = features @ theta."""
+    model = robot.model
+    data = model.createData()
+    pin.computeJointJacobians(model, data, q)
+    for joint in range(1, model.njoints):
+        inertia = model.inertias[joint]
+        if inertia.mass <= 0.0:
+            continue
+        jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL)
+        excess = np.hstack([jacobian @ features, -data.oMi[joint].toActionMatrixInverse()])
+        yield excess[:3] - skew(inertia.lever) @ excess[3:]  # the centre of mass
+        values, axes = np.linalg.eigh(inertia.inertia)
+        turning = axes[:, np.abs(values) > _POINT_MASS * inertia.mass]
+        yield turning.T @ excess[3:]  # nothing for a point mass
+
+
+def _motion_rows(robot: Robot, q: Array, features: Array) -> list[Array]:
+    """Conditions on (theta, s) at q: bodies move rigidly, and force elements and constraints do not notice."""
+    rows = list(_body_rows(robot, q, features))
+    model, data = robot.model, robot.model.createData()
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    for element in (*robot.constraints, *robot.forces):
+        a, b = element.frame_a, element.frame_b
+        d = data.oMf[a].translation - data.oMf[b].translation
+        rate = (_point_jacobian(robot, data, a) - _point_jacobian(robot, data, b)) @ features
+        # How d moves beyond turning with the whole: s_ang x d = -skew(d) s_ang.
+        excess = np.hstack([rate, np.zeros((3, 3)), skew(d)])
+        # Only a damper feels more than the distance.
+        rows.append(excess if isinstance(element, SpringDamper) else d[None] @ excess)
+    return rows
+
+
+def _point_jacobian(robot: Robot, data: Any, frame: int) -> Array:
+    if robot.model.frames[frame].parentJoint == 0:
+        return np.zeros((3, robot.nv))
+    jacobian: Array = pin.getFrameJacobian(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+    return jacobian
+
+
+def _support(robot: Robot) -> Any:
+    """Velocity components that can take part in a rigid motion of all bodies, at some configuration."""
+    eye, moving = np.eye(robot.nv), np.zeros(robot.nv, dtype=bool)
+    for q in _random_configurations(robot, 3):
+        null = _null_space(np.vstack(list(_body_rows(robot, q, eye))))
+        # Massless joints move nothing: only what goes along with a twist s counts.
+        null = null @ np.linalg.pinv(null[-6:], rcond=_TOLERANCE)
+        moving |= np.abs(null[:-6]).max(axis=1, initial=0.0) > _TOLERANCE
+    return moving
+
+
+def _with_actuation(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Array, Array]:
+    r"""Keep the combinations for which an Omega exists: :math:`DB[X] + A^T B + B \Omega = 0` everywhere.
+
+    Returns
+    -------
+    basis : ndarray, shape (size + 6, k)
+    omegas : ndarray, shape (k, nu, nu)
+    """
+    nu, count = robot.nu, basis.shape[1]
+    changes, matrices = [], []  # of each configuration: (count, nv, nu) and (nv, nu)
+    for q in _random_configurations(robot, 4 if robot.nu <= 12 else 2):
+        directions = ansatz.features(q) @ basis[:-6]
+        matrices.append(robot.actuation_matrix(q))
+        changes.append(
+            np.array(
+                [
+                    _actuation_rate(robot, q, directions[:, k]) + ansatz.linear(basis[:-6, k]).T @ matrices[-1]
+                    for k in range(count)
+                ]
+            ).reshape(count, robot.nv, nu)
+        )
+    change, matrix = np.concatenate(changes, axis=1), np.concatenate(matrices)  # (count, rows, nu), (rows, nu)
+    scale = max(float(np.abs(matrix).max(initial=0.0)), 1e-300)
+    turning = np.flatnonzero((np.abs(change) > _TOLERANCE * scale).any(axis=(0, 1))) if count else []
+    if not len(turning):
+        return basis, np.zeros((count, nu, nu))
+    # A control whose column does not change stays as it is (the columns of B are independent).
+    pairs = [(i, j) for i in turning for j in turning if i < j]
+    columns = [c.ravel() / scale for c in change]
+    for i, j in pairs:
+        product = np.zeros_like(matrix)
+        product[:, j], product[:, i] = matrix[:, i], -matrix[:, j]  # B Omega with Omega_ij = 1, Omega_ji = -1
+        columns.append(product.ravel() / scale)
+    null = _null_space(np.array(columns).T)
+    weights = null[:count]
+    # Combinations of weights that are attainable, each with its smallest Omega.
+    u, singular, _ = np.linalg.svd(weights, full_matrices=False)
+    attainable = u[:, singular > _TOLERANCE]
+    solutions = null @ np.linalg.pinv(weights, rcond=_TOLERANCE) @ attainable
+    omegas = np.zeros((attainable.shape[1], nu, nu))
+    for (i, j), values in zip(pairs, solutions[count:], strict=True):
+        omegas[:, i, j], omegas[:, j, i] = values, -values
+    return basis @ attainable, omegas
+
+
+def _actuation_rate(robot: Robot, q: Array, direction: Array) -> Array:
+    """Derivative of B along a tangent direction, shape (nv, nu)."""
+    out = np.zeros((robot.nv, robot.nu))
+    if robot.actuation.is_constant:
+        return out
+    for k, weight in _STENCIL.items():
+        ahead, behind = (pin.integrate(robot.model, q, sign * k * _STEP * direction) for sign in (1, -1))
+        out += weight / _STEP * (robot.actuation_matrix(ahead) - robot.actuation_matrix(behind))
+    return out
+
+
+def _named_basis(twists: Array) -> Iterator[tuple[str, Array]]:
+    """Combinations of the columns of `twists` (6, k) that a person would choose, with names."""
+    pure = _null_space(twists[3:]) if twists.shape[1] else twists[:0].T
+    for axis in _axes(twists[:3] @ pure):
+        yield f"translation along {_direction(axis)}", pure @ np.linalg.pinv(twists[:3] @ pure, _TOLERANCE) @ axis
+    for axis in _axes(twists[3:]):
+        weights = np.linalg.pinv(twists[3:], _TOLERANCE) @ axis
+        if pure.shape[1]:  # through the origin, or as near to it as the other symmetries allow
+            weights -= pure @ np.linalg.pinv(twists[:3] @ pure, _TOLERANCE) @ (twists[:3] @ weights)
+        linear = twists[:3] @ weights
+        point, pitch = np.cross(axis, linear), axis @ linear
+        name = "screw" if abs(pitch) > _TOLERANCE else "rotation"
+        through = f" through {_direction(point, words=False)}" if np.linalg.norm(point) > 1e-6 else ""
+        yield f"{name} about {_direction(axis)}{through}", weights
+
+
+def _axes(vectors: Array) -> list[Array]:
+    """Orthonormal basis of the span of 3-vectors (in columns): axes of the world first."""
+    u, singular, _ = np.linalg.svd(vectors, full_matrices=False) if vectors.size else (np.zeros((3, 0)), np.zeros(0), 0)
+    span = u[:, singular > _TOLERANCE]
+    chosen = [e for e in np.eye(3) if np.linalg.norm(span @ (span.T @ e) - e) < 1e-7]
+    rest = span
+    for e in chosen:
+        rest = rest - np.outer(e, e @ rest)
+    u, singular, _ = np.linalg.svd(rest, full_matrices=False) if rest.size else (rest, np.zeros(0), 0)
+    others = u[:, singular > 1e-6].T
+    return chosen + [a * np.sign(a[np.argmax(np.abs(a))]) for a in others]
+
+
+def _direction(vector: Array, *, words: bool = True) -> str:
+    if words:
+        for letter, e in zip("xyz", np.eye(3), strict=True):
+            if np.allclose(vector, e, atol=1e-9):
+                return letter
+    return "(" + ", ".join(f"{x:.3g}" for x in np.where(np.abs(vector) < 1e-9, 0.0, vector)) + ")"

@@ -1,0 +1,77 @@
+"""Filter acceptance of trial steps, after [Waechter2006]_: progress in feasibility or in cost, and no way back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Filter"]
+
+_MARGIN = 1e-5  # relative decrease of the violation, or of the cost against the violation, that counts as progress
+_ARMIJO = 1e-4  # fraction of the predicted decrease of the cost
+_SLOPE_POWER, _VIOLATION_POWER = 2.3, 1.1  # switching condition
+_ROUND_OFF = 1e-13  # of the cost's own sum
+_FEASIBLE = 1e-9  # violation that counts as none
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Pairs of violation and cost that no later iterate may be worse than in both.
+
+    Attributes
+    ----------
+    entries : tuple of (float, float)
+        Forbidden corners (violation, cost).
+    most_violation : float
+        No iterate may violate the constraints by more than this.
+    least_violation : float
+        Below it a descent direction of the cost has to decrease the cost.
+    """
+
+    entries: tuple[tuple[float, float], ...] = ()
+    most_violation: float = float("inf")
+    least_violation: float = 0.0
+
+    @classmethod
+    def start(cls, violation: float) -> Filter:
+        """Filter for a first iterate of the given violation."""
+        scale = max(1.0, violation)
+        return cls(most_violation=10.0 * scale, least_violation=1e-4 * scale)
+
+    def accepts(self, before: Any, trial: Any, slope: float, length: float) -> tuple[bool, bool]:
+        """Whether a trial is accepted, and whether for the decrease of its cost (else the filter has to grow).
+
+        Parameters
+        ----------
+        before, trial : records with `cost` and `violation`
+            The iterate and the moved one.
+        slope : float
+            Directional derivative of the cost.
+        length : float
+            Step length.
+        """
+        if not trial.finite or trial.violation > self.most_violation:
+            return False, False
+        if any(trial.violation >= violation and trial.cost >= cost for violation, cost in self.entries):
+            return False, False
+        slack = _ROUND_OFF * abs(before.cost)
+        if self._is_descent(before.violation, slope, length):
+            return trial.cost <= before.cost + _ARMIJO * length * slope + slack, True
+        both_feasible = before.violation < _FEASIBLE and trial.violation < _FEASIBLE
+        return (
+            trial.violation <= (1 - _MARGIN) * before.violation
+            or trial.cost <= before.cost - _MARGIN * before.violation + slack
+            or (both_feasible and trial.cost <= before.cost + 10 * slack)
+        ), False
+
+    def grown(self, before: Any) -> Filter:
+        """Filter that also forbids going back to `before`."""
+        corner = ((1 - _MARGIN) * before.violation, before.cost - _MARGIN * before.violation)
+        return Filter((*self.entries, corner), self.most_violation, self.least_violation)
+
+    def _is_descent(self, violation: float, slope: float, length: float) -> bool:
+        return (
+            violation <= self.least_violation
+            and slope < 0
+            and length * (-slope) ** _SLOPE_POWER > violation**_VIOLATION_POWER
+        )

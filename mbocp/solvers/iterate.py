@@ -1,0 +1,83 @@
+"""An iterate of a stagewise programme: primal unknowns and multipliers, in the programme's own scaling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import DimensionMismatch
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["Iterate", "zero_multipliers"]
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Unknowns of a programme with stages of one size.
+
+    Attributes
+    ----------
+    xs : ndarray, shape (N + 1, nx)
+        States.
+    ys : ndarray, shape (N, ny)
+        Algebraic unknowns of each step.
+    us : ndarray, shape (N, nu)
+        Controls.
+    ms : ndarray, shape (N, ndx + ny)
+        Multipliers of each step's rows.
+    eta : ndarray, shape (ng,)
+        Multiplier of the end condition.
+    """
+
+    xs: Array
+    ys: Array
+    us: Array
+    ms: Array
+    eta: Array
+
+    def __post_init__(self) -> None:
+        for name in ("xs", "ys", "us", "ms", "eta"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+
+    def check(self, programme: StagewiseProgramme) -> None:
+        """Raise DimensionMismatch unless the shapes are those of `programme`."""
+        N, kind = programme.num_steps, programme.kinds[0]
+        expected = {
+            "xs": (N + 1, kind.nx),
+            "ys": (N, kind.ny),
+            "us": (N, kind.nu),
+            "ms": (N, kind.ndx + kind.ny),
+            "eta": (programme.ng,),
+        }
+        for name, shape in expected.items():
+            got = getattr(self, name).shape
+            if got != shape:
+                raise DimensionMismatch(f"iterate.{name}", got=got, expected=shape)
+
+    def load_into(self, native: Any) -> None:
+        """Write the iterate into a kernel programme."""
+        native.x, native.y, native.u = self.xs.ravel(), self.ys.ravel(), self.us.ravel()
+        native.m, native.eta = self.ms.ravel(), self.eta
+
+    @classmethod
+    def read_from(cls, native: Any, programme: StagewiseProgramme) -> Iterate:
+        """Copy the iterate of a kernel programme."""
+        N, kind = programme.num_steps, programme.kinds[0]
+        return cls(
+            xs=native.x.reshape(N + 1, kind.nx),
+            ys=native.y.reshape(N, kind.ny),
+            us=native.u.reshape(N, kind.nu),
+            ms=native.m.reshape(N, kind.ndx + kind.ny),
+            eta=native.eta,
+        )
+
+
+def zero_multipliers(programme: StagewiseProgramme, xs: Array, ys: Array, us: Array) -> Iterate:
+    """Iterate with mu = zeta = eta = 0, the start of the paper's monolithic runs."""
+    kind = programme.kinds[0]
+    return Iterate(
+        xs=xs, ys=ys, us=us, ms=np.zeros((programme.num_steps, kind.ndx + kind.ny)), eta=np.zeros(programme.ng)
+    )

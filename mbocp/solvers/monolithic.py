@@ -1,0 +1,171 @@
+r"""Monolithic Newton: all optimality conditions of all steps as one system, section 5.1 of [Bijalwan2025]_.
+
+`PureNewton` is the paper's iteration, eq. (23). `GlobalisedNewton` takes the same steps near a minimum, and makes
+sure that it gets there:
+
+- *Inertia.* A step leads towards a minimum when the KKT matrix has exactly as many negative eigenvalues as
+  constraints. The structured factorisation counts them for nothing. Where they are too many, the Hessian in the
+  states is shifted by a growing multiple of the identity.
+- *Filter line search.* A step is halved until it improves feasibility or cost without going back to anything worse
+  in both. A full step that is refused is given one second-order correction. Where halving does not help, the shift
+  grows instead, which bends the step towards one that changes the states least; after a good step it shrinks again.
+
+Tried on random rest-to-rest motions of arms without any velocity weight, where pure Newton fails: shifting controls
+instead of states, Gauss-Newton in place of a shift, and an l1 merit function instead of the filter all fail in a
+quarter of the cases or more; this combination solved all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.newton import NewtonState, advanced, end_of, factorise, start
+from mbocp.solvers.records import Status
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["GlobalisedNewton", "PureNewton"]
+
+_FIRST_SHIFT = 1e-3  # in units of the running cost's weight of a step
+_GROWTH, _SHRINKAGE = 8.0, 5.0
+_LARGEST_SHIFT = 1e10
+_GOOD_STEP = 0.2  # step length after which the shift shrinks
+_SHORTEST_STEP = 0.02  # below it a larger shift is tried first ...
+_PATIENCE = 3  # ... this many times; then
+_LAST_RESORT_STEP = 1e-9  # the step may become as short as this
+
+
+@dataclass(frozen=True)
+class PureNewton:
+    """Newton's method without safeguards, eq. (23): it may go to any stationary point, or nowhere.
+
+    Attributes
+    ----------
+    tolerance : float
+        Of the residual and of the increment, both Euclidean norms.
+    max_iterations : int
+        Newton steps before it gives up.
+    """
+
+    tolerance: float = 1e-9
+    max_iterations: int = 200
+    name: str = "monolithic (pure Newton)"
+
+    def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
+        """State at an iterate."""
+        return start(programme, iterate)
+
+    def step(self, state: NewtonState) -> NewtonState:
+        """Eq. (23)."""
+        native = state.native
+        factorisation, augmentation = factorise(state)
+        if not factorisation.ok:
+            return replace(state, failure=Status.SINGULAR, failed_stage=factorisation.bad_stage)
+        direction = native.solve()
+        if not direction.finite:
+            return replace(state, failure=Status.DIVERGED)
+        native.move(1.0)
+        native.accept(1.0)
+        return advanced(
+            state,
+            native.evaluate(),
+            direction.increment,
+            step_length=1.0,
+            augmentation=augmentation,
+            at_minimum=factorisation.negative == len(native.eta),
+        )
+
+    def terminate(self, state: NewtonState) -> Status | None:
+        """Residual and increment both below the tolerance."""
+        return end_of(state, self.tolerance, self.max_iterations)
+
+
+@dataclass(frozen=True)
+class GlobalisedNewton:
+    """Newton's method with inertia correction and a filter line search.
+
+    Attributes
+    ----------
+    tolerance : float
+        Of the residual and of the increment, both Euclidean norms.
+    max_iterations : int
+        Newton steps before it gives up.
+    control_weight : float
+        Unit of the shift: the running cost's weight of one control over one step.
+    """
+
+    tolerance: float = 1e-9
+    max_iterations: int = 200
+    control_weight: float = 1.0
+    name: str = "monolithic (Newton, inertia correction, filter line search)"
+
+    def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
+        """State at an iterate."""
+        return start(programme, iterate)
+
+    def step(self, state: NewtonState) -> NewtonState:
+        """One accepted step, with the smallest shift found that allows one."""
+        native, shift, attempts = state.native, state.shift, 0
+        while True:
+            factorisation, augmentation = factorise(state, shift * self.control_weight)
+            admissible = factorisation.ok and factorisation.negative == len(native.eta)
+            direction = native.solve() if admissible else None
+            if direction is not None and direction.finite:
+                shortest = _SHORTEST_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP
+                found = _search(state, direction, shortest)
+                if found is not None:
+                    break
+                if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
+                    return replace(state, increment=direction.increment)  # round-off hides any decrease
+            attempts += 1
+            shift = max(_GROWTH * shift, _FIRST_SHIFT)
+            if shift > _LARGEST_SHIFT:
+                failure = Status.LINE_SEARCH_FAILED if admissible else Status.SINGULAR
+                return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
+        length, by_cost = found
+        before = state.evaluation
+        native.accept(length)
+        return advanced(
+            state,
+            native.evaluate(),
+            direction.increment,
+            length,
+            augmentation=augmentation,
+            regularisation=shift,
+            shift=_next_shift(shift, length),
+            filter=state.filter if by_cost else state.filter.grown(before),
+            at_minimum=shift == 0.0,
+        )
+
+    def terminate(self, state: NewtonState) -> Status | None:
+        """Residual and increment both below the tolerance."""
+        return end_of(state, self.tolerance, self.max_iterations)
+
+
+def _next_shift(shift: float, length: float) -> float:
+    if length < _GOOD_STEP:
+        return 2.0 * max(shift, _FIRST_SHIFT)
+    return shift / _SHRINKAGE if shift / _SHRINKAGE > _FIRST_SHIFT else 0.0
+
+
+def _search(state: NewtonState, direction: Any, shortest: float) -> tuple[float, bool] | None:
+    """Step length that the filter accepts and whether for its cost, or None; the kernel holds the moved iterate."""
+    native, before = state.native, state.evaluation
+
+    def verdict(trial: Any, length: float) -> tuple[bool, bool]:
+        return state.filter.accepts(before, trial, direction.cost_slope, length)
+
+    length = 1.0
+    while length >= shortest:
+        trial = native.trial(length)
+        accepted, by_cost = verdict(trial, length)
+        if not accepted and length == 1.0 and trial.finite and trial.violation >= before.violation:
+            native.correct(1.0)  # the corrected direction replaces the plain one in the kernel ...
+            accepted, by_cost = verdict(native.trial(1.0), 1.0)
+            if not accepted:
+                native.solve()  # ... which has to be had again when that does not help
+        if accepted:
+            return length, by_cost
+        length *= 0.5
+    return None

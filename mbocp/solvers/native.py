@@ -1,0 +1,80 @@
+"""The native kernel, and a kernel programme made from a stagewise programme."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbocp.exceptions import NativeMismatch
+from mbocp.transcription import StagewiseProgramme
+from mbocp.transcription.compilation import CompiledFunctions
+
+__all__ = ["kernel", "kernel_programme"]
+
+
+@cache
+def kernel() -> Any:
+    """The kernel module: the AVX2 build where the processor has it, else the portable one."""
+    try:
+        from mbocp._native import _kernel
+    except ImportError as error:
+        raise NativeMismatch(
+            f"the native kernel cannot be loaded ({error}); build it with `make` or `pip install .`"
+        ) from error
+    if _has_avx2():
+        try:
+            from mbocp._native import _kernel_avx2
+        except ImportError:  # other processor families are built without it
+            return _kernel
+        return _kernel_avx2
+    return _kernel
+
+
+def _has_avx2() -> bool:
+    try:
+        flags = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    line = next((text for text in flags.splitlines() if text.startswith("flags")), "")
+    return {"avx2", "fma"} <= set(line.split())
+
+
+def kernel_programme(programme: StagewiseProgramme) -> Any:
+    """Kernel programme with the functions, dimensions and parameters of `programme`; the iterate is all zeros."""
+    native = kernel()
+
+    def function(name: str) -> Any:
+        return _stage_function(native, programme.functions, name)
+
+    kinds = [
+        native.Kind(
+            nx=k.nx,
+            ndx=k.ndx,
+            ny=k.ny,
+            nu=k.nu,
+            nr=k.nr,
+            values=function("values"),
+            jacobian=function("jacobian"),
+            complete=function("complete"),
+            scale_c=np.ascontiguousarray(k.scale_c),
+            scale_y=np.ascontiguousarray(k.scale_y),
+            scale_m=np.ascontiguousarray(k.scale_m),
+            scale_ru=np.ascontiguousarray(k.scale_ru),
+        )
+        for k in programme.kinds
+    ]
+    terminal = native.Terminal(
+        ng=programme.ng, values=function("terminal_values"), complete=function("terminal_complete")
+    )
+    made = native.Programme(kinds, list(programme.stage_kind), terminal, function("retract"))
+    made.set_parameters(programme.theta, programme.rho, programme.rho_terminal)
+    return made
+
+
+def _stage_function(native: Any, functions: CompiledFunctions, name: str) -> Any:
+    if functions.library is not None:
+        return native.StageFunction.from_library(str(functions.library), name)
+    return native.StageFunction.from_string(functions.serialised[name])

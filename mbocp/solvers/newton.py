@@ -1,0 +1,127 @@
+"""What the Newton solvers share: their state, its start, its progress and its end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+from mbocp.solvers.filter import Filter
+from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.native import kernel_programme
+from mbocp.solvers.records import Status
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["NewtonState", "Solver", "advanced", "end_of", "factorise", "start"]
+
+_LEAST_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
+_MOST_AUGMENTATION = 1e12
+
+
+@dataclass(frozen=True)
+class NewtonState:
+    """Where Newton's method stands.
+
+    Attributes
+    ----------
+    native : kernel programme
+        Holds the iterate.
+    evaluation : kernel Evaluation
+        Residuals and cost at the iterate.
+    iteration : int
+        Newton steps taken.
+    increment, step_length, regularisation : float
+        Of the last step.
+    augmentation : float
+        Weight rho of the end condition inside the factorisation; changes no solution, only its conditioning.
+    shift : float
+        Where the search for an admissible shift of the state Hessian begins; 0: the plain Hessian.
+    filter : Filter
+        Of the line search.
+    at_minimum : bool
+        Whether the last KKT matrix had a minimum's inertia without any shift.
+    failure : Status or None
+        Why no step could be taken.
+    failed_stage : int
+        Where, for a singular system; num_steps: the end condition.
+    """
+
+    native: Any
+    evaluation: Any
+    iteration: int = 0
+    increment: float = math.inf
+    step_length: float = math.nan
+    regularisation: float = 0.0
+    augmentation: float = 0.0
+    shift: float = 0.0
+    filter: Filter = Filter()
+    at_minimum: bool = False
+    failure: Status | None = None
+    failed_stage: int = -1
+
+
+class Solver(Protocol):
+    """A method as three steps on an explicit state."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in output."""
+
+    def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
+        """State at an iterate."""
+
+    def step(self, state: NewtonState) -> NewtonState:
+        """One iteration further."""
+
+    def terminate(self, state: NewtonState) -> Status | None:
+        """How it ended, or None to go on."""
+
+
+def start(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
+    """State at an iterate, with its functions and derivatives evaluated."""
+    iterate.check(programme)
+    native = kernel_programme(programme)
+    iterate.load_into(native)
+    evaluation = native.evaluate()
+    weight = programme.control_weight / programme.dt
+    return NewtonState(
+        native,
+        evaluation,
+        augmentation=10.0 * weight if programme.ng else 0.0,
+        filter=Filter.start(evaluation.violation),
+        failure=None if evaluation.finite else Status.DIVERGED,
+    )
+
+
+def factorise(state: NewtonState, regularise_x: float = 0.0) -> tuple[Any, float]:
+    """Factorisation with the end condition augmented as far as its conditioning asks for, and that weight."""
+    augmentation = state.augmentation
+    while True:
+        result = state.native.factorise(0.0, regularise_x, augmentation)
+        end_is_singular = result.bad_stage == state.native.num_stages
+        ill_conditioned = result.ok and result.end_condition < _LEAST_END_CONDITION
+        if not (end_is_singular or ill_conditioned) or augmentation == 0 or augmentation >= _MOST_AUGMENTATION:
+            return result, augmentation
+        augmentation *= 100.0
+
+
+def advanced(state: NewtonState, evaluation: Any, increment: float, step_length: float, **changes: Any) -> NewtonState:
+    """State after a step."""
+    return replace(
+        state,
+        evaluation=evaluation,
+        iteration=state.iteration + 1,
+        increment=increment,
+        step_length=step_length,
+        failure=None if evaluation.finite else Status.DIVERGED,
+        **changes,
+    )
+
+
+def end_of(state: NewtonState, tolerance: float, max_iterations: int) -> Status | None:
+    """Converged when residual and increment are both below the tolerance, as in section 5.1."""
+    if state.failure is not None:
+        return state.failure
+    if state.evaluation.residual <= tolerance and state.increment <= tolerance:
+        return Status.CONVERGED
+    return Status.MAX_ITERATIONS if state.iteration >= max_iterations else None

@@ -1,0 +1,79 @@
+"""What a solver reports: how it ended, and one record an iteration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+__all__ = ["IterationRecord", "Phase", "Status"]
+
+
+class Status(str, Enum):
+    """How a solve ended; the advice that goes with it says what to do."""
+
+    CONVERGED = "converged"
+    MAX_ITERATIONS = "max_iterations"
+    LINE_SEARCH_FAILED = "line_search_failed"
+    SINGULAR = "singular"
+    DIVERGED = "diverged"
+    INTERRUPTED = "interrupted"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One phase of a solve: compile, guess, or a stage of the solver.
+
+    Attributes
+    ----------
+    name : str
+    iterations : int
+        Iterations of this phase; 0 where there are none.
+    wall_time_s : float
+        Duration [s].
+    """
+
+    name: str
+    iterations: int
+    wall_time_s: float
+
+
+@dataclass(frozen=True)
+class IterationRecord:
+    """One iteration of a solver; NaN where the solver has no such number.
+
+    Attributes
+    ----------
+    iteration : int
+        Counts from 1; 0 is the guess.
+    residual : float
+        Euclidean norm of the optimality conditions, r_w, after the iteration.
+    increment : float
+        Euclidean norm of the Newton step in all unknowns.
+    cost : float
+        Objective J, eq. (7).
+    step_length : float
+        Fraction of the Newton step that was taken.
+    primal, dual : float
+        Norms of the state equations with the end condition, and of the stationarity conditions.
+    regularisation : float
+        What was added to the Hessian's control diagonal, relative to the control's weight; infinite for Gauss-Newton.
+    wall_time_s : float
+        Duration of the iteration [s].
+    phase : str
+        Name of the phase that it belongs to.
+    """
+
+    iteration: int
+    residual: float
+    increment: float = math.nan
+    cost: float = math.nan
+    step_length: float = math.nan
+    primal: float = math.nan
+    dual: float = math.nan
+    regularisation: float = 0.0
+    wall_time_s: float = math.nan
+    phase: str = ""

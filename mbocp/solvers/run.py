@@ -1,0 +1,130 @@
+"""Drive a solver from an iterate to its end: records, interruption, the best iterate, advice."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.newton import NewtonState, Solver
+from mbocp.solvers.records import IterationRecord, Status
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["Callback", "SolverResult", "run"]
+
+Callback = Callable[[IterationRecord], object]
+
+
+@dataclass(frozen=True)
+class SolverResult:
+    """End of a solver run.
+
+    Attributes
+    ----------
+    status : Status
+    advice : str
+        What the status means here, and what to do.
+    iterate : Iterate
+        The last iterate, or the best one if the run did not converge.
+    history : tuple of IterationRecord
+        From the guess (iteration 0) on.
+    """
+
+    status: Status
+    advice: str
+    iterate: Iterate
+    history: tuple[IterationRecord, ...]
+
+    @property
+    def last(self) -> IterationRecord:
+        """Record of the iterate."""
+        return self.history[-1]
+
+
+def run(
+    solver: Solver, programme: StagewiseProgramme, iterate: Iterate, callback: Callback | None = None, phase: str = ""
+) -> SolverResult:
+    """Iterate until the solver ends or somebody presses Ctrl-C; the callback sees every record.
+
+    Without convergence the iterate with the smallest residual is returned, unless the last one is it.
+    """
+    clock = time.perf_counter()
+    state = solver.init(programme, iterate)
+    history = [_record(state, phase, time.perf_counter() - clock)]
+    best, best_residual = iterate, history[0].residual
+    status: Status | None = None
+    try:
+        if callback:
+            callback(history[0])
+        while (status := solver.terminate(state)) is None:
+            clock = time.perf_counter()
+            state = solver.step(state)
+            if state.iteration == history[-1].iteration:
+                continue  # no step was taken; `terminate` knows why
+            record = _record(state, phase, time.perf_counter() - clock)
+            history.append(record)
+            if record.residual < best_residual and state.iteration % 10 == 0:
+                best, best_residual = Iterate.read_from(state.native, programme), record.residual
+            if callback:
+                callback(record)
+    except KeyboardInterrupt:
+        status = Status.INTERRUPTED
+    residual = history[-1].residual
+    if status is Status.CONVERGED or (math.isfinite(residual) and residual <= best_residual):
+        best = Iterate.read_from(state.native, programme)
+    return SolverResult(status, _advice(status, state, programme), best, tuple(history))
+
+
+def _record(state: NewtonState, phase: str, seconds: float) -> IterationRecord:
+    e = state.evaluation
+    return IterationRecord(
+        iteration=state.iteration,
+        residual=e.residual,
+        increment=state.increment if state.iteration else math.nan,
+        cost=e.cost,
+        step_length=state.step_length,
+        primal=e.primal,
+        dual=e.dual,
+        regularisation=state.regularisation,
+        wall_time_s=seconds,
+        phase=phase,
+    )
+
+
+def _advice(status: Status, state: NewtonState, programme: StagewiseProgramme) -> str:
+    e = state.evaluation
+    worst = f"largest violation: {programme.describe_row(e.worst_stage, e.worst_row)} ({e.worst:.1e})"
+    if status is Status.CONVERGED:
+        if state.at_minimum:
+            return "a strict local minimum: residual and increment are below the tolerance"
+        return (
+            "a stationary point, but not a strict minimum: the Hessian is indefinite or singular there; start from "
+            'another guess, or use globalisation = "default"'
+        )
+    if status is Status.SINGULAR:
+        return f"the linear system is singular {_place(state, programme)}; {worst}"
+    texts = {
+        Status.MAX_ITERATIONS: f"not converged in {state.iteration} iterations (residual {e.residual:.1e}); raise "
+        "solver.max_iterations, take more steps or a longer duration, or start from a better guess",
+        Status.LINE_SEARCH_FAILED: f"no step makes progress any more (residual {e.residual:.1e}): the goal may be out "
+        "of reach in this time, or the guess too far; try a longer duration, another guess, or goal.enforce = "
+        '"penalty"',
+        Status.DIVERGED: 'the iterates left the finite numbers; use globalisation = "default", a shorter step or a '
+        "better guess",
+        Status.INTERRUPTED: f"interrupted after {state.iteration} iterations; this is the best iterate so far",
+    }
+    return f"{texts[status]}; {worst}"
+
+
+def _place(state: NewtonState, programme: StagewiseProgramme) -> str:
+    if state.failed_stage == programme.num_steps:
+        return (
+            "in the end condition: its rows depend on each other or cannot be reached by the controls; enforce fewer "
+            'components, or goal.enforce = "penalty"'
+        )
+    if state.failed_stage >= 0:
+        when = (state.failed_stage + 1) * programme.dt
+        return f"in the step to t = {when:g} s: a singular mass matrix, redundant constraints, or no cost on a control"
+    return "and has not the inertia of a minimum for any shift"

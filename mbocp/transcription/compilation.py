@@ -1,0 +1,173 @@
+"""Stage functions as machine code, compiled once per problem shape and cached on disk.
+
+An entry is one shared library with a checksum behind it, written under a temporary name and moved into place, so
+that several processes can fill the cache at once and a torn or foreign file is noticed and rebuilt. Without a C
+compiler the functions run in CasADi's virtual machine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import stat
+import subprocess
+import tempfile
+import warnings
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+
+from mbocp.exceptions import CompilationError
+
+__all__ = ["CompiledFunctions", "NoCompilerWarning", "cache_folder", "compiler", "load_functions"]
+
+_FLAGS = ("-O1", "-fno-math-errno", "-fPIC", "-shared", "-w")
+_MAGIC = b"mbocp-stage-1:"  # then the SHA-256 of all that stands before it
+_TRAILER = len(_MAGIC) + 64
+
+
+class NoCompilerWarning(UserWarning):
+    """No C compiler at run time: stage functions are interpreted, about fifteen times slower."""
+
+
+class CompiledFunctions:
+    """Where the functions of one shape are to be had: a shared library, or serialised CasADi functions.
+
+    Attributes
+    ----------
+    library : Path or None
+        The shared library.
+    serialised : Mapping[str, str]
+        CasADi's text of each function, when there is no library.
+    compiled_now : bool
+        Whether this call had to compile.
+    """
+
+    def __init__(self, library: Path | None, serialised: Mapping[str, str], compiled_now: bool) -> None:
+        self.library, self.serialised, self.compiled_now = library, dict(serialised), compiled_now
+
+
+def compiler() -> str | None:
+    """Path of the C compiler that is used: $CC, else cc, gcc or clang; None when there is none."""
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        found = shutil.which(name) if name else None
+        if found:
+            return found
+    return None
+
+
+def cache_folder() -> Path:
+    """Folder of compiled stage functions: $MBOCP_CACHE_DIR, else $XDG_CACHE_HOME/mbocp, else ~/.cache/mbocp.
+
+    The folder is created for the user alone; one that somebody else owns or may write to is not used, since its
+    content is loaded as code: a private temporary folder takes its place for this process.
+    """
+    named = os.environ.get("MBOCP_CACHE_DIR")
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mbocp"
+    folder = (Path(named) if named else base) / "stages"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        state = folder.stat()
+        trusted = state.st_uid == os.getuid() and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        reason = "somebody else may write to it"
+    except OSError as error:
+        trusted, reason = False, str(error)
+    return folder if trusted else _private_folder(str(folder), reason)
+
+
+@cache
+def _private_folder(folder: str, reason: str) -> Path:
+    warnings.warn(
+        f"the cache of compiled functions {folder} is not used: {reason}; mend it (chmod 700, owner) or set "
+        "MBOCP_CACHE_DIR. Compiling into a temporary folder.",
+        RuntimeWarning,
+        stacklevel=3,
+    )
+    return Path(tempfile.mkdtemp(prefix="mbocp-"))
+
+
+def load_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> CompiledFunctions:
+    """Functions of the shape `key`, from the cache or compiled now.
+
+    Parameters
+    ----------
+    key : str
+        Text that stands for everything the functions depend on.
+    build : callable
+        Gives the CasADi functions by name; only called when the cache has no sound entry.
+
+    Raises
+    ------
+    CompilationError
+        If the compiler refuses the generated code.
+    """
+    material = "\n".join([key, _sources_digest(), ca.__version__, platform.machine(), " ".join(_FLAGS)])
+    digest = hashlib.sha256(material.encode()).hexdigest()[:32]
+    folder = cache_folder()
+    library = folder / f"{digest}.so"
+    if _is_sound(library):
+        return CompiledFunctions(library, {}, compiled_now=False)
+    cc = compiler()
+    if cc is None:
+        _warn_no_compiler()
+        return CompiledFunctions(None, {name: f.serialize() for name, f in build().items()}, compiled_now=False)
+    _compile(cc, build(), library)
+    return CompiledFunctions(library, {}, compiled_now=True)
+
+
+@cache
+def _warn_no_compiler() -> None:
+    warnings.warn(
+        "no C compiler found: stage functions are interpreted, about fifteen times slower; install gcc "
+        "(Debian: apt install gcc) or set CC",
+        NoCompilerWarning,
+        stacklevel=2,
+    )
+
+
+@cache
+def _sources_digest() -> str:
+    """Digest of the modules that write the stage functions: a change in them makes old entries stale."""
+    root = Path(__file__).parent.parent
+    digest = hashlib.sha256()
+    for package in ("mechanics", "integrators", "transcription", "symbolic"):
+        for source in sorted((root / package).glob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def _is_sound(library: Path) -> bool:
+    try:
+        content = library.read_bytes()
+        foreign = library.stat().st_uid != os.getuid()
+    except OSError:
+        return False
+    body, trailer = content[:-_TRAILER], content[-_TRAILER:]
+    expected = _MAGIC + hashlib.sha256(body).hexdigest().encode()
+    return not foreign and trailer == expected
+
+
+def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path) -> None:
+    with tempfile.TemporaryDirectory(dir=library.parent, prefix="build-") as scratch:
+        generator = ca.CodeGenerator("stage.c")
+        for function in functions.values():
+            generator.add(function)
+        generator.generate(scratch + os.sep)
+        built = Path(scratch) / "stage.so"
+        command = [cc, *_FLAGS, "-o", str(built), str(Path(scratch) / "stage.c"), "-lm"]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+        except OSError as error:
+            raise CompilationError(f"cannot run the C compiler {cc}: {error}; set CC to one that works") from error
+        if done.returncode != 0:
+            raise CompilationError(
+                f"the C compiler {cc} failed on generated stage functions (exit {done.returncode}); set CC to another "
+                f"compiler, or CC= with none on PATH to interpret them. It said:\n{done.stderr[-2000:]}"
+            )
+        body = built.read_bytes()
+        built.write_bytes(body + _MAGIC + hashlib.sha256(body).hexdigest().encode())
+        os.replace(built, library)
