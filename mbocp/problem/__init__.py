@@ -1,0 +1,21 @@
+"""The optimal control problem, from Python or from a file."""
+
+from mbocp.problem.cost import Cost
+from mbocp.problem.goal import Goal
+from mbocp.problem.guess import Guess
+from mbocp.problem.load import load_problem, parse_problem
+from mbocp.problem.options import SolverOptions
+from mbocp.problem.problem import Problem, ProblemWarning
+from mbocp.problem.write import problem_to_toml
+
+__all__ = [
+    "Cost",
+    "Goal",
+    "Guess",
+    "Problem",
+    "ProblemWarning",
+    "SolverOptions",
+    "load_problem",
+    "parse_problem",
+    "problem_to_toml",
+]

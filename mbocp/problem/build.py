@@ -1,0 +1,255 @@
+"""From the tables of a problem file, or the words of `Problem.create`, to a `Problem`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.exceptions import ProblemError
+from mbocp.problem.cost import Cost
+from mbocp.problem.goal import Goal
+from mbocp.problem.guess import Guess
+from mbocp.problem.messages import in_file, located, schema_error
+from mbocp.problem.named import configuration_from, control_from, tangent_from, weights_from
+from mbocp.problem.options import SolverOptions
+from mbocp.problem.overrides import plain
+from mbocp.problem.problem import Problem
+from mbocp.problem.schema import (
+    CostTable,
+    GoalTable,
+    GuessTable,
+    ProblemTable,
+    RobotTable,
+    StartTable,
+    WeightsTable,
+)
+from mbocp.problem.target import read_target
+from mbocp.robot import Robot, load_robot
+
+__all__ = ["problem_from_tables"]
+
+
+def problem_from_tables(
+    document: Mapping[str, Any],
+    *,
+    robot: Robot | str | Path | Mapping[str, Any] | None = None,
+    source: Path | None = None,
+    label: str = "problem",
+    name: str = "",
+) -> Problem:
+    """Validate the tables and make the problem.
+
+    Parameters
+    ----------
+    document : mapping
+        The parsed file.
+    robot : Robot, str, Path or mapping, optional
+        Takes the place of the key `robot`.
+    source : Path, optional
+        The file; relative paths are relative to its folder.
+    label : str
+        What errors call the file.
+    name : str
+        Name of the problem; default: the stem of the file.
+    """
+    document = plain(document)
+    if robot is not None:
+        document["robot"] = "" if isinstance(robot, Robot) else plain(robot)
+    try:
+        table = ProblemTable.model_validate(document)
+    except ValidationError as error:
+        raise schema_error(label, ProblemTable, error) from error
+    folder = source.parent if source is not None else Path()
+    with in_file(label):
+        loaded = robot if isinstance(robot, Robot) else _robot(table.robot, folder)
+        return _problem(table, loaded, folder, source, name or (source.stem if source else "problem"))
+
+
+def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | None, name: str) -> Problem:
+    q_start, v_start = _start(table.start, robot)
+    goal = _goal(table.goal, robot, q_start)
+    duration, num_steps = table.horizon.duration, table.horizon.steps
+    solver = table.solver
+    return Problem(
+        cost=_cost(table.cost, robot, goal, folder, duration, num_steps),
+        duration=duration,
+        num_steps=num_steps,
+        robot=robot,
+        coordinates=table.coordinates,  # type: ignore[arg-type]  # checked by the class
+        scheme=table.integrator.scheme,  # type: ignore[arg-type]
+        goal=goal,
+        q_start=q_start,
+        v_start=v_start,
+        guess=_guess(table.guess, robot, folder),
+        solver=SolverOptions(
+            method=solver.method,
+            globalisation=solver.globalisation,  # type: ignore[arg-type]
+            tolerance=solver.tolerance,
+            max_iterations=solver.max_iterations,
+        ),
+        source=source,
+        name=name,
+    )
+
+
+def _robot(table: RobotTable, folder: Path) -> Robot:
+    options = table.model_dump(exclude={"name"}, exclude_none=True)
+    spec = folder / table.name
+    if table.package_dirs is not None:
+        options["package_dirs"] = [folder / entry for entry in table.package_dirs]
+    with located("robot"):
+        return load_robot(spec if spec.exists() and _is_path(table.name) else table.name, **options)
+
+
+def _is_path(name: str) -> bool:
+    return "/" in name or Path(name).suffix in (".toml", ".urdf")
+
+
+def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
+    q: Array = np.array(robot.q0)
+    if table.q is not None:
+        with located("start.q"):
+            q, _ = configuration_from(robot, table.q, robot.q0, "start.q")
+            q = np.array(robot.normalise(q, name="start.q"))
+    if table.v is not None and table.p is not None:
+        raise ProblemError("start: give v or p, not both")
+    if table.p is not None:
+        p, _ = _tangent(robot, table.p, "start.p")
+        return q, np.array(robot.velocity_from_momentum(q, p))
+    v = _tangent(robot, table.v, "start.v")[0] if table.v is not None else np.zeros(robot.nv)
+    return q, v
+
+
+def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
+    q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
+    value, rate_active = np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
+    if table.q is not None:
+        with located("goal.q"):
+            q, q_active = configuration_from(robot, table.q, q_start, "goal.q")
+            q = np.array(robot.normalise(q, name="goal.q"))
+    if table.v is not None and table.p is not None:
+        raise ProblemError("goal: give v or p, not both")
+    rate = "v" if table.v is not None else "p"
+    written = table.v if table.v is not None else table.p
+    if written is not None:
+        value, rate_active = _tangent(robot, written, f"goal.{rate}")
+    given = table.q is not None or written is not None
+    enforce = table.enforce if table.enforce is not None else ("exact" if given else "none")
+    return Goal(
+        q=q,
+        q_active=q_active,
+        rate=rate,  # type: ignore[arg-type]
+        value=value,
+        rate_active=rate_active,
+        enforce=enforce,  # type: ignore[arg-type]  # checked by the class
+    )
+
+
+def _tangent(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
+    with located(key):
+        return tangent_from(robot, written, key)
+
+
+def _cost(table: CostTable, robot: Robot, goal: Goal, folder: Path, duration: float, num_steps: int) -> Cost:
+    target_q, given_q = goal.q, goal.q_active
+    target_p, given_p = _goal_momentum(robot, goal)
+    if table.target is not None and table.target_file is not None:
+        raise ProblemError("cost: give target or target_file, not both")
+    if table.target is not None:
+        target_q, given_q = _target_rows(robot, table.target.q, "q", goal.q)
+        target_p, given_p = _target_rows(robot, table.target.p, "p", np.zeros(robot.nv))
+    elif table.target_file is not None:
+        target_q, target_p = read_target(folder / table.target_file, robot, duration, num_steps)
+        given_q = given_p = np.ones(robot.nv, dtype=np.bool_)
+    given = np.concatenate([given_q, given_p])
+    asked = np.concatenate([goal.q_active, goal.rate_active])
+    tracking_weights = _weights(robot, table.tracking_weights, given, "cost.tracking_weights")
+    terminal_weights = _weights(robot, table.terminal_weights, asked, "cost.terminal_weights")
+    if table.tracking > 0.0:
+        _check_targets(robot, tracking_weights, given, "cost.tracking_weights", "cost.target (or the goal)")
+    if table.terminal > 0.0:
+        _check_targets(robot, terminal_weights, asked, "cost.terminal_weights", "the goal")
+    return Cost(
+        effort=table.effort,
+        tracking=table.tracking,
+        tracking_weights=tracking_weights,
+        target_q=target_q,
+        target_p=target_p,
+        terminal=table.terminal,
+        terminal_weights=terminal_weights,
+    )
+
+
+def _goal_momentum(robot: Robot, goal: Goal) -> tuple[Array, BoolArray]:
+    """Return the momentum at the goal, and which components of it the goal determines."""
+    if goal.rate == "p":
+        return goal.value, goal.rate_active
+    if goal.q_active.all() and goal.rate_active.all():
+        return np.array(robot.momentum(goal.q, goal.value)), goal.rate_active
+    at_rest = goal.rate_active.all() and not goal.value.any()  # then p = 0, whatever q
+    return np.zeros(robot.nv), np.full(robot.nv, at_rest)
+
+
+def _target_rows(robot: Robot, written: Any, letter: str, base: Array) -> tuple[Array, BoolArray]:
+    """Return a target, one row or one for each step, and which directions of it were written."""
+    key = f"cost.target.{letter}"
+    if written is None:
+        return base, np.zeros(robot.nv, dtype=np.bool_)
+    is_trajectory = isinstance(written, list) and written and isinstance(written[0], list)
+    rows, active = [], np.ones(robot.nv, dtype=np.bool_)
+    with located(key):
+        for row in written if is_trajectory else [written]:
+            if letter == "q":
+                q, active = configuration_from(robot, row, base, key)
+                rows.append(robot.normalise(q, name=key))
+            else:
+                p, active = tangent_from(robot, row, key)
+                rows.append(p)
+    return (np.array(rows) if is_trajectory else np.array(rows[0])), active
+
+
+def _weights(robot: Robot, table: WeightsTable | None, default: BoolArray, key: str) -> Array:
+    if table is None:
+        return np.asarray(default, dtype=np.float64)
+    with located(key):
+        if table.qp is not None:
+            return np.array(table.qp)
+        parts = [
+            weights_from(robot, part, f"{key}.{letter}") if part is not None else np.zeros(robot.nv)
+            for letter, part in (("q", table.q), ("p", table.p))
+        ]
+        return np.concatenate(parts)
+
+
+def _check_targets(robot: Robot, weights: Array, given: BoolArray, key: str, source: str) -> None:
+    """Refuse a weight on something that no target says."""
+    if weights.shape != given.shape:
+        return  # the class says what is wrong with the length
+    missing = np.flatnonzero((weights != 0.0) & ~given)
+    if missing.size:
+        index = int(missing[0])
+        labels = [*robot.v_labels, *robot.p_labels]
+        part = "q" if index < robot.nv else "p"
+        raise ProblemError(
+            f"{key}[{index}]: got {weights[index]:g} on {part} of {labels[index].name!r}, but {source} does "
+            f"not say {part} there; add it, or set the weight to 0"
+        )
+    if not weights.any():
+        raise ProblemError(f"{key}: all weights are 0, expected at least one above 0")
+
+
+def _guess(table: GuessTable, robot: Robot, folder: Path) -> Guess:
+    """Make the guess; a `kind` that is written leaves the other kinds' keys unused (`--set guess.kind=`)."""
+    kind = table.kind
+    if kind is None:
+        kind = "control" if table.u is not None else "solution" if table.file is not None else "auto"
+    u = control_from(robot, table.u, "guess.u") if table.u is not None and kind == "control" else None
+    path = folder / table.file if table.file is not None and kind == "solution" else None
+    if path is not None and not path.is_file():
+        raise ProblemError(f"guess.file: no such file {str(path)!r}")
+    return Guess(kind=kind, u=u, path=path)  # type: ignore[arg-type]  # checked by the class

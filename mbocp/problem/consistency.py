@@ -1,0 +1,145 @@
+"""Whether a state fits the robot's holonomic constraints, and whether an exact goal can be met at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
+from mbocp.problem.goal import Goal
+from mbocp.robot import Robot
+
+__all__ = [
+    "CONSISTENCY_TOLERANCE",
+    "check_end_conditions",
+    "check_goal_rate",
+    "check_position",
+    "check_velocity",
+    "complete_goal",
+]
+
+# A start typed with nine digits is accepted; one that is off by what a person can measure is not. The first
+# step of the mechanics removes what is left.
+CONSISTENCY_TOLERANCE = 1e-8  # [m^2 for a rod, and its rate in m^2/s]
+
+_RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero
+_PROJECTION_STEPS = 30  # Gauss-Newton is quadratic here: six are typical
+_ATTEMPTS = 5  # the first from where the start is, the others from around it
+
+
+def check_position(robot: Robot, q: Array, key: str) -> None:
+    """Refuse a configuration that violates a holonomic constraint."""
+    if robot.nc:
+        advice = "correct q so that the constraint holds"
+        _refuse_residual(robot, robot.constraint_residual(q), key, "m^2", advice)
+
+
+def check_velocity(robot: Robot, q: Array, v: Array, key: str) -> None:
+    """Refuse a velocity that leaves the constraint manifold."""
+    if robot.nc:
+        rate = robot.constraint_jacobian(q) @ v
+        advice = "give a velocity or momentum that is tangential to the constraint"
+        _refuse_residual(robot, rate, key, "m^2/s", advice)
+
+
+def complete_goal(robot: Robot, q: Array, active: BoolArray) -> Array:
+    """Return the goal with its free directions moved so that the constraints hold.
+
+    Gauss-Newton on Phi(q) = 0 over the tangent directions that the goal leaves free; with none of them it
+    only checks.
+
+    Raises
+    ------
+    InconsistentStart
+        If no configuration with the wanted entries meets the constraints.
+    """
+    if not robot.nc:
+        return q
+    free = np.flatnonzero(~active)
+    rng = np.random.default_rng(0)
+    completed = q
+    for attempt in range(_ATTEMPTS if free.size else 0):
+        offset = np.zeros(robot.nv)
+        offset[free] = (
+            0.1 * attempt * rng.standard_normal(free.size)
+        )  # [m, rad] away from where Phi_q is singular
+        completed = _project(robot, robot.integrate(q, offset), free)
+        if np.abs(robot.constraint_residual(completed)).max() <= CONSISTENCY_TOLERANCE:
+            break
+    check_position(robot, completed, "goal.q")
+    return completed
+
+
+def _project(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
+    """Gauss-Newton on Phi(q) = 0 in the directions `free`."""
+    for _ in range(_PROJECTION_STEPS):
+        residual = robot.constraint_residual(q)
+        if np.abs(residual).max() < 1e-14:  # [m^2] round-off of a rod of some metres
+            break
+        step = np.zeros(robot.nv)
+        dPhi_dq = robot.constraint_jacobian(q)[:, free]
+        step[free] = -np.linalg.lstsq(dPhi_dq, residual, rcond=_RANK_TOLERANCE)[0]
+        q = robot.integrate(q, step)
+    return q
+
+
+def check_goal_rate(robot: Robot, goal: Goal) -> None:
+    """Refuse an exact end velocity or momentum that no admissible motion has."""
+    if not robot.nc or not goal.rate_active.any():
+        return
+    wanted = np.flatnonzero(goal.rate_active)
+    to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
+    dPhi_dq = robot.constraint_jacobian(goal.q)
+    v = np.linalg.lstsq(to_rate[wanted], goal.value[wanted], rcond=_RANK_TOLERANCE)[0]
+    if wanted.size < robot.nv:  # the velocity nearest to the manifold among those with the wanted components
+        rows = np.vstack([to_rate[wanted], dPhi_dq])
+        v = np.linalg.lstsq(rows, np.concatenate([goal.value[wanted], np.zeros(robot.nc)]), rcond=None)[0]
+    check_velocity(robot, goal.q, v, f"goal.{goal.rate}")
+
+
+def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
+    """Return how many independent exact end conditions there are; refuse more than the controls can meet.
+
+    On a constrained system the conditions are projected on the null space P of dPhi_dq at the goal, Eq. (14),
+    which drops those that the constraint already implies: what counts is the rank of S P for the selected
+    rows S, and of S M P where they are rows of the momentum.
+    """
+    if not goal.is_exact:
+        return 0
+    P = _null_space(robot.constraint_jacobian(goal.q)) if robot.nc else np.eye(robot.nv)
+    to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
+    count = _rank(P[goal.q_active]) + _rank((to_rate @ P)[goal.rate_active])
+    available = num_steps * robot.nu
+    if count > available:
+        raise OverdeterminedGoal(
+            f"goal: {count} independent exact end conditions, but {num_steps} step{'s' * (num_steps != 1)} "
+            f"with {robot.nu} control{'s' * (robot.nu != 1)} can meet at most {available}; raise "
+            'horizon.steps, give fewer joints in the goal, or say enforce = "penalty"'
+        )
+    return count
+
+
+def _refuse_residual(robot: Robot, residual: Array, key: str, unit: str, advice: str) -> None:
+    worst = int(np.abs(residual).argmax())
+    if np.abs(residual[worst]) <= CONSISTENCY_TOLERANCE:
+        return
+    names: Sequence[str] = [label.name for label in robot.constraint_labels]
+    raise InconsistentStart(
+        f"{key}: violates constraint {names[worst]!r} of robot {robot.name!r} by {residual[worst]:.3g} "
+        f"{unit} (allowed: {CONSISTENCY_TOLERANCE:g}); {advice}"
+    )
+
+
+def _null_space(matrix: Array) -> Array:
+    """Return an orthonormal basis of the null space, as columns."""
+    _, singular, Vt = np.linalg.svd(matrix)
+    rank = int((singular > _RANK_TOLERANCE * max(1.0, singular.max(initial=0.0))).sum())
+    basis: Array = Vt[rank:].T
+    return basis
+
+
+def _rank(matrix: Array) -> int:
+    return int(np.linalg.matrix_rank(matrix, tol=_RANK_TOLERANCE)) if matrix.size else 0

@@ -1,0 +1,102 @@
+"""What is minimised: the weights and the target of the running and of the terminal cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import DimensionMismatch, InvalidValue
+from mbocp.problem._checks import check_finite, check_non_negative, check_number
+
+__all__ = ["Cost"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cost:
+    r"""Weights and targets of Eqs. (7) to (9) of [Bijalwan2025]_.
+
+    .. math::
+        \mathcal{L}(y, u) &= \tfrac{\beta}{2} (y - y_d)^T Q (y - y_d) + \tfrac{\alpha}{2} u^T u   \\
+        \psi(y_N) &= \tfrac{1}{2} (y_N - y_T)^T Q_T (y_N - y_T)
+
+    Differences of configurations are taken in the tangent space of the robot's joints, so that every
+    weight belongs to one of the `nv` directions of `q` or to one of the `nv` components of `p`. The terminal
+    cost draws the end to the goal; if the goal is written with a velocity, its part of :math:`Q_T` is on `v`.
+
+    Attributes
+    ----------
+    effort : float
+        :math:`\alpha` > 0, the weight of the controls. Nothing else depends on the controls, so that zero
+        would leave them undetermined.
+    tracking : float
+        :math:`\beta` >= 0, the weight of the running distance from the target.
+    tracking_weights : ndarray, shape (2 nv,)
+        Diagonal of Q on (q, p).
+    target_q : ndarray, shape (nq,) or (N, nq)
+        Configuration to track; row n - 1 of a trajectory belongs to the end of step n.
+    target_p : ndarray, shape (nv,) or (N, nv)
+        Momentum to track [kg m/s, N m s].
+    terminal : float
+        :math:`\beta_T` >= 0, the weight of the terminal cost.
+    terminal_weights : ndarray, shape (2 nv,)
+        Diagonal of :math:`Q_T` on (q, p), or on (q, v) if the goal gives a velocity.
+    """
+
+    effort: float
+    tracking: float
+    tracking_weights: Array
+    target_q: Array
+    target_p: Array
+    terminal: float
+    terminal_weights: Array
+
+    def __post_init__(self) -> None:
+        for key in ("effort", "tracking", "terminal"):
+            object.__setattr__(self, key, check_number(f"cost.{key}", getattr(self, key)))
+        if self.effort <= 0.0:
+            raise InvalidValue(
+                "cost.effort",
+                self.effort,
+                "a positive number: nothing else in the cost depends on the controls, which would not be "
+                "determined; take a small one (1e-6) for nearly free controls",
+            )
+        check_non_negative("cost.tracking", self.tracking)
+        check_non_negative("cost.terminal", self.terminal)
+        for key in _ARRAYS:
+            value = frozen_array(getattr(self, key), name=_file_key(key))
+            check_finite(_file_key(key), value)
+            object.__setattr__(self, key, value)
+        check_non_negative("cost.tracking_weights", self.tracking_weights)
+        check_non_negative("cost.terminal_weights", self.terminal_weights)
+
+    @property
+    def is_trajectory(self) -> bool:
+        """Whether the target of the running cost moves."""
+        return bool(self.target_q.ndim == 2 or self.target_p.ndim == 2)
+
+    def check_dimensions(self, nq: int, nv: int, num_steps: int) -> None:
+        """Refuse arrays that do not fit a robot with `nq`, `nv` and a horizon of `num_steps`."""
+        for key in ("tracking_weights", "terminal_weights"):
+            if getattr(self, key).shape != (2 * nv,):
+                raise DimensionMismatch(_file_key(key), getattr(self, key).shape, (2 * nv,), "on (q, p)")
+        for key, size in (("target_q", nq), ("target_p", nv)):
+            shape = getattr(self, key).shape
+            if shape not in ((size,), (num_steps, size)):
+                hint = f"or ({num_steps}, {size}) for a trajectory with one row a step"
+                raise DimensionMismatch(_file_key(key), shape, (size,), hint)
+
+    def targets(self, num_steps: int) -> tuple[Array, Array]:
+        """Return the target for every step, shapes (N, nq) and (N, nv)."""
+        return (
+            np.broadcast_to(self.target_q, (num_steps, self.target_q.shape[-1])),
+            np.broadcast_to(self.target_p, (num_steps, self.target_p.shape[-1])),
+        )
+
+
+_ARRAYS = ("tracking_weights", "target_q", "target_p", "terminal_weights")
+
+
+def _file_key(name: str) -> str:
+    return "cost." + name.replace("target_", "target.")

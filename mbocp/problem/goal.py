@@ -1,0 +1,91 @@
+"""Where the motion shall end, and how strictly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
+from mbocp.exceptions import DimensionMismatch, ProblemError
+from mbocp.problem._checks import check_choice, check_finite
+
+__all__ = ["ENFORCE", "RATES", "Enforce", "Goal", "Rate"]
+
+Enforce = Literal["exact", "penalty", "both", "none"]
+Rate = Literal["p", "v"]
+
+ENFORCE: tuple[Enforce, ...] = ("exact", "penalty", "both", "none")
+RATES: tuple[Rate, ...] = ("p", "v")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Goal:
+    r"""End condition :math:`\gamma\, g_T(y(T)) = 0` of Eq. (6) of [Bijalwan2025]_.
+
+    Only what is written is enforced: a goal without `v` and `p` leaves the end velocity free.
+
+    Attributes
+    ----------
+    q : ndarray, shape (nq,)
+        Configuration at the end [m, rad, unit quaternion xyzw]. Entries that are not active hold a
+        configuration that the constraints allow.
+    q_active : ndarray of bool, shape (nv,)
+        Which tangent directions of `q` are asked for.
+    rate : {"p", "v"}
+        Whether `value` is a momentum [kg m/s, N m s] or a velocity [m/s, rad/s].
+    value : ndarray, shape (nv,)
+        Momentum or velocity at the end.
+    rate_active : ndarray of bool, shape (nv,)
+        Which components of `value` are asked for.
+    enforce : {"exact", "penalty", "both", "none"}
+        ``exact``: gamma = 1, null-space projected where the system has constraints, Eq. (14);
+        ``penalty``: gamma = 0, the terminal cost draws the end to the goal, Eq. (9); ``both``; or
+        ``none``: the goal is at most the target of the tracking cost.
+    """
+
+    q: Array
+    q_active: BoolArray
+    rate: Rate = "p"
+    value: Array
+    rate_active: BoolArray
+    enforce: Enforce = "exact"
+
+    def __post_init__(self) -> None:
+        for key, name in (("q", "goal.q"), ("value", f"goal.{self.rate}")):
+            array = frozen_array(getattr(self, key), shape=(None,), name=name)
+            check_finite(name, array)
+            object.__setattr__(self, key, array)
+        nv = self.value.size
+        object.__setattr__(self, "q_active", frozen_mask(self.q_active, size=nv, name="goal.q_active"))
+        object.__setattr__(
+            self, "rate_active", frozen_mask(self.rate_active, size=nv, name="goal.rate_active")
+        )
+        check_choice("goal.enforce", self.enforce, ENFORCE)
+        check_choice("goal.rate", self.rate, RATES)
+        if self.enforce != "none" and self.is_empty:
+            raise ProblemError(
+                f'goal: enforce = "{self.enforce}" needs something to enforce; give q, and v or p for the '
+                'end velocity, or say enforce = "none"'
+            )
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing at all is asked for."""
+        return not (self.q_active.any() or self.rate_active.any())
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether gamma = 1: an end condition with a multiplier eta."""
+        return self.enforce in ("exact", "both")
+
+    @property
+    def is_penalised(self) -> bool:
+        """Whether the terminal cost acts."""
+        return self.enforce in ("penalty", "both")
+
+    def check_dimensions(self, nq: int, nv: int) -> None:
+        """Refuse arrays that do not fit a robot with `nq` and `nv`."""
+        if self.q.shape != (nq,):
+            raise DimensionMismatch("goal.q", self.q.shape, (nq,))
+        if self.value.shape != (nv,):
+            raise DimensionMismatch(f"goal.{self.rate}", self.value.shape, (nv,))

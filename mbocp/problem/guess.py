@@ -1,0 +1,62 @@
+"""Where the solver starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import DimensionMismatch, ProblemError
+from mbocp.problem._checks import check_choice, check_finite
+
+__all__ = ["GUESSES", "Guess", "GuessKind"]
+
+GuessKind = Literal["auto", "control", "line", "hold", "solution"]
+
+GUESSES: tuple[GuessKind, ...] = ("auto", "control", "line", "hold", "solution")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Guess:
+    """Initial guess of the trajectory.
+
+    Attributes
+    ----------
+    kind : {"auto", "control", "line", "hold", "solution"}
+        ``control``: a constant control and the forward simulation with it (the paper's);
+        ``line``: a straight line in the configuration space with inverse dynamics;
+        ``hold``: stay at the start with gravity compensated;
+        ``solution``: a saved solution, of any number of steps;
+        ``auto``: what suits the problem.
+    u : ndarray, shape (nu,), optional
+        The constant control, for ``control`` only [N, N m].
+    path : Path, optional
+        The saved solution, for ``solution`` only.
+    """
+
+    kind: GuessKind = "auto"
+    u: Array | None = None
+    path: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_choice("guess.kind", self.kind, GUESSES)
+        if self.u is not None:
+            u = frozen_array(self.u, shape=(None,), name="guess.u")
+            check_finite("guess.u", u)
+            object.__setattr__(self, "u", u)
+        if self.path is not None:
+            object.__setattr__(self, "path", Path(self.path))
+        for key, file_key, owner in (("u", "u", "control"), ("path", "file", "solution")):
+            given = getattr(self, key) is not None
+            if self.kind == owner and not given:
+                raise ProblemError(f'guess: kind = "{owner}" needs the key {file_key!r}')
+            if self.kind != owner and given:
+                raise ProblemError(
+                    f'guess.{file_key}: only used with kind = "{owner}", got kind = "{self.kind}"'
+                )
+
+    def check_dimensions(self, nu: int) -> None:
+        """Refuse a control that does not fit a robot with `nu` actuators."""
+        if self.u is not None and self.u.shape != (nu,):
+            raise DimensionMismatch("guess.u", self.u.shape, (nu,))

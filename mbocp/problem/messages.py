@@ -1,0 +1,143 @@
+"""From foreign and inner errors to one that names file, key, what was got and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import types
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError, ProblemFileError
+
+__all__ = ["in_file", "located", "schema_error"]
+
+
+@contextmanager
+def located(key: str) -> Iterator[None]:
+    """Put the `key` in front of the message of every error from the block, unless it is there."""
+    try:
+        yield
+    except MbocpError as error:
+        if not str(error).startswith(key):
+            error.args = (f"{key}: {error}",)
+        raise
+
+
+@contextmanager
+def in_file(path: str) -> Iterator[None]:
+    """Name the file in every error from the block.
+
+    Errors of a class of their own (an unknown robot, an inconsistent start) keep it; what is only a wrong
+    value becomes a `ProblemFileError`.
+    """
+    try:
+        yield
+    except ProblemFileError:
+        raise
+    except MbocpError as error:
+        if isinstance(error, (DimensionMismatch, InvalidValue)) or type(error) is ProblemError:
+            message = str(error)
+            key, colon, reason = message.partition(": ")
+            raise ProblemFileError(path, reason if colon else message, key if colon else None) from error
+        error.args = (f"{path}: {error}",)
+        raise
+
+
+def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> ProblemFileError:
+    """Translate everything that pydantic complains about; the first complaint is the error's key."""
+    # A misspelt key explains a missing one, so it comes first.
+    items = sorted(error.errors(), key=lambda item: item["type"] == "missing")
+    found = [(_dotted(item["loc"]), _reason(model, item)) for item in items]
+    key, reason = found[0]
+    rest = "".join(f"\n{path}: {other}: {what}" for other, what in found[1:])
+    return ProblemFileError(path, reason + rest, key)
+
+
+_HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
+
+# The paper's letters, for those who write them.
+_LETTERS = {
+    "alpha": "cost.effort",
+    "beta": "cost.tracking",
+    "beta_T": "cost.terminal",
+    "gamma": "goal.enforce",
+    "Q": "cost.tracking_weights",
+    "y_d": "goal",
+    "y_0": "start",
+    "T": "horizon.duration",
+    "N": "horizon.steps",
+    "dt": "horizon.steps",
+}
+
+
+def _dotted(loc: Sequence[str | int]) -> str:
+    return ".".join(str(part) for part in loc if part not in _HIDDEN)
+
+
+def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
+    kind, loc, got = item["type"], item["loc"], item["input"]
+    if kind == "extra_forbidden":
+        return _unknown_key(model, loc)
+    if kind == "missing":
+        return "this key is missing"
+    if kind == "value_error":
+        return str(item["ctx"]["error"])
+    expected = _EXPECTED.get(kind, item["msg"])
+    if kind in ("too_short", "too_long"):
+        expected = f"a list of {item['ctx'].get('min_length', item['ctx'].get('max_length'))}"
+    return f"got {_short(got)}, expected {expected}"
+
+
+_EXPECTED = {
+    "bool_type": "true or false",
+    "float_type": "a number",
+    "int_from_float": "a whole number",
+    "int_type": "a whole number",
+    "list_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "string_type": "a string",
+}
+
+
+def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
+    """Say where a stray key belongs: near misses in its table, then the same word in another table."""
+    *above, name = (str(part) for part in loc)
+    tables = dict(_tables(model))
+    valid = tables.get(".".join(above), [])
+    where = f"allowed in [{'.'.join(above)}]" if above else "allowed here"
+    listed = f"{where}: {', '.join(valid)}"
+    if name in _LETTERS:
+        return f"unknown key, did you mean {_LETTERS[name]}? ({listed})"
+    elsewhere = [f"{table}.{name}" if table else name for table, keys in tables.items() if name in keys]
+    if elsewhere:
+        return f"unknown key, did you mean {' or '.join(elsewhere)}? ({listed})"
+    close = difflib.get_close_matches(name, valid, n=1)
+    if close:
+        return f"unknown key, did you mean {close[0]!r}? ({listed})"
+    return f"unknown key ({listed})"
+
+
+def _tables(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, list[str]]]:
+    yield prefix, [name for name in model.model_fields if name not in _HIDDEN]
+    for name, field in model.model_fields.items():
+        inner = _model_in(field.annotation)
+        if inner is not None:
+            yield from _tables(inner, f"{prefix}.{name}" if prefix else name)
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    if get_origin(annotation) in (Union, types.UnionType, Annotated):
+        return next((m for m in map(_model_in, get_args(annotation)) if m is not None), None)
+    return None
+
+
+def _short(value: Any, limit: int = 60) -> str:
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."

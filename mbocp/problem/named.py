@@ -1,0 +1,210 @@
+"""Configurations and velocities as people write them: plain lists, or tables by joint name.
+
+A joint that Pinocchio stores as cosine and sine (continuous, planar) may be given by its angle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.exceptions import DimensionMismatch, ProblemError, UnknownJoint, suggest
+from mbocp.robot import Robot
+from mbocp.robot.joints import joint_kind
+
+__all__ = ["Written", "configuration_from", "control_from", "joint_values", "tangent_from", "weights_from"]
+
+Written: TypeAlias = Sequence[float] | Mapping[str, float | Sequence[float]]
+
+_T = TypeVar("_T")
+
+_WITH_ANGLE = ("continuous", "planar")
+
+
+@dataclass(frozen=True)
+class _Slot:
+    """Where one joint sits in q and v."""
+
+    name: str
+    q: slice
+    v: slice
+    has_angle: bool  # the last two numbers of q are the cosine and sine of an angle [rad]
+
+    @property
+    def nq(self) -> int:
+        return int(self.q.stop - self.q.start)
+
+    @property
+    def nv(self) -> int:
+        return int(self.v.stop - self.v.start)
+
+    @property
+    def n_written(self) -> int:
+        """Numbers that a person writes, with the angle instead of cosine and sine."""
+        return self.nq - 1 if self.has_angle else self.nq
+
+    def expand(self, numbers: Sequence[float], key: str) -> list[float]:
+        """Return the `nq` numbers of the joint."""
+        values = [float(number) for number in numbers]
+        if len(values) == self.nq:
+            return values
+        if self.has_angle and len(values) == self.n_written:
+            return [*values[:-1], math.cos(values[-1]), math.sin(values[-1])]
+        hint = f"joint {self.name!r}"
+        if self.has_angle:
+            hint += f", or {self.n_written} with the angle [rad]"
+        raise DimensionMismatch(key, len(values), self.nq, hint)
+
+
+def configuration_from(robot: Robot, written: Written, base: Array, key: str) -> tuple[Array, BoolArray]:
+    """Return a configuration and which tangent directions of it were written.
+
+    Parameters
+    ----------
+    robot : Robot
+    written : sequence or mapping
+        All of `q`, either its `nq` numbers or with one angle for each continuous joint, or some joints by
+        name.
+    base : ndarray, shape (nq,)
+        Where the joints are that a mapping does not name.
+    key : str
+        Dotted key, for messages.
+    """
+    slots = list(_slots(robot))
+    q = np.array(base, dtype=np.float64)
+    active = np.zeros(robot.nv, dtype=np.bool_)
+    for slot, numbers in _by_joint(robot, slots, written, key):
+        where = f"{key}.{slot.name}" if isinstance(written, Mapping) else key
+        q[slot.q] = slot.expand(numbers, where)
+        active[slot.v] = True
+    return q, active
+
+
+def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolArray]:
+    """Return a velocity or momentum, zero where nothing was written, and which components were written."""
+    value = np.zeros(robot.nv)
+    active = np.zeros(robot.nv, dtype=np.bool_)
+    if not isinstance(written, Mapping):
+        if len(written) != robot.nv:
+            raise DimensionMismatch(key, len(written), robot.nv, f"joints: {_names(_slots(robot))}")
+        value[:] = written
+        active[:] = True
+        return value, active
+    slots = _tangent_slots(robot)
+    for name, entry in written.items():
+        where = _find(slots, name, robot)
+        numbers = _listed(entry)
+        if len(numbers) != where.stop - where.start:
+            raise DimensionMismatch(f"{key}.{name}", len(numbers), where.stop - where.start)
+        value[where] = numbers
+        active[where] = True
+    return value, active
+
+
+def weights_from(robot: Robot, written: float | Written, key: str) -> Array:
+    """Return `nv` weights from one number for all, a list, or a table by joint name (the others are zero)."""
+    if isinstance(written, (int, float)):
+        return np.full(robot.nv, float(written))
+    if not isinstance(written, Mapping):
+        return tangent_from(robot, written, key)[0]
+    slots = {name: where.stop - where.start for name, where in _tangent_slots(robot).items()}
+    spread = {name: _spread(entry, _find(slots, name, robot)) for name, entry in written.items()}
+    return tangent_from(robot, spread, key)[0]
+
+
+def control_from(robot: Robot, written: float | Written, key: str) -> Array:
+    """Return `nu` controls from one number for all, a list, or a table by actuator (the others are zero)."""
+    names = [label.name for label in robot.u_labels]
+    if isinstance(written, (int, float)):
+        return np.full(robot.nu, float(written))
+    if not isinstance(written, Mapping):
+        if len(written) != robot.nu:
+            raise DimensionMismatch(key, len(written), robot.nu, f"actuators: {', '.join(names)}")
+        return np.array(written, dtype=np.float64)
+    u = np.zeros(robot.nu)
+    for name, entry in written.items():
+        if name not in names:
+            raise ProblemError(
+                f"{key}: robot {robot.name!r} has no actuator {name!r}: {suggest(name, names)}"
+            )
+        numbers = _listed(entry)
+        if len(numbers) != 1:
+            raise DimensionMismatch(f"{key}.{name}", len(numbers), 1)
+        u[names.index(name)] = numbers[0]
+    return u
+
+
+def joint_values(robot: Robot, value: Array, active: BoolArray) -> dict[str, Any]:
+    """Return the table by joint name that reads back as `value`, a configuration or tangent."""
+    table: dict[str, Any] = {}
+    for slot in _slots(robot):
+        if active[slot.v].all():
+            table[slot.name] = value[slot.q if len(value) == robot.nq else slot.v].tolist()
+    if len(value) == robot.nv:
+        labels = [label.name for label in robot.v_labels]
+        whole = [slot for slot in _slots(robot) if slot.name in table]
+        covered = {i for slot in whole for i in range(slot.v.start, slot.v.stop)}
+        table |= {labels[i]: float(value[i]) for i in np.flatnonzero(active) if i not in covered}
+    return table
+
+
+def _tangent_slots(robot: Robot) -> dict[str, slice]:
+    """Names of whole joints, and of single components such as ``root_joint.wx``."""
+    components = {label.name: slice(i, i + 1) for i, label in enumerate(robot.v_labels)}
+    return components | {slot.name: slot.v for slot in _slots(robot)}
+
+
+def _slots(robot: Robot) -> Iterator[_Slot]:
+    model = robot.model
+    for joint in range(1, model.njoints):
+        iq, nq, iv, nv = (int(n[joint]) for n in (model.idx_qs, model.nqs, model.idx_vs, model.nvs))
+        if nv:
+            has_angle = joint_kind(model, joint).word in _WITH_ANGLE
+            yield _Slot(model.names[joint], slice(iq, iq + nq), slice(iv, iv + nv), has_angle)
+
+
+def _by_joint(
+    robot: Robot, slots: list[_Slot], written: Written, key: str
+) -> Iterator[tuple[_Slot, Sequence[float]]]:
+    if isinstance(written, Mapping):
+        by_name = {slot.name: slot for slot in slots}
+        for name, entry in written.items():
+            yield _find(by_name, name, robot), _listed(entry)
+        return
+    sizes = [slot.nq for slot in slots]
+    if len(written) != sum(sizes):
+        shorter = [slot.n_written for slot in slots]
+        if len(written) != sum(shorter):
+            hint = f"joints: {_names(slots)}"
+            if shorter != sizes:
+                hint = f"or ({sum(shorter)},) with one angle for each continuous joint; {hint}"
+            raise DimensionMismatch(key, len(written), sum(sizes), hint)
+        sizes = shorter
+    start = 0
+    for slot, size in zip(slots, sizes, strict=True):
+        yield slot, written[start : start + size]
+        start += size
+
+
+def _find(slots: Mapping[str, _T], name: str, robot: Robot) -> _T:
+    if name not in slots:
+        raise UnknownJoint(name, robot.name, slots)
+    return slots[name]
+
+
+def _listed(entry: float | Sequence[float]) -> Sequence[float]:
+    return [entry] if isinstance(entry, (int, float)) else entry
+
+
+def _spread(entry: float | Sequence[float], size: int) -> Sequence[float]:
+    return [entry] * size if isinstance(entry, (int, float)) else entry
+
+
+def _names(slots: Iterator[_Slot] | list[_Slot], limit: int = 12) -> str:
+    named = [slot.name if slot.nq == 1 else f"{slot.name} ({slot.nq})" for slot in slots]
+    return ", ".join(named[:limit]) + (f", ... ({len(named)} joints)" if len(named) > limit else "")

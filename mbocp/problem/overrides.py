@@ -1,0 +1,123 @@
+"""`--set key.path=value`: changes of single keys of a problem file."""
+
+from __future__ import annotations
+
+import copy
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbocp.exceptions import ProblemFileError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # pragma: no cover
+    import tomli as tomllib
+
+__all__ = ["apply_overrides", "parse_override", "plain"]
+
+# A word that is no TOML value is taken as a string: quotes inside a shell's quotes are no fun.
+_BARE_WORD = re.compile(r"[A-Za-z_./~][\w./~+-]*")
+
+_SHORTHANDS = {("robot",): "name"}  # `robot = "ur5"` is short for `[robot] name = "ur5"`
+
+
+def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
+    """Split ``key.path=value`` into the path and the value.
+
+    Raises
+    ------
+    ProblemFileError
+        If `text` has no ``=``, or key or value is not TOML.
+    """
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip() or not value.strip():
+        raise _error(text, "expected key.path=value, as in --set horizon.steps=200")
+    return _parse_key(key.strip(), text), _parse_value(value.strip(), text)
+
+
+def apply_overrides(
+    document: Mapping[str, Any], overrides: Mapping[str, Any] | Sequence[str]
+) -> dict[str, Any]:
+    """Return a copy of `document` with the `overrides` in place.
+
+    Parameters
+    ----------
+    document : mapping
+        The parsed problem file.
+    overrides : mapping or sequence of str
+        Values by dotted key, or strings ``key.path=value`` with TOML values.
+    """
+    result: dict[str, Any] = copy.deepcopy(dict(document))
+    if isinstance(overrides, str):
+        overrides = [overrides]
+    if isinstance(overrides, Mapping):
+        pairs = [(_parse_key(str(key), str(key)), plain(value)) for key, value in overrides.items()]
+    else:
+        pairs = [parse_override(text) for text in overrides]
+    for path, value in pairs:
+        _put(result, path, value)
+    return result
+
+
+def _parse_key(key: str, text: str) -> tuple[str, ...]:
+    try:
+        nested: Any = tomllib.loads(f"{key} = 0")
+    except tomllib.TOMLDecodeError as error:
+        raise _error(text, f"{key!r} is not a key such as horizon.steps") from error
+    path: list[str] = []
+    while isinstance(nested, dict):
+        if len(nested) != 1:
+            raise _error(text, f"{key!r} is not one key such as horizon.steps")
+        ((name, nested),) = nested.items()
+        path.append(name)
+    return tuple(path)
+
+
+def _parse_value(value: str, text: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+    except tomllib.TOMLDecodeError as error:
+        if _BARE_WORD.fullmatch(value):
+            return value
+        allowed = 'a number, [a, list], true, or a "string"'
+        raise _error(text, f"{value!r} is not a TOML value ({allowed})") from error
+    if set(parsed) != {"value"}:
+        raise _error(text, "one key at a time; repeat --set for more")
+    return parsed["value"]
+
+
+def _put(document: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
+    table = document
+    for depth, name in enumerate(path[:-1], start=1):
+        below = table.setdefault(name, {})
+        short = _SHORTHANDS.get(path[:depth])
+        if short is not None and isinstance(below, str):
+            below = table[name] = {short: below}
+        if not isinstance(below, dict):
+            here = ".".join(path[:depth])
+            reason = f"{here} is {below!r}, which has no keys below it; set {here} as a whole"
+            raise _error(".".join(path), reason)
+        table = below
+    table[path[-1]] = value
+
+
+def plain(value: Any) -> Any:
+    """Turn NumPy arrays and tuples into what a TOML file could hold."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    return value
+
+
+def _error(text: str, reason: str) -> ProblemFileError:
+    return ProblemFileError("--set", f"{reason}; got {text!r}")

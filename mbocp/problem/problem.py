@@ -1,0 +1,241 @@
+"""The optimal control problem as one immutable value."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import DimensionMismatch, ProblemError
+from mbocp.problem._checks import check_choice, check_finite, check_integer, check_positive
+from mbocp.problem.consistency import (
+    check_end_conditions,
+    check_goal_rate,
+    check_position,
+    check_velocity,
+    complete_goal,
+)
+from mbocp.problem.cost import Cost
+from mbocp.problem.goal import Goal
+from mbocp.problem.guess import Guess
+from mbocp.problem.options import SolverOptions
+from mbocp.robot import Robot
+
+__all__ = ["COORDINATES", "SCHEMES", "Problem", "ProblemWarning"]
+
+COORDINATES: tuple[str, ...] = ("joint",)
+SCHEMES: tuple[str, ...] = ("se1",)
+
+
+class ProblemWarning(UserWarning):
+    """Something about a problem that is allowed, but probably not meant."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    r"""Optimal control of a multibody system, Eqs. (6) to (9) of [Bijalwan2025]_.
+
+    .. math::
+        \min_{y,\, u} \quad & \mathcal{J} = \int_0^T \mathcal{L}(y, u)\, dt + \beta_T\, \psi(y(T)) & (7) \\
+        & \mathcal{L} = \tfrac{\beta}{2} (y - y_d)^T Q (y - y_d) + \tfrac{\alpha}{2} u^T u          & (8) \\
+        & \psi = \tfrac{1}{2} (y(T) - y_T)^T Q_T (y(T) - y_T)                                       & (9) \\
+        \text{s.t.} \quad
+        & \dot{y} = f(y, \lambda, u), \qquad \Phi(q) = 0                                            & (6) \\
+        & \gamma\, g_T(y(T)) = 0                                                                      \\
+        & y(0) = y_0
+
+    with the state y = (q, p), the momentum p = M(q) v, and the time [0, T] in N steps of length dt. The
+    fields follow the formula: what is minimised and over which time, which mechanics, which end, which start;
+    then how to begin and how to solve. `Problem.create` takes the same words as a problem file.
+
+    Position, velocity and effort limits of the robot are not enforced by the present solver; a start or goal
+    outside the position limits is a `ProblemWarning`.
+
+    Attributes
+    ----------
+    cost : Cost
+        alpha, beta, Q, y_d, beta_T, Q_T and y_T of Eqs. (7) to (9).
+    duration : float
+        T [s].
+    num_steps : int
+        N.
+    robot : Robot
+        The mechanics f, and the holonomic constraints Phi.
+    coordinates : {"joint"}
+        In which coordinates the mechanics are written.
+    scheme : {"se1"}
+        How time is discretised.
+    goal : Goal
+        g_T and gamma.
+    q_start : ndarray, shape (nq,)
+        Configuration of y_0 [m, rad, unit quaternion xyzw].
+    v_start : ndarray, shape (nv,)
+        Velocity of y_0 [m/s, rad/s].
+    guess : Guess
+        Where the solver starts.
+    solver : SolverOptions
+        Which solver, and when it stops.
+    source : Path, optional
+        The problem file.
+    name : str
+        What the problem is called in output; the stem of the file.
+
+    Raises
+    ------
+    DimensionMismatch, InvalidValue, ProblemError
+        If a value does not fit the robot, or cannot be right.
+    InconsistentStart
+        If start or exact goal violate a holonomic constraint, at position or velocity level.
+    OverdeterminedGoal
+        If there are more exact end conditions than the controls can meet.
+    """
+
+    cost: Cost
+    duration: float
+    num_steps: int
+    robot: Robot
+    coordinates: Literal["joint"] = "joint"
+    scheme: Literal["se1"] = "se1"
+    goal: Goal
+    q_start: Array
+    v_start: Array
+    guess: Guess = field(default_factory=Guess)
+    solver: SolverOptions = field(default_factory=SolverOptions)
+    source: Path | None = None
+    name: str = "problem"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "duration", check_positive("horizon.duration", self.duration, "s"))
+        object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))
+        check_choice("coordinates", self.coordinates, COORDINATES)
+        check_choice("integrator.scheme", self.scheme, SCHEMES)
+        self._check_start()
+        self._check_goal()
+        self._check_cost()
+        self.guess.check_dimensions(self.robot.nu)
+
+    @property
+    def dt(self) -> float:
+        """Length of a step [s]."""
+        return self.duration / self.num_steps
+
+    @property
+    def p_start(self) -> Array:
+        """Momentum at the start, shape (nv,) [kg m/s, N m s]."""
+        return self.robot.momentum(self.q_start, self.v_start)
+
+    @property
+    def num_end_conditions(self) -> int:
+        """Number of independent exact end conditions, after the null-space projection."""
+        return check_end_conditions(self.robot, self.goal, self.num_steps)
+
+    @classmethod
+    def create(
+        cls,
+        robot: Robot | str | Path | Mapping[str, Any],
+        duration: float,
+        steps: int,
+        *,
+        start: Mapping[str, Any] | None = None,
+        goal: Mapping[str, Any] | None = None,
+        cost: Mapping[str, Any] | None = None,
+        guess: Mapping[str, Any] | None = None,
+        solver: Mapping[str, Any] | None = None,
+        coordinates: str = "joint",
+        scheme: str = "se1",
+        name: str = "problem",
+    ) -> Problem:
+        """Make a problem from the words of a problem file.
+
+        Parameters
+        ----------
+        robot : Robot, str, Path or mapping
+            A loaded robot, or what the key `robot` of a file takes.
+        duration : float
+            [s].
+        steps : int
+        start, goal, cost, guess, solver : mapping, optional
+            The tables of a problem file; arrays may be NumPy's.
+
+        Examples
+        --------
+        >>> goal = {"q": [0.5, -1, 1, 0, 0.5, 0], "v": [0] * 6}
+        >>> problem = Problem.create("ur5", 1.0, 100, goal=goal)  # doctest: +SKIP
+        """
+        from mbocp.problem.build import problem_from_tables  # build needs this class
+
+        tables = {"start": start, "goal": goal, "cost": cost, "guess": guess, "solver": solver}
+        document = {
+            "horizon": {"duration": duration, "steps": steps},
+            "coordinates": coordinates,
+            "integrator": {"scheme": scheme},
+            **{key: table for key, table in tables.items() if table is not None},
+        }
+        return problem_from_tables(document, robot=robot, name=name)
+
+    def with_(self, **changes: Any) -> Problem:
+        """Return a copy with some fields changed, validated again."""
+        return replace(self, **changes)
+
+    def _check_start(self) -> None:
+        robot = self.robot
+        q = frozen_array(self.q_start, name="start.q")
+        if q.shape != (robot.nq,):
+            raise DimensionMismatch("start.q", q.shape, (robot.nq,))
+        check_finite("start.q", q)
+        v = frozen_array(self.v_start, name="start.v")
+        if v.shape != (robot.nv,):
+            raise DimensionMismatch("start.v", v.shape, (robot.nv,))
+        check_finite("start.v", v)
+        q = frozen_array(robot.normalise(q, name="start.q"))
+        object.__setattr__(self, "q_start", q)
+        object.__setattr__(self, "v_start", v)
+        check_position(robot, q, "start.q")
+        check_velocity(robot, q, v, "start")
+        _warn_limits(robot, q, "start.q")
+
+    def _check_goal(self) -> None:
+        robot, goal = self.robot, self.goal
+        goal.check_dimensions(robot.nq, robot.nv)
+        goal = replace(goal, q=robot.normalise(goal.q, name="goal.q"))
+        if goal.is_exact:
+            goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active))
+            check_goal_rate(robot, goal)
+            check_end_conditions(robot, goal, self.num_steps)
+        object.__setattr__(self, "goal", goal)
+        if goal.q_active.any():
+            _warn_limits(robot, goal.q, "goal.q")
+
+    def _check_cost(self) -> None:
+        cost, goal = self.cost, self.goal
+        cost.check_dimensions(self.robot.nq, self.robot.nv, self.num_steps)
+        if goal.is_penalised and cost.terminal == 0.0:
+            reason = f'goal.enforce = "{goal.enforce}" needs a weight above 0, got 0'
+            raise ProblemError(f"cost.terminal: {reason}")
+        if cost.terminal > 0.0 and not goal.is_penalised:
+            meant = "both" if goal.is_exact else "penalty"
+            raise ProblemError(
+                f'cost.terminal: got {cost.terminal:g}, which goal.enforce = "{goal.enforce}" does not use; '
+                f'say enforce = "{meant}", or terminal = 0'
+            )
+        if goal.enforce == "none" and cost.tracking == 0.0:
+            warnings.warn(
+                "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
+                ProblemWarning,
+                stacklevel=4,
+            )
+
+
+def _warn_limits(robot: Robot, q: Array, key: str) -> None:
+    """Say which coordinates are outside their limits; they are not enforced by this solver yet."""
+    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    outside = np.flatnonzero((q < lower - 1e-9) | (q > upper + 1e-9))  # [rad, m] not for rounding
+    if outside.size:
+        names = ", ".join(robot.q_labels[i].name for i in outside)
+        message = f"{key}: outside the position limits of {names}; limits are not enforced"
+        warnings.warn(message, ProblemWarning, stacklevel=5)

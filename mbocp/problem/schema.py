@@ -1,0 +1,205 @@
+"""The problem file as pydantic models: which keys there are and what kind of value each takes.
+
+Only the shape of the file is checked here. What depends on the robot (lengths, joint names) is checked when
+the values are resolved, what depends on the mathematics when the `Problem` is made: once, for files and for
+Python.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, TypeAlias
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+__all__ = [
+    "CostTable",
+    "GoalTable",
+    "GuessTable",
+    "HorizonTable",
+    "IntegratorTable",
+    "ProblemTable",
+    "RobotTable",
+    "SolverTable",
+    "StartTable",
+    "TargetTable",
+    "WeightsTable",
+]
+
+Vector: TypeAlias = list[float]
+Named: TypeAlias = dict[str, float | list[float]]
+
+
+def _number(value: Any, where: str = "") -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError(f"got {value!r}{where}, expected a number")
+    if not math.isfinite(value):
+        raise ValueError(f"got {value}{where}, expected a finite number")
+    return float(value)
+
+
+def _vector(value: Any, where: str = "") -> Vector:
+    return [_number(entry, f" at index {i}{where}") for i, entry in enumerate(value)]
+
+
+def _named(value: Mapping[str, Any]) -> Named:
+    return {
+        name: _vector(entry, f" for {name!r}")
+        if isinstance(entry, list)
+        else _number(entry, f" for {name!r}")
+        for name, entry in value.items()
+    }
+
+
+def _vector_or_named(value: Any) -> Vector | Named:
+    if isinstance(value, list):
+        return _vector(value)
+    if isinstance(value, Mapping):
+        return _named(value)
+    raise ValueError(f"got {value!r}, expected a list of numbers or a table by joint name")
+
+
+def _trajectory_or_vector(value: Any) -> list[Vector] | Vector | Named:
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return [_vector(row, f" of row {n}") for n, row in enumerate(value)]
+    return _vector_or_named(value)
+
+
+def _control(value: Any) -> float | Vector | Named:
+    if isinstance(value, (list, Mapping)):
+        return _vector_or_named(value)
+    return _number(value)
+
+
+def _lock(value: Any) -> list[str] | Named:
+    if isinstance(value, list) and all(isinstance(name, str) for name in value):
+        return value
+    if isinstance(value, Mapping):
+        return _named(value)
+    raise ValueError(f"got {value!r}, expected a list of joint names or a table with a position for each")
+
+
+def _named_robot(value: Any) -> Any:
+    if isinstance(value, str):
+        return {"name": value}
+    if not isinstance(value, Mapping):
+        raise ValueError(f"got {value!r}, expected a name, a path or a table with the key name")
+    return value
+
+
+def _listed_weights(value: Any) -> Any:
+    return {"qp": value} if isinstance(value, list) else value
+
+
+VectorOrNamed = Annotated[Any, BeforeValidator(_vector_or_named)]
+TrajectoryOrVector = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
+Lock = Annotated[Any, BeforeValidator(_lock)]
+Control = Annotated[Any, BeforeValidator(_control)]
+Finite = Annotated[float, BeforeValidator(_number)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class RobotTable(_Table):
+    """Which robot, and how it is loaded: the options of `mbocp.load_robot`."""
+
+    name: str
+    free_flyer: bool | None = None
+    lock: Lock = None
+    gravity: list[Finite] | None = Field(default=None, min_length=3, max_length=3)
+    actuated: list[str] | None = None
+    package_dirs: list[str] | None = None
+
+
+class HorizonTable(_Table):
+    """How long, and in how many steps."""
+
+    duration: Finite
+    steps: int
+
+
+class StartTable(_Table):
+    """State at t = 0."""
+
+    q: VectorOrNamed = None
+    v: VectorOrNamed = None
+    p: VectorOrNamed = None
+
+
+class GoalTable(_Table):
+    """State at t = T."""
+
+    q: VectorOrNamed = None
+    v: VectorOrNamed = None
+    p: VectorOrNamed = None
+    enforce: str | None = None
+
+
+class TargetTable(_Table):
+    """What the running cost tracks."""
+
+    q: TrajectoryOrVector = None
+    p: TrajectoryOrVector = None
+
+
+class WeightsTable(_Table):
+    """Diagonal weights on (q, p): one list, or `q` and `p` apart."""
+
+    qp: VectorOrNamed = None
+    q: Control = None
+    p: Control = None
+
+
+Weights = Annotated[WeightsTable, BeforeValidator(_listed_weights)]
+
+
+class CostTable(_Table):
+    """What is minimised."""
+
+    effort: Finite = 1.0
+    tracking: Finite = 0.0
+    tracking_weights: Weights | None = None
+    target: TargetTable | None = None
+    target_file: str | None = None
+    terminal: Finite = 0.0
+    terminal_weights: Weights | None = None
+
+
+class GuessTable(_Table):
+    """Where the solver starts."""
+
+    kind: str | None = None
+    u: Control = None
+    file: str | None = None
+
+
+class IntegratorTable(_Table):
+    """How time is discretised."""
+
+    scheme: str = "se1"
+
+
+class SolverTable(_Table):
+    """How the problem is solved."""
+
+    method: str = "monolithic"
+    globalisation: str = "default"
+    tolerance: Finite = 1e-9
+    max_iterations: int = 200
+
+
+class ProblemTable(_Table):
+    """A whole problem file."""
+
+    robot: Annotated[RobotTable, BeforeValidator(_named_robot)]
+    coordinates: str = "joint"
+    horizon: HorizonTable
+    start: StartTable = StartTable()
+    goal: GoalTable = GoalTable()
+    cost: CostTable = CostTable()
+    guess: GuessTable = GuessTable()
+    integrator: IntegratorTable = IntegratorTable()
+    solver: SolverTable = SolverTable()

@@ -1,0 +1,105 @@
+"""A trajectory to track, read from a file and brought to the steps of the problem."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
+from mbocp.robot import Robot
+
+__all__ = ["read_target"]
+
+_KEY = "cost.target_file"
+
+
+class _Motion(NamedTuple):
+    t: Array
+    qs: Array
+    ps: Array
+
+
+def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tuple[Array, Array]:
+    """Return the target at the end of every step.
+
+    Parameters
+    ----------
+    path : Path
+        A result of ``mbocp solve -o``, or a CSV table with the columns ``t [s]``, ``q:NAME [unit]`` and
+        ``p:NAME [unit]`` (as `Solution.to_csv` writes it); the time may be sampled in any way.
+    robot : Robot
+    duration : float
+        [s].
+    num_steps : int
+
+    Returns
+    -------
+    target_q : ndarray, shape (N, nq)
+    target_p : ndarray, shape (N, nv)
+    """
+    if not path.is_file():
+        raise ProblemError(f"{_KEY}: no such file {str(path)!r}")
+    motion = _read_csv(path, robot) if path.suffix.lower() == ".csv" else _read_result(path)
+    _check(motion, robot, path, duration)
+    times = np.arange(1, num_steps + 1) * (duration / num_steps)
+    qs, ps = zip(*(_at(motion, robot, t) for t in times), strict=True)
+    return np.array(qs), np.array(ps)
+
+
+def _read_csv(path: Path, robot: Robot) -> _Motion:
+    with path.open(newline="", encoding="utf-8") as file:
+        header, *rows = list(csv.reader(file)) or [[]]
+    names = [column.partition(" [")[0].strip() for column in header]
+    wanted = ["t", *(f"q:{c.name}" for c in robot.q_labels), *(f"p:{c.name}" for c in robot.p_labels)]
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        listed = ", ".join(missing[:6]) + (", ..." if len(missing) > 6 else "")
+        raise ProblemError(f"{_KEY}: {path} has no column {listed}; its columns are {', '.join(names[:12])}")
+    columns = [names.index(name) for name in wanted]
+    try:
+        table = np.array([[float(row[i]) for i in columns] for row in rows if row])
+    except (ValueError, IndexError) as error:
+        raise ProblemError(f"{_KEY}: {path} has a row that is not all numbers ({error})") from error
+    table = table.reshape(-1, len(wanted))
+    return _Motion(table[:, 0], table[:, 1 : 1 + robot.nq], table[:, 1 + robot.nq :])
+
+
+def _read_result(path: Path) -> _Motion:
+    import h5py  # only for those who track a saved motion
+
+    try:
+        with h5py.File(path, "r") as file:
+            group = file["trajectories"]
+            return _Motion(*(np.array(group[name], dtype=np.float64) for name in ("t", "qs", "ps")))
+    except (OSError, KeyError) as error:
+        reason = f"{path} is neither a CSV table nor a result of mbocp ({error})"
+        raise ProblemError(f"{_KEY}: {reason}") from error
+
+
+def _check(motion: _Motion, robot: Robot, path: Path, duration: float) -> None:
+    if motion.qs.shape != (len(motion.t), robot.nq) or motion.ps.shape != (len(motion.t), robot.nv):
+        raise ProblemError(
+            f"{_KEY}: {path} holds q with {motion.qs.shape[-1]} and p with {motion.ps.shape[-1]} columns, "
+            f"expected {robot.nq} and {robot.nv} for robot {robot.name!r}"
+        )
+    if not all(np.isfinite(part).all() for part in motion):
+        raise ProblemError(f"{_KEY}: {path} has entries that are not finite")
+    if len(motion.t) < 2 or not (np.diff(motion.t) > 0.0).all():
+        raise ProblemError(f"{_KEY}: {path} needs at least two rows with increasing times")
+    if motion.t[0] > 1e-9 * duration or motion.t[-1] < duration * (1.0 - 1e-9):
+        raise ProblemError(
+            f"{_KEY}: {path} covers {motion.t[0]:g} to {motion.t[-1]:g} s, expected 0 to {duration:g} s"
+        )
+
+
+def _at(motion: _Motion, robot: Robot, t: float) -> tuple[Array, Array]:
+    """Interpolate along the geodesics of the joints."""
+    i = int(np.clip(np.searchsorted(motion.t, t, side="right") - 1, 0, len(motion.t) - 2))
+    share = min((t - motion.t[i]) / (motion.t[i + 1] - motion.t[i]), 1.0)
+    q = robot.integrate(motion.qs[i], share * robot.difference(motion.qs[i], motion.qs[i + 1]))
+    p = (1.0 - share) * motion.ps[i] + share * motion.ps[i + 1]
+    return q, p

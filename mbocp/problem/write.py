@@ -1,0 +1,103 @@
+"""A `Problem` as the text of a problem file: what a result keeps, so that it says what was solved."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.problem.cost import Cost
+from mbocp.problem.goal import Goal
+from mbocp.problem.guess import Guess
+from mbocp.problem.named import joint_values
+from mbocp.problem.problem import Problem
+from mbocp.robot import Robot
+
+__all__ = ["problem_to_toml", "to_toml"]
+
+
+def problem_to_toml(problem: Problem) -> str:
+    """Return a problem file that loads as the same problem.
+
+    Everything is written out: overrides and defaults are resolved, a target file becomes numbers, and paths
+    are absolute.
+    """
+    robot = problem.robot
+    return to_toml(
+        {
+            "coordinates": problem.coordinates,
+            "robot": dict(robot.spec),
+            "horizon": {"duration": problem.duration, "steps": problem.num_steps},
+            "start": {"q": problem.q_start, "v": problem.v_start},
+            "goal": _goal(problem.goal, robot),
+            "cost": _cost(problem.cost, problem.goal),
+            "guess": _guess(problem.guess),
+            "integrator": {"scheme": problem.scheme},
+            "solver": {
+                "method": problem.solver.method,
+                "globalisation": problem.solver.globalisation,
+                "tolerance": problem.solver.tolerance,
+                "max_iterations": problem.solver.max_iterations,
+            },
+        }
+    )
+
+
+def to_toml(document: Mapping[str, Any]) -> str:
+    """Return `document` as TOML: plain keys first, then one `[table]` after the other; None is left out."""
+    plain = [(key, value) for key, value in document.items() if not isinstance(value, Mapping)]
+    lines = [f"{_key(key)} = {_value(value)}" for key, value in plain if value is not None]
+    for name, table in document.items():
+        if isinstance(table, Mapping) and table:
+            lines += ["", f"[{_key(name)}]"]
+            lines += [f"{_key(key)} = {_value(value)}" for key, value in table.items() if value is not None]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _goal(goal: Goal, robot: Robot) -> dict[str, Any]:
+    table: dict[str, Any] = {"enforce": goal.enforce}
+    for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
+        if active.any():
+            table[key] = _written(robot, value, active)
+    return table
+
+
+def _written(robot: Robot, value: Array, active: BoolArray) -> Any:
+    return value if active.all() else joint_values(robot, value, active)
+
+
+def _cost(cost: Cost, goal: Goal) -> dict[str, Any]:
+    table: dict[str, Any] = {"effort": cost.effort, "tracking": cost.tracking}
+    if cost.tracking > 0.0:
+        table["tracking_weights"] = cost.tracking_weights
+        table["target"] = {"q": cost.target_q, "p": cost.target_p}
+    table["terminal"] = cost.terminal
+    if goal.is_penalised:
+        table["terminal_weights"] = cost.terminal_weights
+    return table
+
+
+def _guess(guess: Guess) -> dict[str, Any]:
+    return {"kind": guess.kind, "u": guess.u, "file": str(guess.path.resolve()) if guess.path else None}
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_value(entry) for entry in value) + "]"
+    return json.dumps(str(value), ensure_ascii=False)

@@ -1,0 +1,136 @@
+"""Weights and targets."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from mbocp.exceptions import ProblemFileError
+from mbocp.problem import Problem
+from mbocp.robot import Robot
+
+Loader = Callable[..., Problem]
+Maker = Callable[..., Problem]
+
+
+def test_the_goal_is_the_target_and_says_the_weights(swing: Maker) -> None:
+    cost = swing(goal={"q": [0, 0, -5], "enforce": "none"}, cost={"tracking": 2.0}).cost
+    np.testing.assert_array_equal(cost.tracking_weights, [1, 1, 1, 0, 0, 0])
+    np.testing.assert_array_equal(cost.target_q, [0, 0, -5])
+    assert (cost.effort, cost.tracking, cost.terminal) == (1.0, 2.0, 0.0)
+
+
+def test_weights_as_list_or_by_name(swing: Maker) -> None:
+    listed = swing(cost={"tracking": 1.0, "tracking_weights": [0, 0, 1, 2, 2, 2]}).cost
+    name = swing().robot.joint_names[2]
+    named = swing(cost={"tracking": 1.0, "tracking_weights": {"q": {name: 1}, "p": 2.0}}).cost
+    np.testing.assert_array_equal(listed.tracking_weights, named.tracking_weights)
+
+
+def test_a_weight_needs_a_target(swing: Maker) -> None:
+    with pytest.raises(
+        ProblemFileError, match=r"cost\.tracking_weights\[3\]: got 1 on p of .* does not say p there"
+    ):
+        swing(
+            goal={"q": [0, 0, -5], "enforce": "none"},
+            cost={"tracking": 1.0, "tracking_weights": [0, 0, 1, 1, 0, 0]},
+        )
+    with pytest.raises(
+        ProblemFileError, match=r"cost\.terminal_weights\[3\]: got 1 .* the goal does not say"
+    ):
+        swing(
+            goal={"q": [0, 0, -5], "enforce": "penalty"},
+            cost={"terminal": 1.0, "terminal_weights": [1, 1, 1, 1, 1, 1]},
+        )
+
+
+def test_tracking_with_zero_weights_is_refused(swing: Maker) -> None:
+    with pytest.raises(ProblemFileError, match="all weights are 0"):
+        swing(cost={"tracking": 1.0, "tracking_weights": [0] * 6})
+
+
+def test_a_target_of_its_own(swing: Maker) -> None:
+    cost = swing(cost={"tracking": 1.0, "target": {"q": [0, 5, 0]}}).cost
+    np.testing.assert_array_equal(cost.target_q, [0, 5, 0])
+    np.testing.assert_array_equal(cost.tracking_weights, [1, 1, 1, 0, 0, 0])
+
+
+def test_a_target_trajectory(swing: Maker) -> None:
+    rows = [[5.0, 0.0, 0.1 * n] for n in range(10)]
+    cost = swing(cost={"tracking": 1.0, "target": {"q": rows}}).cost
+    assert cost.is_trajectory
+    assert [part.shape for part in cost.targets(10)] == [(10, 3), (10, 3)]
+    with pytest.raises(
+        ProblemFileError, match=r"cost\.target\.q: got shape \(9, 3\), expected \(3,\); or \(10, 3\)"
+    ):
+        swing(cost={"tracking": 1.0, "target": {"q": rows[1:]}})
+
+
+def test_target_momentum_from_a_goal_velocity(ur5: Robot) -> None:
+    q, v = np.linspace(0.1, 0.6, 6), np.linspace(-1.0, 1.0, 6)
+    problem = Problem.create(ur5, 1.0, 10, goal={"q": q, "v": v, "enforce": "none"}, cost={"tracking": 1.0})
+    np.testing.assert_allclose(problem.cost.target_p, ur5.momentum(q, v))
+    np.testing.assert_array_equal(problem.cost.tracking_weights, np.ones(12))
+
+
+def _motion(robot: Robot, num: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    t = np.linspace(0.0, 1.0, num)
+    qs = np.array([robot.integrate(robot.neutral(), np.full(robot.nv, 0.5 * time)) for time in t])
+    return t, qs, np.outer(t, np.arange(1.0, robot.nv + 1))
+
+
+def test_target_file_csv(kinova: Robot, tmp_path: Path) -> None:
+    t, qs, ps = _motion(kinova, 6)
+    columns = [
+        "t [s]",
+        *(f"q:{c.name}" for c in kinova.q_labels),
+        "u:x",
+        *(f"p:{c.name} [N m s]" for c in kinova.p_labels),
+    ]
+    rows = np.column_stack([t, qs, np.zeros(6), ps])
+    path = tmp_path / "motion.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="")
+    problem = Problem.create(
+        kinova, 1.0, 10, start={"q": kinova.neutral()}, cost={"tracking": 1.0, "target_file": str(path)}
+    )
+    fine = _motion(kinova, 11)
+    np.testing.assert_allclose(problem.cost.target_q, fine[1][1:], atol=1e-12)
+    np.testing.assert_allclose(problem.cost.target_p, fine[2][1:], atol=1e-12)
+
+
+def test_target_file_result(load: Loader, ur5: Robot, arm_file: Path) -> None:
+    t, qs, ps = _motion(ur5, 21)
+    with h5py.File(arm_file.parent / "motion.h5", "w") as file:
+        for name, data in (("t", t), ("qs", qs), ("ps", ps)):
+            file[f"trajectories/{name}"] = data
+    problem = load("cost.target_file='motion.h5'", "cost.tracking=1")  # relative to the problem file
+    np.testing.assert_allclose(problem.cost.target_q, qs[1:], atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("t,a\n0,1\n", "has no column q:shoulder_pan_joint"),
+        ("", "has no column t"),
+    ],
+)
+def test_bad_target_file(load: Loader, arm_file: Path, content: str, reason: str) -> None:
+    (arm_file.parent / "motion.csv").write_text(content)
+    with pytest.raises(ProblemFileError, match=rf"cost\.target_file: .*{reason}"):
+        load("cost.target_file='motion.csv'", "cost.tracking=1")
+
+
+def test_target_file_that_ends_early(load: Loader, ur5: Robot, arm_file: Path) -> None:
+    t, qs, ps = _motion(ur5, 21)
+    with h5py.File(arm_file.parent / "motion.h5", "w") as file:
+        for name, data in (("t", 0.5 * t), ("qs", qs), ("ps", ps)):
+            file[f"trajectories/{name}"] = data
+    with pytest.raises(ProblemFileError, match=r"covers 0 to 0\.5 s, expected 0 to 1 s"):
+        load("cost.target_file='motion.h5'", "cost.tracking=1")
+
+
+def test_missing_target_file(load: Loader) -> None:
+    with pytest.raises(ProblemFileError, match=r"cost\.target_file: no such file"):
+        load("cost.target_file='gone.h5'")

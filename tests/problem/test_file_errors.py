@@ -1,0 +1,179 @@
+"""A wrong problem file is an error that names the file, the key, what was got and what is allowed."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mbocp.exceptions import MbocpError, ProblemError, ProblemFileError, UnknownJoint, UnknownRobot
+from mbocp.problem import Problem, load_problem, parse_problem
+
+Loader = Callable[..., Problem]
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(ProblemFileError, match=r"nothing\.toml: no such file"):
+        load_problem(tmp_path / "nothing.toml")
+
+
+def test_folder_instead_of_file(tmp_path: Path) -> None:
+    with pytest.raises(ProblemFileError, match="is a folder"):
+        load_problem(tmp_path)
+
+
+def test_binary_instead_of_text(tmp_path: Path) -> None:
+    path = tmp_path / "result.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
+    with pytest.raises(ProblemFileError, match="not a text file"):
+        load_problem(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("robot = \n[horizon]", r"line 1, column 9"),
+        ('robot = "ur5"\n[horizon\nsteps = 3', r"line 2, column 9"),
+        ("robot =", r"line 1, column 8"),
+        ("a = 1\na = 2\n", r"line \d, column \d"),
+    ],
+)
+def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(ProblemFileError, match=rf"bad\.toml: malformed TOML: .*{where}"):
+        load_problem(path)
+
+
+@pytest.mark.parametrize(
+    ("setting", "key", "reason"),
+    [
+        ("horizon.step=3", "horizon.step", r"unknown key, did you mean 'steps'\? \(allowed in \[horizon\]: duration, steps"),
+        ("duration=3", "duration", r"unknown key, did you mean horizon.duration\?"),
+        ("cost.alpha=3", "cost.alpha", r"did you mean cost\.effort\?"),
+        ("cost.enforce='exact'", "cost.enforce", r"did you mean goal\.enforce\?"),
+        ("zzz=3", "zzz", r"unknown key \(allowed here: robot, "),
+        ("horizon.steps=0", "horizon.steps", "got 0, expected a whole number of at least 1"),
+        ("horizon.steps=-3", "horizon.steps", "got -3, expected a whole number"),
+        ("horizon.steps=1.5", "horizon.steps", r"got 1\.5, expected a whole number"),
+        ("horizon.steps=true", "horizon.steps", "got True, expected a whole number"),
+        ("horizon.duration=0", "horizon.duration", r"got 0\.0, expected a positive number \[s\]"),
+        ("horizon.duration=-1.0", "horizon.duration", r"got -1\.0, expected a positive number"),
+        ("horizon.duration=nan", "horizon.duration", "got nan, expected a finite number"),
+        ("horizon.duration=inf", "horizon.duration", "got inf, expected a finite number"),
+        ("horizon.duration='long'", "horizon.duration", "got 'long', expected a number"),
+        ("horizon=3", "horizon", "got 3, expected a table"),
+        ("robot=3", "robot", "got 3, expected a name, a path or a table"),
+        ("robot.gravity=[0,0]", "robot.gravity", r"got \[0, 0\], expected a list of 3"),
+        ("robot.gravity=[0,0,nan]", "robot.gravity.2", "got nan, expected a finite number"),
+        ("robot.lock=3", "robot.lock", "got 3, expected a list of joint names or a table"),
+        ("robot.free_flyer=1", "robot.free_flyer", "got 1, expected true or false"),
+        ("start.q=[0,0]", "start.q", r"got shape \(2,\), expected \(6,\); joints: shoulder_pan_joint, "),
+        ("start.q=3", "start.q", "got 3, expected a list of numbers or a table by joint name"),
+        ("start.q=[0,0,0,nan,0,0]", "start.q", "got nan at index 3, expected a finite number"),
+        ("start.q=[0,0,0,true,0,0]", "start.q", "got True at index 3, expected a number"),
+        ("start.q={elbow_joint='up'}", "start.q", "got 'up' for 'elbow_joint', expected a number"),
+        ("start.q={elbow_joint=[1,2]}", "start.q.elbow_joint", r"got shape \(2,\), expected \(1,\)"),
+        ("start.v=[0]", "start.v", r"got shape \(1,\), expected \(6,\)"),
+        ("start.v=[0,0,0,0,0,inf]", "start.v", "got inf at index 5"),
+        ("goal.q=[0,0,0,0,0,0,0]", "goal.q", r"got shape \(7,\), expected \(6,\)"),
+        ("goal.v=[0,0]", "goal.v", r"got shape \(2,\), expected \(6,\)"),
+        ("goal.p=[0,0,0,0,0,0]", "goal", "give v or p, not both"),
+        ("goal.enforce='exakt'", "goal.enforce", r"""got 'exakt', expected "exact" \| "penalty" \| "both" \| "none" \(did you mean 'exact'\?\)"""),
+        ("goal={}", "", ""),
+        ("cost.effort=0", "cost.effort", r"got 0\.0, expected a positive number: nothing else .* depends on the controls"),
+        ("cost.effort=-1", "cost.effort", r"got -1\.0"),
+        ("cost.tracking=-1", "cost.tracking", r"got -1\.0, expected a weight >= 0"),
+        ("cost.terminal=-1", "cost.terminal", r"got -1\.0, expected a weight >= 0"),
+        ("cost.terminal=1", "cost.terminal", """which goal.enforce = "exact" does not use; say enforce = "both", or"""),
+        ("goal.enforce='penalty'", "cost.terminal", """goal.enforce = "penalty" needs a weight above 0"""),
+        ("cost.tracking_weights=[1,2]", "cost.tracking_weights", r"got shape \(2,\), expected \(12,\); on \(q, p\)"),
+        ("cost.tracking_weights=[1,2,3,4,5,6,7,8,9,10,11,-12]", r"cost.tracking_weights[11]", r"got -12\.0, expected a weight"),
+        ("guess.kind='magic'", "guess.kind", r"""got 'magic', expected "auto" \| "control" \| "line" \| "hold" \| "solution\""""),
+        ("guess.u=[1]", "guess.u", r"got shape \(1,\), expected \(6,\); actuators: shoulder_pan_joint, "),
+        ("guess.u={motor=1}", "guess.u", "robot 'ur5' has no actuator 'motor'"),
+        ("guess.u=nan", "guess.u", "got nan, expected a finite number"),
+        ("guess.file='gone.h5'", "guess.file", "no such file"),
+        ("guess.kind='control'", "guess", "needs the key 'u'"),
+        ("guess.kind='solution'", "guess", "needs the key 'file'"),
+        ("coordinates='natural'", "coordinates", """got 'natural', expected "joint\""""),
+        ("integrator.scheme='rk4'", "integrator.scheme", """got 'rk4', expected "se1\""""),
+        ("solver.method='magic'", "solver.method", """got 'magic', expected "monolithic\""""),
+        ("solver.globalisation='some'", "solver.globalisation", r"""got 'some', expected "default" \| "none\""""),
+        ("solver.tolerance=0", "solver.tolerance", r"got 0\.0, expected a positive number"),
+        ("solver.max_iterations=0", "solver.max_iterations", "got 0, expected a whole number of at least 1"),
+    ],
+)  # fmt: skip
+def test_wrong_value_names_file_key_got_and_allowed(
+    load: Loader, setting: str, key: str, reason: str
+) -> None:
+    if setting == "goal={}":
+        with pytest.warns(UserWarning, match="asks for nothing"):
+            load(setting)
+        return
+    with pytest.raises(ProblemFileError, match=reason) as caught:
+        load(setting)
+    assert caught.value.key == key
+    assert re.match(rf".*arm\.toml: {re.escape(key)}: ", str(caught.value))
+
+
+def test_all_mistakes_of_the_file_are_told_at_once(load: Loader) -> None:
+    with pytest.raises(ProblemFileError) as caught:
+        load("horizon.step=3", "cost.effort='much'", "start.q=3")
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 3
+    assert all("arm.toml: " in line for line in lines)
+
+
+@pytest.mark.parametrize("key", ["robot", "horizon"])
+def test_missing_table(tmp_path: Path, key: str) -> None:
+    text = "[horizon]\nduration = 1\nsteps = 2\n" if key == "robot" else 'robot = "ur5"\n'
+    with pytest.raises(ProblemFileError, match=f"{key}: this key is missing"):
+        parse_problem(text)
+
+
+def test_unknown_robot_names_file_key_and_suggests(load: Loader) -> None:
+    with pytest.raises(UnknownRobot, match=r"arm\.toml: robot: unknown robot 'ur55'.*did you mean 'ur5'"):
+        load("robot='ur55'")
+
+
+def test_unknown_joint_names_file_key_and_suggests(load: Loader) -> None:
+    with pytest.raises(
+        UnknownJoint, match=r"arm\.toml: start\.q: robot 'ur5' has no joint 'elbow'.*'elbow_joint'"
+    ):
+        load("start.q={elbow=1.0}")
+
+
+def test_unknown_joint_to_lock(load: Loader) -> None:
+    with pytest.raises(UnknownJoint, match=r"arm\.toml: robot: robot 'ur5' has no joint 'elbow'"):
+        load("robot.lock=['elbow']")
+
+
+def test_empty_goal_cannot_be_enforced(load: Loader) -> None:
+    with pytest.raises(ProblemFileError, match='goal: enforce = "exact" needs something to enforce'):
+        load("goal={enforce='exact'}")
+
+
+def test_every_error_is_one_of_ours(load: Loader) -> None:
+    for setting in (
+        "start.q={}",
+        "goal.q={}",
+        "cost.target={}",
+        "robot={}",
+        "robot=''",
+        "start=[]",
+        "robot.name=[]",
+    ):
+        try:
+            load(setting)
+        except MbocpError as error:
+            assert "arm.toml" in str(error), setting
+
+
+def test_direct_construction_is_validated_too(load: Loader) -> None:
+    problem = load()
+    for change in ({"num_steps": 0}, {"duration": -1.0}, {"q_start": [0.0]}, {"coordinates": "polar"}):
+        with pytest.raises(MbocpError):
+            problem.with_(**change)
+    with pytest.raises(ProblemError):
+        problem.with_(goal=problem.goal.__class__(**{**vars(problem.goal), "enforce": "penalty"}))

@@ -1,0 +1,90 @@
+"""Lists and tables by joint name; angles of continuous joints."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mbocp.exceptions import DimensionMismatch, MbocpError, UnknownJoint
+from mbocp.problem import Problem
+from mbocp.problem.named import configuration_from, control_from, joint_values, tangent_from, weights_from
+from mbocp.robot import Robot
+
+
+def test_list_is_taken_as_it_is(ur5: Robot) -> None:
+    q, active = configuration_from(ur5, [1, 2, 3, 4, 5, 6], ur5.q0, "start.q")
+    np.testing.assert_array_equal(q, [1, 2, 3, 4, 5, 6])
+    assert active.all()
+
+
+def test_table_keeps_the_others(ur5: Robot) -> None:
+    base = np.arange(6.0)
+    q, active = configuration_from(ur5, {"elbow_joint": 0.5, "wrist_3_joint": [0.25]}, base, "goal.q")
+    np.testing.assert_array_equal(q, [0, 1, 0.5, 3, 4, 0.25])
+    np.testing.assert_array_equal(active, [False, False, True, False, False, True])
+
+
+def test_continuous_joint_by_angle_by_pair_or_in_a_short_list(kinova: Robot) -> None:
+    name = "j2s6s200_joint_4"
+    where = kinova.configuration_indices(name)
+    by_angle, _ = configuration_from(kinova, {name: 2.0}, kinova.q0, "start.q")
+    by_pair, _ = configuration_from(kinova, {name: [math.cos(2.0), math.sin(2.0)]}, kinova.q0, "start.q")
+    by_list, _ = configuration_from(kinova, [0, 0, 0, 2.0, 0, 0], kinova.q0, "start.q")
+    for q in (by_angle, by_pair, by_list):
+        np.testing.assert_allclose(q[where], [math.cos(2.0), math.sin(2.0)], atol=1e-15)
+
+
+def test_wrong_length_with_continuous_joints_names_both(kinova: Robot) -> None:
+    with pytest.raises(
+        DimensionMismatch, match=r"got shape \(7,\), expected \(9,\); or \(6,\) with one angle"
+    ):
+        configuration_from(kinova, [0.0] * 7, kinova.q0, "start.q")
+
+
+def test_free_flyer(hector: Robot) -> None:
+    q, active = configuration_from(hector, {"root_joint": [1, 2, 3, 0, 0, 0, 1]}, hector.q0, "goal.q")
+    np.testing.assert_array_equal(q, [1, 2, 3, 0, 0, 0, 1])
+    assert active.all()
+    v, active = tangent_from(hector, {"root_joint.wx": 2.0, "root_joint.vz": 1.0}, "goal.v")
+    np.testing.assert_array_equal(v, [0, 0, 1, 2, 0, 0])
+    np.testing.assert_array_equal(active, [False, False, True, True, False, False])
+
+
+def test_unknown_joint(ur5: Robot) -> None:
+    with pytest.raises(UnknownJoint, match="did you mean 'elbow_joint'"):
+        tangent_from(ur5, {"elbow_join": 1.0}, "start.v")
+
+
+def test_control(ur5: Robot) -> None:
+    np.testing.assert_array_equal(control_from(ur5, 2, "guess.u"), np.full(6, 2.0))
+    np.testing.assert_array_equal(control_from(ur5, {"elbow_joint": 3.0}, "guess.u"), [0, 0, 3, 0, 0, 0])
+
+
+def test_weights(hector: Robot) -> None:
+    np.testing.assert_array_equal(weights_from(hector, 2.0, "w"), np.full(6, 2.0))
+    np.testing.assert_array_equal(weights_from(hector, {"root_joint": 2.0}, "w"), np.full(6, 2.0))
+    np.testing.assert_array_equal(weights_from(hector, {"root_joint.wz": 3.0}, "w"), [0, 0, 0, 0, 0, 3])
+
+
+@pytest.mark.parametrize("robot", ["ur5", "kinova", "hector"])
+def test_written_values_read_back(robot: str, request: pytest.FixtureRequest) -> None:
+    robot_: Robot = request.getfixturevalue(robot)
+    rng = np.random.default_rng(0)
+    v = rng.standard_normal(robot_.nv)
+    active = rng.random(robot_.nv) < 0.5
+    v[~active] = 0.0
+    again, mask = tangent_from(robot_, joint_values(robot_, v, active), "v")
+    np.testing.assert_array_equal(again, v)
+    np.testing.assert_array_equal(mask, active)
+
+
+def test_quaternion_is_normalised_with_a_warning(hector: Robot) -> None:
+    goal = {"q": [0, 0, 1, 0, 0, 0, 1], "v": [0] * 6}
+    with pytest.warns(UserWarning, match=r"start\.q\[3:7\].*root_joint.*norm 2"):
+        problem = Problem.create(hector, 1.0, 20, start={"q": [0, 0, 1, 0, 0, 2, 0]}, goal=goal)
+    np.testing.assert_array_equal(problem.q_start, [0, 0, 1, 0, 0, 1, 0])
+
+
+def test_zero_quaternion_is_refused(hector: Robot) -> None:
+    with pytest.raises(MbocpError, match=r"goal\.q\[3:7\].*root_joint.*norm 0"):
+        Problem.create(hector, 1.0, 20, goal={"q": [0, 0, 1, 0, 0, 0, 0]})

@@ -1,0 +1,136 @@
+"""The problem as a value: from Python, from files, and back to text."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
+from mbocp.robot import Robot
+
+from .conftest import EXAMPLES
+
+Loader = Callable[..., Problem]
+FILES = sorted(EXAMPLES.rglob("*.toml"))
+
+
+def same(a: object, b: object) -> None:
+    """Assert that two values agree, to the round-off that normalising cos/sin pairs again leaves."""
+    if isinstance(a, Robot):
+        assert isinstance(b, Robot)
+        assert a.fingerprint == b.fingerprint
+    elif dataclasses.is_dataclass(a) and not isinstance(a, type):
+        assert type(a) is type(b)
+        for field in dataclasses.fields(a):
+            if field.name not in ("source", "name"):
+                same(getattr(a, field.name), getattr(b, field.name))
+    elif isinstance(a, np.ndarray):
+        np.testing.assert_allclose(np.asarray(a, float), np.asarray(b, float), atol=1e-15)
+    else:
+        assert a == b
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_example_loads_and_its_text_loads_as_the_same(path: Path) -> None:
+    problem = load_problem(path)
+    assert problem.name == path.stem
+    again = parse_problem(problem_to_toml(problem))
+    assert "goal" in problem_to_toml(problem)
+    if problem.cost.tracking == 0.0:  # unused: the weights that were written
+        again = again.with_(
+            cost=dataclasses.replace(again.cost, tracking_weights=problem.cost.tracking_weights)
+        )
+    same(problem, again)
+
+
+def test_all_examples_are_there() -> None:
+    names = {str(path.relative_to(EXAMPLES)) for path in FILES}
+    paper = {"elastic_pendulum", "rigid_pendulum", "cart_pendulum_rigid", "cart_pendulum_elastic"}
+    arms = {"ur5_reach", "panda_reach", "kinova_reach"}
+    assert names >= {f"paper/{n}.toml" for n in paper} | {f"arms/{n}.toml" for n in arms} | {
+        "free_flyer/drone_flip.toml"
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "dims", "y0", "u"),
+    [
+        ("elastic_pendulum", (3, 3, 0), [-2, -5, -5, -3, 0, 0], [0.001, 0.001, 0.001]),
+        ("rigid_pendulum", (3, 3, 1), [5, 0, 0, 0, 10, 0], [0, -2, 0]),
+        ("cart_pendulum_rigid", (3, 1, 1), [0, 0.5, 1, 0, 0, 0], [1]),
+        ("cart_pendulum_elastic", (3, 1, 0), [0, 0.5, 1, 0, 0, 0], [1]),
+    ],
+)
+def test_paper_data(name: str, dims: tuple[int, int, int], y0: list[float], u: list[float]) -> None:
+    problem = load_problem(EXAMPLES / "paper" / f"{name}.toml")
+    robot = problem.robot
+    assert (robot.nv, robot.nu, robot.nc) == dims
+    np.testing.assert_allclose([*problem.q_start, *problem.p_start], y0, atol=1e-14)
+    assert problem.dt == pytest.approx(0.01)
+    assert problem.guess.kind == "control"
+    np.testing.assert_array_equal(problem.guess.u, u)
+
+
+def test_create_is_the_file(load: Loader) -> None:
+    created = Problem.create(
+        "ur5",
+        1.0,
+        20,
+        start={"q": np.array([0, -1.57, 0, -1.57, 0, 0])},
+        goal={"q": (0.5, -1.2, 0.5, -0.3, 0.4, 0.2), "v": np.zeros(6)},
+    )
+    same(created, load())
+
+
+def test_robot_path_is_relative_to_the_file(tmp_path: Path, ur5: Robot) -> None:
+    assert ur5.source is not None
+    (tmp_path / "here.urdf").write_text(
+        '<robot name="slider"><link name="base"/><link name="cart"><inertial><mass value="2"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        '<joint name="rail" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>'
+        '<limit effort="10" velocity="1" lower="-1" upper="1"/></joint></robot>'
+    )
+    path = tmp_path / "slide.toml"
+    path.write_text('robot = "here.urdf"\n[horizon]\nduration = 1\nsteps = 10\n[goal]\nq = [0.5]\nv = [0]\n')
+    problem = load_problem(path)
+    assert problem.robot.joint_names == ("rail",)
+    again = parse_problem(problem_to_toml(problem))  # from another folder
+    assert again.robot.fingerprint == problem.robot.fingerprint
+    with pytest.warns(
+        UserWarning, match=r"goal\.q: outside the position limits of rail; limits are not enforced"
+    ):
+        load_problem(path, ["goal.q=[1.5]"])
+
+
+def test_values_are_frozen(load: Loader) -> None:
+    problem = load()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        problem.duration = 2.0  # type: ignore[misc]
+    for array in (problem.q_start, problem.v_start, problem.goal.q, problem.cost.tracking_weights):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+def test_start_without_q_is_the_initial_pose(ur5: Robot) -> None:
+    problem = Problem.create(ur5, 1.0, 20, goal={"q": [0.5, -1.2, 0.5, -0.3, 0.4, 0.2]})
+    np.testing.assert_array_equal(problem.q_start, ur5.q0)
+    np.testing.assert_array_equal(problem.v_start, np.zeros(6))
+
+
+@pytest.mark.parametrize(
+    ("table", "kind"),
+    [({}, "auto"), ({"u": 1.0}, "control"), ({"kind": "hold"}, "hold"), ({"kind": "line", "u": 1.0}, "line")],
+)
+def test_kind_of_the_guess(ur5: Robot, table: dict[str, object], kind: str) -> None:
+    guess = Problem.create(ur5, 1.0, 20, goal={"q": [0.1] * 6}, guess=table).guess
+    assert guess.kind == kind
+    assert (guess.u is not None) == (kind == "control")
+
+
+def test_guess_from_a_file_is_relative_to_the_problem(load: Loader, arm_file: Path) -> None:
+    saved = arm_file.parent / "before.h5"
+    saved.write_bytes(b"")
+    guess = load("guess.file=before.h5").guess
+    assert (guess.kind, guess.path) == ("solution", saved)
