@@ -1,18 +1,18 @@
 r"""Rigid motions of the whole robot that change nothing about its equations, and their momentum maps.
 
-A spatial twist s (about the origin of the world, linear before angular) is a symmetry if there is a field X(q) of
-joint velocities that moves every massive body by it,
+A spatial twist s (about the origin of the world, linear before angular) is a symmetry if there is a field
+X(q) of joint velocities that moves every massive body by it,
 
 .. math:: J_i(q)\,X(q) = s \quad \text{for all bodies } i,
 
-and if gravity, the force elements, the holonomic constraints and the actuation are invariant; the control may turn
-along, :math:`u \to e^{\varepsilon\Omega} u` with a skew :math:`\Omega`, which leaves :math:`|u|^2` as it is
-(Proposition 3 of [Bijalwan2025]_). Noether's theorem then gives the control momentum, eq. (15).
+and if gravity, the force elements, the holonomic constraints and the actuation are invariant; the control
+may turn along, :math:`u \to e^{\varepsilon\Omega} u` with a skew :math:`\Omega`, which leaves :math:`|u|^2`
+as it is (Proposition 3 of [Bijalwan2025]_). Noether's theorem then gives the control momentum, eq. (15).
 
-Only fields that the discrete step :math:`q_n = q_{n-1} \circ \exp(\Delta t\,v_n)` respects are found, for it is they
-whose momentum an integrator keeps to round-off: affine in the coordinates of prismatic and revolute joints, and
-:math:`\mathrm{Ad}_q^{-1}\sigma` on joints that live on a Lie group. (A ball joint made of three hinges is symmetric,
-too, but Euler angles and Euler steps do not commute with rotations.) So
+Only fields that the discrete step :math:`q_n = q_{n-1} \circ \exp(\Delta t\,v_n)` respects are found, for it
+is they whose momentum an integrator keeps to round-off: affine in the coordinates of prismatic and revolute
+joints, and :math:`\mathrm{Ad}_q^{-1}\sigma` on joints that live on a Lie group. (A ball joint made of three
+hinges is symmetric, too, but Euler angles and Euler steps do not commute with rotations.) So
 
 .. math:: X(q) = c + A\,q + \mathrm{Ad}_q^{-1}\sigma, \qquad X_v(q, v) = A\,v
 
@@ -31,7 +31,7 @@ from mbocp._arrays import Array
 from mbocp.mechanics.symmetry_fields import Ansatz, Symmetry, skew
 from mbocp.robot import Robot, SpringDamper
 
-__all__ = ["Symmetry", "find_symmetries"]
+__all__ = ["Symmetry", "find_symmetries", "momentum_map"]
 
 _TOLERANCE = 1e-8  # relative, of singular values that count as zero; they come out at 1e-15 or at 1e-2
 _POINT_MASS = 1e-10  # [m^2] inertia by mass, below which a body has no orientation (radius of gyration 10 um)
@@ -48,7 +48,7 @@ def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
     Returns
     -------
     symmetries : tuple of Symmetry
-        A basis: translations, then rotations, along the axes of the world where possible. Empty if there is none.
+        A basis: first translations, then rotations, along the axes of the world where possible.
     """
     ansatz = Ansatz(robot, _support(robot))
     if ansatz.size == 0:
@@ -62,6 +62,50 @@ def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
         ansatz.symmetry(name, basis @ weights, np.tensordot(weights, omegas, 1))
         for name, weights in _named_basis(basis[-6:])
     )
+
+
+def momentum_map(robot: Robot, symmetry: Symmetry, qs: Array, vs: Array, mus: Array) -> Array:
+    r"""Control momentum of a symmetry, eq. (15), in the form that the discrete equations conserve.
+
+    By Noether's theorem :math:`J_n = \partial_{x_n} S_{n+1} \cdot (X, X_v)(x_n)`, where :math:`S_{n+1}` is
+    the part of the Lagrangian, eq. (22), that belongs to the step from n to n + 1. For a constant mass
+    matrix and prismatic joints that is :math:`n \cdot (q \times \mu^q + p \times \mu^p)`.
+
+    Parameters
+    ----------
+    qs : ndarray, shape (N + 1, nq)
+        Configurations [m, rad, quaternion xyzw].
+    vs : ndarray, shape (N + 1, nv)
+        Velocities [m/s, rad/s].
+    mus : ndarray, shape (N + 1, 2 nv)
+        Multipliers of the rows of each step: of the kinematic row, in the tangent space of q_{n+1}, and of
+        the momentum row, dual to p; the last are those of the final state, in the tangent space of q_N.
+
+    Returns
+    -------
+    momentum : ndarray, shape (N + 1,)
+    """
+    nv = robot.nv
+    end = np.minimum(np.arange(len(qs)) + 1, len(qs) - 1)  # where the rows of each step stand
+    # The derivative of q_n exp(dt v_{n+1}) with respect to q_n carries X(q_n) into X(q_{n+1}) on a Lie group,
+    # and is the identity on plain coordinates.
+    fields = symmetry.vector_generator(qs)
+    for block in symmetry.blocks:
+        fields[:, block.idx_v : block.idx_v + len(block.sigma)] = block.generator(qs[end])
+    momentum: Array = np.einsum("ni,ni->n", mus[:, :nv], fields)
+    if symmetry.linear.any():  # momentum row: M(q_{n+1}) (v_n - v_{n+1}) + ...
+        rates = symmetry.velocity_generator(vs)
+        masses = _mass_matrices(robot, qs[end])
+        momentum += np.einsum("ni,nij,nj->n", mus[:, nv:], masses, rates)
+    return momentum
+
+
+def _mass_matrices(robot: Robot, qs: Array) -> Array:
+    data, out = robot.model.createData(), np.empty((len(qs), robot.nv, robot.nv))
+    for n, q in enumerate(qs):
+        upper = np.triu(pin.crba(robot.model, data, q))
+        out[n] = upper + np.triu(upper, 1).T
+    return out
 
 
 def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
@@ -97,7 +141,7 @@ def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
 
 
 def _motion_rows(robot: Robot, q: Array, features: Array) -> list[Array]:
-    """Conditions on (theta, s) at q: bodies move rigidly, and force elements and constraints do not notice."""
+    """Conditions on (theta, s) at q: bodies move rigidly, force elements and constraints do not notice."""
     rows = list(_body_rows(robot, q, features))
     model, data = robot.model, robot.model.createData()
     pin.computeJointJacobians(model, data, q)
@@ -139,41 +183,50 @@ def _with_actuation(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Array, 
     basis : ndarray, shape (size + 6, k)
     omegas : ndarray, shape (k, nu, nu)
     """
+    change, matrix = _actuation_changes(robot, ansatz, basis)
     nu, count = robot.nu, basis.shape[1]
-    changes, matrices = [], []  # of each configuration: (count, nv, nu) and (nv, nu)
-    for q in _random_configurations(robot, 4 if robot.nu <= 12 else 2):
-        directions = ansatz.features(q) @ basis[:-6]
-        matrices.append(robot.actuation_matrix(q))
-        changes.append(
-            np.array(
-                [
-                    _actuation_rate(robot, q, directions[:, k]) + ansatz.linear(basis[:-6, k]).T @ matrices[-1]
-                    for k in range(count)
-                ]
-            ).reshape(count, robot.nv, nu)
-        )
-    change, matrix = np.concatenate(changes, axis=1), np.concatenate(matrices)  # (count, rows, nu), (rows, nu)
-    scale = max(float(np.abs(matrix).max(initial=0.0)), 1e-300)
-    turning = np.flatnonzero((np.abs(change) > _TOLERANCE * scale).any(axis=(0, 1))) if count else []
+    # A control whose column does not change stays as it is (the columns of B are independent).
+    turning = np.flatnonzero((np.abs(change) > _TOLERANCE).any(axis=(0, 1)))
     if not len(turning):
         return basis, np.zeros((count, nu, nu))
-    # A control whose column does not change stays as it is (the columns of B are independent).
     pairs = [(i, j) for i in turning for j in turning if i < j]
-    columns = [c.ravel() / scale for c in change]
-    for i, j in pairs:
+    columns = [c.ravel() for c in change]
+    for i, j in pairs:  # B Omega with Omega_ij = 1, Omega_ji = -1
         product = np.zeros_like(matrix)
-        product[:, j], product[:, i] = matrix[:, i], -matrix[:, j]  # B Omega with Omega_ij = 1, Omega_ji = -1
-        columns.append(product.ravel() / scale)
+        product[:, j], product[:, i] = matrix[:, i], -matrix[:, j]
+        columns.append(product.ravel())
     null = _null_space(np.array(columns).T)
-    weights = null[:count]
-    # Combinations of weights that are attainable, each with its smallest Omega.
-    u, singular, _ = np.linalg.svd(weights, full_matrices=False)
+    # Combinations of the basis that are attainable, each with its smallest Omega.
+    u, singular, _ = np.linalg.svd(null[:count], full_matrices=False)
     attainable = u[:, singular > _TOLERANCE]
-    solutions = null @ np.linalg.pinv(weights, rcond=_TOLERANCE) @ attainable
+    solutions = null @ np.linalg.pinv(null[:count], rcond=_TOLERANCE) @ attainable
     omegas = np.zeros((attainable.shape[1], nu, nu))
     for (i, j), values in zip(pairs, solutions[count:], strict=True):
         omegas[:, i, j], omegas[:, j, i] = values, -values
     return basis @ attainable, omegas
+
+
+def _actuation_changes(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Array, Array]:
+    """Return DB[X] + A^T B for each field, and B, at several configurations one below the other.
+
+    Returns
+    -------
+    changes : ndarray, shape (k, rows, nu)
+    matrix : ndarray, shape (rows, nu)
+        Both scaled such that the largest entry of the matrix is one.
+    """
+    changes, matrices = [], []
+    for q in _random_configurations(robot, 4):
+        directions, matrix = ansatz.features(q) @ basis[:-6], robot.actuation_matrix(q)
+        rates = [
+            _actuation_rate(robot, q, direction) + ansatz.linear(theta).T @ matrix
+            for direction, theta in zip(directions.T, basis[:-6].T, strict=True)
+        ]
+        matrices.append(matrix)
+        changes.append(np.array(rates).reshape(-1, robot.nv, robot.nu))
+    stacked = np.concatenate(matrices)
+    scale = float(np.abs(stacked).max(initial=0.0)) or 1.0
+    return np.concatenate(changes, axis=1) / scale, stacked / scale
 
 
 def _actuation_rate(robot: Robot, q: Array, direction: Array) -> Array:
@@ -191,7 +244,10 @@ def _named_basis(twists: Array) -> Iterator[tuple[str, Array]]:
     """Combinations of the columns of `twists` (6, k) that a person would choose, with names."""
     pure = _null_space(twists[3:]) if twists.shape[1] else twists[:0].T
     for axis in _axes(twists[:3] @ pure):
-        yield f"translation along {_direction(axis)}", pure @ np.linalg.pinv(twists[:3] @ pure, _TOLERANCE) @ axis
+        yield (
+            f"translation along {_direction(axis)}",
+            pure @ np.linalg.pinv(twists[:3] @ pure, _TOLERANCE) @ axis,
+        )
     for axis in _axes(twists[3:]):
         weights = np.linalg.pinv(twists[3:], _TOLERANCE) @ axis
         if pure.shape[1]:  # through the origin, or as near to it as the other symmetries allow
@@ -205,7 +261,9 @@ def _named_basis(twists: Array) -> Iterator[tuple[str, Array]]:
 
 def _axes(vectors: Array) -> list[Array]:
     """Orthonormal basis of the span of 3-vectors (in columns): axes of the world first."""
-    u, singular, _ = np.linalg.svd(vectors, full_matrices=False) if vectors.size else (np.zeros((3, 0)), np.zeros(0), 0)
+    u, singular, _ = (
+        np.linalg.svd(vectors, full_matrices=False) if vectors.size else (np.zeros((3, 0)), np.zeros(0), 0)
+    )
     span = u[:, singular > _TOLERANCE]
     chosen = [e for e in np.eye(3) if np.linalg.norm(span @ (span.T @ e) - e) < 1e-7]
     rest = span

@@ -1,4 +1,4 @@
-r"""Fields of joint velocities that can generate a symmetry, and the linear space in which they are looked for.
+r"""Fields of joint velocities that generate symmetries, and the linear space in which they are looked for.
 
 .. math:: X(q) = c + A\,q + \mathrm{Ad}_q^{-1}\sigma, \qquad X_v(q, v) = A\,v
 
@@ -38,7 +38,8 @@ class LieBlock:
     idx_q, idx_v : int
         Where it starts in q and v.
     sigma : ndarray, shape (6,), (3,) or (3,)
-        Spatial twist in the joint's fixed frame: free-flyer (linear, angular), spherical (angular), planar (x, y, w).
+        Spatial twist in the joint's fixed frame: free-flyer (linear, angular), spherical (angular), planar
+        (x, y, w).
     """
 
     kind: str
@@ -100,9 +101,9 @@ class Symmetry:
         return out
 
     def touches(self, tracked: Any) -> bool:
-        """Whether it moves one of the `tracked` components of (q, p), a mask of shape (2 nv,), in tangent coordinates.
+        """Whether it moves one of the `tracked` components of (q, p), a mask of shape (2 nv,).
 
-        Momenta move by -A^T p.
+        Both in tangent coordinates; momenta move by -A^T p.
         """
         nv = len(self.constant)
         moved = (self.constant != 0) | (self.linear != 0).any(axis=1)
@@ -113,7 +114,7 @@ class Symmetry:
 
 
 class Ansatz:
-    """X(q) = features(q) @ theta: constants, a matrix on the plain coordinates, a twist for each Lie joint."""
+    """X(q) = features(q) @ theta: constants, a matrix on plain coordinates, a twist for each Lie joint."""
 
     def __init__(self, robot: Robot, support: Any) -> None:
         self.robot = robot
@@ -173,7 +174,7 @@ class Ansatz:
 
     def symmetry(self, name: str, vector: Array, control: Array) -> Symmetry:
         """Take (theta, s) apart; what is round-off becomes zero."""
-        vector = np.where(np.abs(vector) > 1e-12 * np.abs(vector).max(), vector, 0.0)
+        vector = _without_round_off(vector)
         theta, constant = vector[:-6], np.zeros(self.robot.nv)
         constant[self.constants] = theta[: len(self.constants)]
         start, blocks = len(self.constants) + self.num_linear, []
@@ -188,9 +189,13 @@ class Ansatz:
             constant=frozen_array(constant),
             linear=frozen_array(self.linear(theta)),
             blocks=tuple(blocks),
-            control=frozen_array(control),
+            control=frozen_array(_without_round_off(control)),
             coordinates=self.coordinates,
         )
+
+
+def _without_round_off(values: Array) -> Array:
+    return np.where(np.abs(values) > _ROUND_OFF * np.abs(values).max(initial=0.0), values, 0.0)
 
 
 def _lie_map(kind: str, qs: Array) -> Array:

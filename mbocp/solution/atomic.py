@@ -17,8 +17,8 @@ __all__ = ["atomic_path"]
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Give a temporary file in the folder of `path` that replaces `path` when the block ends well.
 
-    The temporary file is flushed to the disk before it takes the name. If the block raises (Ctrl-C included) it is
-    removed, and what was at `path` before is still there.
+    The temporary file is flushed to the disk before it takes the name. If the block raises (Ctrl-C included)
+    it is removed, and what was at `path` before is still there.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     try:
         yield temporary
         _flush(temporary)
-        os.replace(temporary, target)
+        temporary.replace(target)
     except OSError as error:
         reason = f"cannot be written: {error.strerror or error}; what was there before is unchanged"
         raise ResultFileError(path, reason) from error

@@ -57,7 +57,7 @@ _ENTRIES: dict[str, _Entry] = {
 
 
 class FileContent(NamedTuple):
-    """What goes into a result file and comes back: arrays, their columns, single values, structured values, text."""
+    """What goes into a result file and comes back: arrays and their columns, values, structures, text."""
 
     arrays: Mapping[str, Array]
     columns: Mapping[str, tuple[Column, ...]]

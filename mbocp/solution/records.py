@@ -1,4 +1,4 @@
-"""What a solve leaves behind besides the trajectories: its status, its phases, its iterations, its columns."""
+"""What a solve leaves behind besides the trajectories: status, phases, iterations, columns."""
 
 from __future__ import annotations
 
@@ -161,8 +161,7 @@ class Labels:
 
 def _columns(labels: Iterable[Any]) -> tuple[Column, ...]:
     return tuple(
-        Column(str(c.name), str(c.unit)) if hasattr(c, "name") else _pair(c)  # robot labels, or pairs
-        for c in labels
+        _pair(c) if isinstance(c, (tuple, list)) else Column(str(c.name), str(c.unit)) for c in labels
     )
 
 

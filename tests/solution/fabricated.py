@@ -13,8 +13,8 @@ ARM_JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
 
 def history(iterations: int, cost: float) -> tuple[IterationRecord, ...]:
     """Newton's method as it should be: first slow, then quadratic."""
-    residuals = [10.0 ** (1.5 - 1.4 * k) for k in range(iterations - 3)]
-    residuals += [residuals[-1] ** 1 * 1e-2, 1e-6, 3e-13]
+    residuals = [10.0 ** (1.5 - 0.5 * k) for k in range(iterations - 3)]
+    residuals += [1e-3, 1e-6, 3e-13]
     return tuple(
         IterationRecord(
             iteration=k,

@@ -63,7 +63,7 @@ def test_an_interrupted_save_leaves_the_old_file_whole(
     monkeypatch.setattr(files, "_write_text", interrupted)  # after the trajectories are written
     with pytest.raises(KeyboardInterrupt):
         arm().save(path)
-    assert os.listdir(tmp_path) == ["result.h5"]
+    assert list(tmp_path.iterdir()) == [path]
     assert Solution.load(path) == old
 
 
@@ -81,7 +81,7 @@ def test_a_full_disk_is_an_error_and_leaves_the_old_file_whole(
     with pytest.raises(ResultFileError, match=r"No space left on device; what was there before is unchanged"):
         arm().save(path)
     monkeypatch.undo()
-    assert os.listdir(tmp_path) == ["result.h5"]
+    assert list(tmp_path.iterdir()) == [path]
     assert Solution.load(path) == old
 
 
@@ -146,7 +146,7 @@ def test_parts_that_are_missing_or_do_not_fit(tmp_path: Path) -> None:
     pendulum().save(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         del file["trajectories/mus"]
-    with pytest.raises(ResultFileError, match="damaged or incomplete .*mus"):
+    with pytest.raises(ResultFileError, match=r"damaged or incomplete .*mus"):
         Solution.load(tmp_path / "a.h5")
     pendulum().save(tmp_path / "b.h5")
     with h5py.File(tmp_path / "b.h5", "r+") as file:
@@ -154,7 +154,7 @@ def test_parts_that_are_missing_or_do_not_fit(tmp_path: Path) -> None:
         del file["trajectories/t"]
         file["trajectories/t"] = np.zeros(7)
         file["trajectories/t"].attrs.update(columns)
-    with pytest.raises(ResultFileError, match="do not fit together .*qs: got shape"):
+    with pytest.raises(ResultFileError, match=r"do not fit together .*qs: got shape"):
         Solution.load(tmp_path / "b.h5")
 
 

@@ -1,0 +1,122 @@
+"""What a trajectory says about itself: conserved quantities, violation of constraints, drift."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import DimensionMismatch
+from mbocp.mechanics.symmetry import find_symmetries, momentum_map
+from mbocp.robot import Robot
+from mbocp.robot.joints import unit_groups
+
+__all__ = ["ConstraintViolation", "constraint_violation", "control_momenta", "manifold_drift"]
+
+
+def control_momenta(
+    robot: Robot, qs: Array, vs: Array, mus: Array, *, tracked: Any = None
+) -> tuple[Array, tuple[str, ...]]:
+    r"""Control momenta, eq. (15), in the directions that are symmetries of the robot.
+
+    They are conserved if the running cost is invariant, too: effort :math:`|u|^2` is; for a tracking term
+    pass the components that it weighs as `tracked`, and the symmetries that move one of them are left out.
+
+    Parameters
+    ----------
+    robot : Robot
+    qs : ndarray, shape (N + 1, nq)
+        Configurations [m, rad, quaternion xyzw].
+    vs : ndarray, shape (N + 1, nv)
+        Velocities [m/s, rad/s].
+    mus : ndarray, shape (N + 1, 2 nv)
+        Multipliers of the rows of each step, see `mbocp.mechanics.symmetry.momentum_map`.
+    tracked : array_like of bool, shape (2 nv,), optional
+        Components of (q, p) that the running cost weighs.
+
+    Returns
+    -------
+    momenta : ndarray, shape (N + 1, k)
+    names : tuple of str
+        "translation along x", "rotation about z", ...; empty if there is no symmetry.
+
+    Raises
+    ------
+    DimensionMismatch
+        If the shapes do not fit the robot.
+    """
+    nodes = len(qs)
+    for name, array, width in (("qs", qs, robot.nq), ("vs", vs, robot.nv), ("mus", mus, 2 * robot.nv)):
+        if array.shape != (nodes, width):
+            raise DimensionMismatch(name, array.shape, (nodes, width))
+    mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
+    if mask.shape != (2 * robot.nv,):
+        raise DimensionMismatch("tracked", mask.shape, (2 * robot.nv,))
+    symmetries = [s for s in find_symmetries(robot) if not s.touches(mask)]
+    columns = [momentum_map(robot, s, qs, vs, mus) for s in symmetries]
+    momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
+    return momenta, tuple(s.name for s in symmetries)
+
+
+@dataclass(frozen=True)
+class ConstraintViolation:
+    """Largest violation of the holonomic constraints along a trajectory, with where and when.
+
+    Attributes
+    ----------
+    position : float
+        Largest |Phi(q)| [m^2 for rods]; 0 without constraints.
+    position_name : str
+        Name of that constraint.
+    position_node : int
+        Node n at which it is that large.
+    velocity : float
+        Largest |Phi_q(q) v| [m^2/s for rods].
+    velocity_name : str
+    velocity_node : int
+    """
+
+    position: float = 0.0
+    position_name: str = ""
+    position_node: int = 0
+    velocity: float = 0.0
+    velocity_name: str = ""
+    velocity_node: int = 0
+
+
+def constraint_violation(robot: Robot, qs: Array, vs: Array) -> ConstraintViolation:
+    """Find the largest violation of the holonomic constraints at position and at velocity level.
+
+    Parameters
+    ----------
+    qs : ndarray, shape (N + 1, nq)
+    vs : ndarray, shape (N + 1, nv)
+    """
+    if not robot.nc:
+        return ConstraintViolation()
+    position = np.array([robot.constraint_residual(q) for q in qs])
+    velocity = np.array([robot.constraint_jacobian(q) @ v for q, v in zip(qs, vs, strict=True)])
+    worst = []
+    for values in (position, velocity):
+        # NaN is the worst there is: argmax finds it first.
+        node, row = np.unravel_index(np.argmax(np.abs(values)), values.shape)
+        worst.append((float(np.abs(values[node, row])), robot.constraint_labels[row].name, int(node)))
+    return ConstraintViolation(*worst[0], *worst[1])
+
+
+def manifold_drift(robot: Robot, qs: Array) -> float:
+    """Largest deviation of a quaternion's or a (cos, sin) pair's norm from one along a trajectory.
+
+    Parameters
+    ----------
+    qs : ndarray, shape (N + 1, nq)
+
+    Returns
+    -------
+    drift : float
+        0 for a robot without such joints.
+    """
+    norms = [np.linalg.norm(qs[:, group], axis=1) for _, group in unit_groups(robot.model)]
+    return float(np.max(np.abs(np.array(norms) - 1.0), initial=0.0))

@@ -1,0 +1,213 @@
+"""Pictures of a solution: states, controls, multipliers, convergence, invariants, path in space.
+
+Every function returns a `matplotlib.figure.Figure` that no global state knows about; `save_figure` writes it
+as PNG, PDF or SVG.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+
+from mbocp._arrays import Array
+from mbocp.solution import Solution
+from mbocp.view import plots_panels as panels
+from mbocp.view.plots_path import FramePaths, frame_paths
+from mbocp.view.plots_style import (
+    WARNING,
+    house_style,
+    line_style,
+    new_figure,
+    plain_text,
+    save_figure,
+    strip_legend,
+)
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = [
+    "overview",
+    "plot_controls",
+    "plot_convergence",
+    "plot_invariants",
+    "plot_multipliers",
+    "plot_path",
+    "plot_solution",
+    "plot_states",
+    "save_figure",
+]
+
+_STRIP = 4  # as many names as fit into a line over a panel
+
+
+def plot_states(solution: Solution, *, rate: str = "v") -> Figure:
+    """Configuration, and velocity ("v") or momentum ("p"), over time, a panel for each unit."""
+    return _stack(solution, [*panels.state_panels(solution), *panels.rate_panels(solution, rate)])
+
+
+def plot_controls(solution: Solution, robot: Robot | None = None) -> Figure:
+    """Controls over time, with the effort limits of `robot` dashed where the motion comes near them."""
+    return _stack(solution, panels.control_panels(solution, _effort(robot)))
+
+
+def plot_multipliers(solution: Solution) -> Figure:
+    """Adjoints mu and zeta and constraint multipliers lambda over time."""
+    return _stack(solution, panels.multiplier_panels(solution))
+
+
+def plot_convergence(solution: Solution) -> Figure:
+    """Residual, increment and cost over the iterations."""
+    return _stack(solution, [panels.convergence_panel(solution), panels.cost_panel(solution)])
+
+
+def plot_invariants(solution: Solution, robot: Robot | None = None) -> Figure:
+    """Control Hamiltonian, control momenta, and how far what is conserved drifts.
+
+    With `robot` the violation of its holonomic constraints is there, too.
+    """
+    rows: list[panels.Panel | panels.LinePanel] = [panels.hamiltonian_panel(solution)]
+    if solution.control_momenta.size:
+        rows.append(panels.momentum_panel(solution))
+    rows.append(panels.drift_panel(solution, _violation(solution, robot)))
+    return _stack(solution, rows)
+
+
+def plot_path(solution: Solution, robot: Robot, frames: Sequence[str] | None = None) -> Figure:
+    """Path of `frames` in space (default: those that the robot traces), with start, end and direction."""
+    with house_style():
+        paths = frame_paths(robot, solution.qs, frames)
+        figure = new_figure(6.4, 5.6)
+        paths.draw(figure.add_subplot(projection=paths.projection))
+        _title(figure, solution)
+    return figure
+
+
+def plot_solution(solution: Solution, path: str | Path, robot: Robot | None = None) -> Path:
+    """Write an overview of the solution on one page as PNG, PDF or SVG, by the suffix of `path`.
+
+    With `robot` the page has the path in space, the effort limits and the constraint violation, too.
+
+    Raises
+    ------
+    ResultFileError
+        If the suffix is none of the three, or the file cannot be written.
+    """
+    return save_figure(overview(solution, robot), path)
+
+
+def overview(solution: Solution, robot: Robot | None = None) -> Figure:
+    """Everything about a solution on one page."""
+    tiles: list[panels.Panel | panels.LinePanel] = [
+        *panels.state_panels(solution),
+        *panels.rate_panels(solution, "v"),
+        *panels.control_panels(solution, _effort(robot)),
+    ]
+    tiles += _first_of_each_symbol(panels.multiplier_panels(solution))
+    tiles += [panels.convergence_panel(solution), panels.hamiltonian_panel(solution)]
+    if solution.control_momenta.size or solution.nc:
+        tiles.append(panels.drift_panel(solution, _violation(solution, robot)))
+    with house_style():
+        paths = frame_paths(robot, solution.qs) if robot is not None and robot.trace_frames else None
+        figure, places, path_place = _page(len(tiles), paths)
+        shared: dict[str, Any] = {}
+        for tile, place in zip(tiles, places, strict=False):
+            _draw(tile, figure.add_subplot(place), shared)
+        if paths is not None:
+            paths.draw(figure.add_subplot(path_place, projection=paths.projection))
+        _shared_legend(figure, shared)
+        _title(figure, solution)
+    return figure
+
+
+def _first_of_each_symbol(tiles: list[panels.LinePanel]) -> list[panels.LinePanel]:
+    """Keep one panel for each kind of multiplier, the one with most curves: the page is an overview."""
+    best: dict[str, panels.LinePanel] = {}
+    for tile in tiles:
+        symbol = tile.ylabel.split(" ")[0]
+        if symbol not in best or len(tile.names) > len(best[symbol].names):
+            best[symbol] = tile
+    return list(best.values())
+
+
+def _page(num_tiles: int, paths: FramePaths | None) -> tuple[Figure, list[Any], Any]:
+    """Lay out `num_tiles` panels and, if there is one, the path in space, twice as high, at the top right."""
+    cells = num_tiles + (2 if paths is not None else 0)
+    columns = 3 if cells <= 9 else 4
+    rows = max(math.ceil(cells / columns), 2 if paths is not None else 1)
+    figure = new_figure(4.1 * columns, 2.55 * rows + 0.9)
+    grid = GridSpec(rows, columns, figure=figure)
+    taken = {(0, columns - 1), (1, columns - 1)} if paths is not None else set()
+    free = [grid[i, j] for i in range(rows) for j in range(columns) if (i, j) not in taken]
+    return figure, free, grid[0:2, columns - 1] if paths is not None else None
+
+
+def _stack(solution: Solution, tiles: Sequence[panels.Panel | panels.LinePanel]) -> Figure:
+    """Put panels one below the other."""
+    with house_style():
+        figure = new_figure(7.2, 2.5 * max(len(tiles), 1) + 0.9)
+        shared: dict[str, Any] = {}
+        for i, tile in enumerate(tiles):
+            _draw(tile, figure.add_subplot(len(tiles), 1, i + 1), shared)
+        _shared_legend(figure, shared)
+        _title(figure, solution)
+    return figure
+
+
+def _draw(tile: panels.Panel | panels.LinePanel, axes: Axes, shared: dict[str, Any]) -> None:
+    """Draw a panel with its legend above it, or, if that is too long, keep the legend for the whole page."""
+    if isinstance(tile, panels.Panel):
+        tile.draw(axes)
+    elif len(tile.names) <= _STRIP:
+        strip_legend(axes, tile.draw(axes, [line_style(i) for i in range(len(tile.names))]), tile.names)
+    else:  # a name has one style on the whole page
+        places = {name: i for i, name in enumerate(dict.fromkeys([*shared, *tile.names]))}
+        handles = tile.draw(axes, [line_style(places[name]) for name in tile.names])
+        for name, handle in zip(tile.names, handles, strict=True):
+            shared.setdefault(name, handle)
+
+
+def _shared_legend(figure: Figure, shared: dict[str, Any]) -> None:
+    if not shared:
+        return
+    longest = max(len(name) for name in shared)
+    width = figure.get_size_inches()[0]
+    columns = max(1, min(len(shared), int(width / (0.075 * longest + 0.45))))
+    figure.legend(
+        list(shared.values()), list(shared), loc="outside lower center", ncols=columns, handlelength=2.4
+    )
+
+
+def _title(figure: Figure, solution: Solution) -> None:
+    name = solution.problem_name or solution.robot_name or "solution"
+    robot = f", robot {solution.robot_name}" if solution.robot_name not in ("", name) else ""
+    words = [
+        f"{name}{robot}: {solution.status} after {solution.iterations} iterations of {solution.solver}",
+        f"$J$ = {solution.cost:.7g}, residual {solution.residual:.1e}, "
+        f"$N$ = {solution.num_steps}, $T$ = {solution.duration:g} s",
+    ]
+    if not solution.converged and solution.advice:
+        words.append("\n".join(textwrap.wrap(plain_text(solution.advice), 100)[:2]))
+    figure.suptitle(
+        "\n".join([plain_text(words[0]), *words[1:]]),
+        fontsize=10.5,
+        color="black" if solution.converged else WARNING,
+    )
+
+
+def _effort(robot: Robot | None) -> Array | None:
+    return None if robot is None else robot.limits.effort
+
+
+def _violation(solution: Solution, robot: Robot | None) -> Array | None:
+    if robot is None or not solution.nc:
+        return None
+    return np.array([robot.constraint_residual(q) for q in solution.qs])

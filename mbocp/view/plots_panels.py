@@ -1,0 +1,303 @@
+"""The panels that pictures of a solution are put together from: each draws into the axes it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from mbocp._arrays import Array
+from mbocp.solution import Column, Solution
+from mbocp.view.plots_style import (
+    GREY,
+    PALETTE,
+    LineStyle,
+    calm_limits,
+    finish_axes,
+    line_style,
+    mark_time,
+    plain_text,
+    shorten,
+    strip_legend,
+)
+
+_FEW = 4  # curves whose names fit over a panel
+_MOST_STEPS = 60  # beyond, steps are too short to be seen, and dashes too long
+
+__all__ = [
+    "LinePanel",
+    "Panel",
+    "control_panels",
+    "convergence_panel",
+    "cost_panel",
+    "drift_panel",
+    "hamiltonian_panel",
+    "momentum_panel",
+    "multiplier_panels",
+    "rate_panels",
+    "state_panels",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class LinePanel:
+    """Several curves over time, in one unit.
+
+    Attributes
+    ----------
+    title, ylabel : str
+    names : tuple of str
+        One for each curve.
+    t : ndarray, shape (m,)
+        Time [s]; of the left ends if `step`.
+    values : ndarray, shape (m, len(names))
+    step : bool
+        Whether the values are constant between the times; then `t` has one entry more.
+    lower, upper : ndarray, shape (len(names),), or None
+        Limits, dashed.
+    """
+
+    title: str
+    ylabel: str
+    names: tuple[str, ...]
+    t: Array
+    values: Array
+    step: bool = False
+    lower: Array | None = None
+    upper: Array | None = None
+
+    def draw(self, axes: Axes, styles: Sequence[LineStyle]) -> list[Any]:
+        """Draw the curves; the caller adds the legend, for which this returns the handles."""
+        t, values, drawstyle = self.t, self.values, "default"
+        if self.step and len(values) <= _MOST_STEPS:
+            values, drawstyle = (
+                np.vstack([values, values[-1:]]),
+                "steps-post",
+            )  # the last value holds until the end
+        elif self.step:
+            t = (t[:-1] + t[1:]) / 2
+        handles = [
+            axes.plot(t, values[:, i], drawstyle=drawstyle, **style._asdict())[0]
+            for i, style in enumerate(styles)
+        ]
+        calm_limits(axes, values)
+        finish_axes(axes, title=self.title, ylabel=self.ylabel)
+        mark_time(axes, self.t)
+        self._draw_limits(axes, styles)
+        return handles
+
+    def _draw_limits(self, axes: Axes, styles: Sequence[LineStyle]) -> None:
+        """Draw finite limits dashed, if the motion comes near them; else say where they are."""
+        if self.lower is None or self.upper is None:
+            return
+        largest = np.nanmax(np.abs(self.values), initial=0.0)
+        finite = np.isfinite(self.lower) | np.isfinite(self.upper)
+        if not finite.any():
+            return
+        # A limit far away would squash the curves: beyond twice the largest value it is only mentioned.
+        near = [i for i in np.flatnonzero(finite) if min(-self.lower[i], self.upper[i]) <= 2 * largest]
+        for i in near:
+            for limit in {self.lower[i], self.upper[i]}:
+                if np.isfinite(limit):
+                    axes.axhline(
+                        limit, color=styles[i].color, linestyle=(0, (6, 3)), linewidth=0.9, alpha=0.8
+                    )
+        if len(near) < np.count_nonzero(finite):
+            least = min(min(-self.lower[i], self.upper[i]) for i in np.flatnonzero(finite) if i not in near)
+            note = (
+                f"limits dashed; others from ±{least:.3g}" if near else f"limits from ±{least:.3g}, not shown"
+            )
+        else:
+            note = "limits dashed"
+        axes.annotate(
+            note, (1, 1), xycoords="axes fraction", ha="right", va="bottom", fontsize=6.5, color=GREY
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Anything else: a function that draws into axes, legend included."""
+
+    draw: Callable[[Axes], None]
+
+
+def _groups(columns: Sequence[Column]) -> list[list[int]]:
+    """Group columns by unit; where these are many, a joint with several columns ("root_joint.x") apart."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for i, column in enumerate(columns):
+        groups.setdefault((column.unit, ""), []).append(i)
+    for (unit, _), members in list(groups.items()):
+        if len(members) > _FEW:
+            del groups[unit, ""]
+            for i in members:
+                joint, dot, _ = columns[i].name.rpartition(".")
+                alone = not dot or sum(columns[k].name.startswith(joint + ".") for k in members) == 1
+                groups.setdefault((unit, "" if alone else joint), []).append(i)
+    return list(groups.values())
+
+
+def _line_panels(
+    title: str, symbol: str, columns: Sequence[Column], t: Array, values: Array, **others: Any
+) -> list[LinePanel]:
+    panels = []
+    for members in _groups(columns):
+        unit = columns[members[0]].unit
+        prefix, names = shorten([columns[i].name for i in members])
+        limits = {key: limit[members] for key, limit in others.items() if key in ("lower", "upper")}
+        panels.append(
+            LinePanel(
+                title=plain_text(f"{title}, {prefix}" if prefix else title),
+                ylabel=f"{symbol} [{plain_text(unit)}]" if unit not in ("", "1", "-") else symbol,
+                names=tuple(plain_text(name) for name in names),
+                t=t,
+                values=values[:, members],
+                step=others.get("step", False),
+                **limits,
+            )
+        )
+    return panels
+
+
+def state_panels(solution: Solution) -> list[LinePanel]:
+    """Return the configuration, a panel for each unit."""
+    return _line_panels("Configuration", "$q$", solution.labels.q, solution.t, solution.qs)
+
+
+def rate_panels(solution: Solution, rate: str) -> list[LinePanel]:
+    """Return velocity ("v") or momentum ("p"), a panel for each unit."""
+    if rate == "p":
+        return _line_panels("Momentum", "$p$", solution.labels.p, solution.t, solution.ps)
+    return _line_panels("Velocity", "$v$", solution.labels.v, solution.t, solution.vs)
+
+
+def control_panels(solution: Solution, limit: Array | None) -> list[LinePanel]:
+    """Return the controls, a panel for each unit; `limit` is the largest effort (nu,)."""
+    limits = {} if limit is None else {"lower": -limit, "upper": limit}
+    return _line_panels("Control", "$u$", solution.labels.u, solution.t, solution.us, step=True, **limits)
+
+
+def multiplier_panels(solution: Solution) -> list[LinePanel]:
+    """Return the adjoint mu of q and of p, lambda and zeta, one panel each."""
+    labels, nv, t = solution.labels, solution.nv, solution.t
+    blocks = [
+        ("Adjoint of the configuration", r"$\mu^q$", labels.mu[:nv], solution.mus[:, :nv], False),
+        ("Adjoint of the momentum", r"$\mu^p$", labels.mu[nv:], solution.mus[:, nv:], False),
+        ("Constraint multiplier", r"$\lambda$", labels.lam, solution.lams, True),
+        ("Adjoint of the constraint", r"$\zeta$", labels.zeta, solution.zetas, True),
+    ]
+    return [
+        panel
+        for title, symbol, columns, values, step in blocks
+        if values.shape[1]
+        for panel in _line_panels(title, symbol, columns, t, values, step=step)
+    ]
+
+
+def _log_curve(axes: Axes, x: Array, y: Array, label: str, index: int, marker: str = "") -> None:
+    positive = np.where(np.isfinite(y) & (y > 0), y, np.nan)
+    if np.isfinite(positive).any():
+        axes.semilogy(x, positive, marker=marker, markersize=3.5, label=label, **line_style(index)._asdict())
+
+
+def _empty(axes: Axes, words: str) -> None:
+    axes.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY)
+
+
+def convergence_panel(solution: Solution) -> Panel:
+    """Return residual and increment over the iterations."""
+
+    def draw(axes: Axes) -> None:
+        k = np.arange(len(solution.history))
+        for index, (name, label, marker) in enumerate(
+            (("residual", "residual", "o"), ("increment", "increment", "s"))
+        ):
+            y = np.array([getattr(record, name) for record in solution.history], dtype=float)
+            _log_curve(axes, k, y, label, index, marker)
+        tolerance = solution.options.get("tolerance")
+        handles, labels = axes.get_legend_handles_labels()
+        if handles and isinstance(tolerance, float) and tolerance > 0:
+            handles.append(axes.axhline(tolerance, color=GREY, linestyle="--", linewidth=0.9))
+            labels.append("tolerance")
+        finish_axes(axes, title="Convergence", ylabel="Euclidean norm", xlabel="iteration")
+        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+        if handles:
+            strip_legend(axes, handles, labels)
+        else:
+            _empty(axes, "no history")
+
+    return Panel(draw)
+
+
+def cost_panel(solution: Solution) -> Panel:
+    """Return the cost over the iterations."""
+
+    def draw(axes: Axes) -> None:
+        cost = np.array([record.cost for record in solution.history], dtype=float)
+        axes.plot(np.arange(len(cost)), cost, marker="o", markersize=3.5, color=PALETTE[0])
+        calm_limits(axes, cost)
+        finish_axes(axes, title="Cost", ylabel="$J$", xlabel="iteration")
+        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+
+    return Panel(draw)
+
+
+def hamiltonian_panel(solution: Solution) -> Panel:
+    """Return the control Hamiltonian over time."""
+
+    def draw(axes: Axes) -> None:
+        values = solution.control_hamiltonians
+        axes.plot(solution.t[:-1], values, color=PALETTE[0])
+        calm_limits(axes, values)
+        finish_axes(axes, title="Control Hamiltonian", ylabel=r"$\mathcal{H}$ [cost/s]")
+        mark_time(axes, solution.t)
+        if not np.isfinite(values).any():
+            _empty(axes, "not evaluated")
+
+    return Panel(draw)
+
+
+def momentum_panel(solution: Solution) -> LinePanel:
+    """Return the control momenta over time, a curve for each symmetry."""
+    return LinePanel(
+        "Control momentum",
+        r"$\xi$ [cost]",
+        tuple(plain_text(name) for name in solution.control_momentum_names),
+        solution.t,
+        solution.control_momenta,
+    )
+
+
+def drift_panel(solution: Solution, violation: Array | None) -> Panel:
+    """Return what should be zero, in logarithmic scale: drift of control momenta, violation of constraints.
+
+    `violation` has the shape (N + 1, nc); None leaves it out.
+    """
+
+    def draw(axes: Axes) -> None:
+        momenta = solution.control_momenta
+        for i, name in enumerate(solution.control_momentum_names):
+            _log_curve(
+                axes, solution.t, np.abs(momenta[:, i] - momenta[0, i]), rf"$\xi$ {plain_text(name)}", i
+            )
+        if violation is not None and violation.size:
+            first = momenta.shape[1]
+            for i, column in enumerate(solution.labels.lam):
+                _log_curve(
+                    axes, solution.t, np.abs(violation[:, i]), rf"$\Phi$ {plain_text(column.name)}", first + i
+                )
+        what = "Drift of invariants, violation of constraints" if solution.nc else "Drift of invariants"
+        finish_axes(
+            axes, title=what, ylabel=r"$|\xi_n - \xi_0|$, $|\Phi|$" if solution.nc else r"$|\xi_n - \xi_0|$"
+        )
+        mark_time(axes, solution.t)
+        handles, labels = axes.get_legend_handles_labels()
+        if handles:
+            strip_legend(axes, handles, labels, per_row=2)
+        else:
+            _empty(axes, "none" if not momenta.size else "exactly zero")
+
+    return Panel(draw)

@@ -1,0 +1,178 @@
+"""The path in space of chosen frames, with the robot's start and end pose drawn thinly behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from mbocp._arrays import Array
+from mbocp.view.plots_style import GREY, finish_axes, line_style, plain_text, strip_legend
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = ["FramePaths", "frame_paths"]
+
+_LINKS = 2  # poses drawn: start and end
+_ARROWS = 7
+_MOST_NODES = 2000  # more points do not make a finer picture
+
+
+class FramePaths:
+    """Where the frames go, and how to draw it: flat if the motion is, else in perspective.
+
+    Parameters
+    ----------
+    names : sequence of str
+    paths : ndarray, shape (len(names), n, 3)
+        [m].
+    poses : sequence of ndarray, each of shape (k, 2, 3)
+        Line segments of the start and the end pose [m].
+    """
+
+    def __init__(self, names: Sequence[str], paths: Array, poses: Sequence[Array]) -> None:
+        self.names, self.paths, self.poses = tuple(names), paths, tuple(poses)
+        everything = np.concatenate([paths.reshape(-1, 3), *(pose.reshape(-1, 3) for pose in poses)])
+        everything = everything[np.isfinite(everything).all(axis=1)]
+        if not len(everything):
+            everything = np.zeros((1, 3))
+        self.lower, self.upper = everything.min(axis=0), everything.max(axis=0)
+        extent = self.upper - self.lower
+        self._size = float(max(extent.max(), 1e-9))
+        # Axes to draw: all three, or those of the plane that the motion does not leave.
+        flat = np.flatnonzero(extent < 1e-6 * self._size)
+        self.axes = (
+            (0, 1, 2)
+            if not len(flat)
+            else tuple(i for i in range(3) if i != flat[-1 if len(flat) < 3 else 1])
+        )
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether the motion stays in a plane of two axes of the world."""
+        return len(self.axes) == 2
+
+    @property
+    def projection(self) -> str | None:
+        """What matplotlib calls the axes to draw into."""
+        return None if self.is_planar else "3d"
+
+    def draw(self, axes: Axes) -> None:
+        """Draw into axes of the right `projection`."""
+        pick = list(self.axes)
+        for pose, alpha in zip(self.poses, (0.45, 0.8), strict=False):
+            for segment in pose[:, :, pick]:
+                axes.plot(*segment.T, color=GREY, linewidth=1.6, alpha=alpha, solid_capstyle="round")
+        handles = []
+        for i, path in enumerate(self.paths[:, :, pick]):
+            color = line_style(i).color
+            handles += axes.plot(*path.T, **line_style(i)._asdict())
+            self._draw_arrows(axes, path, color)
+            axes.plot(
+                *path[:1].T, "o", markersize=5.5, color=color, markerfacecolor="white", markeredgewidth=1.3
+            )
+            axes.plot(
+                *path[-1:].T, "*", markersize=9, color=color, markeredgecolor="white", markeredgewidth=0.5
+            )
+        names = [*self.names, "start", "end"]
+        handles += [
+            axes.plot([], [], "o", color=GREY, markerfacecolor="white", markersize=5.5)[0],
+            axes.plot([], [], "*", color=GREY, markersize=9)[0],
+        ]
+        if isinstance(axes, Axes3D):
+            self._finish_3d(axes)
+        else:
+            self._finish_2d(axes)
+        strip_legend(axes, handles, names, per_row=3)
+
+    def _draw_arrows(self, axes: Axes, path: Array, color: str) -> None:
+        """Draw a few arrows along the motion, evenly spaced in time, of one length."""
+        inner = np.linspace(0, len(path) - 1, _ARROWS + 2).astype(int)[1:-1]
+        inner = inner[(inner > 0) & (inner < len(path) - 1)]
+        direction = path[inner + 1] - path[inner - 1]
+        length = np.linalg.norm(direction, axis=1)
+        moving = length > 1e-4 * self._size
+        inner, direction = inner[moving], direction[moving] / length[moving, None]
+        size = 0.09 * self._size
+        if isinstance(axes, Axes3D):
+            start = path[inner]
+            axes.quiver(*start.T, *(size * direction).T, color=color, linewidth=1.1, arrow_length_ratio=0.45)
+            return
+        for p, d in zip(path[inner], direction, strict=True):
+            axes.annotate(
+                "", p + 0.5 * size * d, p, arrowprops={"arrowstyle": "-|>", "color": color, "lw": 0.8}
+            )
+
+    def _finish_2d(self, axes: Axes) -> None:
+        x, y = ("xyz"[i] for i in self.axes)
+        finish_axes(axes, title="Path in space", xlabel=f"${x}$ [m]", ylabel=f"${y}$ [m]")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.08)
+
+    def _finish_3d(self, axes: Axes3D) -> None:
+        axes.set_title("Path in space", loc="left")
+        middle = (self.lower + self.upper) / 2
+        # Equal scales; a thin box is widened, so that its ticks have room.
+        half = np.maximum((self.upper - self.lower) / 2, 0.18 * self._size) * 1.05
+        axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+        axes.set_zlim(middle[2] - half[2], middle[2] + half[2])
+        axes.set_box_aspect(tuple(half / half.max()), zoom=0.88)
+        axes.view_init(elev=22, azim=-55)
+        for i, (axis, setter) in enumerate(
+            ((axes.xaxis, axes.set_xlabel), (axes.yaxis, axes.set_ylabel), (axes.zaxis, axes.set_zlabel))
+        ):
+            setter(f"${'xyz'[i]}$ [m]", labelpad=-1)
+            axis.set_major_locator(MaxNLocator(3 if half[i] < 0.6 * half.max() else 5))
+            axis.set_tick_params(pad=0)
+            axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
+
+
+def frame_paths(robot: Robot, qs: Array, frames: Sequence[str] | None = None) -> FramePaths:
+    """Follow `frames` (those that the robot traces by default) along a trajectory.
+
+    Raises
+    ------
+    UnknownFrame
+        If the robot has no such frame.
+    """
+    names = list(frames) if frames is not None else list(robot.trace_frames)
+    ids = [robot.frame_id(name) for name in names]
+    keep = np.unique(np.linspace(0, len(qs) - 1, min(len(qs), _MOST_NODES)).astype(int))
+    model, data = robot.model, robot.model.createData()
+    paths = np.empty((len(ids), len(keep), 3))
+    for n, q in enumerate(qs[keep]):
+        pin.forwardKinematics(model, data, q)
+        for i, frame in enumerate(ids):
+            paths[i, n] = pin.updateFramePlacement(model, data, frame).translation
+    return FramePaths(
+        [plain_text(name) for name in names], paths, [_segments(robot, q) for q in (qs[0], qs[-1])]
+    )
+
+
+def _segments(robot: Robot, q: Array) -> Array:
+    """Return lines that stand for the robot: from joint to joint, and its rods and springs."""
+    model: Any = robot.model
+    data: Any = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    lines = []
+    for joint in range(1, model.njoints):
+        parent = model.parents[joint]
+        # A slider's axes are no links, and neither is the way from the world to a floating base.
+        if parent > 0 and _is_hinge(model, joint):
+            lines.append((data.oMi[parent].translation.copy(), data.oMi[joint].translation.copy()))
+    for element in (*robot.constraints, *robot.forces):
+        lines.append(
+            tuple(data.oMf[frame].translation.copy() for frame in (element.frame_a, element.frame_b))
+        )
+    return np.array(lines, dtype=float).reshape(-1, 2, 3)
+
+
+def _is_hinge(model: Any, joint: int) -> bool:
+    return "Revolute" in model.joints[joint].shortname() or "Spherical" in model.joints[joint].shortname()

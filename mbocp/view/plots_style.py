@@ -1,0 +1,188 @@
+"""How every picture of mbocp looks: colours, fonts, legends, axes, files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ResultFileError
+from mbocp.solution.atomic import atomic_path
+
+__all__ = [
+    "GREY",
+    "PALETTE",
+    "SUFFIXES",
+    "WARNING",
+    "LineStyle",
+    "calm_limits",
+    "finish_axes",
+    "house_style",
+    "line_style",
+    "mark_time",
+    "new_figure",
+    "plain_text",
+    "save_figure",
+    "shorten",
+    "strip_legend",
+]
+
+# Okabe and Ito's palette, which people with any colour vision can tell apart; yellow is too pale for a line.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222")
+GREY = "#8A8A8A"
+WARNING = "#B03A00"
+SUFFIXES = (".png", ".pdf", ".svg")
+
+_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2)))
+_STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555555",
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E3E3E3",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.4,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "mathtext.fontset": "dejavusans",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "pdf.fonttype": 42,
+    "svg.fonttype": "path",
+}
+
+
+class LineStyle(NamedTuple):
+    """Colour and dashes of a line."""
+
+    color: str
+    linestyle: Any
+
+
+def line_style(index: int) -> LineStyle:
+    """Return the style of the `index`-th line: seven colours, then the same dashed, dotted, dash-dotted."""
+    return LineStyle(PALETTE[index % len(PALETTE)], _DASHES[index // len(PALETTE) % len(_DASHES)])
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Set matplotlib's defaults for what is drawn inside, and only there."""
+    with matplotlib.rc_context(_STYLE):
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure [inch] that no global state knows about."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def plain_text(text: str) -> str:
+    """Return `text` as a label that matplotlib neither reads as mathematics nor leaves out of legends."""
+    escaped = text.replace("$", r"\$")
+    return "\N{HAIR SPACE}" + escaped if escaped.startswith("_") else escaped
+
+
+def shorten(names: Sequence[str]) -> tuple[str, list[str]]:
+    """Split names into the beginning that they share, up to a separator, and what is left.
+
+    >>> shorten(["root_joint.x", "root_joint.y"])
+    ('root_joint', ['x', 'y'])
+    """
+    if len(names) < 2:
+        return "", list(names)
+    least, greatest = min(names), max(names)
+    same = [a == b for a, b in zip(least, greatest, strict=False)]
+    common = least[: same.index(False) if False in same else len(same)]
+    cut = max(common.rfind(separator) for separator in "._:/ -") + 1
+    # One letter is a name for a coordinate, but "1" alone is not one for a joint.
+    rest = [name[cut:] for name in names]
+    if cut < 2 or any(not r or r.isdigit() for r in rest):
+        return "", list(names)
+    return names[0][: cut - 1], rest
+
+
+def strip_legend(axes: Axes, handles: Sequence[Any], names: Sequence[str], *, per_row: int = 4) -> None:
+    """Put a legend between the title and the data, where it covers neither; `names` may hold mathematics."""
+    rows = math.ceil(len(names) / per_row)
+    axes.legend(
+        handles,
+        list(names),
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=math.ceil(len(names) / rows),
+        borderaxespad=0.0,
+        borderpad=0.15,
+        handlelength=1.6,
+        handletextpad=0.5,
+        columnspacing=1.1,
+    )
+    axes.set_title(axes.get_title(loc="left"), loc="left", pad=5 + 11 * rows)
+
+
+def finish_axes(
+    axes: Axes, *, title: str, ylabel: str, xlabel: str = "time $t$ [s]", yticks: int = 5
+) -> None:
+    """Label the axes and keep the ticks few."""
+    axes.set_title(title, loc="left")
+    axes.set_xlabel(xlabel)
+    axes.set_ylabel(ylabel)
+    if axes.get_yscale() == "linear":
+        axes.yaxis.set_major_locator(MaxNLocator(yticks, steps=[1, 2, 2.5, 5, 10]))
+        axes.ticklabel_format(axis="y", useOffset=False, scilimits=(-3, 4))
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+
+
+def mark_time(axes: Axes, t: Array) -> None:
+    """Let the axes show the whole horizon and no more."""
+    margin = 0.01 * (t[-1] - t[0])
+    axes.set_xlim(t[0] - margin, t[-1] + margin)
+
+
+def calm_limits(axes: Axes, values: Array) -> None:
+    """Do not blow round-off up to the height of the axes: what is constant shall look so."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return
+    low, high = float(finite.min()), float(finite.max())
+    middle, scale = (low + high) / 2, max(abs(low), abs(high))
+    if high - low < 1e-6 * scale or scale < 1e-12:
+        half = 0.1 * scale if scale >= 1e-12 else 1.0
+        axes.set_ylim(middle - half, middle + half)
+
+
+def save_figure(figure: Figure, path: str | Path, *, dpi: int = 160) -> Path:
+    """Write a figure as PNG, PDF or SVG, by the suffix; an interrupted write leaves the old file whole.
+
+    Raises
+    ------
+    ResultFileError
+        If the suffix is none of these, or the file cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        got = f"a picture cannot have the suffix {suffix!r}" if suffix else "a picture needs a suffix"
+        raise ResultFileError(path, f"{got}: use {', '.join(SUFFIXES)}")
+    with house_style(), atomic_path(path) as temporary:
+        figure.savefig(temporary, format=suffix[1:], dpi=dpi)
+    return Path(path)
