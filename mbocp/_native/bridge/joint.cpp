@@ -9,6 +9,8 @@ namespace mbocp
     AnyJointData data;
     data.wrapped = std::make_shared<WrappedData>();
     data.S = AnyJointData::Constraint_t::Zero(size_v);
+    data.U = data.UDinv = AnyJointData::U_t::Zero(6, size_v);
+    data.Dinv = data.StU = AnyJointData::D_t::Zero(size_v, size_v);
     if (wrapped) // the universe has none
       data.wrapped->joint = wrapped->joint.createData();
     return data;

@@ -65,6 +65,18 @@ namespace pinocchio
     typedef mbocp::AnyJointTpl<Sc, Op> JointDerived;
     typedef Sc Scalar;
   };
+
+  // Data's scratch copy of q starts at the neutral configuration: nothing reads it, and the manifold of an AnyJoint is
+  // that of the joint behind it (configuration.cpp).
+  template<typename Visitor, typename Sc, int Op>
+  struct NeutralStepAlgo<Visitor, mbocp::AnyJointModelTpl<Sc, Op>>
+  {
+    template<typename Q>
+    static void run(const JointModelBase<mbocp::AnyJointModelTpl<Sc, Op>> & joint, const Eigen::MatrixBase<Q> & q)
+    {
+      joint.jointConfigSelector(q.const_cast_derived()).setZero();
+    }
+  };
 } // namespace pinocchio
 
 namespace mbocp

@@ -5,6 +5,7 @@
 
 #include <pinocchio/multibody.hpp>
 #include <pinocchio/multibody/joint.hpp>
+#include <pinocchio/multibody/liegroup.hpp>
 
 #include <memory>
 #include <string>
