@@ -29,7 +29,7 @@ from mbocp.problem.schema import (
     WeightsTable,
 )
 from mbocp.problem.target import read_target
-from mbocp.robot import Robot, load_robot
+from mbocp.robot import Robot, robot_from_spec
 
 __all__ = ["problem_from_tables"]
 
@@ -57,7 +57,7 @@ def problem_from_tables(
     name : str
         Name of the problem; default: the stem of the file.
     """
-    document = plain(document)
+    document = dict(plain(document))
     if robot is not None:
         document["robot"] = "" if isinstance(robot, Robot) else plain(robot)
     try:
@@ -66,7 +66,9 @@ def problem_from_tables(
         raise schema_error(label, ProblemTable, error) from error
     folder = source.parent if source is not None else Path()
     with in_file(label):
-        loaded = robot if isinstance(robot, Robot) else _robot(table.robot, folder)
+        loaded = (
+            robot if isinstance(robot, Robot) else _robot(table.robot, folder if source is not None else None)
+        )
         return _problem(table, loaded, folder, source, name or (source.stem if source else "problem"))
 
 
@@ -97,17 +99,9 @@ def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | Non
     )
 
 
-def _robot(table: RobotTable, folder: Path) -> Robot:
-    options = table.model_dump(exclude={"name"}, exclude_none=True)
-    spec = folder / table.name
-    if table.package_dirs is not None:
-        options["package_dirs"] = [folder / entry for entry in table.package_dirs]
+def _robot(table: RobotTable, folder: Path | None) -> Robot:
     with located("robot"):
-        return load_robot(spec if spec.exists() and _is_path(table.name) else table.name, **options)
-
-
-def _is_path(name: str) -> bool:
-    return "/" in name or Path(name).suffix in (".toml", ".urdf")
+        return robot_from_spec(table.model_dump(exclude_none=True), base=folder)
 
 
 def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:

@@ -87,17 +87,24 @@ def _project(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
 
 
 def check_goal_rate(robot: Robot, goal: Goal) -> None:
-    """Refuse an exact end velocity or momentum that no admissible motion has."""
+    """Refuse an exact end velocity or momentum that no motion on the constraints has."""
     if not robot.nc or not goal.rate_active.any():
         return
     wanted = np.flatnonzero(goal.rate_active)
-    to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
-    dPhi_dq = robot.constraint_jacobian(goal.q)
-    v = np.linalg.lstsq(to_rate[wanted], goal.value[wanted], rcond=_RANK_TOLERANCE)[0]
-    if wanted.size < robot.nv:  # the velocity nearest to the manifold among those with the wanted components
-        rows = np.vstack([to_rate[wanted], dPhi_dq])
-        v = np.linalg.lstsq(rows, np.concatenate([goal.value[wanted], np.zeros(robot.nc)]), rcond=None)[0]
-    check_velocity(robot, goal.q, v, f"goal.{goal.rate}")
+    value = goal.value[wanted]
+    reachable = (_rate_matrix(robot, goal) @ _null_space(robot.constraint_jacobian(goal.q)))[wanted]
+    nearest = reachable @ np.linalg.lstsq(reachable, value, rcond=_RANK_TOLERANCE)[0]
+    error = np.abs(nearest - value)
+    worst = int(error.argmax())
+    if error[worst] <= CONSISTENCY_TOLERANCE * max(1.0, np.abs(value).max()):
+        return
+    label = (robot.p_labels if goal.rate == "p" else robot.v_labels)[wanted[worst]]
+    names = ", ".join(repr(constraint.name) for constraint in robot.constraint_labels)
+    raise InconsistentStart(
+        f"goal.{goal.rate}: no motion on the constraints of robot {robot.name!r} ({names}) has it: the nearest "
+        f"differs by {error[worst]:.3g} {label.unit} at {label.name} (allowed: {CONSISTENCY_TOLERANCE:g}); "
+        "give one that is tangential"
+    )
 
 
 def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
@@ -110,8 +117,7 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
     if not goal.is_exact:
         return 0
     P = _null_space(robot.constraint_jacobian(goal.q)) if robot.nc else np.eye(robot.nv)
-    to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
-    count = _rank(P[goal.q_active]) + _rank((to_rate @ P)[goal.rate_active])
+    count = _rank(P[goal.q_active]) + _rank((_rate_matrix(robot, goal) @ P)[goal.rate_active])
     available = num_steps * robot.nu
     if count > available:
         raise OverdeterminedGoal(
@@ -120,6 +126,11 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
             'horizon.steps, give fewer joints in the goal, or say enforce = "penalty"'
         )
     return count
+
+
+def _rate_matrix(robot: Robot, goal: Goal) -> Array:
+    """Return what takes a velocity to what the goal speaks of."""
+    return robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
 
 
 def _refuse_residual(robot: Robot, residual: Array, key: str, unit: str, advice: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ def located(key: str) -> Iterator[None]:
     try:
         yield
     except MbocpError as error:
-        if not str(error).startswith(key):
+        if not re.match(rf"{re.escape(key)}[:.\[]", str(error)):
             error.args = (f"{key}: {error}",)
         raise
 

@@ -114,6 +114,11 @@ class Problem:
         object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))
         check_choice("coordinates", self.coordinates, COORDINATES)
         check_choice("integrator.scheme", self.scheme, SCHEMES)
+        if self.robot.nu == 0:
+            raise ProblemError(
+                f"robot: {self.robot.name!r} has no controls; name the driven joints in robot.actuated "
+                "(a free-flyer's root_joint takes a wrench), or write actuators into a robot.toml"
+            )
         self._check_start()
         self._check_goal()
         self._check_cost()

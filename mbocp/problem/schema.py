@@ -104,13 +104,15 @@ class _Table(BaseModel):
 
 
 class RobotTable(_Table):
-    """Which robot, and how it is loaded: the options of `mbocp.load_robot`."""
+    """Which robot, and how it is loaded: what `mbocp.robot.robot_from_spec` takes."""
 
     name: str
     free_flyer: bool | None = None
     lock: Lock = None
     gravity: list[Finite] | None = Field(default=None, min_length=3, max_length=3)
     actuated: list[str] | None = None
+    mimic: bool | None = None
+    label: str | None = None
     package_dirs: list[str] | None = None
 
 

@@ -37,7 +37,7 @@ def kinova() -> Robot:
 
 @pytest.fixture(scope="session")
 def hector() -> Robot:
-    return load_robot("hector")
+    return load_robot("hector", actuated=["root_joint"])
 
 
 @pytest.fixture(scope="session")

@@ -35,8 +35,12 @@ def test_exact_goal_off_the_sphere(swing: Maker) -> None:
 
 
 def test_exact_goal_leaving_the_sphere(swing: Maker) -> None:
-    with pytest.raises(InconsistentStart, match=r"goal\.p: violates"):
+    with pytest.raises(InconsistentStart, match=r"goal\.p: no motion on the constraints .* differs by 1 N s"):
         swing(goal={"q": [0, 0, -5], "p": [0, 0, 1]})
+    names = swing().robot.joint_names
+    with pytest.raises(InconsistentStart, match=r"goal\.v: no motion"):
+        swing(goal={"q": [0, 0, -5], "v": {names[2]: 1.0}})
+    swing(goal={"q": [0, 0, -5], "v": {names[0]: 1.0}})
 
 
 def test_a_penalised_or_tracked_goal_may_be_out_of_reach(swing: Maker) -> None:

@@ -81,6 +81,7 @@ def _motion(robot: Robot, num: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return t, qs, np.outer(t, np.arange(1.0, robot.nv + 1))
 
 
+@pytest.mark.filterwarnings("ignore:start.q. outside the position limits")
 def test_target_file_csv(kinova: Robot, tmp_path: Path) -> None:
     t, qs, ps = _motion(kinova, 6)
     columns = [

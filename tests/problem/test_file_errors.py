@@ -48,7 +48,11 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
 @pytest.mark.parametrize(
     ("setting", "key", "reason"),
     [
-        ("horizon.step=3", "horizon.step", r"unknown key, did you mean 'steps'\? \(allowed in \[horizon\]: duration, steps"),
+        (
+            "horizon.step=3",
+            "horizon.step",
+            r"unknown key, did you mean 'steps'\? \(allowed in \[horizon\]: duration, steps",
+        ),
         ("duration=3", "duration", r"unknown key, did you mean horizon.duration\?"),
         ("cost.alpha=3", "cost.alpha", r"did you mean cost\.effort\?"),
         ("cost.enforce='exact'", "cost.enforce", r"did you mean goal\.enforce\?"),
@@ -79,17 +83,41 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
         ("goal.q=[0,0,0,0,0,0,0]", "goal.q", r"got shape \(7,\), expected \(6,\)"),
         ("goal.v=[0,0]", "goal.v", r"got shape \(2,\), expected \(6,\)"),
         ("goal.p=[0,0,0,0,0,0]", "goal", "give v or p, not both"),
-        ("goal.enforce='exakt'", "goal.enforce", r"""got 'exakt', expected "exact" \| "penalty" \| "both" \| "none" \(did you mean 'exact'\?\)"""),
+        (
+            "goal.enforce='exakt'",
+            "goal.enforce",
+            r"""got 'exakt', expected "exact" \| .* \(did you mean 'exact'\?\)""",
+        ),
         ("goal={}", "", ""),
-        ("cost.effort=0", "cost.effort", r"got 0\.0, expected a positive number: nothing else .* depends on the controls"),
+        (
+            "cost.effort=0",
+            "cost.effort",
+            r"got 0\.0, expected a positive number: nothing else .* depends on the controls",
+        ),
         ("cost.effort=-1", "cost.effort", r"got -1\.0"),
         ("cost.tracking=-1", "cost.tracking", r"got -1\.0, expected a weight >= 0"),
         ("cost.terminal=-1", "cost.terminal", r"got -1\.0, expected a weight >= 0"),
-        ("cost.terminal=1", "cost.terminal", """which goal.enforce = "exact" does not use; say enforce = "both", or"""),
+        (
+            "cost.terminal=1",
+            "cost.terminal",
+            """which goal.enforce = "exact" does not use; say enforce = "both", or""",
+        ),
         ("goal.enforce='penalty'", "cost.terminal", """goal.enforce = "penalty" needs a weight above 0"""),
-        ("cost.tracking_weights=[1,2]", "cost.tracking_weights", r"got shape \(2,\), expected \(12,\); on \(q, p\)"),
-        ("cost.tracking_weights=[1,2,3,4,5,6,7,8,9,10,11,-12]", r"cost.tracking_weights[11]", r"got -12\.0, expected a weight"),
-        ("guess.kind='magic'", "guess.kind", r"""got 'magic', expected "auto" \| "control" \| "line" \| "hold" \| "solution\""""),
+        (
+            "cost.tracking_weights=[1,2]",
+            "cost.tracking_weights",
+            r"got shape \(2,\), expected \(12,\); on \(q, p\)",
+        ),
+        (
+            "cost.tracking_weights=[1,2,3,4,5,6,7,8,9,10,11,-12]",
+            r"cost.tracking_weights[11]",
+            r"got -12\.0, expected a weight",
+        ),
+        (
+            "guess.kind='magic'",
+            "guess.kind",
+            r"""got 'magic', expected "auto" \| "control" \| "line" \| "hold" \| "solution\"""",
+        ),
         ("guess.u=[1]", "guess.u", r"got shape \(1,\), expected \(6,\); actuators: shoulder_pan_joint, "),
         ("guess.u={motor=1}", "guess.u", "robot 'ur5' has no actuator 'motor'"),
         ("guess.u=nan", "guess.u", "got nan, expected a finite number"),
@@ -99,11 +127,15 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
         ("coordinates='natural'", "coordinates", """got 'natural', expected "joint\""""),
         ("integrator.scheme='rk4'", "integrator.scheme", """got 'rk4', expected "se1\""""),
         ("solver.method='magic'", "solver.method", """got 'magic', expected "monolithic\""""),
-        ("solver.globalisation='some'", "solver.globalisation", r"""got 'some', expected "default" \| "none\""""),
+        (
+            "solver.globalisation='some'",
+            "solver.globalisation",
+            r"""got 'some', expected "default" \| "none\"""",
+        ),
         ("solver.tolerance=0", "solver.tolerance", r"got 0\.0, expected a positive number"),
         ("solver.max_iterations=0", "solver.max_iterations", "got 0, expected a whole number of at least 1"),
     ],
-)  # fmt: skip
+)
 def test_wrong_value_names_file_key_got_and_allowed(
     load: Loader, setting: str, key: str, reason: str
 ) -> None:
@@ -154,20 +186,15 @@ def test_empty_goal_cannot_be_enforced(load: Loader) -> None:
         load("goal={enforce='exact'}")
 
 
-def test_every_error_is_one_of_ours(load: Loader) -> None:
-    for setting in (
-        "start.q={}",
-        "goal.q={}",
-        "cost.target={}",
-        "robot={}",
-        "robot=''",
-        "start=[]",
-        "robot.name=[]",
-    ):
-        try:
-            load(setting)
-        except MbocpError as error:
-            assert "arm.toml" in str(error), setting
+@pytest.mark.parametrize("setting", ["robot={}", "robot=''", "robot.name=[]", "start=[]", "goal.q=[]"])
+def test_every_error_is_one_of_ours(load: Loader, setting: str) -> None:
+    with pytest.raises(MbocpError, match=r"arm\.toml"):
+        load(setting)
+
+
+@pytest.mark.parametrize("setting", ["start.q={}", "goal.q={}", "cost.target={}", "guess={}", "solver={}"])
+def test_empty_tables_say_nothing(load: Loader, setting: str) -> None:
+    load(setting)
 
 
 def test_direct_construction_is_validated_too(load: Loader) -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mbocp.exceptions import DimensionMismatch, MbocpError, UnknownJoint
+from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnknownJoint
 from mbocp.problem import Problem
 from mbocp.problem.named import configuration_from, control_from, joint_values, tangent_from, weights_from
 from mbocp.robot import Robot
@@ -76,6 +76,11 @@ def test_written_values_read_back(robot: str, request: pytest.FixtureRequest) ->
     again, mask = tangent_from(robot_, joint_values(robot_, v, active), "v")
     np.testing.assert_array_equal(again, v)
     np.testing.assert_array_equal(mask, active)
+
+
+def test_robot_without_controls_is_refused() -> None:
+    with pytest.raises(ProblemError, match=r"robot: 'hector' has no controls; name the driven joints"):
+        Problem.create("hector", 1.0, 20)
 
 
 def test_quaternion_is_normalised_with_a_warning(hector: Robot) -> None:

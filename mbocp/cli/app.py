@@ -1,0 +1,156 @@
+"""What commands there are and what they take; the work is imported when it is asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mbocp.cli.report import reporting
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="mbocp",
+    help="Optimal control of multibody systems: from a URDF to a solved, replayed motion.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+ProblemFile = Annotated[Path, typer.Argument(metavar="FILE", help="Problem file (TOML).", show_default=False)]
+ResultFile = Annotated[
+    Path, typer.Argument(metavar="RESULT", help="What `mbocp solve -o` wrote.", show_default=False)
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from mbocp import __version__
+
+        typer.echo(f"mbocp {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+@reporting
+def solve(
+    file: ProblemFile,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Change a key of the file; a TOML value. Repeatable."
+        ),
+    ] = None,
+    solver: Annotated[
+        str | None, typer.Option("--solver", metavar="NAME", help="Short for --set solver.method=NAME.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="RESULT.h5", help="Save the solution.")
+    ] = None,
+    replay: Annotated[
+        Path | None, typer.Option("--replay", metavar="FILE.html", help="Write a replay page.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Write plots.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Solve a problem file.
+
+    Exit status: 0 converged, 1 not converged, 2 bad input.
+    """
+    from mbocp.cli.solve import Outputs, run
+
+    outputs = Outputs(result=output, replay=replay, plot=plot)
+    converged = run(file, settings or [], solver, outputs, as_json=as_json, quiet=quiet)
+    raise typer.Exit(0 if converged else 1)
+
+
+@app.command()
+@reporting
+def replay(
+    result: ResultFile,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.html", help="Page to write. [default: RESULT.html]"),
+    ] = None,
+    live: Annotated[
+        bool, typer.Option("--open", help="Show it in a browser now, and write only what -o asks for.")
+    ] = False,
+    trace: Annotated[
+        list[str] | None,
+        typer.Option("--trace", metavar="FRAME", help="Frame that leaves a trace. Repeatable."),
+    ] = None,
+    speed: Annotated[float, typer.Option(help="1 is true speed.")] = 1.0,
+    quiet: Quiet = False,
+) -> None:
+    """Replay a result: one page that works offline, or live in the browser."""
+    from mbocp.cli.results import replay_result
+
+    replay_result(result, output, live=live, trace=trace, speed=speed, quiet=quiet)
+
+
+@app.command()
+@reporting
+def plot(
+    result: ResultFile,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.png", help="Image to write. [default: RESULT.png]"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Plot a result: states, controls, multipliers, convergence, path."""
+    from mbocp.cli.results import plot_result
+
+    plot_result(result, output, quiet=quiet)
+
+
+@app.command()
+@reporting
+def info(result: ResultFile, as_json: Json = False) -> None:
+    """Say what a result is and how good it is."""
+    from mbocp.cli.results import print_info
+
+    print_info(result, as_json=as_json)
+
+
+@app.command()
+@reporting
+def robots(
+    name: Annotated[str | None, typer.Argument(help="Robot to describe, by name or path.")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the robots there are, or say what one has."""
+    from mbocp.cli.robots import print_robot, print_robots
+
+    if name is None:
+        print_robots(as_json=as_json)
+    else:
+        print_robot(name, as_json=as_json)
+
+
+@app.command()
+@reporting
+def doctor(as_json: Json = False) -> None:
+    """Say what works on this machine, and what to do about what does not.
+
+    Exit status: 0 if everything needed works, 1 if not.
+    """
+    from mbocp.cli.doctor import print_report
+
+    raise typer.Exit(0 if print_report(as_json=as_json) else 1)

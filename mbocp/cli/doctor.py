@@ -1,0 +1,169 @@
+"""`mbocp doctor`: what works on this machine, and what to do about what does not."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import typer
+
+from mbocp.exceptions import MbocpError
+
+__all__ = ["Check", "print_report", "report"]
+
+Verdict = Literal["ok", "warn", "fail"]
+
+_COLORS = {"ok": "green", "warn": "yellow", "fail": "red"}
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "firefox")
+_MINIMUM = (3, 10)
+_AGREEMENT = (
+    1e-9  # relative; two libraries that fit agree to 1e-13, a mismatched pair was wrong in the first digit
+)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at."""
+
+    name: str
+    verdict: Verdict
+    found: str
+    advice: str = ""
+
+
+def print_report(*, as_json: bool = False) -> bool:
+    """Print all checks; return whether everything that is needed works."""
+    checks = report()
+    works = all(check.verdict != "fail" for check in checks)
+    if as_json:
+        typer.echo(json.dumps({"works": works, "checks": [asdict(check) for check in checks]}, indent=2))
+        return works
+    width = max(len(check.name) for check in checks)
+    for check in checks:
+        mark = typer.style(check.verdict.rjust(4), fg=_COLORS[check.verdict], bold=True)
+        typer.echo(f"{mark}  {check.name.ljust(width)}  {check.found}")
+        if check.advice:
+            typer.echo(f"{'':4}  {'':{width}}  -> {check.advice}")
+    return works
+
+
+def report() -> list[Check]:
+    """Look at everything."""
+    return [_safely(name, look) for name, look in _CHECKS.items()]
+
+
+def _safely(name: str, look: Callable[[], tuple[Verdict, str, str]]) -> Check:
+    """Run a check; one that fails in a way nobody foresaw is a finding, too."""
+    try:
+        return Check(name, *look())
+    except MbocpError as error:
+        return Check(name, "fail", str(error))
+    except Exception as error:
+        return Check(name, "fail", f"{type(error).__name__}: {error}", "run `make setup` again")
+
+
+def _python() -> tuple[Verdict, str, str]:
+    found = f"{platform.python_version()} ({sys.executable})"
+    if sys.version_info < _MINIMUM:
+        return "fail", found, f"mbocp needs Python {'.'.join(map(str, _MINIMUM))} or newer"
+    return "ok", found, ""
+
+
+def _native() -> tuple[Verdict, str, str]:
+    """Compare the compiled bridge with numeric Pinocchio on a sample arm."""
+    from importlib.metadata import version
+
+    import numpy as np
+    import pinocchio as pin
+
+    from mbocp.symbolic import model_functions
+
+    model = pin.buildSampleModelManipulator()
+    q, v, tau = pin.neutral(model), np.linspace(-1.0, 1.0, model.nv), np.linspace(1.0, 2.0, model.nv)
+    expected = pin.aba(model, model.createData(), q, v, tau)
+    got = np.asarray(model_functions(model).aba(q, v, tau)).ravel()
+    error = float(np.abs(got - expected).max() / np.abs(expected).max())
+    found = f"Pinocchio {version('pin')}, CasADi {version('casadi')}, accelerations agree to {error:.0e}"
+    if error > _AGREEMENT:
+        return "fail", found, "the compiled part does not fit the installed Pinocchio: run `make clean setup`"
+    return "ok", found, ""
+
+
+def _compiler() -> tuple[Verdict, str, str]:
+    from mbocp.transcription.compilation import compiler
+
+    path = compiler()
+    if path is None:
+        advice = "install one (Debian: apt install gcc) or set CC; until then solving is far slower"
+        return "warn", "none found", advice
+    said = subprocess.run([path, "--version"], capture_output=True, text=True, check=False, timeout=10)
+    if said.returncode != 0:
+        return "warn", f"{path} does not run", "set CC to a C compiler that works"
+    return "ok", f"{path}: {(said.stdout.splitlines() or [''])[0]}", ""
+
+
+def _cache() -> tuple[Verdict, str, str]:
+    from mbocp.transcription.compilation import cache_folder
+
+    folder = cache_folder()
+    entries = [entry for entry in folder.iterdir() if entry.suffix == ".so"]
+    size = sum(entry.stat().st_size for entry in entries) / 1e6  # [MB]
+    found = f"{folder}: {len(entries)} compiled shapes, {size:.1f} MB"
+    if not os.access(folder, os.W_OK):
+        return (
+            "warn",
+            found,
+            "not writable: every run compiles anew; set MBOCP_CACHE_DIR to a folder of yours",
+        )
+    return "ok", found, ""
+
+
+def _robots() -> tuple[Verdict, str, str]:
+    from mbocp.robot import list_robots, load_robot
+
+    count = len(list_robots())
+    meshes = load_robot("ur5").visual_model.ngeoms
+    found = f"{count} robots by name; ur5 loads with {meshes} meshes"
+    if not meshes:
+        return "warn", found, "replays show skeletons only: reinstall example-robot-data-loaders"
+    return "ok", found, ""
+
+
+def _browser() -> tuple[Verdict, str, str]:
+    found = next((path for path in map(shutil.which, _BROWSERS) if path), None)
+    if found is None:
+        advice = "not needed here: a replay page is one file that any browser on any machine opens"
+        return "warn", "no browser found", advice
+    return "ok", found, ""
+
+
+def _threads() -> tuple[Verdict, str, str]:
+    cores = os.cpu_count() or 1
+    limits = [
+        f"{name}={os.environ[name]}"
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+        if name in os.environ
+    ]
+    return (
+        "ok",
+        f"{cores} cores; one problem uses one of them{'; ' + ', '.join(limits) if limits else ''}",
+        "",
+    )
+
+
+_CHECKS: dict[str, Callable[[], tuple[Verdict, str, str]]] = {
+    "Python": _python,
+    "native part": _native,
+    "C compiler": _compiler,
+    "stage cache": _cache,
+    "robots": _robots,
+    "browser": _browser,
+    "threads": _threads,
+}

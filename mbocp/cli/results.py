@@ -1,0 +1,87 @@
+"""What is done with a saved result: replay, plot, info."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from mbocp.cli.solve import IMAGES, PAGES, check_output
+from mbocp.exceptions import InvalidValue, ResultFileError
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+    from mbocp.solution import Solution
+
+__all__ = ["plot_result", "print_info", "replay_result"]
+
+
+def replay_result(
+    result: Path,
+    output: Path | None,
+    *,
+    live: bool,
+    trace: Sequence[str] | None,
+    speed: float,
+    quiet: bool,
+) -> None:
+    """Write a replay page, or show the motion in a browser."""
+    if not speed > 0.0:
+        raise InvalidValue("--speed", speed, "a positive number; 1 is true speed")
+    path = output if output is not None or live else result.with_suffix(".html")
+    if path is not None:
+        check_output(path, "-o", PAGES)
+    from mbocp.view.replay import open_replay, write_replay
+
+    solution, robot = _load(result)
+    for frame in trace or ():
+        robot.frame_id(frame)
+    t, qs, title = solution.t, solution.qs, solution.problem_name or robot.name
+    if path is not None:
+        write_replay(robot, t, qs, path, trace=trace, title=title, speed=speed)
+        _tell(f"replay: {path}", quiet)
+    if live:
+        open_replay(robot, t, qs, trace=trace, title=title, speed=speed)
+
+
+def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
+    """Write plots."""
+    path = output if output is not None else result.with_suffix(".png")
+    check_output(path, "-o", IMAGES)
+    from mbocp.view.plots import plot_solution
+
+    solution, robot = _load(result)
+    plot_solution(solution, path, robot=robot)
+    _tell(f"plot: {path}", quiet)
+
+
+def print_info(result: Path, *, as_json: bool) -> None:
+    """Print what a result is."""
+    from mbocp.cli.summary import print_rows, solution_rows
+    from mbocp.solution import Solution
+
+    solution = Solution.load(result)
+    if as_json:
+        typer.echo(solution.to_json(indent=2))
+        return
+    robot = f"{solution.robot_name}: {solution.nv} degrees of freedom, {solution.nu} controls"
+    rows = solution_rows(solution, robot)
+    versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
+    print_rows(solution.problem_name or result.stem, [*rows, ("made with", versions or "not recorded")])
+
+
+def _load(result: Path) -> tuple[Solution, Robot]:
+    from mbocp.robot import robot_from_spec
+    from mbocp.solution import Solution
+
+    solution = Solution.load(result)
+    if not solution.robot_spec:
+        raise ResultFileError(result, "does not say which robot it is about, which this needs")
+    return solution, robot_from_spec(solution.robot_spec)
+
+
+def _tell(line: str, quiet: bool) -> None:
+    if not quiet:
+        typer.echo(line)

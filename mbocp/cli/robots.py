@@ -1,0 +1,124 @@
+"""`mbocp robots`: what robots there are, and what one has."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from itertools import groupby
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mbocp.robot import describe, list_robots, load_robot
+
+__all__ = ["print_robot", "print_robots"]
+
+
+def print_robots(*, as_json: bool) -> None:
+    """List the robots that can be loaded by name."""
+    entries = list_robots()
+    if as_json:
+        typer.echo(json.dumps([asdict(entry) for entry in entries], indent=2))
+        return
+    console = Console()
+    for source, group in groupby(entries, key=lambda entry: entry.source):
+        table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+        for entry in group:
+            table.add_row(entry.name, entry.description)
+        console.print(f"from {source}:", style="bold", highlight=False)
+        console.print(table)
+    console.print(
+        "`mbocp robots NAME` says what a robot has; the path of a URDF or robot.toml is good for a name.",
+        highlight=False,
+    )
+
+
+def print_robot(name: str, *, as_json: bool) -> None:
+    """Say what a robot has."""
+    facts = describe(load_robot(name))
+    if as_json:
+        typer.echo(json.dumps(facts, indent=2))
+        return
+    console = Console()
+    console.print(facts["name"], style="bold underline", highlight=False)
+    console.print(_facts(facts))
+    for title, table in (
+        ("joints", _joints(facts)),
+        ("controls", _actuators(facts)),
+        ("constraints and forces", _elements(facts)),
+    ):
+        if table.row_count:
+            console.print(f"\n{title}", style="bold")
+            console.print(table)
+
+
+def _facts(facts: Mapping[str, Any]) -> Table:
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    if facts["description"]:
+        table.add_row("what", facts["description"])
+    table.add_row("URDF", facts["source"] or "none")
+    table.add_row(
+        "size", f"nq = {facts['nq']}, nv = {facts['nv']}, {facts['nu']} controls, {facts['nc']} constraints"
+    )
+    table.add_row("mass", f"{facts['mass']:.4g} kg")
+    table.add_row("gravity", f"{_numbers(facts['gravity'])} m/s^2")
+    table.add_row("q0", _numbers(facts["q0"]))
+    table.add_row("trace", ", ".join(facts["trace_frames"]) or "none")
+    table.add_row("frames", ", ".join(facts["frames"]))
+    return table
+
+
+def _joints(facts: Mapping[str, Any]) -> Table:
+    table = _table("name", "type", "driven", "from", "to", "speed", "unit")
+    for joint in facts["joints"]:
+        units = [unit for unit in dict.fromkeys(joint["units"]) if unit]
+        one = joint["nq"] == 1
+        table.add_row(
+            joint["name"],
+            joint["type"],
+            "yes" if joint["actuated"] else "no",
+            _limit(joint["lower"][0]) if one else "",
+            _limit(joint["upper"][0]) if one else "",
+            _limit(joint["velocity"][0]) if joint["nv"] == 1 else "",
+            ", ".join(units) or "rad",
+        )
+    return table
+
+
+def _actuators(facts: Mapping[str, Any]) -> Table:
+    table = _table("name", "limit", "unit")
+    for actuator in facts["actuators"]:
+        table.add_row(actuator["name"], _limit(actuator["limit"]), actuator["unit"])
+    return table
+
+
+def _elements(facts: Mapping[str, Any]) -> Table:
+    table = _table("name", "type", "between", "numbers")
+    for element in [*facts["constraints"], *facts["forces"]]:
+        numbers = [
+            f"{key} {element[key]:g}"
+            for key in ("length", "stiffness", "damping", "coefficient")
+            if key in element
+        ]
+        table.add_row(element["name"], element["type"], " - ".join(element["frames"]), ", ".join(numbers))
+    return table
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="italic")
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table
+
+
+def _limit(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4g}"
+
+
+def _numbers(values: list[float]) -> str:
+    return "[" + ", ".join(f"{value:.4g}" for value in values) + "]"

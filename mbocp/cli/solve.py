@@ -1,0 +1,131 @@
+"""`mbocp solve`: check the outputs, load, solve under a progress table, write, sum up."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from mbocp.exceptions import ResultFileError
+
+if TYPE_CHECKING:
+    from mbocp.cli.progress import Progress
+    from mbocp.problem import Problem
+    from mbocp.solution import Solution
+
+__all__ = ["IMAGES", "PAGES", "RESULTS", "Outputs", "check_output", "run"]
+
+RESULTS = (".h5", ".hdf5")
+PAGES = (".html", ".htm")
+IMAGES = (".png", ".pdf", ".svg")
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files to write, each optional."""
+
+    result: Path | None = None
+    replay: Path | None = None
+    plot: Path | None = None
+
+    def check(self, source: Path) -> None:
+        """Refuse what could not be written, before any work is done."""
+        seen = {source.resolve(): "the problem file"}
+        for option, path, suffixes in self._entries():
+            check_output(path, option, suffixes)
+            taken = seen.setdefault(path.resolve(), option)
+            if taken != option:
+                raise ResultFileError(path, f"{option} would overwrite {taken}; give it another name")
+
+    def _entries(self) -> Iterator[tuple[str, Path, Sequence[str]]]:
+        if self.result is not None:
+            yield "-o", self.result, RESULTS
+        if self.replay is not None:
+            yield "--replay", self.replay, PAGES
+        if self.plot is not None:
+            yield "--plot", self.plot, IMAGES
+
+
+def check_output(path: Path, option: str, suffixes: Sequence[str]) -> None:
+    """Refuse a path that cannot become a file of one of the kinds in `suffixes`."""
+    if path.is_dir():
+        raise ResultFileError(path, f"{option} is a folder, expected the name of a file")
+    if path.suffix.lower() not in suffixes:
+        raise ResultFileError(
+            path, f"{option} must end in {' or '.join(suffixes)}, got {path.suffix or 'nothing'}"
+        )
+    folder = path.parent
+    if not folder.is_dir():
+        raise ResultFileError(path, f"{option}: there is no folder {str(folder)!r}; make it first")
+    if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise ResultFileError(path, f"{option}: no permission to write there")
+
+
+def run(
+    file: Path, settings: Sequence[str], solver: str | None, outputs: Outputs, *, as_json: bool, quiet: bool
+) -> bool:
+    """Solve the problem file and write what is asked for.
+
+    Parameters
+    ----------
+    file : Path
+        Problem file.
+    settings : sequence of str
+        Overrides ``key.path=value``.
+    solver : str, optional
+        Stands for ``solver.method``.
+    outputs : Outputs
+    as_json : bool
+        Print the JSON object, and nothing else, on stdout.
+    quiet : bool
+        Print errors only.
+
+    Returns
+    -------
+    converged : bool
+    """
+    from mbocp.cli.progress import Progress
+    from mbocp.problem import load_problem
+
+    outputs.check(file)
+    chosen = [*settings, f'solver.method="{solver}"'] if solver is not None else list(settings)
+    with Progress(title=file.stem, quiet=quiet or as_json) as progress:
+        progress.say("loading the robot")
+        problem = load_problem(file, chosen)
+        progress.say("compiling the stage functions and guessing (the first time takes a while)")
+        solution = _solve(problem, progress)
+    written = _write(solution, problem, outputs)
+    if as_json:
+        typer.echo(solution.to_json(indent=2))
+    elif not quiet:
+        from mbocp.cli.summary import print_summary
+
+        print_summary(solution, problem, written)
+    return solution.converged
+
+
+def _solve(problem: Problem, progress: Progress) -> Solution:
+    import mbocp
+
+    return mbocp.solve(problem, callback=progress)
+
+
+def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple[str, Path]]:
+    """Write the files; the result first, so that it is there whatever happens to the pictures."""
+    written = []
+    if outputs.result is not None:
+        written.append(("result", solution.save(outputs.result)))
+    if outputs.replay is not None:
+        from mbocp.view.replay import write_replay
+
+        page = write_replay(problem.robot, solution.t, solution.qs, outputs.replay, title=problem.name)
+        written.append(("replay", page))
+    if outputs.plot is not None:
+        from mbocp.view.plots import plot_solution
+
+        written.append(("plot", plot_solution(solution, outputs.plot, robot=problem.robot)))
+    return written

@@ -1,0 +1,112 @@
+"""A result in words that a person understands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
+    from mbocp.solution import Solution
+
+__all__ = ["goal_error", "print_summary", "solution_rows"]
+
+_Rows = list[tuple[str, str | Text]]
+
+
+def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[str, Path]] = ()) -> None:
+    """Print what was solved, how it went, and what was written."""
+    rows = solution_rows(solution, _robot_words(problem))
+    error = goal_error(solution, problem)
+    if error:
+        rows.insert(-1, ("goal", error))
+    rows += [(kind, str(path)) for kind, path in written]
+    print_rows(solution.problem_name or problem.name, rows)
+
+
+def print_rows(title: str, rows: _Rows) -> None:
+    """Print a title and named rows on stdout."""
+    console = Console()
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, text in rows:
+        table.add_row(name, text)
+    console.print(Text(title, style="bold underline"))
+    console.print(table, soft_wrap=False)
+
+
+def solution_rows(solution: Solution, robot: str) -> _Rows:
+    """Return what every result has to say, ready for `print_rows`."""
+    dt = solution.duration / solution.num_steps
+    verdict = Text(str(solution.status), style="bold green" if solution.converged else "bold red")
+    if solution.advice:
+        verdict.append(f": {solution.advice}", style="not bold default")
+    return [
+        ("robot", robot),
+        ("horizon", f"{solution.duration:g} s in {solution.num_steps} steps of {dt:.4g} s"),
+        ("guess", solution.guess_used or "not recorded"),
+        ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
+        ("status", verdict),
+        ("cost", f"{solution.cost:.10g}"),
+        ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
+        ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
+        ("constraints", _violation(solution)),
+    ]
+
+
+def goal_error(solution: Solution, problem: Problem) -> str:
+    """Say how far the end is from the goal, in the worst direction of position and of velocity."""
+    robot, goal = problem.robot, problem.goal
+    if goal.enforce == "none":
+        return ""
+    parts = []
+    if goal.q_active.any():
+        error = np.where(goal.q_active, robot.difference(goal.q, solution.q_final), 0.0)
+        worst = int(np.abs(error).argmax())
+        label = robot.v_labels[worst]
+        parts.append(f"off by {abs(error[worst]):.2e} {label.unit.removesuffix('/s')} at {label.name}")
+    if goal.rate_active.any():
+        reached, labels = (
+            (solution.p_final, robot.p_labels) if goal.rate == "p" else (solution.vs[-1], robot.v_labels)
+        )
+        error = np.where(goal.rate_active, reached - goal.value, 0.0)
+        worst = int(np.abs(error).argmax())
+        word = "momentum" if goal.rate == "p" else "velocity"
+        parts.append(f"{word} by {abs(error[worst]):.2e} {labels[worst].unit} at {labels[worst].name}")
+    return ", ".join(parts)
+
+
+def _robot_words(problem: Problem) -> str:
+    robot = problem.robot
+    words = f"{robot.name}: {robot.nv} degrees of freedom, {_count(robot.nu, 'control')}"
+    return f"{words}, {_count(robot.nc, 'constraint')}" if robot.nc else words
+
+
+def _violation(solution: Solution) -> str:
+    if not solution.nc:
+        return "none"
+    names = ", ".join(column.name for column in solution.labels.lam)
+    return f"violated by {solution.constraint_violation:.2e} at most ({names})"
+
+
+def _phases(solution: Solution) -> str:
+    named = [f"{phase.name} {_seconds(phase.wall_time_s)}" for phase in solution.phases]
+    return f" ({', '.join(named)})" if named else ""
+
+
+def _seconds(value: float) -> str:
+    if math.isnan(value):
+        return "unknown time"
+    return f"{value * 1e3:.3g} ms" if value < 1.0 else f"{value:.3g} s"
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'' if number == 1 else 's'}"
