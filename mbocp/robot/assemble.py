@@ -1,0 +1,282 @@
+"""From the tables of a robot.toml and a model to actuation, constraints, forces, limits and what is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import RobotFileError, UnknownJoint
+from mbocp.robot import joints, kinematics
+from mbocp.robot.parts import (
+    Actuation,
+    Connector,
+    FrameActuator,
+    Label,
+    Limits,
+    QuarticSpring,
+    Rod,
+    SpringDamper,
+)
+from mbocp.robot.schema import JointActuator, RobotTable, Thruster, Wrench
+
+__all__ = ["Assembly"]
+
+_EFFORT_UNITS = {"m": "N", "rad": "N m"}
+_HUGE = 1e300  # Pinocchio's "no limit" is the largest double
+_STEEL, _BRASS = (0.35, 0.35, 0.38, 1.0), (0.75, 0.5, 0.15, 1.0)
+_LOOKS = {"rod": (0.02, _STEEL), "spring": (0.06, _BRASS), "line": (0.005, _STEEL)}
+
+
+@dataclass
+class _Columns:
+    """Columns of B while they are gathered: the constant ones, then those that depend on q."""
+
+    fixed: list[Array] = field(default_factory=list)
+    fixed_labels: list[Label] = field(default_factory=list)
+    fixed_efforts: list[float] = field(default_factory=list)
+    frames: list[FrameActuator] = field(default_factory=list)
+    frame_efforts: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Everything that is said by name, made into indices of one model.
+
+    Parameters
+    ----------
+    model : pin.Model
+        After locking.
+    locked : tuple of str
+        Names of the joints that were locked: they may still be named as actuated, and then have no control.
+    q0 : ndarray, shape (nq,)
+        Initial pose; lengths that are not given are measured there.
+    table : RobotTable
+        The robot.toml, or its defaults.
+    robot : str
+        Name for messages.
+    """
+
+    model: pin.Model
+    locked: tuple[str, ...]
+    q0: Array
+    table: RobotTable
+    robot: str
+
+    # Actuation
+
+    def actuation(self, actuated: Sequence[str] | None) -> tuple[Actuation, Array]:
+        """B, and the effort limit of each control [N m, N].
+
+        Parameters
+        ----------
+        actuated : sequence of str or None
+            Joints with motors; None: those of the table; if that names none, all that the URDF actuates.
+        """
+        columns = _Columns()
+        declared = {a.joint: a.effort for a in self.table.actuators if isinstance(a, JointActuator)}
+        named = self.table.actuation.joints
+        if actuated is not None:
+            named = list(actuated)
+        elif named is not None or declared:
+            named = [*(named or []), *declared]
+        for joint in self._motors(named):
+            self._add_joint(columns, joint, declared.get(self.model.names[joint]))
+        for number, table in enumerate(self.table.actuators):
+            if isinstance(table, Wrench | Thruster):
+                self._add_wrench(columns, table, number)
+        selection = np.column_stack(columns.fixed) if columns.fixed else np.zeros((self.model.nv, 0))
+        labels = (*columns.fixed_labels, *(Label(a.name, a.unit) for a in columns.frames))
+        actuation = Actuation(selection, labels, tuple(columns.frames))
+        return actuation, np.array(columns.fixed_efforts + columns.frame_efforts)
+
+    def _motors(self, named: Sequence[str] | None) -> list[int]:
+        if named is None:
+            return [j for j in range(1, self.model.njoints) if joints.joint_kind(self.model, j).actuated]
+        found = []
+        for name in dict.fromkeys(named):
+            if name in self.locked:
+                continue
+            joint = joints.joint_id(self.model, name, self.robot)
+            if self.model.joints[joint].nv == 0:
+                free = [n for n in joints.joint_names(self.model) if n != name]
+                raise UnknownJoint(f"{name} (a mimic joint: actuate the one it follows)", self.robot, free)
+            found.append(joint)
+        return found
+
+    def _add_joint(self, columns: _Columns, joint: int, effort: float | None) -> None:
+        where = joints.velocity_slice(self.model, joint)
+        labels = joints.velocity_labels(self.model, _EFFORT_UNITS)[where]
+        limits = self.model.upperEffortLimit[where]
+        for index, label, limit in zip(range(where.start, where.stop), labels, limits, strict=True):
+            columns.fixed.append(np.eye(self.model.nv)[index])
+            columns.fixed_labels.append(label)
+            columns.fixed_efforts.append(_limit(limit) if effort is None else effort)
+
+    def _add_wrench(self, columns: _Columns, table: Wrench | Thruster, number: int) -> None:
+        frame = self.frame(table.frame, f"actuator[{number}]")
+        parent = self.model.frames[frame].parentJoint
+        if parent == 0:
+            self._refuse(
+                f"actuator[{number}].frame",
+                f"frame {table.frame!r} is fixed to the world: nothing would move",
+            )
+        for label, direction, effort in _directions(table):
+            if self._is_constant(parent):
+                jacobian = kinematics.frame_jacobian(self.model, pin.neutral(self.model), frame, pin.LOCAL)
+                columns.fixed.append(jacobian.T @ direction)
+                columns.fixed_labels.append(label)
+                columns.fixed_efforts.append(effort)
+            else:
+                columns.frames.append(FrameActuator(label.name, frame, direction, label.unit))
+                columns.frame_efforts.append(effort)
+
+    def _is_constant(self, parent: int) -> bool:
+        """Whether the local Jacobian of a body is constant: it hangs on a free-flyer alone, or it only slides."""
+        chain = [j for j in self.model.supports[parent] if j != 0]
+        kinds = [joints.joint_kind(self.model, j).word for j in chain]
+        return kinds == ["floating"] or all(kind in ("prismatic", "translation") for kind in kinds)
+
+    # Constraints and forces
+
+    def constraints(self) -> tuple[Rod, ...]:
+        """Holonomic constraints."""
+        rods = []
+        for number, table in enumerate(self.table.constraints):
+            where = f"constraint[{number}]"
+            a, b = self.pair(table.frames, where)
+            length = table.length or self._distance(a, b)
+            if length <= 0.0:
+                self._refuse(
+                    f"{where}.length", "not given, and the frames coincide at the initial pose: give a length"
+                )
+            rods.append(Rod(table.name or f"rod_{number}", a, b, length, table.frames))
+        self._refuse_repeated("constraint", [rod.name for rod in rods])
+        return tuple(rods)
+
+    def forces(self) -> tuple[QuarticSpring | SpringDamper, ...]:
+        """Springs and dampers."""
+        found: list[QuarticSpring | SpringDamper] = []
+        for number, table in enumerate(self.table.springs):
+            a, b = self.pair(table.frames, f"spring[{number}]")
+            length = table.length or self._distance(a, b)
+            if table.stiffness is not None and length <= 0.0:
+                self._refuse(
+                    f"spring[{number}].length", "not given, and the frames coincide at the initial pose"
+                )
+            # First paper, section 6.1: V_e = k/(8 l^2) (|d|^2 - l^2)^2
+            coefficient = table.coefficient or (table.stiffness or 0.0) / (2.0 * length**2)
+            found.append(
+                QuarticSpring(table.name or f"spring_{number}", a, b, coefficient, length, table.frames)
+            )
+        for number, damper in enumerate(self.table.spring_dampers):
+            a, b = self.pair(damper.frames, f"spring_damper[{number}]")
+            length = self._distance(a, b) if damper.length is None else damper.length
+            name = damper.name or f"spring_damper_{number}"
+            found.append(SpringDamper(name, a, b, damper.stiffness, damper.damping, length, damper.frames))
+        self._refuse_repeated("spring or spring_damper", [force.name for force in found])
+        return tuple(found)
+
+    def connectors(self, pairs: Iterable[Rod | QuarticSpring | SpringDamper]) -> tuple[Connector, ...]:
+        """What a replay draws between frames: the [[visual]] tables, and a rod or coil for each pair without one."""
+        shown: dict[tuple[int, ...], Connector | None] = {}
+        for pair in pairs:
+            kind = "rod" if isinstance(pair, Rod) else "spring"
+            radius, color = _LOOKS[kind]
+            shown[_key(pair.frame_a, pair.frame_b)] = Connector(
+                pair.frame_a, pair.frame_b, kind, radius, color
+            )
+        for number, table in enumerate(self.table.visuals):
+            a, b = self.pair(table.frames, f"visual[{number}]")
+            radius, color = _LOOKS.get(table.type, _LOOKS["line"])
+            rgba = color if table.color is None else _rgba(table.color)
+            connector = Connector(a, b, table.type, table.radius or radius, rgba)
+            shown[_key(a, b)] = None if table.type == "none" else connector
+        return tuple(c for c in shown.values() if c is not None)
+
+    # Limits and traces
+
+    def limits(self, efforts: Array) -> Limits:
+        """Bounds of the URDF; zero or contradictory ones mean none, swapped ones are put in order."""
+        velocity = np.array([_limit(v) for v in self.model.upperVelocityLimit])
+        lower, upper = np.full(self.model.nq, -np.inf), np.full(self.model.nq, np.inf)
+        for joint in range(1, self.model.njoints):
+            kind, where = joints.joint_kind(self.model, joint), joints.configuration_slice(self.model, joint)
+            if not (kind.is_vector and kind.q):
+                continue
+            bounds = np.sort(
+                [self.model.lowerPositionLimit[where], self.model.upperPositionLimit[where]], axis=0
+            )
+            bounds = np.where(np.abs(bounds) > _HUGE, np.copysign(np.inf, bounds), bounds)
+            if (bounds[0] < bounds[1]).all():
+                lower[where], upper[where] = bounds
+        return Limits(efforts, velocity, lower, upper)
+
+    def trace_frames(self) -> tuple[str, ...]:
+        """Frames to trace: those of the table, else the last body of the longest chain, else the floating base."""
+        if self.table.trace is not None:
+            for name in self.table.trace:
+                self.frame(name, "trace")
+            return tuple(self.table.trace)
+        floating = joints.joint_kind(self.model, 1).word == "floating"
+        depths = [len(support) for support in self.model.supports]
+        tip = 1 if floating else int(np.argmax(depths))
+        bodies = [f.name for f in self.model.frames if f.parentJoint == tip and f.type == pin.FrameType.BODY]
+        return tuple(bodies[:1] if floating else bodies[-1:])
+
+    # Names
+
+    def frame(self, name: str, _where: str) -> int:
+        """Index of a frame by name."""
+        return kinematics.frame_id(self.model, name, self.robot)
+
+    def pair(self, names: tuple[str, str], where: str) -> tuple[int, int]:
+        """Indices of two frames by name, on bodies that can move against each other."""
+        a, b = self.frame(names[0], where), self.frame(names[1], where)
+        return a, b
+
+    def _distance(self, a: int, b: int) -> float:
+        pair = Connector(a, b, "line")
+        return float(np.linalg.norm(kinematics.distances(self.model, self.q0, [pair])[0]))
+
+    def _refuse_repeated(self, what: str, names: list[str]) -> None:
+        repeated = [name for name in names if names.count(name) > 1]
+        if repeated:
+            self._refuse(what, f"the name {repeated[0]!r} is given twice")
+
+    def _refuse(self, key: str, reason: str) -> None:
+        raise RobotFileError(self.robot, reason, key)
+
+
+def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, float]]:
+    """Label, wrench for u = 1 in the frame's axes, effort limit of each control."""
+    name = table.name or table.frame
+    if isinstance(table, Thruster):
+        axis = np.array(table.axis) / np.linalg.norm(table.axis)
+        moment = np.cross(table.position, axis) + table.torque_ratio * axis
+        return [(Label(name, "N"), np.concatenate([axis, moment]), table.effort or np.inf)]
+    order = ("fx", "fy", "fz", "mx", "my", "mz")
+    efforts = (
+        table.effort if isinstance(table.effort, list) else [table.effort or np.inf] * len(table.components)
+    )
+    return [
+        (Label(f"{name}.{c}", "N" if c[0] == "f" else "N m"), np.eye(6)[order.index(c)], effort)
+        for c, effort in zip(table.components, efforts, strict=True)
+    ]
+
+
+def _limit(value: float) -> float:
+    """A limit of a URDF: zero stands for "not given" in many of them."""
+    return float(value) if 0.0 < value < _HUGE else np.inf
+
+
+def _rgba(color: Sequence[float]) -> tuple[float, float, float, float]:
+    red, green, blue, *opacity = color
+    return red, green, blue, opacity[0] if opacity else 1.0
+
+
+def _key(a: int, b: int) -> tuple[int, ...]:
+    return tuple(sorted((a, b)))

@@ -1,0 +1,112 @@
+"""Is the robot's mechanics well posed at its initial pose?"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import UnsupportedRobot
+from mbocp.robot import kinematics
+from mbocp.robot.notices import InitialPoseWarning
+
+if TYPE_CHECKING:
+    from mbocp.robot.robot import Robot
+
+__all__ = ["SingularMassMatrix", "check_mechanics"]
+
+_RANK = 1e-9  # relative singular value below which rows count as dependent
+_ON_CONSTRAINT = 1e-6  # relative to the square of the rod's length
+_SHARE = 1e-3  # share of the null vector from which a joint is named
+
+
+class SingularMassMatrix(UnsupportedRobot):
+    """Joints that move nothing with mass or inertia; `joints` has their names."""
+
+    def __init__(self, robot: str, joints: list[str], eigenvalue: float) -> None:
+        self.robot, self.joints, self.eigenvalue = robot, tuple(joints), eigenvalue
+        named, them = (", ".join(map(repr, joints)), "them") if len(joints) > 1 else (repr(joints[0]), "it")
+        super().__init__(
+            f"robot {robot!r}: the mass matrix is singular (scaled eigenvalue {eigenvalue:.1e}), because nothing with "
+            f"mass or inertia moves with {named}. Give the links beyond a mass and an inertia, or lock {them}: "
+            f"lock = {json.dumps(joints)}"
+        )
+
+
+def check_mechanics(robot: Robot) -> None:
+    """Check mass matrix and constraints at the initial pose.
+
+    Raises
+    ------
+    UnsupportedRobot
+        If the mass matrix is singular (naming the joints) or constraints depend on each other (naming them).
+
+    Warns
+    -----
+    InitialPoseWarning
+        If the initial pose violates a constraint.
+    """
+    on_constraints = _check_pose(robot)
+    jacobian = robot.constraint_jacobian(robot.q0)
+    if on_constraints:
+        _check_rank(robot, jacobian)
+    mass = robot.mass_matrix(robot.q0)
+    if not kinematics.is_singular(mass):
+        return
+    basis = _null_space(jacobian)
+    if kinematics.is_singular(basis.T @ mass @ basis):
+        raise _singular(robot, mass)
+
+
+def _check_pose(robot: Robot) -> bool:
+    residual = robot.constraint_residual(robot.q0)
+    bad = [
+        f"{rod.name!r} by {value:.3g} m^2"
+        for rod, value in zip(robot.constraints, residual, strict=True)
+        if abs(value) > _ON_CONSTRAINT * rod.length**2
+    ]
+    if bad:
+        warnings.warn(
+            f"robot {robot.name!r}: the initial pose violates {', '.join(bad)}; give another in [initial] of its "
+            "robot.toml, and a start that fits in the problem",
+            InitialPoseWarning,
+            stacklevel=2,
+        )
+    return not bad
+
+
+def _check_rank(robot: Robot, jacobian: Array) -> None:
+    kept: list[Array] = []
+    dependent = []
+    for rod, row in zip(robot.constraints, jacobian, strict=True):
+        norm = float(np.linalg.norm(row))
+        candidate = [*kept, row / norm] if norm > 0.0 else kept
+        if len(candidate) > len(kept) and np.linalg.matrix_rank(np.array(candidate), tol=_RANK) == len(
+            candidate
+        ):
+            kept = candidate
+        else:
+            dependent.append(rod.name)
+    if dependent:
+        raise UnsupportedRobot(
+            f"robot {robot.name!r}: at the initial pose the constraints depend on each other or on nothing that moves "
+            f"(rank {len(kept)} of {robot.nc}): {', '.join(map(repr, dependent))}; take out what is redundant or "
+            "choose another initial pose"
+        )
+
+
+def _null_space(jacobian: Array) -> Array:
+    _, values, rows = np.linalg.svd(jacobian)
+    basis: Array = rows[int((values > _RANK * values.max(initial=1.0)).sum()) :].T
+    return basis
+
+
+def _singular(robot: Robot, mass: Array) -> SingularMassMatrix:
+    values, vectors = kinematics.scaled_spectrum(mass)
+    null = vectors[:, values < 10 * max(abs(values[0]), 1e-13)]
+    weight = np.linalg.norm(null, axis=1)
+    guilty = [n for n in robot.joint_names if weight[robot.velocity_indices(n)].max(initial=0.0) > _SHARE]
+    return SingularMassMatrix(robot.name, guilty, float(values[0]))

@@ -1,0 +1,79 @@
+"""A robot as a plain dict, for the command line and for JSON."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from mbocp.robot import joints
+from mbocp.robot.parts import QuarticSpring
+from mbocp.robot.robot import Robot
+
+__all__ = ["describe"]
+
+
+def describe(robot: Robot) -> dict[str, Any]:
+    """Everything a person may want to know about a robot, JSON-able; a limit that is not there is None.
+
+    Returns
+    -------
+    dict
+        name, description, source, dimensions (nq, nv, nu, nc), dofs, mass [kg], gravity [m/s^2], joints, actuators,
+        constraints, forces, frames, trace_frames, q0 [rad, m], fingerprint.
+    """
+    return {
+        "name": robot.name,
+        "description": robot.description,
+        "source": None if robot.source is None else str(robot.source),
+        "nq": robot.nq,
+        "nv": robot.nv,
+        "nu": robot.nu,
+        "nc": robot.nc,
+        "dofs": robot.nv - robot.nc,
+        "mass": float(sum(inertia.mass for inertia in list(robot.model.inertias)[1:])),
+        "gravity": [float(g) for g in robot.model.gravity.linear],
+        "joints": [_joint(robot, j) for j in range(1, robot.model.njoints)],
+        "actuators": [
+            {"name": label.name, "unit": label.unit, "limit": _finite(limit)}
+            for label, limit in zip(robot.u_labels, robot.limits.effort, strict=True)
+        ],
+        "constraints": [
+            {"name": rod.name, "type": rod.kind, "frames": list(rod.frames), "length": rod.length}
+            for rod in robot.constraints
+        ],
+        "forces": [_force(force) for force in robot.forces],
+        "frames": list(robot.frame_names),
+        "trace_frames": list(robot.trace_frames),
+        "q0": robot.q0.tolist(),
+        "fingerprint": robot.fingerprint,
+    }
+
+
+def _joint(robot: Robot, joint: int) -> dict[str, Any]:
+    q, v = joints.configuration_slice(robot.model, joint), joints.velocity_slice(robot.model, joint)
+    kind = joints.joint_kind(robot.model, joint)
+    limits = robot.limits
+    return {
+        "name": robot.model.names[joint],
+        "type": kind.word,
+        "nq": len(kind.q),
+        "nv": len(kind.v),
+        "actuated": bool(np.any(robot.actuation.selection[v])),
+        "lower": [_finite(x) for x in limits.position_lower[q]],
+        "upper": [_finite(x) for x in limits.position_upper[q]],
+        "velocity": [_finite(x) for x in limits.velocity[v]],
+        "units": [label.unit for label in robot.q_labels[q]],
+    }
+
+
+def _force(force: Any) -> dict[str, Any]:
+    common = {"name": force.name, "type": force.kind, "frames": list(force.frames), "length": force.length}
+    if isinstance(force, QuarticSpring):
+        return {**common, "coefficient": force.coefficient}
+    return {**common, "stiffness": force.stiffness, "damping": force.damping}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

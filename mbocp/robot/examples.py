@@ -1,0 +1,143 @@
+"""Robots of example-robot-data, by name, through its own table of loaders.
+
+The loaders read every mesh, which takes seconds. Those that only name files (nearly all) are therefore followed by
+hand: same URDF, same base, same SRDF (rotor inertias, reference pose). Those with code of their own are called.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp.robot.urdf import build_model, captured_stderr, read_urdf
+from mbocp.robot.visuals import build_visuals
+
+__all__ = ["Example", "description", "load_example", "names"]
+
+# "ur3" loads the UR5 upstream; and this loader's own code only edits collision shapes, which mbocp does not use.
+_CORRECTED = {"ur3": "UR3Loader"}
+_COLLISION_ONLY = ("PandaLoaderCollision",)
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A robot as example-robot-data means it."""
+
+    model: pin.Model
+    visuals: pin.GeometryModel
+    q0: Array
+    path: Path
+    free_flyer: bool
+
+
+def names() -> list[str]:
+    """Names that example-robot-data has; empty if it is not installed."""
+    return sorted(_loaders())
+
+
+def description(name: str) -> str:
+    """One line about a robot, without loading it."""
+    loader = _loaders()[name]
+    if not loader.urdf_filename:
+        return f"{loader.sdf_filename}: an SDF file, which mbocp does not read"
+    return f"{loader.urdf_filename}, {'free-flying' if loader.free_flyer else 'fixed'} base"
+
+
+def load_example(name: str, *, free_flyer: bool | None, mimic: bool, packages: list[Path]) -> Example:
+    """Load a robot by its name in example-robot-data.
+
+    Parameters
+    ----------
+    name : str
+        One of `names()`.
+    free_flyer : bool or None
+        Base; None for the one that the loader means.
+    mimic : bool
+        Whether mimic joints follow their leader (upstream: False).
+    packages : list of Path
+        Folders to search for meshes before the loader's own.
+    """
+    loader = _loaders()[name]
+    if not loader.urdf_filename:
+        raise UnsupportedRobot(
+            f"robot {name!r} is described by {loader.sdf_filename}, an SDF file: mbocp reads URDF"
+        )
+    root = Path(
+        loader.model_path or _model_path(f"{loader.path}/{loader.urdf_subpath}/{loader.urdf_filename}")
+    )
+    path = (root / loader.path / loader.urdf_subpath / loader.urdf_filename).resolve()
+    base = bool(loader.free_flyer) if free_flyer is None else free_flyer
+    if _has_own_code(loader):
+        if base != bool(loader.free_flyer) or mimic:
+            raise UnsupportedRobot(
+                f"robot {name!r} is built by code of example-robot-data: free_flyer and mimic cannot be changed; "
+                f"load its URDF instead: {path}"
+            )
+        return _call_loader(loader, path)
+    urdf = read_urdf(path)
+    model = build_model(urdf, free_flyer=base, mimic=mimic)
+    visuals = build_visuals(urdf, model, [*packages, root.parent.parent])
+    return Example(model, visuals, _reference_pose(loader, root, model), path, base)
+
+
+@cache
+def _loaders() -> dict[str, Any]:
+    try:
+        from example_robot_data import robots_loader
+    except ImportError:
+        return {}
+    table = dict(robots_loader.ROBOTS)
+    table.update(
+        {name: getattr(robots_loader, cls, table[name]) for name, cls in _CORRECTED.items() if name in table}
+    )
+    return table
+
+
+def _model_path(subpath: str) -> str:
+    from example_robot_data.utils import getModelPath
+
+    try:
+        return str(getModelPath(subpath))
+    except OSError as error:
+        raise RobotFileError(
+            subpath, "example-robot-data does not have this file: is it installed whole?"
+        ) from error
+
+
+def _has_own_code(loader: Any) -> bool:
+    from example_robot_data.utils import RobotLoader
+
+    return loader.__init__ is not RobotLoader.__init__ and loader.__name__ not in _COLLISION_ONLY
+
+
+def _call_loader(loader: Any, path: Path) -> Example:
+    with contextlib.redirect_stdout(io.StringIO()), captured_stderr([]):
+        robot = loader().robot
+    return Example(robot.model, robot.visual_model, np.array(robot.q0), path, bool(loader.free_flyer))
+
+
+def _reference_pose(loader: Any, root: Path, model: pin.Model) -> Array:
+    """Initial pose of the SRDF, and its rotor inertias into the model, as the loaders do."""
+    neutral: Array = pin.neutral(model)
+    if not loader.srdf_filename:
+        return neutral
+    srdf = str(root / loader.path / loader.srdf_subpath / loader.srdf_filename)
+    with captured_stderr([]):
+        if loader.has_rotor_parameters:
+            pin.loadRotorParameters(model, srdf, False)
+            model.armature = model.rotorInertia * model.rotorGearRatio**2
+        pin.loadReferenceConfigurations(model, srdf, False)
+    poses = model.referenceConfigurations
+    if loader.ref_posture is None or loader.ref_posture not in poses:
+        return neutral
+    pose: Array = pin.normalize(model, np.array(poses[loader.ref_posture]))
+    return pose

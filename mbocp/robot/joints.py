@@ -1,0 +1,177 @@
+"""The joints that mbocp knows: their coordinates by name and unit, and what of them lives on a circle or sphere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mbocp.exceptions import UnknownJoint, UnsupportedRobot
+from mbocp.robot.parts import Label
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+__all__ = [
+    "JOINT_KINDS",
+    "JointKind",
+    "check_joints",
+    "configuration_slice",
+    "joint_id",
+    "joint_kind",
+    "joint_names",
+    "position_labels",
+    "unit_groups",
+    "velocity_labels",
+    "velocity_slice",
+]
+
+_LINEAR, _ANGULAR = "m", "rad"
+
+
+@dataclass(frozen=True)
+class JointKind:
+    """Coordinates of one type of joint.
+
+    Parameters
+    ----------
+    word : str
+        What a person calls it.
+    q : tuple of (str, str)
+        Suffix and unit of each configuration number.
+    v : tuple of (str, str)
+        Suffix and unit of displacement ("m" or "rad") of each velocity number.
+    unit_groups : tuple of (int, int)
+        Ranges of the configuration numbers that form a unit vector: quaternions, cos/sin pairs.
+    is_vector : bool
+        Whether the configuration is a plain vector, q + v.
+    actuated : bool
+        Whether a URDF that has it means it to have a motor.
+    """
+
+    word: str
+    q: tuple[tuple[str, str], ...]
+    v: tuple[tuple[str, str], ...]
+    unit_groups: tuple[tuple[int, int], ...] = ()
+    is_vector: bool = True
+    actuated: bool = False
+
+
+_QUATERNION = (("qx", ""), ("qy", ""), ("qz", ""), ("qw", ""))
+_POSITION = (("x", _LINEAR), ("y", _LINEAR), ("z", _LINEAR))
+_TWIST = (
+    ("vx", _LINEAR),
+    ("vy", _LINEAR),
+    ("vz", _LINEAR),
+    ("wx", _ANGULAR),
+    ("wy", _ANGULAR),
+    ("wz", _ANGULAR),
+)
+
+_REVOLUTE = JointKind("revolute", (("", _ANGULAR),), (("", _ANGULAR),), actuated=True)
+_PRISMATIC = JointKind("prismatic", (("", _LINEAR),), (("", _LINEAR),), actuated=True)
+_HELICAL = JointKind("helical", (("", _ANGULAR),), (("", _ANGULAR),), actuated=True)
+_CONTINUOUS = JointKind(
+    "continuous", (("cos", ""), ("sin", "")), (("", _ANGULAR),), ((0, 2),), False, actuated=True
+)
+_PLANAR = JointKind(
+    "planar",
+    (("x", _LINEAR), ("y", _LINEAR), ("cos", ""), ("sin", "")),
+    (("vx", _LINEAR), ("vy", _LINEAR), ("wz", _ANGULAR)),
+    ((2, 4),),
+    False,
+)
+_FLOATING = JointKind("floating", _POSITION + _QUATERNION, _TWIST, ((3, 7),), False)
+_SPHERICAL = JointKind("spherical", _QUATERNION, _TWIST[3:], ((0, 4),), False)
+_TRANSLATION = JointKind("translation", _POSITION, _TWIST[:3])
+_MIMIC = JointKind("mimic", (), ())
+
+JOINT_KINDS: dict[str, JointKind] = {
+    **{f"JointModel{n}": _REVOLUTE for n in ("RX", "RY", "RZ", "RevoluteUnaligned")},
+    **{f"JointModel{n}": _PRISMATIC for n in ("PX", "PY", "PZ", "PrismaticUnaligned")},
+    **{f"JointModel{n}": _HELICAL for n in ("HX", "HY", "HZ", "HelicalUnaligned")},
+    **{f"JointModel{n}": _CONTINUOUS for n in ("RUBX", "RUBY", "RUBZ", "RevoluteUnboundedUnaligned")},
+    "JointModelPlanar": _PLANAR,
+    "JointModelFreeFlyer": _FLOATING,
+    "JointModelSpherical": _SPHERICAL,
+    "JointModelTranslation": _TRANSLATION,
+    "JointModelMimic": _MIMIC,
+}
+
+
+def joint_kind(model: pin.Model, joint: int) -> JointKind:
+    """Kind of joint number `joint`."""
+    return JOINT_KINDS[model.joints[joint].shortname()]
+
+
+def check_joints(model: pin.Model, robot: str) -> None:
+    """Refuse by name what is not supported (composite joints, for one)."""
+    for joint in range(1, model.njoints):
+        type_name = model.joints[joint].shortname()
+        if type_name not in JOINT_KINDS:
+            raise UnsupportedRobot(
+                f"robot {robot!r}: joint {model.names[joint]!r} is of type {type_name.removeprefix('JointModel')}, "
+                f"which mbocp does not support; supported: {', '.join(sorted({k.word for k in JOINT_KINDS.values()}))}. "
+                "Lock it, or write it as a chain of those."
+            )
+
+
+def joint_names(model: pin.Model) -> tuple[str, ...]:
+    """Names of the joints, without the universe."""
+    return tuple(model.names)[1:]
+
+
+def joint_id(model: pin.Model, name: str, robot: str) -> int:
+    """Index of a joint; raises `UnknownJoint` with near misses."""
+    names = joint_names(model)
+    if name not in names:
+        raise UnknownJoint(name, robot, names)
+    return names.index(name) + 1
+
+
+def configuration_slice(model: pin.Model, joint: int) -> slice:
+    """Range of the joint in q; empty for a mimic joint."""
+    j = model.joints[joint]
+    return slice(j.idx_q, j.idx_q + j.nq)
+
+
+def velocity_slice(model: pin.Model, joint: int) -> slice:
+    """Range of the joint in v; empty for a mimic joint."""
+    j = model.joints[joint]
+    return slice(j.idx_v, j.idx_v + j.nv)
+
+
+def position_labels(model: pin.Model) -> tuple[Label, ...]:
+    """One label for each number of q: joint name, or joint name and component."""
+    return tuple(
+        Label(_dotted(model.names[joint], suffix), unit)
+        for joint in range(1, model.njoints)
+        for suffix, unit in joint_kind(model, joint).q
+    )
+
+
+def velocity_labels(model: pin.Model, units: dict[str, str]) -> tuple[Label, ...]:
+    """One label for each number of v.
+
+    Parameters
+    ----------
+    units : dict
+        Unit of the quantity along a displacement in "m" and in "rad", e.g. ``{"m": "N", "rad": "N m"}``.
+    """
+    return tuple(
+        Label(_dotted(model.names[joint], suffix), units[displacement])
+        for joint in range(1, model.njoints)
+        for suffix, displacement in joint_kind(model, joint).v
+    )
+
+
+def unit_groups(model: pin.Model) -> tuple[tuple[str, slice], ...]:
+    """Joint name and range in q of each unit vector (quaternion or cos/sin pair)."""
+    return tuple(
+        (model.names[joint], slice(model.joints[joint].idx_q + a, model.joints[joint].idx_q + b))
+        for joint in range(1, model.njoints)
+        for a, b in joint_kind(model, joint).unit_groups
+    )
+
+
+def _dotted(joint: str, suffix: str) -> str:
+    return f"{joint}.{suffix}" if suffix else joint

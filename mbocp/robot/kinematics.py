@@ -1,0 +1,152 @@
+"""Numeric kinematics and forces on a `pin.Model`: what `Robot` offers, and what tests compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import UnknownFrame
+from mbocp.robot.parts import QuarticSpring, SpringDamper
+
+__all__ = [
+    "WORLD",
+    "FramePair",
+    "distance_jacobians",
+    "distances",
+    "force_elements",
+    "force_potential",
+    "frame_id",
+    "frame_jacobian",
+    "gravity_potential",
+    "mass_matrix",
+    "velocity_from_momentum",
+]
+
+WORLD = "world"
+_SINGULAR = 1e-12  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
+
+
+class FramePair(Protocol):
+    """Anything that joins the origins of two frames."""
+
+    @property
+    def frame_a(self) -> int: ...
+
+    @property
+    def frame_b(self) -> int: ...
+
+
+def frame_id(model: pin.Model, name: str, robot: str) -> int:
+    """Index of a frame by name; "world" is the universe; a body wins over a joint of the same name."""
+    if name == WORLD:
+        return 0
+    found = [i for i, frame in enumerate(model.frames) if frame.name == name]
+    if not found:
+        raise UnknownFrame(name, robot, dict.fromkeys([WORLD, *(frame.name for frame in model.frames)]))
+    bodies = [i for i in found if model.frames[i].type == pin.FrameType.BODY]
+    return (bodies or found)[0]
+
+
+def mass_matrix(model: pin.Model, q: Array) -> Array:
+    """Full symmetric joint-space mass matrix."""
+    upper = np.triu(pin.crba(model, model.createData(), q))
+    full: Array = upper + np.triu(upper, 1).T
+    return full
+
+
+def scaled_spectrum(mass: Array) -> tuple[Array, Array]:
+    """Eigenvalues and vectors of the mass matrix scaled to a unit diagonal: free of units."""
+    diagonal = np.diag(mass)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(mass * np.outer(scale, scale))
+    return values, vectors
+
+
+def is_singular(mass: Array) -> bool:
+    """Whether the mass matrix is singular or indefinite, whatever the units."""
+    return bool(mass.size and scaled_spectrum(mass)[0][0] < _SINGULAR)
+
+
+def velocity_from_momentum(mass: Array, jacobian: Array, p: Array) -> Array:
+    """Solve M v = p; with a singular M, the least-squares solution with G v = 0."""
+    if not is_singular(mass):
+        solution: Array = np.linalg.solve(mass, p)
+        return solution
+    nc, nv = jacobian.shape
+    kkt = np.block([[mass, jacobian.T], [jacobian, np.zeros((nc, nc))]])
+    least: Array = np.linalg.lstsq(kkt, np.concatenate([p, np.zeros(nc)]), rcond=None)[0][:nv]
+    return least
+
+
+def frame_jacobian(model: pin.Model, q: Array, frame: int, reference: pin.ReferenceFrame) -> Array:
+    """Jacobian of one frame, shape (6, nv), linear before angular."""
+    jacobian: Array = pin.computeFrameJacobian(model, model.createData(), q, frame, reference)
+    return jacobian
+
+
+def distances(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -> Array:
+    """p_a - p_b of each pair in world axes, shape (n, 3) [m]."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    out = np.zeros((len(pairs), 3))
+    for row, pair in enumerate(pairs):
+        out[row] = data.oMf[pair.frame_a].translation - data.oMf[pair.frame_b].translation
+    return out
+
+
+def distance_jacobians(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -> Array:
+    """d(p_a - p_b)/dq of each pair, shape (n, 3, nv)."""
+    out = np.zeros((len(pairs), 3, model.nv))
+    for row, pair in enumerate(pairs):
+        for frame, sign in ((pair.frame_a, 1.0), (pair.frame_b, -1.0)):
+            out[row] += sign * frame_jacobian(model, q, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+    return out
+
+
+def gravity_potential(model: pin.Model, q: Array) -> float:
+    """Potential energy of gravity, zero at the origin of the world [J]."""
+    return float(pin.computePotentialEnergy(model, model.createData(), q))
+
+
+def force_potential(model: pin.Model, q: Array, forces: Sequence[QuarticSpring | SpringDamper]) -> float:
+    """Potential energy of the springs [J]."""
+    return sum(
+        (_potential(force, d) for force, d in zip(forces, distances(model, q, forces), strict=True)),
+        start=0.0,
+    )
+
+
+def force_elements(
+    model: pin.Model, q: Array, v: Array, forces: Sequence[QuarticSpring | SpringDamper]
+) -> Array:
+    """Generalised force of springs and dampers, shape (nv,)."""
+    total = np.zeros(model.nv)
+    jacobians = distance_jacobians(model, q, forces)
+    for force, d, dd_dq in zip(forces, distances(model, q, forces), jacobians, strict=True):
+        total += dd_dq.T @ _force_on_a(force, d, dd_dq @ v)
+    return total
+
+
+def _potential(force: QuarticSpring | SpringDamper, d: Array) -> float:
+    square = float(d @ d)
+    if isinstance(force, QuarticSpring):
+        return 0.25 * force.coefficient * (square - force.length**2) ** 2
+    return 0.5 * force.stiffness * (np.sqrt(square) - force.length) ** 2
+
+
+def _force_on_a(force: QuarticSpring | SpringDamper, d: Array, d_rate: Array) -> Array:
+    """Force on frame a in world axes; frame b gets the opposite."""
+    out: Array
+    if isinstance(force, QuarticSpring):
+        out = -force.coefficient * (d @ d - force.length**2) * d
+    elif force.length == 0.0:
+        out = -force.stiffness * d - force.damping * d_rate
+    else:
+        distance = np.linalg.norm(d)
+        axis = d / distance
+        out = -(force.stiffness * (distance - force.length) + force.damping * (axis @ d_rate)) * axis
+    return out

@@ -1,0 +1,305 @@
+"""`load_robot`: from a name or path to a `Robot`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mbocp._arrays import Array
+from mbocp.exceptions import (
+    DimensionMismatch,
+    InvalidValue,
+    RobotError,
+    RobotFileError,
+    UnsupportedRobot,
+    suggest,
+)
+from mbocp.robot import joints
+from mbocp.robot.assemble import Assembly
+from mbocp.robot.checks import check_mechanics
+from mbocp.robot.examples import load_example
+from mbocp.robot.locking import lock_joints, pose_by_joint
+from mbocp.robot.robot import Robot
+from mbocp.robot.schema import RobotTable, read_robot_toml
+from mbocp.robot.sources import Source, find_source
+from mbocp.robot.urdf import ROOT_JOINT, build_model, read_urdf
+from mbocp.robot.visuals import build_visuals, resolve
+
+__all__ = ["load_robot", "robot_from_spec"]
+
+LockOption: TypeAlias = dict[str, float | list[float]] | list[str]
+
+# A URDF that says "mimic" means it. example-robot-data builds its models without, and so do we under its names.
+_MIMIC = {"toml": True, "urdf": True, "example": False}
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """A model before locking, and what belongs to it."""
+
+    model: pin.Model
+    visuals: pin.GeometryModel
+    q0: Array
+    urdf: Path
+    name: str
+    table: RobotTable
+
+
+def load_robot(
+    spec: str | Path,
+    *,
+    free_flyer: bool | None = None,
+    lock: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
+    gravity: Sequence[float] | None = None,
+    actuated: Sequence[str] | None = None,
+    mimic: bool | None = None,
+    name: str | None = None,
+    package_dirs: Sequence[str | Path] = (),
+    base: Path | None = None,
+) -> Robot:
+    """Load a robot.
+
+    Parameters
+    ----------
+    spec : str or Path
+        A path (to a URDF, a robot.toml, or a folder that holds one), or a name. A text counts as a path if it has a
+        path separator or ends in .urdf, .xml or .toml. Names are looked up under the folders of MBOCP_ROBOT_PATH, in
+        mbocp's own robots/, in example-robot-data, and in robot_descriptions, in this order.
+    free_flyer : bool, optional
+        Whether the root link floats (joint "root_joint") or is fixed to the world. Default: what robot.toml or
+        example-robot-data says; fixed for a plain URDF.
+    lock : mapping or sequence of str, optional
+        Joints to make rigid: name to value [rad, m], or names of joints to lock at the initial pose. Joints that
+        mimic them are locked, too. In place of what robot.toml says.
+    gravity : sequence of 3 floats, optional
+        Acceleration [m/s^2]. Default: what robot.toml says, else (0, 0, -9.81).
+    actuated : sequence of str, optional
+        Joints with motors, in the order of the controls; a joint with several velocities gets a control for each.
+        Default: what robot.toml says, else all revolute, continuous and prismatic joints in the order of the model.
+    mimic : bool, optional
+        Whether mimic joints follow their leader (then they have no coordinate) or are joints of their own, with a
+        motor. Default: True for a URDF or robot.toml, False for a name of example-robot-data, which builds its
+        models so.
+    name : str, optional
+        What to call the robot. Default: the name that was given, or that robot.toml or the URDF gives.
+    package_dirs : sequence of str or Path, optional
+        Folders that hold the packages of ``package://`` addresses.
+    base : Path, optional
+        Folder that relative paths start from. Default: the working directory.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    UnknownRobot, UnknownJoint, UnknownFrame
+        For a name that does not exist, with near misses.
+    RobotFileError
+        For a file that is missing, malformed or says something wrong, naming file and key.
+    UnsupportedRobot
+        For what mbocp cannot handle, by name.
+
+    Warns
+    -----
+    MissingMeshWarning
+        If meshes are missing; the robot is shown without them.
+    """
+    source = find_source(spec, base)
+    dirs = tuple(_absolute(d, base) for d in package_dirs)
+    options = {
+        "free_flyer": free_flyer,
+        "lock": _plain_lock(lock),
+        "gravity": None if gravity is None else [float(g) for g in gravity],
+        "actuated": None if actuated is None else list(actuated),
+        "mimic": mimic,
+        "label": name,
+        "package_dirs": [str(d) for d in dirs] or None,
+    }
+    body = _body(source, free_flyer, mimic, dirs)
+    body = body if name is None else replace(body, name=name)
+    echo = {
+        "name": _source_name(source),
+        **{key: value for key, value in options.items() if value is not None},
+    }
+    return _assemble(body, lock, gravity, actuated, echo)
+
+
+class _Spec(BaseModel):
+    """The table form of `load_robot`: a problem file's [robot]."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: str
+    free_flyer: bool | None = None
+    lock: dict[str, float | list[float]] | list[str] | None = None
+    gravity: tuple[float, float, float] | None = None
+    actuated: list[str] | None = None
+    mimic: bool | None = None
+    label: str | None = None
+    package_dirs: list[str] = []
+
+
+def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Robot:
+    """Load a robot from a table: a problem file's ``[robot]``, or `Robot.spec`.
+
+    Parameters
+    ----------
+    spec : mapping
+        ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
+        package_dirs, and ``label`` for what to call the robot.
+    base : Path, optional
+        Folder that relative paths start from.
+
+    Raises
+    ------
+    RobotError
+        For an unknown key or a wrong value, naming it, and for all that `load_robot` refuses.
+    """
+    try:
+        table = _Spec.model_validate(dict(spec))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(step) for step in first["loc"][:1])
+        if first["type"] == "extra_forbidden":
+            raise RobotError(f"robot: unknown key {key!r}; {suggest(key, _Spec.model_fields)}") from error
+        raise RobotError(f"robot.{key}: got {first['input']!r}: {first['msg']}") from error
+    options = table.model_dump(exclude={"name", "label"})
+    return load_robot(table.name, name=table.label, base=base, **options)
+
+
+def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tuple[Path, ...]) -> _Body:
+    follow = _MIMIC[source.kind] if mimic is None else mimic
+    if source.kind == "example":
+        example = load_example(source.name, free_flyer=free_flyer, mimic=follow, packages=list(dirs))
+        return _Body(example.model, example.visuals, example.q0, example.path, source.name, RobotTable())
+    table, path, name, folders = RobotTable(), source.path, None, [*dirs, *source.package_dirs]
+    if source.kind == "toml":
+        table = read_robot_toml(source.path)
+        folder = source.path.parent
+        folders += [folder / d for d in table.package_dirs]
+        try:
+            path = resolve(table.urdf, folder, folders)
+        except FileNotFoundError as error:
+            raise RobotFileError(source.path, str(error), "urdf") from error
+        name = table.name or source.name
+        follow = table.mimic if mimic is None and table.mimic is not None else follow
+    urdf = read_urdf(path)
+    floating = bool(table.free_flyer) if free_flyer is None else free_flyer
+    model = build_model(urdf, free_flyer=floating, mimic=follow)
+    joints.check_joints(model, name or urdf.name)
+    visuals = build_visuals(urdf, model, folders)
+    body = _Body(model, visuals, pin.neutral(model), path, name or urdf.name, table)
+    return replace(body, q0=_initial_pose(body))
+
+
+def _assemble(
+    body: _Body,
+    lock: Mapping[str, float | Sequence[float]] | Sequence[str] | None,
+    gravity: Sequence[float] | None,
+    actuated: Sequence[str] | None,
+    echo: dict[str, Any],
+) -> Robot:
+    joints.check_joints(body.model, body.name)
+    if body.model.nv == 0:
+        raise UnsupportedRobot(f"robot {body.name!r}: has no joint that moves")
+    _check_actuated(body, actuated)
+    model, visuals, q0 = lock_joints(
+        body.model, body.visuals, body.q0, body.table.lock if lock is None else lock, body.name
+    )
+    _set_gravity(model, gravity if gravity is not None else body.table.gravity, body.name)
+    gone = tuple(set(body.model.names) - set(model.names))
+    parts = Assembly(model, gone, q0, body.table, body.name)
+    actuation, efforts = parts.actuation(actuated)
+    constraints, forces = parts.constraints(), parts.forces()
+    robot = Robot(
+        name=body.name,
+        model=model,
+        visual_model=visuals,
+        actuation=actuation,
+        constraints=constraints,
+        forces=forces,
+        q0=q0,
+        limits=parts.limits(efforts),
+        source=body.urdf,
+        trace_frames=parts.trace_frames(),
+        connectors=parts.connectors((*constraints, *forces)),
+        spec=echo,
+        description=body.table.description,
+    )
+    check_mechanics(robot)
+    return robot
+
+
+def _check_actuated(body: _Body, actuated: Sequence[str] | None) -> None:
+    for name in actuated or ():
+        joints.joint_id(body.model, name, body.name)
+
+
+def _initial_pose(body: _Body) -> Array:
+    """[initial] q of the robot.toml on the neutral configuration."""
+    model, table = body.model, body.table
+    neutral: Array = pin.neutral(model)
+    if table.initial is None:
+        return neutral
+    if isinstance(table.initial.q, dict):
+        return pose_by_joint(model, neutral, table.initial.q, body.name)
+    given = np.array(table.initial.q, dtype=float)
+    base = (
+        7 if ROOT_JOINT in model.names and not table.free_flyer else 0
+    )  # a free-flyer that the option added
+    if given.shape != (model.nq - base,):
+        raise DimensionMismatch(f"robot {body.name!r}: initial.q", given.shape, (model.nq - base,))
+    neutral[base:] = given
+    values: ArrayLike = neutral
+    for joint in range(1, model.njoints):  # each joint checks and normalises its own part
+        if model.joints[joint].nq:
+            part = {model.names[joint]: np.asarray(values)[joints.configuration_slice(model, joint)].tolist()}
+            neutral = pose_by_joint(model, neutral, part, body.name)
+    return neutral
+
+
+def _set_gravity(model: pin.Model, gravity: Sequence[float] | None, robot: str) -> None:
+    if gravity is None:
+        return
+    vector = np.array(gravity, dtype=float)
+    if vector.shape != (3,):
+        raise DimensionMismatch(f"robot {robot!r}: gravity", vector.shape, (3,))
+    if not np.isfinite(vector).all():
+        raise InvalidValue(f"robot {robot!r}: gravity", vector.tolist(), "three finite numbers [m/s^2]")
+    model.gravity.linear = vector
+
+
+def _source_name(source: Source) -> str:
+    """What finds the source again from any folder: the name if it was one, else the whole path."""
+    if source.kind == "example" or find_again(source):
+        return source.name
+    return str(source.path)
+
+
+def find_again(source: Source) -> bool:
+    """Whether the source's name alone leads to it."""
+    try:
+        return find_source(source.name) == source
+    except RobotError:
+        return False
+
+
+def _plain_lock(lock: Mapping[str, float | Sequence[float]] | Sequence[str] | None) -> Any:
+    if lock is None:
+        return None
+    if isinstance(lock, Mapping):
+        return {name: np.asarray(value, dtype=float).tolist() for name, value in lock.items()}
+    return list(lock)
+
+
+def _absolute(path: str | Path, base: Path | None) -> Path:
+    expanded = Path(path).expanduser()
+    return (expanded if base is None else base / expanded).resolve()

@@ -1,0 +1,102 @@
+"""Locking joints: they become rigid, their links merge into the parent's body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from mbocp._arrays import Array
+from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
+from mbocp.robot import joints
+
+__all__ = ["Lock", "joint_configuration", "lock_joints", "pose_by_joint"]
+
+Lock = Mapping[str, float | Sequence[float]] | Sequence[str]
+_ZERO_NORM = 1e-8
+
+
+def lock_joints(
+    model: pin.Model, visuals: pin.GeometryModel, q0: Array, lock: Lock, robot: str
+) -> tuple[pin.Model, pin.GeometryModel, Array]:
+    """Return model, visuals and pose without the locked joints.
+
+    Parameters
+    ----------
+    lock : mapping or sequence of str
+        Joint name to value [rad, m] (or list of numbers), or names of joints to lock at `q0`.
+        Joints that mimic a locked joint are locked with it.
+    """
+    values = dict(lock) if isinstance(lock, Mapping) else {name: None for name in lock}
+    if not values:
+        return model, visuals, q0
+    q_ref = np.array(q0)
+    ids = []
+    for name, value in values.items():
+        joint = joints.joint_id(model, name, robot)
+        _refuse_follower(model, joint, robot)
+        ids.append(joint)
+        if value is not None:
+            q_ref[joints.configuration_slice(model, joint)] = joint_configuration(model, joint, value, robot)
+    ids += [follower for leader, follower in _followers(model) if leader in ids]
+    reduced, (shown,) = pin.buildReducedModel(model, [visuals], sorted(set(ids)), q_ref)
+    if reduced.nv == 0:
+        raise UnsupportedRobot(f"robot {robot!r}: all joints are locked, nothing is left to move")
+    kept = np.concatenate([q_ref[_slice_of(model, name)] for name in joints.joint_names(reduced)])
+    return reduced, shown, kept
+
+
+def joint_configuration(model: pin.Model, joint: int, value: float | ArrayLike, robot: str) -> Array:
+    """Configuration of one joint from a number or list.
+
+    A continuous joint takes its angle [rad] or (cos, sin), a planar joint (x, y, angle) or (x, y, cos, sin);
+    quaternions are xyzw and are normalised.
+    """
+    kind, name = joints.joint_kind(model, joint), model.names[joint]
+    where = f"robot {robot!r}: joint {name!r}"
+    array = np.atleast_1d(np.array(value, dtype=float))
+    if not np.isfinite(array).all():
+        raise InvalidValue(where, array.tolist(), "finite numbers")
+    if kind.word in ("continuous", "planar") and array.size == len(kind.q) - 1:
+        array = np.concatenate([array[:-1], [np.cos(array[-1]), np.sin(array[-1])]])
+    if array.shape != (len(kind.q),):
+        hint = f"a {kind.word} joint takes {', '.join(s or u for s, u in kind.q) or 'no value: it follows another'}"
+        raise DimensionMismatch(where, array.shape, (len(kind.q),), hint)
+    for a, b in kind.unit_groups:
+        norm = float(np.linalg.norm(array[a:b]))
+        if norm < _ZERO_NORM:
+            raise InvalidValue(where, f"{array[a:b].tolist()} of norm {norm:.3g}", "a unit vector")
+        array[a:b] /= norm
+    return array
+
+
+def pose_by_joint(
+    model: pin.Model, q: Array, values: Mapping[str, float | Sequence[float]], robot: str
+) -> Array:
+    """Copy of `q` with the joints in `values` set."""
+    out = np.array(q)
+    for name, value in values.items():
+        joint = joints.joint_id(model, name, robot)
+        _refuse_follower(model, joint, robot)
+        out[joints.configuration_slice(model, joint)] = joint_configuration(model, joint, value, robot)
+    return out
+
+
+def _followers(model: pin.Model) -> list[tuple[int, int]]:
+    """Pairs of joint indices (leader, mimic joint that follows it)."""
+    return list(zip(model.mimicked_joints, model.mimicking_joints, strict=True))
+
+
+def _refuse_follower(model: pin.Model, joint: int, robot: str) -> None:
+    for leader, follower in _followers(model):
+        if follower == joint:
+            raise UnsupportedRobot(
+                f"robot {robot!r}: joint {model.names[joint]!r} mimics {model.names[leader]!r} and has no position of "
+                f"its own: set or lock {model.names[leader]!r}, or load the robot with mimic = false"
+            )
+
+
+def _slice_of(model: pin.Model, name: str) -> slice:
+    return joints.configuration_slice(model, list(model.names).index(name))

@@ -1,0 +1,17 @@
+"""Warnings about a robot: something was mended or left out, and the work goes on."""
+
+from __future__ import annotations
+
+__all__ = ["InitialPoseWarning", "MissingMeshWarning", "NormalisationWarning"]
+
+
+class MissingMeshWarning(UserWarning):
+    """A mesh that the URDF names does not exist; the robot is shown without it."""
+
+
+class NormalisationWarning(UserWarning):
+    """A configuration was not on its manifold (quaternion, cos/sin pair) and has been normalised."""
+
+
+class InitialPoseWarning(UserWarning):
+    """The default initial pose violates a holonomic constraint."""

@@ -1,0 +1,278 @@
+"""What a robot consists of beside its multibody model: actuation, constraints, forces, limits, labels.
+
+All of it is data. A frame is an index into `pin.Model.frames`; frame 0 is the universe, called "world".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import InvalidValue
+
+__all__ = [
+    "Actuation",
+    "Connector",
+    "FrameActuator",
+    "Label",
+    "Limits",
+    "QuarticSpring",
+    "Rod",
+    "SpringDamper",
+]
+
+
+@dataclass(frozen=True)
+class Label:
+    """Name and unit of one column of a trajectory, e.g. ``Label("shoulder_pan_joint", "rad")``."""
+
+    name: str
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Bounds of the robot; infinite where there is none.
+
+    Parameters
+    ----------
+    effort : ndarray, shape (nu,)
+        Largest absolute control [N m, N].
+    velocity : ndarray, shape (nv,)
+        Largest absolute velocity [rad/s, m/s].
+    position_lower, position_upper : ndarray, shape (nq,)
+        Range of the configuration [rad, m].
+    """
+
+    effort: Array
+    velocity: Array
+    position_lower: Array
+    position_upper: Array
+
+    def __post_init__(self) -> None:
+        for name in ("effort", "velocity", "position_lower", "position_upper"):
+            object.__setattr__(
+                self, name, frozen_array(getattr(self, name), shape=(None,), name=f"limits.{name}")
+            )
+
+    @property
+    def any_finite(self) -> bool:
+        """Whether there is any limit at all."""
+        bounds = (self.effort, self.velocity, self.position_lower, self.position_upper)
+        return any(bool(np.isfinite(b).any()) for b in bounds)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameActuator:
+    r"""A wrench of one number, fixed to a frame: :math:`\tau = J_\mathrm{local}(q)^T\, d\, u`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the control.
+    frame_id : int
+        Frame that the wrench acts on.
+    direction : ndarray, shape (6,)
+        Wrench for u = 1 in the frame's own axes, force before moment [N, N m].
+    unit : str
+        Unit of u.
+    """
+
+    name: str
+    frame_id: int
+    direction: Array
+    unit: str = "N"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "direction", frozen_array(self.direction, shape=(6,), name=f"actuator {self.name}")
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Actuation:
+    r"""How the controls act: :math:`\tau = B(q)\,u`, with columns in the order of `Robot.u_labels`.
+
+    Parameters
+    ----------
+    selection : ndarray, shape (nv, nu_joint)
+        The constant part of B: actuated joints, and wrenches that are constant in joint coordinates
+        (a rotor on the free-flyer's own body, a force on a body that only slides).
+    labels : tuple of Label
+        Name and unit of each control, constant part first.
+    frame_actuators : tuple of FrameActuator
+        The columns that depend on q.
+    """
+
+    selection: Array
+    labels: tuple[Label, ...]
+    frame_actuators: tuple[FrameActuator, ...] = ()
+
+    def __post_init__(self) -> None:
+        expected = (None, len(self.labels) - len(self.frame_actuators))
+        object.__setattr__(
+            self, "selection", frozen_array(self.selection, shape=expected, name="actuation.selection")
+        )
+
+    @property
+    def nu(self) -> int:
+        """Number of controls."""
+        return len(self.labels)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether B does not depend on q."""
+        return not self.frame_actuators
+
+
+@dataclass(frozen=True)
+class Rod:
+    r"""A massless rigid rod between two frames.
+
+    .. math:: \Phi(q) = \tfrac12 \left(|p_a - p_b|^2 - l^2\right) \quad [\mathrm{m}^2]
+
+    Parameters
+    ----------
+    name : str
+        Appears in messages and as the label of the multiplier.
+    frame_a, frame_b : int
+        Frames whose origins it joins.
+    length : float
+        l [m].
+    frames : (str, str)
+        Names of the two frames, for messages.
+    """
+
+    name: str
+    frame_a: int
+    frame_b: int
+    length: float
+    frames: tuple[str, str] = ("", "")
+
+    kind = "rod"
+
+    def __post_init__(self) -> None:
+        _require_positive(f"rod {self.name!r}: length", self.length)
+
+
+@dataclass(frozen=True)
+class QuarticSpring:
+    r"""A spring whose potential is a polynomial, so that nothing is singular at zero length.
+
+    .. math:: V(q) = \tfrac{c}{4} \left(|p_a - p_b|^2 - l^2\right)^2
+
+    The papers write c = k / (2 l^2) with a stiffness k [N/m] (elastic pendulum) and c = lambda (cart pendulum).
+
+    Parameters
+    ----------
+    name : str
+        Appears in messages.
+    frame_a, frame_b : int
+        Frames whose origins it joins.
+    coefficient : float
+        c [N/m^3].
+    length : float
+        Length at rest l [m].
+    frames : (str, str)
+        Names of the two frames, for messages.
+    """
+
+    name: str
+    frame_a: int
+    frame_b: int
+    coefficient: float
+    length: float
+    frames: tuple[str, str] = ("", "")
+
+    kind = "quartic_spring"
+
+    def __post_init__(self) -> None:
+        _require_positive(f"spring {self.name!r}: coefficient", self.coefficient)
+        _require_not_negative(f"spring {self.name!r}: length", self.length)
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    r"""A linear spring and damper along the line of centres of two frames.
+
+    .. math:: V(q) = \tfrac{k}{2} (|d| - l)^2, \qquad d = p_a - p_b,
+
+    and a damping force :math:`-c\,\dot{|d|}` along d. With l = 0 the potential is :math:`\tfrac{k}{2}|d|^2`, smooth
+    everywhere, and the damper acts on the whole relative velocity: :math:`-c\,\dot d`.
+
+    Parameters
+    ----------
+    name : str
+        Appears in messages.
+    frame_a, frame_b : int
+        Frames whose origins it joins.
+    stiffness : float
+        k [N/m].
+    damping : float
+        c [N s/m].
+    length : float
+        Length at rest l [m].
+    frames : (str, str)
+        Names of the two frames, for messages.
+    """
+
+    name: str
+    frame_a: int
+    frame_b: int
+    stiffness: float
+    damping: float = 0.0
+    length: float = 0.0
+    frames: tuple[str, str] = ("", "")
+
+    kind = "spring_damper"
+
+    def __post_init__(self) -> None:
+        for key in ("stiffness", "damping", "length"):
+            _require_not_negative(f"spring_damper {self.name!r}: {key}", getattr(self, key))
+
+
+@dataclass(frozen=True)
+class Connector:
+    """Something to draw between two frames that are not rigidly attached to each other.
+
+    A replay draws it from the origin of `frame_a` to the origin of `frame_b`, anew at each time:
+
+    - ``"rod"``: a solid cylinder of `radius`;
+    - ``"spring"``: a coil of outer radius `radius`, stretched to the distance, with a constant number of turns;
+    - ``"line"``: a thin line; `radius` is a hint and may be ignored.
+
+    Parameters
+    ----------
+    frame_a, frame_b : int
+        Frames whose origins it joins; 0 is the universe.
+    kind : {"rod", "spring", "line"}
+        How it looks.
+    radius : float
+        [m].
+    color : (float, float, float, float)
+        Red, green, blue, opacity in 0..1.
+    """
+
+    frame_a: int
+    frame_b: int
+    kind: str
+    radius: float = 0.01
+    color: tuple[float, float, float, float] = field(default=(0.35, 0.35, 0.38, 1.0))
+
+    def __post_init__(self) -> None:
+        _require_positive("visual: radius", self.radius)
+
+
+def _require_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise InvalidValue(name, value, "a positive finite number")
+
+
+def _require_not_negative(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value >= 0):
+        raise InvalidValue(name, value, "a finite number >= 0")

@@ -1,0 +1,303 @@
+"""The robot: an immutable multibody model with its actuation, constraints and force elements."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import InvalidValue, UnknownFrame
+from mbocp.robot import joints, kinematics
+from mbocp.robot.notices import NormalisationWarning
+from mbocp.robot.parts import Actuation, Connector, Label, Limits, QuarticSpring, Rod, SpringDamper
+
+__all__ = ["Robot"]
+
+_VELOCITY_UNITS = {"m": "m/s", "rad": "rad/s"}
+_MOMENTUM_UNITS = {"m": "N s", "rad": "N m s"}
+_ZERO_NORM = 1e-8  # below, the direction of a quaternion is noise
+_ROUND_OFF = 1e-9  # a norm this close to 1 is mended without a word
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    r"""A multibody system, immutable.
+
+    .. math:: M(q)\,\dot v + h(q, v) + \Phi_q(q)^T \lambda = B(q)\,u + f(q, v), \qquad \Phi(q) = 0
+
+    q lives on the Lie group of the joints (free-flyer and spherical joints: unit quaternion xyzw; continuous joints:
+    cos, sin; planar joints: x, y, cos, sin), v in its tangent space (free-flyer: twist of the body in its own axes,
+    linear before angular).
+
+    Parameters
+    ----------
+    name : str
+        Name for messages and files.
+    model : pin.Model
+        Tree of joints and inertias, after locking, with gravity set. Not to be changed.
+    visual_model : pin.GeometryModel
+        Shapes and paths of the meshes that were found. The `geometry` of a mesh is an empty placeholder.
+    actuation : Actuation
+        B(q).
+    constraints : tuple of Rod
+        Phi(q) = 0, one row each.
+    forces : tuple of QuarticSpring or SpringDamper
+        f(q, v).
+    q0 : ndarray, shape (nq,)
+        Initial pose [m, rad, unit quaternion xyzw].
+    limits : Limits
+        Bounds on u, v and q.
+    source : Path or None
+        The URDF.
+    trace_frames : tuple of str
+        Frames that a replay traces by default.
+    connectors : tuple of Connector
+        What a replay draws between frames: rods and springs.
+    spec : dict
+        What `robot_from_spec` needs to load this robot again; JSON-able.
+    description : str
+        One line for a person.
+    """
+
+    name: str
+    model: pin.Model
+    visual_model: pin.GeometryModel
+    actuation: Actuation
+    constraints: tuple[Rod, ...]
+    forces: tuple[QuarticSpring | SpringDamper, ...]
+    q0: Array
+    limits: Limits
+    source: Path | None = None
+    trace_frames: tuple[str, ...] = ()
+    connectors: tuple[Connector, ...] = ()
+    spec: Mapping[str, Any] = field(default_factory=dict)
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q0", frozen_array(self.q0, shape=(self.nq,), name=f"{self.name}: q0"))
+        frozen_array(
+            self.actuation.selection, shape=(self.nv, None), name=f"{self.name}: actuation.selection"
+        )
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, nq={self.nq}, nv={self.nv}, nu={self.nu}, nc={self.nc})"
+
+    # Dimensions and names
+
+    @property
+    def nq(self) -> int:
+        """Length of q."""
+        return int(self.model.nq)
+
+    @property
+    def nv(self) -> int:
+        """Length of v and p."""
+        return int(self.model.nv)
+
+    @property
+    def nu(self) -> int:
+        """Number of controls."""
+        return self.actuation.nu
+
+    @property
+    def nc(self) -> int:
+        """Number of holonomic constraints."""
+        return len(self.constraints)
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, without the universe."""
+        return joints.joint_names(self.model)
+
+    @cached_property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of all frames; "world" also means the first, the universe."""
+        return tuple(frame.name for frame in self.model.frames)
+
+    @cached_property
+    def q_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each number of q."""
+        return joints.position_labels(self.model)
+
+    @cached_property
+    def v_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each number of v."""
+        return joints.velocity_labels(self.model, _VELOCITY_UNITS)
+
+    @cached_property
+    def p_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each number of p."""
+        return joints.velocity_labels(self.model, _MOMENTUM_UNITS)
+
+    @property
+    def u_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each control."""
+        return self.actuation.labels
+
+    @cached_property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each constraint."""
+        return tuple(Label(rod.name, "m^2") for rod in self.constraints)
+
+    @cached_property
+    def is_vector_space(self) -> bool:
+        """Whether every joint's configuration is a plain vector (nq == nv, no circles, no quaternions)."""
+        return all(joints.joint_kind(self.model, j).is_vector for j in range(1, self.model.njoints))
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether any effort, velocity or position is limited."""
+        return self.limits.any_finite
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 over everything that shapes the equations: model, gravity, actuation, constraints, forces."""
+        digest = hashlib.sha256(self.model.saveToString().encode())
+        digest.update(self.actuation.selection.tobytes())
+        for actuator in self.actuation.frame_actuators:
+            digest.update(repr(actuator.frame_id).encode() + actuator.direction.tobytes())
+        digest.update(repr((self.actuation.labels, self.constraints, self.forces)).encode())
+        return digest.hexdigest()
+
+    def frame_id(self, name: str) -> int:
+        """Index of a frame by name; "world" is the universe. Bodies come before joints of the same name.
+
+        Raises
+        ------
+        UnknownFrame
+            If there is no such frame.
+        """
+        return kinematics.frame_id(self.model, name, self.name)
+
+    def configuration_indices(self, joint: str) -> slice:
+        """Range of a joint in q (empty for a mimic joint). Raises `UnknownJoint`."""
+        return joints.configuration_slice(self.model, joints.joint_id(self.model, joint, self.name))
+
+    def velocity_indices(self, joint: str) -> slice:
+        """Range of a joint in v and p (empty for a mimic joint). Raises `UnknownJoint`."""
+        return joints.velocity_slice(self.model, joints.joint_id(self.model, joint, self.name))
+
+    # Configurations
+
+    def neutral(self) -> Array:
+        """The configuration with every joint at zero, shape (nq,)."""
+        return frozen_array(pin.neutral(self.model))
+
+    def normalise(self, q: ArrayLike, *, name: str = "q") -> Array:
+        """Bring `q` onto its manifold: unit quaternions, unit cos/sin pairs.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+            Configuration [m, rad, quaternion xyzw].
+        name : str
+            What q is called in messages.
+
+        Returns
+        -------
+        q : ndarray, shape (nq,)
+
+        Raises
+        ------
+        DimensionMismatch
+            If the length is wrong.
+        InvalidValue
+            If a number is not finite or a quaternion has zero norm.
+
+        Warns
+        -----
+        NormalisationWarning
+            If a norm differed from 1 by more than 1e-9.
+        """
+        array = self._vector(q, self.nq, name)
+        out = array.copy()
+        for joint, group in joints.unit_groups(self.model):
+            norm = float(np.linalg.norm(array[group]))
+            what = "quaternion" if group.stop - group.start == 4 else "cos/sin pair"
+            where = f"{name}[{group.start}:{group.stop}], the {what} of joint {joint!r}"
+            if norm < _ZERO_NORM:
+                raise InvalidValue(where, f"norm {norm:.3g}", "a unit vector")
+            if abs(norm - 1.0) > _ROUND_OFF:
+                warnings.warn(
+                    f"{where}: norm {norm:.6g}, normalised to 1", NormalisationWarning, stacklevel=2
+                )
+            out[group] /= norm
+        return frozen_array(out)
+
+    def integrate(self, q: ArrayLike, dv: ArrayLike) -> Array:
+        """Move from `q` along the tangent vector `dv`: q ∘ exp(dv), shape (nq,)."""
+        q, dv = self._vector(q, self.nq, "q"), self._vector(dv, self.nv, "dv")
+        return frozen_array(pin.integrate(self.model, q, dv))
+
+    def difference(self, q0: ArrayLike, q1: ArrayLike) -> Array:
+        """Tangent vector at `q0` that leads to `q1`, shape (nv,)."""
+        q0, q1 = self._vector(q0, self.nq, "q0"), self._vector(q1, self.nq, "q1")
+        return frozen_array(pin.difference(self.model, q0, q1))
+
+    # Mechanics, numerically
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Joint-space mass matrix M(q), shape (nv, nv) [kg, kg m, kg m^2]."""
+        return frozen_array(kinematics.mass_matrix(self.model, self._vector(q, self.nq, "q")))
+
+    def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Canonical momentum p = M(q) v, shape (nv,) [N s, N m s]."""
+        return frozen_array(self.mass_matrix(q) @ self._vector(v, self.nv, "v"))
+
+    def velocity_from_momentum(self, q: ArrayLike, p: ArrayLike) -> Array:
+        """Velocity v with M(q) v = p, shape (nv,) [m/s, rad/s].
+
+        Where M is singular and constraints make up for it, the least-squares velocity that satisfies them.
+        """
+        q, p = self._vector(q, self.nq, "q"), self._vector(p, self.nv, "p")
+        mass, jacobian = self.mass_matrix(q), self.constraint_jacobian(q)
+        return frozen_array(kinematics.velocity_from_momentum(mass, jacobian, p))
+
+    def actuation_matrix(self, q: ArrayLike) -> Array:
+        """B(q), shape (nv, nu): generalised force for each control set to 1."""
+        q = self._vector(q, self.nq, "q")
+        columns = [self.actuation.selection]
+        for actuator in self.actuation.frame_actuators:
+            jacobian = kinematics.frame_jacobian(self.model, q, actuator.frame_id, pin.LOCAL)
+            columns.append((jacobian.T @ actuator.direction)[:, None])
+        return frozen_array(np.hstack(columns))
+
+    def constraint_residual(self, q: ArrayLike) -> Array:
+        """Phi(q), shape (nc,) [m^2]."""
+        pairs = kinematics.distances(self.model, self._vector(q, self.nq, "q"), self.constraints)
+        lengths = np.array([rod.length for rod in self.constraints])
+        return frozen_array(0.5 * (np.einsum("ij,ij->i", pairs, pairs) - lengths**2))
+
+    def constraint_jacobian(self, q: ArrayLike) -> Array:
+        """dPhi_dq in tangent coordinates, shape (nc, nv) [m]."""
+        q = self._vector(q, self.nq, "q")
+        pairs = kinematics.distances(self.model, q, self.constraints)
+        jacobians = kinematics.distance_jacobians(self.model, q, self.constraints)
+        return frozen_array(np.einsum("ij,ijk->ik", pairs, jacobians))
+
+    def potential_energy(self, q: ArrayLike) -> float:
+        """Potential energy of gravity and of the force elements [J]."""
+        q = self._vector(q, self.nq, "q")
+        return kinematics.gravity_potential(self.model, q) + kinematics.force_potential(
+            self.model, q, self.forces
+        )
+
+    def force_elements(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Generalised force of springs and dampers, shape (nv,) [N, N m]; gravity is not among them."""
+        q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
+        return frozen_array(kinematics.force_elements(self.model, q, v, self.forces))
+
+    def _vector(self, value: ArrayLike, size: int, name: str) -> Array:
+        array = frozen_array(value, shape=(size,), name=f"robot {self.name!r}: {name}")
+        if not np.isfinite(array).all():
+            raise InvalidValue(f"robot {self.name!r}: {name}", array.tolist(), "finite numbers")
+        return array

@@ -1,0 +1,270 @@
+"""robot.toml: what a URDF cannot say. The whole schema; docs/robots.md explains each key."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    PositiveFloat,
+    ValidationError,
+    model_validator,
+)
+
+from mbocp.exceptions import RobotFileError, suggest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = [
+    "ActuationTable",
+    "InitialTable",
+    "JointActuator",
+    "QuarticSpringTable",
+    "RobotTable",
+    "RodTable",
+    "SpringDamperTable",
+    "Thruster",
+    "VisualTable",
+    "Wrench",
+    "read_robot_toml",
+]
+
+Vector3: TypeAlias = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Numbers: TypeAlias = FiniteFloat | list[FiniteFloat]
+Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0)]
+Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
+FramePair: TypeAlias = tuple[str, str]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class ActuationTable(_Table):
+    """[actuation]: the joints that have motors, in the order of the controls."""
+
+    joints: list[str] | None = None
+
+
+class JointActuator(_Table):
+    """A motor on a joint: one control for each velocity component of the joint."""
+
+    type: Literal["joint"]
+    joint: str
+    effort: PositiveFloat | None = None
+
+
+class Wrench(_Table):
+    """Forces and moments on a frame, in its own axes: one control a component."""
+
+    type: Literal["wrench"]
+    frame: str
+    name: str | None = None
+    components: list[Component] = Field(default=["fx", "fy", "fz", "mx", "my", "mz"], min_length=1)
+    effort: PositiveFloat | list[PositiveFloat] | None = None
+
+    @model_validator(mode="after")
+    def _one_effort_a_component(self) -> Wrench:
+        if len(set(self.components)) != len(self.components):
+            raise ValueError(f"components are repeated: {', '.join(self.components)}")
+        if isinstance(self.effort, list) and len(self.effort) != len(self.components):
+            raise ValueError(f"effort has {len(self.effort)} numbers for {len(self.components)} components")
+        return self
+
+
+class Thruster(_Table):
+    """A thrust along an axis of a frame, with a reaction torque about it."""
+
+    type: Literal["thruster"]
+    frame: str
+    name: str | None = None
+    axis: Vector3 = (0.0, 0.0, 1.0)
+    position: Vector3 = (0.0, 0.0, 0.0)
+    torque_ratio: FiniteFloat = 0.0
+    effort: PositiveFloat | None = None
+
+    @model_validator(mode="after")
+    def _axis_has_a_direction(self) -> Thruster:
+        if not any(self.axis):
+            raise ValueError("axis must not be zero")
+        return self
+
+
+class _Pair(_Table):
+    name: str | None = None
+    frames: FramePair
+
+    @model_validator(mode="after")
+    def _two_frames(self) -> _Pair:
+        if self.frames[0] == self.frames[1]:
+            raise ValueError(f"frames must be two different frames, got {self.frames[0]!r} twice")
+        return self
+
+
+class RodTable(_Pair):
+    """A rigid massless rod."""
+
+    type: Literal["rod"]
+    length: PositiveFloat | None = None
+
+
+class QuarticSpringTable(_Pair):
+    """A spring with a quartic potential."""
+
+    type: Literal["quartic"] = "quartic"
+    stiffness: PositiveFloat | None = None
+    coefficient: PositiveFloat | None = None
+    length: PositiveFloat | None = None
+
+    @model_validator(mode="after")
+    def _one_strength(self) -> QuarticSpringTable:
+        if (self.stiffness is None) == (self.coefficient is None):
+            raise ValueError("give either stiffness k [N/m] or coefficient c [N/m^3]; c = k/(2 length^2)")
+        return self
+
+
+class SpringDamperTable(_Pair):
+    """A linear spring and damper."""
+
+    stiffness: Length = 0.0
+    damping: Length = 0.0
+    length: Length | None = None
+
+
+class InitialTable(_Table):
+    """[initial]: the initial pose, as the whole configuration or by joint."""
+
+    q: list[FiniteFloat] | dict[str, Numbers]
+
+
+class VisualTable(_Table):
+    """Something to draw between two frames."""
+
+    type: Literal["rod", "spring", "line", "none"]
+    frames: FramePair
+    radius: PositiveFloat | None = None
+    color: list[Annotated[FiniteFloat, Field(ge=0, le=1)]] | None = Field(
+        default=None, min_length=3, max_length=4
+    )
+
+
+Actuator: TypeAlias = Annotated[JointActuator | Wrench | Thruster, Field(discriminator="type")]
+
+
+class RobotTable(_Table):
+    """The whole file."""
+
+    name: str | None = None
+    description: str = ""
+    urdf: str = "robot.urdf"
+    package_dirs: list[str] = []
+    free_flyer: bool | None = None
+    gravity: Vector3 | None = None
+    lock: list[str] | dict[str, Numbers] = []
+    mimic: bool | None = None
+    trace: list[str] | None = None
+    actuation: ActuationTable = ActuationTable()
+    actuators: list[Actuator] = Field(default=[], alias="actuator")
+    constraints: list[RodTable] = Field(default=[], alias="constraint")
+    springs: list[QuarticSpringTable] = Field(default=[], alias="spring")
+    spring_dampers: list[SpringDamperTable] = Field(default=[], alias="spring_damper")
+    initial: InitialTable | None = None
+    visuals: list[VisualTable] = Field(default=[], alias="visual")
+
+
+def read_robot_toml(path: Path) -> RobotTable:
+    """Read and validate a robot.toml.
+
+    Raises
+    ------
+    RobotFileError
+        Naming file, key, what was got and what is allowed.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotFileError(path, f"cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise RobotFileError(path, f"malformed TOML: {error}") from error
+    try:
+        return RobotTable.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = _key(data, first["loc"])
+        more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        raise RobotFileError(path, _reason(first, data) + more, key) from error
+
+
+def _key(data: Any, loc: tuple[int | str, ...]) -> str:
+    """Dotted key as in the file, e.g. constraint[0].frames; tags that pydantic adds for unions are left out."""
+    parts: list[str] = []
+    node, last = data, len(loc) - 1
+    for position, step in enumerate(loc):
+        if isinstance(step, int):
+            parts.append(f"[{step}]")
+        elif position == last or (isinstance(node, dict) and step in node):
+            parts.append(f".{step}")
+        else:
+            continue
+        node = _child(node, step)
+    return "".join(parts).lstrip(".")
+
+
+def _child(node: Any, step: int | str) -> Any:
+    if isinstance(node, dict):
+        return node.get(step)
+    return node[step] if isinstance(node, list) and isinstance(step, int) and step < len(node) else None
+
+
+def _reason(error: Any, data: Any) -> str:
+    kind, context, got = error["type"], error.get("ctx", {}), error["input"]
+    if kind == "extra_forbidden":
+        return f"unknown key; {suggest(str(error['loc'][-1]), _allowed_keys(error['loc'], data))}"
+    if kind == "missing":
+        return "this key is required"
+    if kind == "union_tag_not_found":
+        return f"type is required: {_plain(context.get('discriminator', 'type'))}"
+    if kind == "union_tag_invalid":
+        return f"unknown type {context['tag']!r}, known: {_plain(context['expected_tags'])}"
+    if kind == "literal_error":
+        what = "unknown type" if error["loc"][-1] == "type" else "got"
+        return f"{what} {got!r}, known: {_plain(context['expected'])}"
+    message = error["msg"].removeprefix("Value error, ")
+    return message if kind == "value_error" else f"got {got!r}: {message}"
+
+
+def _plain(text: str) -> str:
+    return text.replace("'", "").replace(" or ", ", ")
+
+
+_TABLES: dict[str, tuple[type[_Table], ...]] = {
+    "actuation": (ActuationTable,),
+    "actuator": (JointActuator, Wrench, Thruster),
+    "constraint": (RodTable,),
+    "spring": (QuarticSpringTable,),
+    "spring_damper": (SpringDamperTable,),
+    "initial": (InitialTable,),
+    "visual": (VisualTable,),
+}
+
+
+def _allowed_keys(loc: tuple[int | str, ...], data: Any) -> list[str]:
+    """Keys of the table that an unknown key stands in."""
+    if len(loc) == 1:
+        return [field.alias or name for name, field in RobotTable.model_fields.items()]
+    candidates = _TABLES[str(loc[0])]
+    tagged = [c for c in candidates if any(step in _tags(c) for step in loc[1:])]
+    return [name for table in (tagged or candidates)[:1] for name in table.model_fields]
+
+
+def _tags(table: type[_Table]) -> tuple[str, ...]:
+    field = table.model_fields.get("type")
+    return tuple(getattr(field.annotation, "__args__", ())) if field is not None else ()

@@ -1,0 +1,144 @@
+"""Where a robot comes from: a path, a folder of robots/, example-robot-data, robot_descriptions.
+
+Look-up order of `find_source`:
+
+1. a `Path`, or a text with a path separator or the ending .urdf, .xml or .toml: that file or folder;
+2. a folder of that name with a robot.toml in it, under each folder of MBOCP_ROBOT_PATH, then under mbocp's robots/;
+3. a name of example-robot-data (also without its descriptions' folders: "ur5", "panda", "talos");
+4. a name of robot_descriptions ("panda_description"), if that package is installed.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import mbocp
+from mbocp.exceptions import RobotFileError, UnknownRobot
+from mbocp.robot import examples
+from mbocp.robot.schema import read_robot_toml
+
+__all__ = ["RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
+
+TOML = "robot.toml"
+PATH_VARIABLE = "MBOCP_ROBOT_PATH"
+_FILE_ENDINGS = (".urdf", ".xml", ".toml", ".xacro")
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a name or path stands for: a robot.toml, a URDF, or a loader of example-robot-data."""
+
+    kind: Literal["toml", "urdf", "example"]
+    name: str
+    path: Path
+    package_dirs: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class RobotEntry:
+    """A robot that can be loaded by name."""
+
+    name: str
+    source: str
+    description: str
+
+
+def find_source(spec: str | Path, base: Path | None = None) -> Source:
+    """Find what `spec` stands for.
+
+    Parameters
+    ----------
+    spec : str or Path
+        Name or path.
+    base : Path, optional
+        Folder that relative paths start from; the working directory if None.
+    """
+    if isinstance(spec, Path) or _looks_like_path(spec):
+        path = Path(spec).expanduser()
+        return _from_path(path if base is None else base / path)
+    for folder in robot_folders():
+        if (folder / spec / TOML).is_file():
+            return Source("toml", spec, folder / spec / TOML)
+    if spec in examples.names():
+        return Source("example", spec, Path())
+    described = _from_robot_descriptions(spec)
+    if described is not None:
+        return described
+    raise UnknownRobot(str(spec), [entry.name for entry in list_robots()])
+
+
+def robot_folders() -> list[Path]:
+    """Folders that hold robots by name: those of MBOCP_ROBOT_PATH, then mbocp's own (installed, or in the tree)."""
+    package = Path(mbocp.__file__).resolve().parent
+    listed = [Path(p).expanduser() for p in os.environ.get(PATH_VARIABLE, "").split(os.pathsep) if p]
+    return [folder for folder in (*listed, package / "robots", package.parent / "robots") if folder.is_dir()]
+
+
+def list_robots() -> list[RobotEntry]:
+    """All robots that can be loaded by name; a name that occurs twice is listed where it would be found."""
+    found: dict[str, RobotEntry] = {}
+    for folder in robot_folders():
+        for file in sorted(folder.glob(f"*/{TOML}")):
+            entry = RobotEntry(file.parent.name, "robots/", _description(file))
+            found.setdefault(entry.name, entry)
+    for name in examples.names():
+        found.setdefault(name, RobotEntry(name, "example-robot-data", examples.description(name)))
+    return list(found.values())
+
+
+def _description(file: Path) -> str:
+    try:
+        return read_robot_toml(file).description
+    except RobotFileError as error:  # a broken file must not hide the other robots
+        return f"cannot be read: {error.reason}"
+
+
+def _looks_like_path(spec: str) -> bool:
+    separators = [s for s in (os.sep, os.altsep) if s]
+    return spec in (".", "..", "~") or spec.endswith(_FILE_ENDINGS) or any(s in spec for s in separators)
+
+
+def _from_path(path: Path) -> Source:
+    path = path.resolve()
+    if path.is_dir():
+        if (path / TOML).is_file():
+            return Source("toml", path.name, path / TOML)
+        urdfs = sorted(path.glob("*.urdf"))
+        if len(urdfs) == 1:
+            return Source("urdf", urdfs[0].stem, urdfs[0])
+        held = ", ".join(u.name for u in urdfs) or "none"
+        raise RobotFileError(path, f"this folder has no {TOML}, and not exactly one URDF (it has: {held})")
+    if not path.exists():
+        raise RobotFileError(path, "no such file or folder")
+    if path.suffix == ".toml":
+        return Source("toml", path.parent.name, path)
+    return Source("urdf", path.stem, path)
+
+
+def _from_robot_descriptions(name: str) -> Source | None:
+    """URDF that the package robot_descriptions knows by this name; None if it or the name is not there."""
+    if not name.isidentifier() or importlib.util.find_spec("robot_descriptions") is None:
+        return None
+    try:
+        if importlib.util.find_spec(f"robot_descriptions.{name}") is None:
+            return None
+        module: Any = importlib.import_module(f"robot_descriptions.{name}")
+    except Exception as error:  # it clones repositories on import: anything may go wrong, the network first
+        raise RobotFileError(f"robot_descriptions.{name}", f"could not be fetched: {error}") from error
+    path = getattr(module, "URDF_PATH", None)
+    if path is None:
+        raise RobotFileError(f"robot_descriptions.{name}", "has no URDF (only MJCF?), and mbocp reads URDF")
+    packages = [
+        Path(getattr(module, key)) for key in ("PACKAGE_PATH", "REPOSITORY_PATH") if hasattr(module, key)
+    ]
+    return Source("urdf", name, Path(path), tuple(_with_parents(packages)))
+
+
+def _with_parents(folders: Iterable[Path]) -> list[Path]:
+    return [f for folder in folders for f in (folder, folder.parent)]
