@@ -223,7 +223,7 @@ def _actuation_changes(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Arra
             for direction, theta in zip(directions.T, basis[:-6].T, strict=True)
         ]
         matrices.append(matrix)
-        changes.append(np.array(rates).reshape(-1, robot.nv, robot.nu))
+        changes.append(np.array(rates).reshape(basis.shape[1], robot.nv, robot.nu))
     stacked = np.concatenate(matrices)
     scale = float(np.abs(stacked).max(initial=0.0)) or 1.0
     return np.concatenate(changes, axis=1) / scale, stacked / scale

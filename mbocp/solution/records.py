@@ -1,89 +1,18 @@
-"""What a solve leaves behind besides the trajectories: status, phases, iterations, columns."""
+"""What a solution has besides its trajectories: the solver's records, and names and units of the columns."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mbocp.exceptions import DimensionMismatch
+from mbocp.solvers.records import IterationRecord, Phase, Status
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
 __all__ = ["Column", "IterationRecord", "Labels", "Phase", "Status"]
-
-
-class Status(str, Enum):
-    """How a solve ended; the advice that goes with it is in `Solution.advice`."""
-
-    CONVERGED = "converged"
-    MAX_ITERATIONS = "max_iterations"
-    LINE_SEARCH_FAILED = "line_search_failed"
-    SINGULAR = "singular"
-    DIVERGED = "diverged"
-    INTERRUPTED = "interrupted"
-
-    def __str__(self) -> str:
-        return self.value
-
-
-@dataclass(frozen=True)
-class Phase:
-    """One phase of a solve: compile, guess, or a stage of the solver.
-
-    Attributes
-    ----------
-    name : str
-    iterations : int
-        Iterations of this phase; 0 where there are none.
-    wall_time_s : float
-        Duration [s].
-    """
-
-    name: str
-    iterations: int
-    wall_time_s: float
-
-
-@dataclass(frozen=True)
-class IterationRecord:
-    """One iteration of a solver; NaN where the solver has no such number.
-
-    Attributes
-    ----------
-    iteration : int
-        Counts from 0, the guess.
-    residual : float
-        Euclidean norm of the optimality conditions, r_w or r_u.
-    increment : float
-        Euclidean norm of the change of the unknowns.
-    cost : float
-        Objective J, eq. (7).
-    step_length : float
-        Fraction of the Newton step that was taken.
-    primal, dual : float
-        Largest entry of the feasibility and of the stationarity part of the residual.
-    regularisation : float
-        What was added to the Hessian's diagonal.
-    wall_time_s : float
-        Duration of the iteration [s].
-    phase : str
-        Name of the phase that it belongs to.
-    """
-
-    iteration: int
-    residual: float
-    increment: float = math.nan
-    cost: float = math.nan
-    step_length: float = math.nan
-    primal: float = math.nan
-    dual: float = math.nan
-    regularisation: float = 0.0
-    wall_time_s: float = math.nan
-    phase: str = ""
 
 
 class Column(NamedTuple):

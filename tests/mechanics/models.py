@@ -40,7 +40,7 @@ def robot(
 
 
 def chain(kinds: str, inertia: Any = BODY, *, model: Any = None, prefix: str = "") -> tuple[Any, int]:
-    """Append joints one behind the other ("PX RZ FreeFlyer") with one body at the end; return its frame, too."""
+    """Append a chain of joints ("PX RZ FreeFlyer") with a body at the end, and return its frame."""
     model = pin.Model() if model is None else model
     joint = 0
     for i, kind in enumerate(kinds.split()):
