@@ -101,9 +101,8 @@ def check_goal_rate(robot: Robot, goal: Goal) -> None:
     label = (robot.p_labels if goal.rate == "p" else robot.v_labels)[wanted[worst]]
     names = ", ".join(repr(constraint.name) for constraint in robot.constraint_labels)
     raise InconsistentStart(
-        f"goal.{goal.rate}: no motion on the constraints of robot {robot.name!r} ({names}) has it: the nearest "
-        f"differs by {error[worst]:.3g} {label.unit} at {label.name} (allowed: {CONSISTENCY_TOLERANCE:g}); "
-        "give one that is tangential"
+        f"goal.{goal.rate}: no motion on the constraints of robot {robot.name!r} ({names}) has it, the "
+        f"nearest differs by {error[worst]:.3g} {label.unit} at {label.name}; give one that is tangential"
     )
 
 

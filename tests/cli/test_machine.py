@@ -1,0 +1,85 @@
+"""`mbocp robots`, `doctor`, `--help`, and how soon they answer."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+
+import mbocp
+import mbocp.cli.doctor as doctor_module
+
+from .conftest import Run
+
+
+def test_robots(run: Run) -> None:
+    done = run("robots")
+    assert done.exit_code == 0
+    for name in ("ur5", "panda", "rigid_pendulum"):
+        assert name in done.stdout
+    names = [entry["name"] for entry in json.loads(run("robots", "--json").stdout)]
+    assert len(names) > 65
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("ur5", ["shoulder_pan_joint", "revolute", "150", "N m"]),
+        ("rigid_pendulum", ["rod", "length 5", "N"]),
+        ("hector", ["root_joint", "floating"]),
+    ],
+)
+def test_robot(run: Run, name: str, words: list[str]) -> None:
+    done = run("robots", name)
+    assert done.exit_code == 0
+    for word in words:
+        assert word in done.stdout
+    assert json.loads(run("robots", name, "--json").stdout)["name"] == name
+
+
+def test_unknown_robot(run: Run) -> None:
+    done = run("robots", "ur55")
+    assert done.exit_code == 2
+    assert "did you mean 'ur5'" in done.stderr
+
+
+def test_doctor_says_what_to_do(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> tuple[doctor_module.Verdict, str, str]:
+        raise ImportError("no such library")
+
+    monkeypatch.setattr(doctor_module, "_CHECKS", {"one": lambda: ("warn", "half", "mend it"), "two": broken})
+    done = run("doctor")
+    assert done.exit_code == 1
+    assert "warn  one  half" in done.stdout
+    assert "-> mend it" in done.stdout
+    assert "fail  two  ImportError: no such library" in done.stdout
+    facts = json.loads(run("doctor", "--json").stdout)
+    assert facts["works"] is False
+
+
+def test_doctor_finds_nothing_broken_here(run: Run) -> None:
+    checks = {check.name: check for check in doctor_module.report()}
+    assert [check for check in checks.values() if check.verdict == "fail"] == []
+
+
+def test_version(run: Run) -> None:
+    assert run("--version").stdout == f"mbocp {mbocp.__version__}\n"
+
+
+def test_help_is_quick_and_light() -> None:
+    """Half a second is asked for; importing the libraries is what takes long."""
+    code = (
+        "import sys\nsys.argv = ['mbocp', '--help']\nfrom mbocp.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as e:\n    assert not e.code\n"
+        "heavy = {'numpy', 'pinocchio', 'casadi', 'matplotlib', 'pydantic', 'h5py'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    clock = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert time.perf_counter() - clock < 5.0  # [s] with a wide margin for a busy machine
+    for command in ("solve", "replay", "plot", "info", "robots", "doctor"):
+        assert command in done.stdout
