@@ -1,7 +1,7 @@
 """Robots: loading, and what the rest of mbocp sees of them.
 
-`load_robot` makes a `Robot` from a name, a URDF or a robot.toml. Numeric Pinocchio only; the symbolic functions of
-the same model come from `mbocp.symbolic`.
+`load_robot` makes a `Robot` from a name, a URDF or a robot.toml. Numeric Pinocchio only; the symbolic
+functions of the same model come from `mbocp.symbolic`.
 """
 
 from __future__ import annotations

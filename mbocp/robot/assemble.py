@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.exceptions import RobotFileError, UnknownJoint
+from mbocp.exceptions import RobotFileError
 from mbocp.robot import joints, kinematics
+from mbocp.robot.locking import refuse_follower
 from mbocp.robot.parts import (
     Actuation,
     Connector,
@@ -58,6 +60,8 @@ class Assembly:
         The robot.toml, or its defaults.
     robot : str
         Name for messages.
+    file : Path
+        Where the table stands, for messages.
     """
 
     model: pin.Model
@@ -65,6 +69,7 @@ class Assembly:
     q0: Array
     table: RobotTable
     robot: str
+    file: Path
 
     # Actuation
 
@@ -90,6 +95,7 @@ class Assembly:
                 self._add_wrench(columns, table, number)
         selection = np.column_stack(columns.fixed) if columns.fixed else np.zeros((self.model.nv, 0))
         labels = (*columns.fixed_labels, *(Label(a.name, a.unit) for a in columns.frames))
+        self._refuse_repeated("actuator", [label.name for label in labels])
         actuation = Actuation(selection, labels, tuple(columns.frames))
         return actuation, np.array(columns.fixed_efforts + columns.frame_efforts)
 
@@ -101,9 +107,7 @@ class Assembly:
             if name in self.locked:
                 continue
             joint = joints.joint_id(self.model, name, self.robot)
-            if self.model.joints[joint].nv == 0:
-                free = [n for n in joints.joint_names(self.model) if n != name]
-                raise UnknownJoint(f"{name} (a mimic joint: actuate the one it follows)", self.robot, free)
+            refuse_follower(self.model, joint, self.robot)
             found.append(joint)
         return found
 
@@ -117,7 +121,7 @@ class Assembly:
             columns.fixed_efforts.append(_limit(limit) if effort is None else effort)
 
     def _add_wrench(self, columns: _Columns, table: Wrench | Thruster, number: int) -> None:
-        frame = self.frame(table.frame, f"actuator[{number}]")
+        frame = self.frame(table.frame)
         parent = self.model.frames[frame].parentJoint
         if parent == 0:
             self._refuse(
@@ -135,7 +139,7 @@ class Assembly:
                 columns.frame_efforts.append(effort)
 
     def _is_constant(self, parent: int) -> bool:
-        """Whether the local Jacobian of a body is constant: it hangs on a free-flyer alone, or it only slides."""
+        """Whether a body's local Jacobian is constant: it hangs on a free-flyer alone, or it only slides."""
         chain = [j for j in self.model.supports[parent] if j != 0]
         kinds = [joints.joint_kind(self.model, j).word for j in chain]
         return kinds == ["floating"] or all(kind in ("prismatic", "translation") for kind in kinds)
@@ -181,7 +185,7 @@ class Assembly:
         return tuple(found)
 
     def connectors(self, pairs: Iterable[Rod | QuarticSpring | SpringDamper]) -> tuple[Connector, ...]:
-        """What a replay draws between frames: the [[visual]] tables, and a rod or coil for each pair without one."""
+        """What a replay draws between frames: the [[visual]] tables, else a rod or coil for each pair."""
         shown: dict[tuple[int, ...], Connector | None] = {}
         for pair in pairs:
             kind = "rod" if isinstance(pair, Rod) else "spring"
@@ -216,10 +220,10 @@ class Assembly:
         return Limits(efforts, velocity, lower, upper)
 
     def trace_frames(self) -> tuple[str, ...]:
-        """Frames to trace: those of the table, else the last body of the longest chain, else the floating base."""
+        """Frames to trace: those of the table, else the floating base or the tip of the longest chain."""
         if self.table.trace is not None:
             for name in self.table.trace:
-                self.frame(name, "trace")
+                self.frame(name)
             return tuple(self.table.trace)
         floating = joints.joint_kind(self.model, 1).word == "floating"
         depths = [len(support) for support in self.model.supports]
@@ -229,13 +233,15 @@ class Assembly:
 
     # Names
 
-    def frame(self, name: str, _where: str) -> int:
-        """Index of a frame by name."""
+    def frame(self, name: str) -> int:
+        """Index of a frame by name. Raises `UnknownFrame`."""
         return kinematics.frame_id(self.model, name, self.robot)
 
     def pair(self, names: tuple[str, str], where: str) -> tuple[int, int]:
-        """Indices of two frames by name, on bodies that can move against each other."""
-        a, b = self.frame(names[0], where), self.frame(names[1], where)
+        """Indices of two frames by name, which must be on bodies that move against each other."""
+        a, b = (self.frame(name) for name in names)
+        if self.model.frames[a].parentJoint == self.model.frames[b].parentJoint:
+            self._refuse(where, f"frames {names[0]!r} and {names[1]!r} are on the same rigid body")
         return a, b
 
     def _distance(self, a: int, b: int) -> float:
@@ -248,7 +254,7 @@ class Assembly:
             self._refuse(what, f"the name {repeated[0]!r} is given twice")
 
     def _refuse(self, key: str, reason: str) -> None:
-        raise RobotFileError(self.robot, reason, key)
+        raise RobotFileError(self.file, reason, key)
 
 
 def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, float]]:

@@ -1,4 +1,4 @@
-"""Is the robot's mechanics well posed at its initial pose?"""
+"""Whether the robot's mechanics are well posed at its initial pose."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class SingularMassMatrix(UnsupportedRobot):
         self.robot, self.joints, self.eigenvalue = robot, tuple(joints), eigenvalue
         named, them = (", ".join(map(repr, joints)), "them") if len(joints) > 1 else (repr(joints[0]), "it")
         super().__init__(
-            f"robot {robot!r}: the mass matrix is singular (scaled eigenvalue {eigenvalue:.1e}), because nothing with "
-            f"mass or inertia moves with {named}. Give the links beyond a mass and an inertia, or lock {them}: "
-            f"lock = {json.dumps(joints)}"
+            f"robot {robot!r}: the mass matrix is singular (scaled eigenvalue {eigenvalue:.1e}), because "
+            f"nothing with mass or inertia moves with {named}. Give the links beyond a mass and an inertia, "
+            f"or lock {them}: lock = {json.dumps(joints)}"
         )
 
 
@@ -70,8 +70,8 @@ def _check_pose(robot: Robot) -> bool:
     ]
     if bad:
         warnings.warn(
-            f"robot {robot.name!r}: the initial pose violates {', '.join(bad)}; give another in [initial] of its "
-            "robot.toml, and a start that fits in the problem",
+            f"robot {robot.name!r}: the initial pose violates {', '.join(bad)}; give another in [initial] of "
+            "its robot.toml, and a start that fits in the problem",
             InitialPoseWarning,
             stacklevel=2,
         )
@@ -92,9 +92,9 @@ def _check_rank(robot: Robot, jacobian: Array) -> None:
             dependent.append(rod.name)
     if dependent:
         raise UnsupportedRobot(
-            f"robot {robot.name!r}: at the initial pose the constraints depend on each other or on nothing that moves "
-            f"(rank {len(kept)} of {robot.nc}): {', '.join(map(repr, dependent))}; take out what is redundant or "
-            "choose another initial pose"
+            f"robot {robot.name!r}: at the initial pose the constraints depend on each other or on nothing "
+            f"that moves (rank {len(kept)} of {robot.nc}): {', '.join(map(repr, dependent))}; take out "
+            "what is redundant or choose another initial pose"
         )
 
 

@@ -20,8 +20,8 @@ def describe(robot: Robot) -> dict[str, Any]:
     Returns
     -------
     dict
-        name, description, source, dimensions (nq, nv, nu, nc), dofs, mass [kg], gravity [m/s^2], joints, actuators,
-        constraints, forces, frames, trace_frames, q0 [rad, m], fingerprint.
+        name, description, source, dimensions (nq, nv, nu, nc), dofs, mass [kg], gravity [m/s^2], joints,
+        actuators, constraints, forces, frames, trace_frames, q0 [rad, m], fingerprint.
     """
     return {
         "name": robot.name,

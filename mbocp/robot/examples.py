@@ -1,7 +1,8 @@
 """Robots of example-robot-data, by name, through its own table of loaders.
 
-The loaders read every mesh, which takes seconds. Those that only name files (nearly all) are therefore followed by
-hand: same URDF, same base, same SRDF (rotor inertias, reference pose). Those with code of their own are called.
+The loaders read every mesh, which takes seconds. Those that only name files (nearly all) are therefore
+followed by hand: same URDF, same base, same SRDF (rotor inertias, reference pose). Those with code of their
+own are called.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from mbocp.robot.visuals import build_visuals
 
 __all__ = ["Example", "description", "load_example", "names"]
 
-# "ur3" loads the UR5 upstream; and this loader's own code only edits collision shapes, which mbocp does not use.
+# Upstream, "ur3" loads the UR5; and the other loader's own code only edits collision shapes, unused here.
 _CORRECTED = {"ur3": "UR3Loader"}
 _COLLISION_ONLY = ("PandaLoaderCollision",)
 
@@ -79,8 +80,8 @@ def load_example(name: str, *, free_flyer: bool | None, mimic: bool, packages: l
     if _has_own_code(loader):
         if base != bool(loader.free_flyer) or mimic:
             raise UnsupportedRobot(
-                f"robot {name!r} is built by code of example-robot-data: free_flyer and mimic cannot be changed; "
-                f"load its URDF instead: {path}"
+                f"robot {name!r} is built by code of example-robot-data: free_flyer and mimic cannot be "
+                f"changed; load its URDF instead: {path}"
             )
         return _call_loader(loader, path)
     urdf = read_urdf(path)

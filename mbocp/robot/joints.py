@@ -1,4 +1,4 @@
-"""The joints that mbocp knows: their coordinates by name and unit, and what of them lives on a circle or sphere."""
+"""The joints that mbocp knows: coordinates by name and unit, and which of them are circles or spheres."""
 
 from __future__ import annotations
 
@@ -109,9 +109,9 @@ def check_joints(model: pin.Model, robot: str) -> None:
         type_name = model.joints[joint].shortname()
         if type_name not in JOINT_KINDS:
             raise UnsupportedRobot(
-                f"robot {robot!r}: joint {model.names[joint]!r} is of type {type_name.removeprefix('JointModel')}, "
-                f"which mbocp does not support; supported: {', '.join(sorted({k.word for k in JOINT_KINDS.values()}))}. "
-                "Lock it, or write it as a chain of those."
+                f"robot {robot!r}: joint {model.names[joint]!r} is of type "
+                f"{type_name.removeprefix('JointModel')}, which mbocp does not support; supported: "
+                f"{', '.join(sorted({k.word for k in JOINT_KINDS.values()}))}. Write it as a chain of those."
             )
 
 

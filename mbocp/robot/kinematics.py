@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -34,10 +35,12 @@ class FramePair(Protocol):
     """Anything that joins the origins of two frames."""
 
     @property
-    def frame_a(self) -> int: ...
+    def frame_a(self) -> int:
+        """Index of the first frame."""
 
     @property
-    def frame_b(self) -> int: ...
+    def frame_b(self) -> int:
+        """Index of the second frame."""
 
 
 def frame_id(model: pin.Model, name: str, robot: str) -> int:
@@ -74,8 +77,7 @@ def is_singular(mass: Array) -> bool:
 def velocity_from_momentum(mass: Array, jacobian: Array, p: Array) -> Array:
     """Solve M v = p; with a singular M, the least-squares solution with G v = 0."""
     if not is_singular(mass):
-        solution: Array = np.linalg.solve(mass, p)
-        return solution
+        return np.asarray(np.linalg.solve(mass, p), dtype=np.float64)
     nc, nv = jacobian.shape
     kkt = np.block([[mass, jacobian.T], [jacobian, np.zeros((nc, nc))]])
     least: Array = np.linalg.lstsq(kkt, np.concatenate([p, np.zeros(nc)]), rcond=None)[0][:nv]
@@ -135,7 +137,7 @@ def _potential(force: QuarticSpring | SpringDamper, d: Array) -> float:
     square = float(d @ d)
     if isinstance(force, QuarticSpring):
         return 0.25 * force.coefficient * (square - force.length**2) ** 2
-    return 0.5 * force.stiffness * (np.sqrt(square) - force.length) ** 2
+    return 0.5 * force.stiffness * (math.sqrt(square) - force.length) ** 2
 
 
 def _force_on_a(force: QuarticSpring | SpringDamper, d: Array, d_rate: Array) -> Array:

@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mbocp._arrays import Array
@@ -36,8 +35,10 @@ __all__ = ["load_robot", "robot_from_spec"]
 
 LockOption: TypeAlias = dict[str, float | list[float]] | list[str]
 
-# A URDF that says "mimic" means it. example-robot-data builds its models without, and so do we under its names.
+# A URDF that says "mimic" means it. example-robot-data builds its models without, and so do its names here.
 _MIMIC = {"toml": True, "urdf": True, "example": False}
+
+_BASE_NQ = 7  # numbers of a free-flyer's configuration
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,7 @@ class _Body:
     urdf: Path
     name: str
     table: RobotTable
+    file: Path
 
 
 def load_robot(
@@ -69,24 +71,26 @@ def load_robot(
     Parameters
     ----------
     spec : str or Path
-        A path (to a URDF, a robot.toml, or a folder that holds one), or a name. A text counts as a path if it has a
-        path separator or ends in .urdf, .xml or .toml. Names are looked up under the folders of MBOCP_ROBOT_PATH, in
-        mbocp's own robots/, in example-robot-data, and in robot_descriptions, in this order.
+        A path (to a URDF, a robot.toml, or a folder that holds one), or a name. A text counts as a path if it
+        has a path separator or ends in .urdf, .xml or .toml. Names are looked up under the folders of
+        MBOCP_ROBOT_PATH, in mbocp's own robots/, in example-robot-data, and in robot_descriptions, in this
+        order.
     free_flyer : bool, optional
-        Whether the root link floats (joint "root_joint") or is fixed to the world. Default: what robot.toml or
-        example-robot-data says; fixed for a plain URDF.
+        Whether the root link floats (joint "root_joint") or is fixed to the world. Default: what robot.toml
+        or example-robot-data says; fixed for a plain URDF.
     lock : mapping or sequence of str, optional
-        Joints to make rigid: name to value [rad, m], or names of joints to lock at the initial pose. Joints that
-        mimic them are locked, too. In place of what robot.toml says.
+        Joints to make rigid: name to value [rad, m], or names of joints to lock at the initial pose. Joints
+        that mimic them are locked, too. In place of what robot.toml says.
     gravity : sequence of 3 floats, optional
         Acceleration [m/s^2]. Default: what robot.toml says, else (0, 0, -9.81).
     actuated : sequence of str, optional
-        Joints with motors, in the order of the controls; a joint with several velocities gets a control for each.
-        Default: what robot.toml says, else all revolute, continuous and prismatic joints in the order of the model.
+        Joints with motors, in the order of the controls; a joint with several velocities gets a control for
+        each. Default: what robot.toml says, else all revolute, continuous and prismatic joints in the order
+        of the model.
     mimic : bool, optional
-        Whether mimic joints follow their leader (then they have no coordinate) or are joints of their own, with a
-        motor. Default: True for a URDF or robot.toml, False for a name of example-robot-data, which builds its
-        models so.
+        Whether mimic joints follow their leader (then they have no coordinate) or are joints of their own,
+        with a motor. Default: True for a URDF or robot.toml, False for a name of example-robot-data, which
+        builds its models so.
     name : str, optional
         What to call the robot. Default: the name that was given, or that robot.toml or the URDF gives.
     package_dirs : sequence of str or Path, optional
@@ -126,7 +130,7 @@ def load_robot(
     body = _body(source, free_flyer, mimic, dirs)
     body = body if name is None else replace(body, name=name)
     echo = {
-        "name": _source_name(source),
+        "name": source.address,
         **{key: value for key, value in options.items() if value is not None},
     }
     return _assemble(body, lock, gravity, actuated, echo)
@@ -179,7 +183,9 @@ def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tup
     follow = _MIMIC[source.kind] if mimic is None else mimic
     if source.kind == "example":
         example = load_example(source.name, free_flyer=free_flyer, mimic=follow, packages=list(dirs))
-        return _Body(example.model, example.visuals, example.q0, example.path, source.name, RobotTable())
+        return _Body(
+            example.model, example.visuals, example.q0, example.path, source.name, RobotTable(), example.path
+        )
     table, path, name, folders = RobotTable(), source.path, None, [*dirs, *source.package_dirs]
     if source.kind == "toml":
         table = read_robot_toml(source.path)
@@ -194,10 +200,8 @@ def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tup
     urdf = read_urdf(path)
     floating = bool(table.free_flyer) if free_flyer is None else free_flyer
     model = build_model(urdf, free_flyer=floating, mimic=follow)
-    joints.check_joints(model, name or urdf.name)
     visuals = build_visuals(urdf, model, folders)
-    body = _Body(model, visuals, pin.neutral(model), path, name or urdf.name, table)
-    return replace(body, q0=_initial_pose(body))
+    return _Body(model, visuals, pin.neutral(model), path, name or urdf.name, table, source.path)
 
 
 def _assemble(
@@ -210,13 +214,11 @@ def _assemble(
     joints.check_joints(body.model, body.name)
     if body.model.nv == 0:
         raise UnsupportedRobot(f"robot {body.name!r}: has no joint that moves")
-    _check_actuated(body, actuated)
-    model, visuals, q0 = lock_joints(
-        body.model, body.visuals, body.q0, body.table.lock if lock is None else lock, body.name
-    )
+    locks = body.table.lock if lock is None else lock
+    model, visuals, q0 = lock_joints(body.model, body.visuals, _initial_pose(body), locks, body.name)
     _set_gravity(model, gravity if gravity is not None else body.table.gravity, body.name)
     gone = tuple(set(body.model.names) - set(model.names))
-    parts = Assembly(model, gone, q0, body.table, body.name)
+    parts = Assembly(model, gone, q0, body.table, body.name, body.file)
     actuation, efforts = parts.actuation(actuated)
     constraints, forces = parts.constraints(), parts.forces()
     robot = Robot(
@@ -238,32 +240,25 @@ def _assemble(
     return robot
 
 
-def _check_actuated(body: _Body, actuated: Sequence[str] | None) -> None:
-    for name in actuated or ():
-        joints.joint_id(body.model, name, body.name)
-
-
 def _initial_pose(body: _Body) -> Array:
-    """[initial] q of the robot.toml on the neutral configuration."""
+    """The pose that the body came with, and [initial] q of the robot.toml on it."""
     model, table = body.model, body.table
-    neutral: Array = pin.neutral(model)
     if table.initial is None:
-        return neutral
+        return body.q0
     if isinstance(table.initial.q, dict):
-        return pose_by_joint(model, neutral, table.initial.q, body.name)
-    given = np.array(table.initial.q, dtype=float)
-    base = (
-        7 if ROOT_JOINT in model.names and not table.free_flyer else 0
-    )  # a free-flyer that the option added
+        return pose_by_joint(model, body.q0, table.initial.q, body.name)
+    floats, meant = ROOT_JOINT in model.names, bool(table.free_flyer)  # the option may differ from the file
+    given = np.array(table.initial.q[_BASE_NQ:] if meant and not floats else table.initial.q)
+    base = _BASE_NQ if floats and not meant else 0
     if given.shape != (model.nq - base,):
-        raise DimensionMismatch(f"robot {body.name!r}: initial.q", given.shape, (model.nq - base,))
-    neutral[base:] = given
-    values: ArrayLike = neutral
-    for joint in range(1, model.njoints):  # each joint checks and normalises its own part
-        if model.joints[joint].nq:
-            part = {model.names[joint]: np.asarray(values)[joints.configuration_slice(model, joint)].tolist()}
-            neutral = pose_by_joint(model, neutral, part, body.name)
-    return neutral
+        raise DimensionMismatch(f"{body.file}: initial.q", given.shape, (model.nq - base,))
+    q = np.concatenate([body.q0[:base], given])
+    parts = {
+        model.names[j]: q[joints.configuration_slice(model, j)].tolist()
+        for j in range(1, model.njoints)
+        if model.joints[j].nq > 0
+    }
+    return pose_by_joint(model, q, parts, body.name)  # each joint checks and normalises its own part
 
 
 def _set_gravity(model: pin.Model, gravity: Sequence[float] | None, robot: str) -> None:
@@ -275,21 +270,6 @@ def _set_gravity(model: pin.Model, gravity: Sequence[float] | None, robot: str) 
     if not np.isfinite(vector).all():
         raise InvalidValue(f"robot {robot!r}: gravity", vector.tolist(), "three finite numbers [m/s^2]")
     model.gravity.linear = vector
-
-
-def _source_name(source: Source) -> str:
-    """What finds the source again from any folder: the name if it was one, else the whole path."""
-    if source.kind == "example" or find_again(source):
-        return source.name
-    return str(source.path)
-
-
-def find_again(source: Source) -> bool:
-    """Whether the source's name alone leads to it."""
-    try:
-        return find_source(source.name) == source
-    except RobotError:
-        return False
 
 
 def _plain_lock(lock: Mapping[str, float | Sequence[float]] | Sequence[str] | None) -> Any:

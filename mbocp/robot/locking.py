@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
 from mbocp.robot import joints
 
-__all__ = ["Lock", "joint_configuration", "lock_joints", "pose_by_joint"]
+__all__ = ["Lock", "joint_configuration", "lock_joints", "pose_by_joint", "refuse_follower"]
 
 Lock = Mapping[str, float | Sequence[float]] | Sequence[str]
 _ZERO_NORM = 1e-8
@@ -29,14 +29,14 @@ def lock_joints(
         Joint name to value [rad, m] (or list of numbers), or names of joints to lock at `q0`.
         Joints that mimic a locked joint are locked with it.
     """
-    values = dict(lock) if isinstance(lock, Mapping) else {name: None for name in lock}
+    values = dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
     if not values:
         return model, visuals, q0
     q_ref = np.array(q0)
     ids = []
     for name, value in values.items():
         joint = joints.joint_id(model, name, robot)
-        _refuse_follower(model, joint, robot)
+        refuse_follower(model, joint, robot)
         ids.append(joint)
         if value is not None:
             q_ref[joints.configuration_slice(model, joint)] = joint_configuration(model, joint, value, robot)
@@ -62,7 +62,8 @@ def joint_configuration(model: pin.Model, joint: int, value: float | ArrayLike, 
     if kind.word in ("continuous", "planar") and array.size == len(kind.q) - 1:
         array = np.concatenate([array[:-1], [np.cos(array[-1]), np.sin(array[-1])]])
     if array.shape != (len(kind.q),):
-        hint = f"a {kind.word} joint takes {', '.join(s or u for s, u in kind.q) or 'no value: it follows another'}"
+        takes = ", ".join(suffix or unit for suffix, unit in kind.q)
+        hint = f"a {kind.word} joint takes {takes}"
         raise DimensionMismatch(where, array.shape, (len(kind.q),), hint)
     for a, b in kind.unit_groups:
         norm = float(np.linalg.norm(array[a:b]))
@@ -79,7 +80,7 @@ def pose_by_joint(
     out = np.array(q)
     for name, value in values.items():
         joint = joints.joint_id(model, name, robot)
-        _refuse_follower(model, joint, robot)
+        refuse_follower(model, joint, robot)
         out[joints.configuration_slice(model, joint)] = joint_configuration(model, joint, value, robot)
     return out
 
@@ -89,12 +90,13 @@ def _followers(model: pin.Model) -> list[tuple[int, int]]:
     return list(zip(model.mimicked_joints, model.mimicking_joints, strict=True))
 
 
-def _refuse_follower(model: pin.Model, joint: int, robot: str) -> None:
+def refuse_follower(model: pin.Model, joint: int, robot: str) -> None:
+    """Refuse a mimic joint where a joint with a position and control of its own is needed."""
     for leader, follower in _followers(model):
         if follower == joint:
             raise UnsupportedRobot(
-                f"robot {robot!r}: joint {model.names[joint]!r} mimics {model.names[leader]!r} and has no position of "
-                f"its own: set or lock {model.names[leader]!r}, or load the robot with mimic = false"
+                f"robot {robot!r}: joint {model.names[joint]!r} mimics {model.names[leader]!r} and has no "
+                f"position or control of its own: name {model.names[leader]!r}, or load with mimic = false"
             )
 
 

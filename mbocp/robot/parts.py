@@ -166,7 +166,7 @@ class QuarticSpring:
 
     .. math:: V(q) = \tfrac{c}{4} \left(|p_a - p_b|^2 - l^2\right)^2
 
-    The papers write c = k / (2 l^2) with a stiffness k [N/m] (elastic pendulum) and c = lambda (cart pendulum).
+    The first paper has c = k / (2 l^2) with a stiffness k [N/m] in 6.1, and c = lambda in 6.3.
 
     Parameters
     ----------
@@ -202,8 +202,8 @@ class SpringDamper:
 
     .. math:: V(q) = \tfrac{k}{2} (|d| - l)^2, \qquad d = p_a - p_b,
 
-    and a damping force :math:`-c\,\dot{|d|}` along d. With l = 0 the potential is :math:`\tfrac{k}{2}|d|^2`, smooth
-    everywhere, and the damper acts on the whole relative velocity: :math:`-c\,\dot d`.
+    and a damping force :math:`-c\,\dot{|d|}` along d. With l = 0 the potential is :math:`\tfrac{k}{2}|d|^2`,
+    smooth everywhere, and the damper acts on the whole relative velocity: :math:`-c\,\dot d`.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class Connector:
     A replay draws it from the origin of `frame_a` to the origin of `frame_b`, anew at each time:
 
     - ``"rod"``: a solid cylinder of `radius`;
-    - ``"spring"``: a coil of outer radius `radius`, stretched to the distance, with a constant number of turns;
+    - ``"spring"``: a coil of outer radius `radius`, stretched to the distance, its number of turns constant;
     - ``"line"``: a thin line; `radius` is a hint and may be ignored.
 
     Parameters

@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, frozen_array
-from mbocp.exceptions import InvalidValue, UnknownFrame
+from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
 from mbocp.robot.notices import NormalisationWarning
 from mbocp.robot.parts import Actuation, Connector, Label, Limits, QuarticSpring, Rod, SpringDamper
@@ -34,9 +34,9 @@ class Robot:
 
     .. math:: M(q)\,\dot v + h(q, v) + \Phi_q(q)^T \lambda = B(q)\,u + f(q, v), \qquad \Phi(q) = 0
 
-    q lives on the Lie group of the joints (free-flyer and spherical joints: unit quaternion xyzw; continuous joints:
-    cos, sin; planar joints: x, y, cos, sin), v in its tangent space (free-flyer: twist of the body in its own axes,
-    linear before angular).
+    q lives on the Lie group of the joints (free-flyer and spherical joints: unit quaternion xyzw; continuous
+    joints: cos, sin; planar joints: x, y, cos, sin), v in its tangent space (free-flyer: twist of the body in
+    its own axes, linear before angular).
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class Robot:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 over everything that shapes the equations: model, gravity, actuation, constraints, forces."""
+        """SHA-256 over all that shapes the equations: model, gravity, actuation, constraints, forces."""
         digest = hashlib.sha256(self.model.saveToString().encode())
         digest.update(self.actuation.selection.tobytes())
         for actuator in self.actuation.frame_actuators:

@@ -204,7 +204,7 @@ def read_robot_toml(path: Path) -> RobotTable:
 
 
 def _key(data: Any, loc: tuple[int | str, ...]) -> str:
-    """Dotted key as in the file, e.g. constraint[0].frames; tags that pydantic adds for unions are left out."""
+    """Dotted key as in the file, e.g. constraint[0].frames, without pydantic's tags for unions."""
     parts: list[str] = []
     node, last = data, len(loc) - 1
     for position, step in enumerate(loc):

@@ -3,8 +3,9 @@
 Look-up order of `find_source`:
 
 1. a `Path`, or a text with a path separator or the ending .urdf, .xml or .toml: that file or folder;
-2. a folder of that name with a robot.toml in it, under each folder of MBOCP_ROBOT_PATH, then under mbocp's robots/;
-3. a name of example-robot-data (also without its descriptions' folders: "ur5", "panda", "talos");
+2. a folder of that name with a robot.toml in it, under the folders of MBOCP_ROBOT_PATH, then under mbocp's
+   robots/;
+3. a name of example-robot-data ("ur5", "panda", "talos");
 4. a name of robot_descriptions ("panda_description"), if that package is installed.
 """
 
@@ -32,10 +33,14 @@ _FILE_ENDINGS = (".urdf", ".xml", ".toml", ".xacro")
 
 @dataclass(frozen=True)
 class Source:
-    """What a name or path stands for: a robot.toml, a URDF, or a loader of example-robot-data."""
+    """What a name or path stands for: a robot.toml, a URDF, or a loader of example-robot-data.
+
+    `address` is the name or absolute path that leads here again from any folder.
+    """
 
     kind: Literal["toml", "urdf", "example"]
     name: str
+    address: str
     path: Path
     package_dirs: tuple[Path, ...] = ()
 
@@ -64,9 +69,9 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
         return _from_path(path if base is None else base / path)
     for folder in robot_folders():
         if (folder / spec / TOML).is_file():
-            return Source("toml", spec, folder / spec / TOML)
+            return Source("toml", spec, spec, folder / spec / TOML)
     if spec in examples.names():
-        return Source("example", spec, Path())
+        return Source("example", spec, spec, Path())
     described = _from_robot_descriptions(spec)
     if described is not None:
         return described
@@ -74,7 +79,7 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
 
 
 def robot_folders() -> list[Path]:
-    """Folders that hold robots by name: those of MBOCP_ROBOT_PATH, then mbocp's own (installed, or in the tree)."""
+    """Folders that hold robots by name: those of MBOCP_ROBOT_PATH, then mbocp's own."""
     package = Path(mbocp.__file__).resolve().parent
     listed = [Path(p).expanduser() for p in os.environ.get(PATH_VARIABLE, "").split(os.pathsep) if p]
     return [folder for folder in (*listed, package / "robots", package.parent / "robots") if folder.is_dir()]
@@ -108,17 +113,17 @@ def _from_path(path: Path) -> Source:
     path = path.resolve()
     if path.is_dir():
         if (path / TOML).is_file():
-            return Source("toml", path.name, path / TOML)
+            return Source("toml", path.name, str(path), path / TOML)
         urdfs = sorted(path.glob("*.urdf"))
         if len(urdfs) == 1:
-            return Source("urdf", urdfs[0].stem, urdfs[0])
+            return Source("urdf", urdfs[0].stem, str(urdfs[0]), urdfs[0])
         held = ", ".join(u.name for u in urdfs) or "none"
         raise RobotFileError(path, f"this folder has no {TOML}, and not exactly one URDF (it has: {held})")
     if not path.exists():
         raise RobotFileError(path, "no such file or folder")
     if path.suffix == ".toml":
-        return Source("toml", path.parent.name, path)
-    return Source("urdf", path.stem, path)
+        return Source("toml", path.parent.name, str(path), path)
+    return Source("urdf", path.stem, str(path), path)
 
 
 def _from_robot_descriptions(name: str) -> Source | None:
@@ -137,7 +142,7 @@ def _from_robot_descriptions(name: str) -> Source | None:
     packages = [
         Path(getattr(module, key)) for key in ("PACKAGE_PATH", "REPOSITORY_PATH") if hasattr(module, key)
     ]
-    return Source("urdf", name, Path(path), tuple(_with_parents(packages)))
+    return Source("urdf", name, name, Path(path), tuple(_with_parents(packages)))
 
 
 def _with_parents(folders: Iterable[Path]) -> list[Path]:

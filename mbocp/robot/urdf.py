@@ -142,8 +142,8 @@ def _check_tree(urdf: Urdf) -> None:
         if child in children:
             raise RobotFileError(
                 urdf.path,
-                f"link {child!r} is the child of two joints, {children[child]!r} and {name!r}: a URDF is a tree; "
-                "close loops with [[constraint]] in a robot.toml",
+                f"link {child!r} is the child of two joints, {children[child]!r} and {name!r}: a URDF is a "
+                "tree; close loops with [[constraint]] in a robot.toml",
             )
         children[child] = name
     roots = [link for link in links if link not in children]

@@ -30,7 +30,7 @@ _SHOWN = 5  # missing meshes named in one warning
 def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) -> pin.GeometryModel:
     """Shapes and mesh paths of a URDF, as a `pin.GeometryModel`.
 
-    Primitive shapes are coal shapes; a mesh has `meshPath`, `meshScale` and an empty placeholder as `geometry`.
+    Primitive shapes are coal shapes; a mesh has `meshPath`, `meshScale` and an empty placeholder `geometry`.
 
     Warns
     -----
@@ -60,8 +60,8 @@ def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) ->
 def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
     """File that a URDF's `uri` means: package://, model://, file://, absolute, or relative to `base`.
 
-    A package is looked for in `package_dirs`, in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and in the folders above
-    the URDF.
+    A package is looked for in `package_dirs`, in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and in the folders
+    above the URDF.
 
     Raises
     ------
