@@ -1,1 +1,1 @@
-"""The compiled part: `_bridge` (Pinocchio with CasADi's scalar) and `_kernel` (numbers). Nothing here is public."""
+"""The compiled part, not public: `_bridge` (Pinocchio with CasADi's scalar), `_kernel` (the numbers)."""

@@ -3,16 +3,36 @@
 
 #include <casadi/casadi.hpp>
 
+#include <array>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace mbocp
 {
   struct Tree;
 
+  // A frame fixed to a joint: rotation by columns, translation [m].
+  struct Attachment
+  {
+    int joint;
+    std::array<double, 9> rotation;
+    std::array<double, 3> translation;
+  };
+
+  // Pinocchio's RigidConstraintModel: 3 rows (points coincide) or 6 (frames coincide), in the axes of the first frame
+  // or of the world.
+  struct RigidConstraint
+  {
+    int rows;
+    Attachment first, second;
+    bool world_aligned;
+  };
+
   std::shared_ptr<const Tree> load_tree(const std::string & serialized_model);
   int configuration_size(const Tree & tree);
   int velocity_size(const Tree & tree);
+  int joint_count(const Tree & tree);
   int frame_count(const Tree & tree);
 
   // Inverse dynamics.
@@ -36,4 +56,5 @@ namespace mbocp
   casadi::Function frame_placement(const Tree & tree, int frame);
   casadi::Function frame_jacobian(const Tree & tree, int frame, int reference);
   casadi::Function frame_velocity(const Tree & tree, int frame, int reference);
+  casadi::Function constraint_jacobian(const Tree & tree, const std::vector<RigidConstraint> & constraints);
 } // namespace mbocp

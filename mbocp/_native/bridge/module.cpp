@@ -4,7 +4,9 @@
 #include "bridge.hpp"
 
 #include <nanobind/nanobind.h>
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
 
 #include <map>
 #include <stdexcept>
@@ -56,6 +58,15 @@ namespace
       return mbocp::frame_velocity(*tree, checked(frame), reference).serialize();
     }
 
+    std::string constraint_jacobian(const std::vector<mbocp::RigidConstraint> & constraints) const
+    {
+      for (const mbocp::RigidConstraint & constraint : constraints)
+        for (const int joint : {constraint.first.joint, constraint.second.joint})
+          if (joint < 0 || joint >= mbocp::joint_count(*tree))
+            throw std::out_of_range("no joint of index " + std::to_string(joint));
+      return mbocp::constraint_jacobian(*tree, constraints).serialize();
+    }
+
     int nq() const { return mbocp::configuration_size(*tree); }
     int nv() const { return mbocp::velocity_size(*tree); }
 
@@ -75,6 +86,11 @@ NB_MODULE(_bridge, m)
 {
   using namespace nb::literals;
   m.doc() = "Pinocchio's algorithms with CasADi's scalar, as serialized CasADi functions.";
+  nb::class_<mbocp::Attachment>(m, "Attachment", "A frame fixed to a joint.")
+    .def(nb::init<int, std::array<double, 9>, std::array<double, 3>>(), "joint"_a, "rotation"_a, "translation"_a);
+  nb::class_<mbocp::RigidConstraint>(m, "RigidConstraint", "Two frames that coincide, or their origins.")
+    .def(nb::init<int, mbocp::Attachment, mbocp::Attachment, bool>(), "rows"_a, "first"_a, "second"_a,
+         "world_aligned"_a);
   nb::class_<Robot>(m, "Robot", "A model with CasADi's scalar.")
     .def(nb::init<const std::string &>(), "serialized_model"_a)
     .def_prop_ro("nq", &Robot::nq)
@@ -82,5 +98,6 @@ NB_MODULE(_bridge, m)
     .def("function", &Robot::function, "name"_a)
     .def("frame_placement", &Robot::frame_placement, "frame"_a)
     .def("frame_jacobian", &Robot::frame_jacobian, "frame"_a, "reference"_a)
-    .def("frame_velocity", &Robot::frame_velocity, "frame"_a, "reference"_a);
+    .def("frame_velocity", &Robot::frame_velocity, "frame"_a, "reference"_a)
+    .def("constraint_jacobian", &Robot::constraint_jacobian, "constraints"_a);
 }

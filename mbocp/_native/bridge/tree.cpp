@@ -139,5 +139,6 @@ namespace mbocp
 
   int configuration_size(const Tree & tree) { return tree.nq; }
   int velocity_size(const Tree & tree) { return tree.nv; }
+  int joint_count(const Tree & tree) { return tree.model.njoints; }
   int frame_count(const Tree & tree) { return tree.model.nframes; }
 } // namespace mbocp

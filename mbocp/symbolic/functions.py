@@ -1,0 +1,201 @@
+"""The functions of one model, built when they are first asked for."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import casadi as ca
+import pinocchio as pin
+
+from mbocp.exceptions import InvalidValue, UnknownFrame
+from mbocp.symbolic.native import bridge, native_constraint
+
+Reference: TypeAlias = Literal["local", "world", "local_world_aligned"]
+
+__all__ = ["ModelFunctions", "Reference"]
+
+_REFERENCES: dict[str, int] = {
+    "world": int(pin.ReferenceFrame.WORLD),
+    "local": int(pin.ReferenceFrame.LOCAL),
+    "local_world_aligned": int(pin.ReferenceFrame.LOCAL_WORLD_ALIGNED),
+}
+
+
+class ModelFunctions:
+    """Pinocchio's algorithms for one model, as `casadi.Function` over SX.
+
+    Each attribute is built when it is first used and kept. Called with numbers a function computes, called
+    with SX it inlines its graph, called with MX it becomes a call node. Matrices are dense. Configurations q
+    are Pinocchio's (nq,) (quaternions xyzw, cosine and sine of continuous joints), velocities v its tangent
+    vectors (nv,): of a free-flyer in the body frame, linear before angular.
+
+    Mimic joints work in every function, `aba` and `minverse` included.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The model; `model_functions` keeps one object for each.
+
+    Attributes
+    ----------
+    nq, nv : int
+        Sizes of configuration and velocity.
+    frames : tuple of str
+        Names of the frames, in Pinocchio's order.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self._robot = bridge().Robot(model.saveToString())
+        self._name = str(model.name)
+        self._joints = tuple(str(name) for name in model.names)
+        self._requested: dict[tuple[str, int, str], ca.Function] = {}
+        self.frames: tuple[str, ...] = tuple(str(frame.name) for frame in model.frames)
+        self.nq: int = self._robot.nq
+        self.nv: int = self._robot.nv
+
+    def __repr__(self) -> str:
+        return f"ModelFunctions({self._name!r}, nq={self.nq}, nv={self.nv})"
+
+    @cached_property
+    def rnea(self) -> ca.Function:
+        """Inverse dynamics, (q, v, a) -> tau (nv,) [N, N m]."""
+        return self._build("rnea")
+
+    @cached_property
+    def nonlinear_effects(self) -> ca.Function:
+        """Coriolis, centrifugal and gravity terms, (q, v) -> b (nv,) [N, N m]."""
+        return self._build("nonlinear_effects")
+
+    @cached_property
+    def gravity(self) -> ca.Function:
+        """Gravity terms, q -> g (nv,) [N, N m]."""
+        return self._build("gravity")
+
+    @cached_property
+    def aba(self) -> ca.Function:
+        """Forward dynamics, (q, v, tau) -> a (nv,) [m/s^2, rad/s^2]."""
+        return self._build("aba")
+
+    @cached_property
+    def minverse(self) -> ca.Function:
+        """Inverse of the inertia matrix, q -> M^-1 (nv, nv), full."""
+        return self._build("minverse")
+
+    @cached_property
+    def crba(self) -> ca.Function:
+        """Joint-space inertia matrix, q -> M (nv, nv), full and symmetric, armature included [kg, kg m^2]."""
+        return self._build("crba")
+
+    @cached_property
+    def kinetic_energy(self) -> ca.Function:
+        """Kinetic energy, (q, v) -> T [J]."""
+        return self._build("kinetic_energy")
+
+    @cached_property
+    def potential_energy(self) -> ca.Function:
+        """Potential energy of gravity, q -> V [J]."""
+        return self._build("potential_energy")
+
+    @cached_property
+    def center_of_mass(self) -> ca.Function:
+        """Centre of mass in the world frame, q -> c (3,) [m]."""
+        return self._build("center_of_mass")
+
+    @cached_property
+    def centroidal_momentum(self) -> ca.Function:
+        """Momentum about the centre of mass, world axes, linear first, (q, v) -> h (6,) [kg m/s, N m s]."""
+        return self._build("centroidal_momentum")
+
+    @cached_property
+    def integrate(self) -> ca.Function:
+        """The configuration reached from q with the tangent vector v in unit time, (q, v) -> q1 (nq,)."""
+        return self._build("integrate")
+
+    @cached_property
+    def difference(self) -> ca.Function:
+        """The tangent vector that leads from q0 to q1 in unit time, (q0, q1) -> v (nv,)."""
+        return self._build("difference")
+
+    @cached_property
+    def dintegrate(self) -> ca.Function:
+        """Jacobians of `integrate` in tangent coordinates, (q, v) -> J_q (nv, nv), J_v (nv, nv)."""
+        return self._build("dintegrate")
+
+    def frame_placement(self, frame: str | int) -> ca.Function:
+        """Placement of a frame in the world, q -> R (3, 3), p (3,) [m].
+
+        Parameters
+        ----------
+        frame : str or int
+            Name, or index as in `pinocchio.Model.frames`. Of several frames of one name the first is meant.
+
+        Raises
+        ------
+        UnknownFrame
+            If the model has no such frame.
+        """
+        index = self._frame_index(frame)
+        return self._request("placement", index, "", lambda: self._robot.frame_placement(index))
+
+    def frame_jacobian(self, frame: str | int, reference: Reference = "local") -> ca.Function:
+        """Jacobian of a frame, q -> J (6, nv), so that its velocity is J v, linear before angular.
+
+        Parameters
+        ----------
+        frame : str or int
+            Name or index.
+        reference : {"local", "world", "local_world_aligned"}
+            Axes and point of the velocity, as in `pinocchio.ReferenceFrame`.
+        """
+        index, rf = self._frame_index(frame), _reference(reference)
+        return self._request("jacobian", index, reference, lambda: self._robot.frame_jacobian(index, rf))
+
+    def frame_velocity(self, frame: str | int, reference: Reference = "local") -> ca.Function:
+        """Velocity of a frame, (q, v) -> twist (6,), linear before angular [m/s, rad/s]."""
+        index, rf = self._frame_index(frame), _reference(reference)
+        return self._request("velocity", index, reference, lambda: self._robot.frame_velocity(index, rf))
+
+    def constraint_jacobian(self, constraints: Sequence[pin.RigidConstraintModel]) -> ca.Function:
+        """Jacobian of rigid constraints, q -> J (nc, nv), their rows one below the other.
+
+        Parameters
+        ----------
+        constraints : sequence of pinocchio.RigidConstraintModel
+            3-D (two points coincide) or 6-D (two frames coincide), in the local or the local-world-aligned
+            frame: the rows are those of `pinocchio.getConstraintJacobian`.
+
+        Raises
+        ------
+        InvalidValue, UnknownJoint
+            If a constraint is of another kind, or names a joint that the model does not have.
+        """
+        rows = [native_constraint(constraint, self._joints, self._name) for constraint in constraints]
+        return ca.Function.deserialize(self._robot.constraint_jacobian(rows))
+
+    def _build(self, name: str) -> ca.Function:
+        return ca.Function.deserialize(self._robot.function(name))
+
+    def _request(self, kind: str, index: int, reference: str, build: Callable[[], str]) -> ca.Function:
+        key = (kind, index, reference)
+        if key not in self._requested:
+            self._requested[key] = ca.Function.deserialize(build())
+        return self._requested[key]
+
+    def _frame_index(self, frame: str | int) -> int:
+        if isinstance(frame, str):
+            if frame not in self.frames:
+                raise UnknownFrame(frame, self._name, self.frames)
+            return self.frames.index(frame)
+        index = operator.index(frame)
+        if not 0 <= index < len(self.frames):
+            raise UnknownFrame(f"#{index}", self._name, self.frames)
+        return index
+
+
+def _reference(reference: str) -> int:
+    if reference not in _REFERENCES:
+        raise InvalidValue("reference", repr(reference), " or ".join(repr(name) for name in _REFERENCES))
+    return _REFERENCES[reference]

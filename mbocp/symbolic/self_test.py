@@ -1,0 +1,79 @@
+"""The last line of defence against a native part that does not fit: compare it with numeric Pinocchio."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp.exceptions import NativeMismatch
+from mbocp.symbolic.functions import ModelFunctions
+
+__all__ = ["model_functions", "self_test"]
+
+# Round-off of a recursion over a hundred joints stays below this, relative to the largest joint force;
+# numbers read through a foreign memory layout do not.
+TOLERANCE = 1e-8
+
+
+def model_functions(model: pin.Model) -> ModelFunctions:
+    """Return the functions of `model`, self-tested: the same object for equal models.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        Any model. It is copied: a model that was changed has other functions.
+
+    Raises
+    ------
+    NativeMismatch
+        If the native part does not fit the installed Pinocchio or CasADi.
+    """
+    return _functions_of(model.saveToString())
+
+
+def self_test(model: pin.Model) -> None:
+    """Check the symbolic inverse dynamics of `model` against `pinocchio.aba` at a random state.
+
+    Symbolic RNEA must undo numeric ABA. Where ABA does not apply (mimic joints, massless bodies) numeric RNEA
+    takes its place. `model_functions` has done this once for each model of the process; a mechanics needs
+    RNEA anyway, so it costs little more than one evaluation.
+
+    Raises
+    ------
+    NativeMismatch
+        If the two disagree.
+    """
+    _compare(model, model_functions(model))
+
+
+@lru_cache(maxsize=64)
+def _functions_of(serialized_model: str) -> ModelFunctions:
+    model = pin.Model()
+    model.loadFromString(serialized_model)
+    functions = ModelFunctions(model)
+    _compare(model, functions)
+    return functions
+
+
+def _compare(model: pin.Model, functions: ModelFunctions) -> None:
+    rng = np.random.default_rng(0)
+    data = model.createData()
+    # Pinocchio's own generator of random configurations is left alone: its state is the user's.
+    q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
+    v, a = rng.standard_normal((2, model.nv))
+    tau = np.array(functions.rnea(q, v, a)).ravel()
+    reference = pin.rnea(model, data, q, v, a)
+    if not len(model.mimicking_joints):
+        acceleration = pin.aba(model, data, q, v, tau)
+        if np.isfinite(acceleration).all():
+            reference = np.array(functions.rnea(q, v, acceleration)).ravel()
+    error = float(np.abs(tau - reference).max(initial=0.0))
+    scale = max(1.0, float(np.abs(tau).max(initial=0.0)))
+    if not error <= TOLERANCE * scale:  # written so that NaN fails
+        raise NativeMismatch(
+            f"mbocp's native part does not agree with the installed Pinocchio {pin.__version__} on model "
+            f"{model.name!r}: joint forces differ by {error:.3g} of {scale:.3g} [N, N m]. Reinstall mbocp, "
+            "so that it is compiled against this Pinocchio"
+        )
