@@ -139,15 +139,21 @@ def _first_of_each_symbol(tiles: list[panels.LinePanel]) -> list[panels.LinePane
 
 
 def _page(num_tiles: int, paths: FramePaths | None) -> tuple[Figure, list[Any], Any]:
-    """Lay out `num_tiles` panels and, if there is one, the path in space, twice as high, at the top right."""
-    cells = num_tiles + (2 if paths is not None else 0)
-    columns = 3 if cells <= 9 else 4
-    rows = max(math.ceil(cells / columns), 2 if paths is not None else 1)
+    """Lay out `num_tiles` panels and, if there is one, the path in space, at the top right and larger."""
+    sizes = [(2, 1), (2, 2)] if paths is not None else [(0, 0)]
+    layouts = []
+    for columns in (3, 4):
+        for high, wide in sizes:
+            cells = num_tiles + high * wide
+            if columns == 3 or cells > 9:
+                rows = max(math.ceil(cells / columns), high)
+                layouts.append((rows * columns - cells, rows, columns, high, wide))
+    # The fewest empty places; then the flattest, for screens.
+    _, rows, columns, high, wide = min(layouts)
     figure = new_figure(4.1 * columns, 2.55 * rows + 0.9)
     grid = GridSpec(rows, columns, figure=figure)
-    taken = {(0, columns - 1), (1, columns - 1)} if paths is not None else set()
-    free = [grid[i, j] for i in range(rows) for j in range(columns) if (i, j) not in taken]
-    return figure, free, grid[0:2, columns - 1] if paths is not None else None
+    free = [grid[i, j] for i in range(rows) for j in range(columns) if i >= high or j < columns - wide]
+    return figure, free, grid[:high, columns - wide :] if paths is not None else None
 
 
 def _stack(solution: Solution, tiles: Sequence[panels.Panel | panels.LinePanel]) -> Figure:
@@ -189,8 +195,9 @@ def _shared_legend(figure: Figure, shared: dict[str, Any]) -> None:
 def _title(figure: Figure, solution: Solution) -> None:
     name = solution.problem_name or solution.robot_name or "solution"
     robot = f", robot {solution.robot_name}" if solution.robot_name not in ("", name) else ""
+    status = "converged" if solution.converged else f"not converged ({solution.status})"
     words = [
-        f"{name}{robot}: {solution.status} after {solution.iterations} iterations of {solution.solver}",
+        f"{name}{robot}: {status} after {solution.iterations} iterations of {solution.solver}",
         f"$J$ = {solution.cost:.7g}, residual {solution.residual:.1e}, "
         f"$N$ = {solution.num_steps}, $T$ = {solution.duration:g} s",
     ]

@@ -57,8 +57,8 @@ class LinePanel:
     values : ndarray, shape (m, len(names))
     step : bool
         Whether the values are constant between the times; then `t` has one entry more.
-    lower, upper : ndarray, shape (len(names),), or None
-        Limits, dashed.
+    limits : ndarray, shape (len(names),), or None
+        Largest absolute values, infinite where there is none; dashed.
     """
 
     title: str
@@ -67,8 +67,7 @@ class LinePanel:
     t: Array
     values: Array
     step: bool = False
-    lower: Array | None = None
-    upper: Array | None = None
+    limits: Array | None = None
 
     def draw(self, axes: Axes, styles: Sequence[LineStyle]) -> list[Any]:
         """Draw the curves; the caller adds the legend, for which this returns the handles."""
@@ -91,31 +90,30 @@ class LinePanel:
         return handles
 
     def _draw_limits(self, axes: Axes, styles: Sequence[LineStyle]) -> None:
-        """Draw finite limits dashed, if the motion comes near them; else say where they are."""
-        if self.lower is None or self.upper is None:
+        """Draw limits dashed where the motion comes near them; else say where they are."""
+        if self.limits is None or not np.isfinite(self.limits).any():
             return
-        largest = np.nanmax(np.abs(self.values), initial=0.0)
-        finite = np.isfinite(self.lower) | np.isfinite(self.upper)
-        if not finite.any():
-            return
-        # A limit far away would squash the curves: beyond twice the largest value it is only mentioned.
-        near = [i for i in np.flatnonzero(finite) if min(-self.lower[i], self.upper[i]) <= 2 * largest]
-        for i in near:
-            for limit in {self.lower[i], self.upper[i]}:
-                if np.isfinite(limit):
-                    axes.axhline(
-                        limit, color=styles[i].color, linestyle=(0, (6, 3)), linewidth=0.9, alpha=0.8
-                    )
-        if len(near) < np.count_nonzero(finite):
-            least = min(min(-self.lower[i], self.upper[i]) for i in np.flatnonzero(finite) if i not in near)
-            note = (
-                f"limits dashed; others from ±{least:.3g}" if near else f"limits from ±{least:.3g}, not shown"
-            )
-        else:
-            note = "limits dashed"
-        axes.annotate(
-            note, (1, 1), xycoords="axes fraction", ha="right", va="bottom", fontsize=6.5, color=GREY
-        )
+        largest = np.max(np.abs(np.nan_to_num(self.values)), axis=0, initial=0.0)
+        # Limits far away would squash the curves, and many are no help: then just a note.
+        near = self.limits <= 2 * largest
+        far = np.isfinite(self.limits) & ~near
+        distinct = np.unique(self.limits[near])
+        words = []
+        if len(distinct) > _FEW:
+            near, far = np.zeros_like(near), near | far
+        elif len(distinct):
+            words.append("limits dashed")
+        for limit in np.unique(self.limits[near]):
+            owners = np.flatnonzero(near & (self.limits == limit))
+            color = styles[owners[0]].color if len(owners) == 1 else GREY
+            for side in (-limit, limit):
+                axes.axhline(side, color=color, linestyle=(0, (6, 3)), linewidth=0.9, alpha=0.8)
+        beyond = int(np.count_nonzero(largest > self.limits))
+        if beyond:
+            words.append(f"{beyond} beyond their limit")
+        if far.any():
+            words.append(f"limits from ±{self.limits[far].min():.3g} not shown")
+        axes.set_title("; ".join(words), loc="right", fontsize=6.5, color=GREY, fontweight="normal", pad=3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,13 +139,19 @@ def _groups(columns: Sequence[Column]) -> list[list[int]]:
 
 
 def _line_panels(
-    title: str, symbol: str, columns: Sequence[Column], t: Array, values: Array, **others: Any
+    title: str,
+    symbol: str,
+    columns: Sequence[Column],
+    t: Array,
+    values: Array,
+    *,
+    step: bool = False,
+    limits: Array | None = None,
 ) -> list[LinePanel]:
     panels = []
     for members in _groups(columns):
         unit = columns[members[0]].unit
         prefix, names = shorten([columns[i].name for i in members])
-        limits = {key: limit[members] for key, limit in others.items() if key in ("lower", "upper")}
         panels.append(
             LinePanel(
                 title=plain_text(f"{title}, {prefix}" if prefix else title),
@@ -155,8 +159,8 @@ def _line_panels(
                 names=tuple(plain_text(name) for name in names),
                 t=t,
                 values=values[:, members],
-                step=others.get("step", False),
-                **limits,
+                step=step,
+                limits=None if limits is None else limits[members],
             )
         )
     return panels
@@ -164,7 +168,24 @@ def _line_panels(
 
 def state_panels(solution: Solution) -> list[LinePanel]:
     """Return the configuration, a panel for each unit."""
-    return _line_panels("Configuration", "$q$", solution.labels.q, solution.t, solution.qs)
+    columns, values = _with_angles(solution.labels.q, solution.qs)
+    return _line_panels("Configuration", "$q$", columns, solution.t, values)
+
+
+def _with_angles(columns: Sequence[Column], values: Array) -> tuple[list[Column], Array]:
+    """Put one angle, without jumps, in the place of the cos and sin of a joint that turns without end."""
+    names = [column.name for column in columns]
+    angles, curves = [], []
+    for i, column in enumerate(columns):
+        joint, _, suffix = column.name.rpartition(".")
+        if joint and suffix == "cos" and names[i + 1 : i + 2] == [f"{joint}.sin"]:
+            alone = sum(name.startswith(f"{joint}.") for name in names) == 2
+            angles.append(Column(joint if alone else f"{joint}.angle", "rad"))
+            curves.append(np.unwrap(np.arctan2(values[:, i + 1], values[:, i])))
+        elif not (joint and suffix == "sin" and i and names[i - 1] == f"{joint}.cos"):
+            angles.append(column)
+            curves.append(values[:, i])
+    return angles, np.column_stack(curves) if curves else values
 
 
 def rate_panels(solution: Solution, rate: str) -> list[LinePanel]:
@@ -176,8 +197,8 @@ def rate_panels(solution: Solution, rate: str) -> list[LinePanel]:
 
 def control_panels(solution: Solution, limit: Array | None) -> list[LinePanel]:
     """Return the controls, a panel for each unit; `limit` is the largest effort (nu,)."""
-    limits = {} if limit is None else {"lower": -limit, "upper": limit}
-    return _line_panels("Control", "$u$", solution.labels.u, solution.t, solution.us, step=True, **limits)
+    labels = solution.labels.u
+    return _line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limit)
 
 
 def multiplier_panels(solution: Solution) -> list[LinePanel]:
@@ -203,6 +224,16 @@ def _log_curve(axes: Axes, x: Array, y: Array, label: str, index: int, marker: s
         axes.semilogy(x, positive, marker=marker, markersize=3.5, label=label, **line_style(index)._asdict())
 
 
+def _log_points(axes: Axes, x: Array, y: Array, label: str, index: int) -> None:
+    """Draw points and no line: round-off jumps, and is often exactly zero, which no logarithm shows."""
+    shown = np.isfinite(y) & (y > 0)
+    if shown.any():
+        color = line_style(index).color
+        axes.semilogy(
+            x[shown], y[shown], linestyle="none", marker=".", markersize=3, color=color, label=label
+        )
+
+
 def _empty(axes: Axes, words: str) -> None:
     axes.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY)
 
@@ -211,7 +242,7 @@ def convergence_panel(solution: Solution) -> Panel:
     """Return residual and increment over the iterations."""
 
     def draw(axes: Axes) -> None:
-        k = np.arange(len(solution.history))
+        k = np.arange(float(len(solution.history)))
         for index, (name, label, marker) in enumerate(
             (("residual", "residual", "o"), ("increment", "increment", "s"))
         ):
@@ -280,13 +311,13 @@ def drift_panel(solution: Solution, violation: Array | None) -> Panel:
     def draw(axes: Axes) -> None:
         momenta = solution.control_momenta
         for i, name in enumerate(solution.control_momentum_names):
-            _log_curve(
+            _log_points(
                 axes, solution.t, np.abs(momenta[:, i] - momenta[0, i]), rf"$\xi$ {plain_text(name)}", i
             )
         if violation is not None and violation.size:
             first = momenta.shape[1]
             for i, column in enumerate(solution.labels.lam):
-                _log_curve(
+                _log_points(
                     axes, solution.t, np.abs(violation[:, i]), rf"$\Phi$ {plain_text(column.name)}", first + i
                 )
         what = "Drift of invariants, violation of constraints" if solution.nc else "Drift of invariants"

@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from mbocp._arrays import Array
+from mbocp.robot.joints import joint_kind
 from mbocp.view.plots_style import GREY, finish_axes, line_style, plain_text, strip_legend
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FramePaths", "frame_paths"]
 
-_LINKS = 2  # poses drawn: start and end
+_HINGES = ("revolute", "continuous", "spherical")
 _ARROWS = 7
 _MOST_NODES = 2000  # more points do not make a finer picture
 
@@ -45,13 +45,9 @@ class FramePaths:
         self.lower, self.upper = everything.min(axis=0), everything.max(axis=0)
         extent = self.upper - self.lower
         self._size = float(max(extent.max(), 1e-9))
-        # Axes to draw: all three, or those of the plane that the motion does not leave.
-        flat = np.flatnonzero(extent < 1e-6 * self._size)
-        self.axes = (
-            (0, 1, 2)
-            if not len(flat)
-            else tuple(i for i in range(3) if i != flat[-1 if len(flat) < 3 else 1])
-        )
+        # Axes to draw: all three, or those of the plane that the motion stays in, x-z before the others.
+        flat = [i for i in (1, 0, 2) if extent[i] < 1e-6 * self._size]
+        self.axes = tuple(i for i in range(3) if i not in flat[:1])
 
     @property
     def is_planar(self) -> bool:
@@ -85,24 +81,33 @@ class FramePaths:
             axes.plot([], [], "o", color=GREY, markerfacecolor="white", markersize=5.5)[0],
             axes.plot([], [], "*", color=GREY, markersize=9)[0],
         ]
-        if isinstance(axes, Axes3D):
+        if not self.is_planar:
             self._finish_3d(axes)
         else:
             self._finish_2d(axes)
         strip_legend(axes, handles, names, per_row=3)
 
-    def _draw_arrows(self, axes: Axes, path: Array, color: str) -> None:
-        """Draw a few arrows along the motion, evenly spaced in time, of one length."""
-        inner = np.linspace(0, len(path) - 1, _ARROWS + 2).astype(int)[1:-1]
+    def _draw_arrows(self, axes: Any, path: Array, color: str) -> None:
+        """Draw a few arrows along the motion, evenly spaced along the path, of one length."""
+        gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+        marks = np.linspace(0.0, gone[-1], _ARROWS + 2)[1:-1]
+        inner = np.unique(np.searchsorted(gone, marks))
         inner = inner[(inner > 0) & (inner < len(path) - 1)]
         direction = path[inner + 1] - path[inner - 1]
         length = np.linalg.norm(direction, axis=1)
         moving = length > 1e-4 * self._size
         inner, direction = inner[moving], direction[moving] / length[moving, None]
-        size = 0.09 * self._size
-        if isinstance(axes, Axes3D):
+        size = 0.08 * self._size
+        if not self.is_planar:
             start = path[inner]
-            axes.quiver(*start.T, *(size * direction).T, color=color, linewidth=1.1, arrow_length_ratio=0.45)
+            axes.quiver(
+                *start.T,
+                *(size * direction).T,
+                color=color,
+                linewidth=1.1,
+                arrow_length_ratio=0.45,
+                pivot="middle",
+            )
             return
         for p, d in zip(path[inner], direction, strict=True):
             axes.annotate(
@@ -115,7 +120,7 @@ class FramePaths:
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.08)
 
-    def _finish_3d(self, axes: Axes3D) -> None:
+    def _finish_3d(self, axes: Any) -> None:
         axes.set_title("Path in space", loc="left")
         middle = (self.lower + self.upper) / 2
         # Equal scales; a thin box is widened, so that its ticks have room.
@@ -123,7 +128,9 @@ class FramePaths:
         axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
         axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
         axes.set_zlim(middle[2] - half[2], middle[2] + half[2])
-        axes.set_box_aspect(tuple(half / half.max()), zoom=0.88)
+        # matplotlib clips the axis labels of a narrow cell unless the box leaves room for them.
+        place = axes.get_window_extent()
+        axes.set_box_aspect(tuple(half / half.max()), zoom=0.88 if place.width > place.height else 0.82)
         axes.view_init(elev=22, azim=-55)
         for i, (axis, setter) in enumerate(
             ((axes.xaxis, axes.set_xlabel), (axes.yaxis, axes.set_ylabel), (axes.zaxis, axes.set_zlabel))
@@ -151,13 +158,12 @@ def frame_paths(robot: Robot, qs: Array, frames: Sequence[str] | None = None) ->
         pin.forwardKinematics(model, data, q)
         for i, frame in enumerate(ids):
             paths[i, n] = pin.updateFramePlacement(model, data, frame).translation
-    return FramePaths(
-        [plain_text(name) for name in names], paths, [_segments(robot, q) for q in (qs[0], qs[-1])]
-    )
+    poses = [_segments(robot, q, ids) for q in (qs[0], qs[-1])]
+    return FramePaths([plain_text(name) for name in names], paths, poses)
 
 
-def _segments(robot: Robot, q: Array) -> Array:
-    """Return lines that stand for the robot: from joint to joint, and its rods and springs."""
+def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
+    """Return lines that stand for the robot: from joint to joint to traced frame, its rods and springs."""
     model: Any = robot.model
     data: Any = model.createData()
     pin.framesForwardKinematics(model, data, q)
@@ -165,14 +171,13 @@ def _segments(robot: Robot, q: Array) -> Array:
     for joint in range(1, model.njoints):
         parent = model.parents[joint]
         # A slider's axes are no links, and neither is the way from the world to a floating base.
-        if parent > 0 and _is_hinge(model, joint):
+        if joint_kind(model, joint).word in _HINGES:
             lines.append((data.oMi[parent].translation.copy(), data.oMi[joint].translation.copy()))
+    for frame in ids:
+        joint = model.frames[frame].parentJoint
+        lines.append((data.oMi[joint].translation.copy(), data.oMf[frame].translation.copy()))
     for element in (*robot.constraints, *robot.forces):
         lines.append(
             tuple(data.oMf[frame].translation.copy() for frame in (element.frame_a, element.frame_b))
         )
     return np.array(lines, dtype=float).reshape(-1, 2, 3)
-
-
-def _is_hinge(model: Any, joint: int) -> bool:
-    return "Revolute" in model.joints[joint].shortname() or "Spherical" in model.joints[joint].shortname()

@@ -1,0 +1,293 @@
+"""Pictures: everything that should be in them is, with names and units, and no data breaks them."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pinocchio as pin
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mbocp.exceptions import ResultFileError, UnknownFrame
+from mbocp.robot import Robot, load_robot
+from mbocp.solution import Column, IterationRecord, Labels, Solution, Status
+from mbocp.view import plots_style
+from mbocp.view.plots import (
+    overview,
+    plot_controls,
+    plot_convergence,
+    plot_invariants,
+    plot_multipliers,
+    plot_path,
+    plot_solution,
+    plot_states,
+    save_figure,
+)
+from mbocp.view.plots_style import PALETTE, line_style, shorten
+from tests.mechanics.models import cart_pendulum, spherical_pendulum
+from tests.solution.fabricated import arm, fabricate, humanoid, pendulum
+
+
+def titles(figure: Figure) -> list[str]:
+    return [axes.get_title(loc="left") for axes in figure.axes]
+
+
+def panel(figure: Figure, title: str) -> Axes:
+    return next(axes for axes in figure.axes if axes.get_title(loc="left").startswith(title))
+
+
+def legend(axes: Axes | Figure) -> list[str]:
+    found = axes.get_legend() if isinstance(axes, Axes) else axes.legends[0]
+    assert found is not None
+    return [text.get_text() for text in found.get_texts()]
+
+
+def motion(robot: Robot, q_end: Any, **others: Any) -> Solution:
+    labels = Labels.of_robot(robot)
+    s = np.linspace(0.0, 1.0, 21)
+    dq = pin.difference(robot.model, robot.q0, np.asarray(q_end, dtype=float))
+    qs = np.array([pin.integrate(robot.model, robot.q0, x * x * (3 - 2 * x) * dq) for x in s])
+    q, v, u = list(labels.q), list(labels.v), list(labels.u)
+    made = fabricate(q, v, u, num_steps=20, num_constraints=robot.nc, qs=qs, labels=labels)
+    return dataclasses.replace(made, **others)
+
+
+def hanging(robot: Robot, *frames: str) -> Robot:
+    return dataclasses.replace(robot, trace_frames=frames)
+
+
+@pytest.mark.parametrize("make", [pendulum, arm, humanoid])
+@pytest.mark.parametrize(
+    "plot", [plot_states, plot_controls, plot_multipliers, plot_convergence, plot_invariants, overview]
+)
+def test_every_picture_of_every_size_renders(make: Any, plot: Any) -> None:
+    figure = plot(make(num_steps=20))
+    figure.canvas.draw()
+    assert all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
+
+
+def test_states_have_names_and_units() -> None:
+    figure = plot_states(pendulum())
+    assert titles(figure) == ["Configuration", "Velocity"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["$q$ [m]", "$v$ [m/s]"]
+    assert legend(figure.axes[0]) == ["x", "y", "z"]
+    assert plot_states(pendulum(), rate="p").axes[1].get_ylabel() == "$p$ [kg m/s]"
+
+
+def test_columns_of_different_units_are_apart() -> None:
+    figure = plot_states(humanoid(num_steps=20))
+    assert titles(figure)[:3] == ["Configuration, root_joint", "Configuration, root_joint", "Configuration"]
+    assert [axes.get_ylabel() for axes in figure.axes[:3]] == ["$q$ [m]", "$q$", "$q$ [rad]"]
+
+
+def test_many_joints_share_one_legend_and_keep_their_style() -> None:
+    figure = plot_states(humanoid(num_steps=20))
+    names = legend(figure)
+    assert len(names) == 20
+    q, v = (axes for axes in figure.axes if len(axes.lines) == 20)
+    for a, b in zip(q.lines, v.lines, strict=True):
+        assert (a.get_color(), a.get_linestyle()) == (b.get_color(), b.get_linestyle())
+    assert len({str(line_style(i)) for i in range(28)}) == 28
+
+
+def test_a_continuous_joint_is_drawn_as_an_angle() -> None:
+    angle = np.linspace(3.0, 5.0, 101)  # crosses pi
+    columns = [Column("base.cos", ""), Column("base.sin", ""), Column("elbow", "rad")]
+    qs = np.column_stack([np.cos(angle), np.sin(angle), angle])
+    rates = [Column("base", "rad/s"), Column("elbow", "rad/s")]
+    figure = plot_states(fabricate(columns, rates, [Column("base", "N m")], qs=qs))
+    axes = panel(figure, "Configuration")
+    assert legend(axes) == ["base", "elbow"]
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), angle)
+
+
+def test_controls_are_steps_where_one_can_see_them() -> None:
+    coarse, fine = plot_controls(pendulum(num_steps=20)), plot_controls(pendulum(num_steps=200))
+    assert coarse.axes[0].lines[0].get_drawstyle() == "steps-post"
+    assert len(np.asarray(coarse.axes[0].lines[0].get_ydata())) == 21
+    assert fine.axes[0].lines[0].get_drawstyle() == "default"
+    assert np.asarray(fine.axes[0].lines[0].get_xdata())[0] == pytest.approx(1.5 / 400)
+
+
+def test_limits_are_dashed_where_the_motion_comes_near() -> None:
+    robot = load_robot("ur5")  # 150 N m and 28 N m
+    us = np.tile([30.0, 30.0, 30.0, 20.0, 20.0, 40.0], (20, 1))
+    solution = motion(robot, robot.q0 + 0.5, us=us)
+    axes = plot_controls(solution, robot).axes[0]
+    levels = {line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2}
+    assert levels == {-28.0, 28.0}
+    assert axes.get_title(loc="right") == "limits dashed; 1 beyond their limit; limits from ±150 not shown"
+    weak = dataclasses.replace(solution, us=0.01 * solution.us)
+    assert plot_controls(weak, robot).axes[0].get_title(loc="right") == "limits from ±28 not shown"
+    assert plot_controls(weak).axes[0].get_title(loc="right") == ""
+
+
+def test_multipliers_of_a_constrained_system() -> None:
+    figure = plot_multipliers(pendulum())
+    symbols = [axes.get_ylabel().split(" ")[0] for axes in figure.axes]
+    assert symbols == [r"$\mu^q$", r"$\mu^p$", r"$\lambda$", r"$\zeta$"]
+    assert len(plot_multipliers(arm()).axes) == 2
+
+
+def test_convergence_is_logarithmic_with_the_tolerance() -> None:
+    figure = plot_convergence(arm())
+    axes = figure.axes[0]
+    assert axes.get_yscale() == "log"
+    assert legend(axes) == ["residual", "increment", "tolerance"]
+    assert titles(figure) == ["Convergence", "Cost"]
+
+
+def test_invariants_with_the_violation_of_constraints() -> None:
+    robot = spherical_pendulum()
+    angle = np.linspace(0, 1, 21)
+    qs = 5.0 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    solution = motion(robot, [0, 5.0, 0], qs=qs)
+    figure = plot_invariants(solution, robot)
+    assert titles(figure) == [
+        "Control Hamiltonian",
+        "Control momentum",
+        "Drift of invariants, violation of constraints",
+    ]
+    assert legend(figure.axes[2]) == [r"$\xi$ rotation about z", r"$\Phi$ rod"]
+    assert figure.axes[2].get_yscale() == "log"
+
+
+def test_what_is_constant_looks_constant() -> None:
+    momentum = panel(plot_invariants(arm()), "Control momentum")
+    low, high = momentum.get_ylim()
+    assert high - low > 0.1
+
+
+def test_a_motion_in_space_and_one_in_a_plane() -> None:
+    robot = load_robot("ur5")
+    solution = motion(robot, robot.q0 + 0.5)
+    (axes,) = plot_path(solution, robot).axes
+    assert axes.name == "3d"
+    assert legend(axes) == ["tool0", "start", "end"]
+    cart = hanging(cart_pendulum(), "bob_body", "cart_body")
+    (axes,) = plot_path(motion(cart, [1.0, 1.5, 1.0]), cart).axes
+    assert axes.name == "rectilinear"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("$x$ [m]", "$z$ [m]")
+
+
+def test_the_path_of_a_frame_that_is_not_there() -> None:
+    robot = load_robot("ur5")
+    with pytest.raises(UnknownFrame, match="tool9"):
+        plot_path(motion(robot, robot.q0 + 0.5), robot, ["tool9"])
+
+
+def test_the_path_ends_where_the_robot_does() -> None:
+    robot = load_robot("ur5")
+    solution = motion(robot, robot.q0 + 0.5)
+    (axes,) = plot_path(solution, robot, ["tool0"]).axes
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, solution.qs[-1])
+    expected = data.oMf[robot.frame_id("tool0")].translation
+    ends = [np.array(line.get_data_3d())[:, -1] for line in axes.lines if len(line.get_data_3d()[0]) == 21]
+    np.testing.assert_allclose(ends[0], expected, atol=1e-12)
+
+
+def test_the_overview_says_what_it_is() -> None:
+    figure = overview(arm())
+    assert figure.get_suptitle().startswith(
+        "panda_reach, robot panda: converged after 9 iterations of monolithic"
+    )
+    assert "$J$ = 12.34568" in figure.get_suptitle()
+    failed = overview(arm(status=Status.MAX_ITERATIONS, advice="give it more iterations"))
+    assert "not converged (max_iterations)" in failed.get_suptitle()
+    assert failed.get_suptitle().endswith("give it more iterations")
+
+
+def test_the_overview_with_a_robot_has_its_path() -> None:
+    robot = load_robot("ur5")
+    figure = overview(motion(robot, robot.q0 + 0.5), robot)
+    assert "Path in space" in titles(figure)
+    figure.canvas.draw()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+def test_the_file_is_what_its_suffix_says(suffix: str, tmp_path: Path) -> None:
+    path = save_figure(plot_controls(pendulum(num_steps=20)), tmp_path / f"picture{suffix}")
+    start = path.read_bytes()[:60]
+    assert {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}[suffix] in start
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("name", "got"), [("picture.bmp", "suffix '.bmp'"), ("picture", "needs a suffix")])
+def test_other_suffixes_are_refused(name: str, got: str, tmp_path: Path) -> None:
+    with pytest.raises(ResultFileError, match=rf"{got}: use \.png, \.pdf, \.svg"):
+        plot_solution(pendulum(num_steps=20), tmp_path / name)
+
+
+def test_an_interrupted_picture_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"old")
+
+    def interrupted(self: Figure, target: Path, **options: Any) -> None:
+        Path(target).write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Figure, "savefig", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        save_figure(plots_style.new_figure(3, 2), path)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_numbers_that_are_none_do_not_break_a_picture(tmp_path: Path) -> None:
+    robot = hanging(spherical_pendulum(), "body")
+    broken = {name: getattr(pendulum(), name).copy() for name in ("qs", "vs", "us", "mus", "lams", "zetas")}
+    for values in broken.values():
+        values[50:] = np.nan
+        values[49] = np.inf
+    record = IterationRecord(iteration=0, residual=float("nan"))
+    empty = {"control_hamiltonians": np.zeros(0), "control_momenta": np.full((101, 1), np.nan)}
+    solution = pendulum(
+        **{**broken, **empty, "history": (record,), "cost": float("nan"), "status": "diverged", "advice": "x"}
+    )
+    assert plot_solution(solution, tmp_path / "picture.png").stat().st_size > 10_000
+    plot_convergence(dataclasses.replace(solution, history=())).canvas.draw()
+    plot_path(solution, robot).canvas.draw()
+
+
+def test_names_that_mean_something_to_matplotlib() -> None:
+    names = ["_hidden", "cost$", "a_b"]
+    q, v, u = ([Column(n, unit) for n in names] for unit in ("rad", "rad/s", "N m"))
+    figure = plot_states(fabricate(q, v, u, num_steps=20))
+    figure.canvas.draw()
+    assert [text.strip() for text in legend(figure.axes[0])] == ["_hidden", r"cost\$", "a_b"]
+
+
+def test_pictures_leave_no_trace_in_matplotlib() -> None:
+    before = dict(matplotlib.rcParams)
+    overview(pendulum(num_steps=20))
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_the_palette_is_told_apart_without_red_or_green() -> None:
+    """Luminance and blue-yellow alone separate neighbours of the palette."""
+    rgb = np.array([[int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)] for c in PALETTE])
+    opponent = np.column_stack([rgb @ [0.30, 0.59, 0.11], rgb[:, 2] - rgb[:, :2].mean(axis=1)])
+    for a, b in itertools.pairwise(opponent):
+        assert np.linalg.norm(a - b) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["root_joint.x", "root_joint.y"], ("root_joint", ["x", "y"])),
+        (["x", "y", "z"], ("", ["x", "y", "z"])),
+        (["joint_1", "joint_2"], ("", ["joint_1", "joint_2"])),
+        (["alone.x"], ("", ["alone.x"])),
+        (["same", "same"], ("", ["same", "same"])),
+        ([], ("", [])),
+    ],
+)
+def test_what_names_share_is_said_once(names: list[str], expected: tuple[str, list[str]]) -> None:
+    assert shorten(names) == expected
