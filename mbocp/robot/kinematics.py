@@ -110,8 +110,15 @@ def distance_jacobians(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -
 
 
 def gravity_potential(model: pin.Model, q: Array) -> float:
-    """Potential energy of gravity, zero at the origin of the world [J]."""
-    return float(pin.computePotentialEnergy(model, model.createData(), q))
+    """Potential energy of gravity, zero at the origin of the world [J].
+
+    By hand, because Pinocchio's own function refuses mimic joints.
+    """
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    bodies = zip(list(model.inertias)[1:], list(data.oMi)[1:], strict=True)
+    moment = sum((body.mass * placement.act(body.lever) for body, placement in bodies), start=np.zeros(3))
+    return -float(model.gravity.linear @ moment)
 
 
 def force_potential(model: pin.Model, q: Array, forces: Sequence[QuarticSpring | SpringDamper]) -> float:

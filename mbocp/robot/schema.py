@@ -198,19 +198,19 @@ def read_robot_toml(path: Path) -> RobotTable:
         return RobotTable.model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
-        key = _key(data, first["loc"])
+        key = _key(data, first["loc"], absent=first["type"] == "missing")
         more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
         raise RobotFileError(path, _reason(first, data) + more, key) from error
 
 
-def _key(data: Any, loc: tuple[int | str, ...]) -> str:
+def _key(data: Any, loc: tuple[int | str, ...], *, absent: bool) -> str:
     """Dotted key as in the file, e.g. constraint[0].frames, without pydantic's tags for unions."""
     parts: list[str] = []
     node, last = data, len(loc) - 1
     for position, step in enumerate(loc):
         if isinstance(step, int):
             parts.append(f"[{step}]")
-        elif position == last or (isinstance(node, dict) and step in node):
+        elif (absent and position == last) or (isinstance(node, dict) and step in node):
             parts.append(f".{step}")
         else:
             continue
@@ -229,7 +229,7 @@ def _reason(error: Any, data: Any) -> str:
     if kind == "extra_forbidden":
         return f"unknown key; {suggest(str(error['loc'][-1]), _allowed_keys(error['loc'], data))}"
     if kind == "missing":
-        return "this key is required"
+        return "this key is required" if isinstance(error["loc"][-1], str) else "this number is missing"
     if kind == "union_tag_not_found":
         return f"type is required: {_plain(context.get('discriminator', 'type'))}"
     if kind == "union_tag_invalid":

@@ -1,0 +1,122 @@
+"""Each URDF that cannot be right is refused with the name of what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mbocp.exceptions import MbocpError, RobotFileError, UnsupportedRobot
+from mbocp.robot import load_robot
+from tests.robot import urdfs
+from tests.robot.urdfs import joint, link, robot
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match=r"nothing\.urdf: no such file or folder"):
+        load_robot(tmp_path / "nothing.urdf")
+
+
+def test_folder_without_a_robot(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match=r"this folder has no robot\.toml, and not exactly one URDF \(it has: none"):
+        load_robot(tmp_path)
+
+
+BROKEN = {
+    "malformed XML: .*line 1": "<robot name='r'><link></robot>",
+    r"not a URDF: it is an SDF file": "<sdf version='1.6'/>",
+    r"expected the root element <robot>": "<machine/>",
+    r"xacro macros in it: expand them first": (
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a"/></robot>'
+    ),
+    r"has no link": robot(),
+    r"a <link> has no name": robot("<link/>"),
+    r"link 'a' is defined more than once": robot(link("a"), link("a")),
+    r"joint 'j' is defined more than once": robot(
+        link("a"), link("b"), link("c"), joint("j", "revolute", "a", "b"), joint("j", "revolute", "b", "c")
+    ),
+    r"joint 'j': its child link 'z' is not defined": robot(link("a"), joint("j", "revolute", "a", "z")),
+    r"joint 'j': its parent link None is not defined": robot(link("a"), '<joint name="j" type="fixed"/>'),
+    r"link 'b' is the child of two joints, 'j' and 'k': a URDF is a tree; close loops": robot(
+        link("a"), link("b"), link("c"), joint("j", "revolute", "a", "b"), joint("k", "revolute", "c", "b")
+    ),
+    r"must have exactly one root link .* has 'a', 'b'": robot(link("a"), link("b")),
+    r"exactly one root link .* has none": robot(
+        link("a"), link("b"), joint("j", "revolute", "a", "b"), joint("k", "revolute", "b", "a")
+    ),
+    r"joint 'j2' mimics 'nobody', which is not defined": robot(
+        link("a"), link("b"), joint("j2", "revolute", "a", "b", extra=urdfs.mimic("nobody"))
+    ),
+    r"Pinocchio cannot read this URDF: .*j": robot(link("a"), link("b"), joint("j", "revolute", "a", "b", extra="")),
+}
+
+
+@pytest.mark.parametrize("message", BROKEN)
+def test_broken_files(tmp_path: Path, message: str, capfd: pytest.CaptureFixture[str]) -> None:
+    path = urdfs.write(tmp_path, BROKEN[message])
+    with pytest.raises(RobotFileError, match=message) as refused:
+        load_robot(path)
+    assert refused.value.path == path
+    assert capfd.readouterr().err == ""
+
+
+UNSUPPORTED = {
+    r"joint 'j' is of type 'spherical'; supported: revolute, continuous": robot(
+        link("a"), link("b"), joint("j", "spherical", "a", "b")
+    ),
+    r"link 'b': mass is -2 kg; a mass must be positive": robot(
+        link("a"), link("b", mass=-2.0), joint("j", "revolute", "a", "b")
+    ),
+    r"link 'b': mass is 'nan', expected a finite number": robot(
+        link("a"), link("b", mass="nan"), joint("j", "revolute", "a", "b")
+    ),
+    r"link 'b': mass is 'heavy', expected a finite number": robot(
+        link("a"), link("b", mass="heavy"), joint("j", "revolute", "a", "b")
+    ),
+    r"link 'b': iyy is -0.03 kg m\^2; a moment of inertia cannot be negative": robot(
+        link("a"), link("b").replace('iyy="0.03"', 'iyy="-0.03"'), joint("j", "revolute", "a", "b")
+    ),
+    r"link 'b': ixz is None, expected a finite number": robot(
+        link("a"), link("b").replace('ixz="0"', ""), joint("j", "revolute", "a", "b")
+    ),
+    r"mass matrix is singular .* moves with 'j'\. .* lock it: lock = \[\"j\"\]": robot(
+        link("a"), link("b", mass=None), joint("j", "revolute", "a", "b")
+    ),
+    r"moves with 'k'\.": robot(
+        link("a"), link("b"), link("c", mass=0.0).replace('"0.0', '"0'), joint("j", "revolute", "a", "b"),
+        joint("k", "prismatic", "b", "c"),
+    ).replace('ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0.001" izz="0.04"/></inertial></link><joint',
+              'ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link><joint'),
+    r"robot 'test': has no joint that moves": robot(link("a"), link("b"), joint("j", "fixed", "a", "b")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", UNSUPPORTED)
+def test_unsupported_robots(tmp_path: Path, message: str) -> None:
+    with pytest.raises(UnsupportedRobot, match=message):
+        load_robot(urdfs.write(tmp_path, UNSUPPORTED[message]))
+
+
+def test_a_composite_joint_is_refused_by_name() -> None:
+    import pinocchio as pin
+
+    from mbocp.robot.joints import check_joints
+
+    model = pin.Model()
+    composite = pin.JointModelComposite(pin.JointModelRX())
+    composite.addJoint(pin.JointModelRY())
+    model.addJoint(0, composite, pin.SE3.Identity(), "wrist")
+    with pytest.raises(UnsupportedRobot, match=r"robot 'r': joint 'wrist' is of type Composite, which mbocp does not"):
+        check_joints(model, "r")
+
+
+def test_every_refusal_is_an_mbocp_error() -> None:
+    assert issubclass(RobotFileError, MbocpError)
+    assert issubclass(UnsupportedRobot, MbocpError)
+
+
+def test_massless_links_in_a_chain_are_fine(tmp_path: Path) -> None:
+    parts = [link("a", None), link("b", None), link("c", None), link("d")]
+    slides = [joint(n, "prismatic", p, c, axis=a) for n, p, c, a in
+              (("x", "a", "b", "1 0 0"), ("y", "b", "c", "0 1 0"), ("z", "c", "d", "0 0 1"))]  # fmt: skip
+    assert load_robot(urdfs.write(tmp_path, robot(*parts, *slides))).nv == 3
