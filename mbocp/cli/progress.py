@@ -19,9 +19,10 @@ __all__ = ["Progress", "Record"]
 
 _ROWS = 12  # as many iterations stay in view
 _PERIOD = 0.05  # [s] between two pictures: a Newton step may take a millisecond, drawing takes longer
-_PLAIN_ROWS = 20  # without a terminal: all of the first so many iterations, then every tenth
+_PLAIN_ROWS = 20  # without a terminal: the first so many iterations, then every tenth, and the last
 
 _COLUMNS = ("iteration", "cost", "residual", "increment", "step", "time")
+_WIDTHS = (9, 15, 9, 9, 8, 8)
 
 
 class Record(Protocol):
@@ -69,6 +70,7 @@ class Progress:
         self.title, self.quiet = title, quiet
         self._console = console if console is not None else Console(file=sys.stderr)
         self._rows: deque[tuple[str, ...]] = deque(maxlen=_ROWS)
+        self._unprinted: tuple[str, ...] = ()
         self._count = 0
         self._begin = self._drawn = time.perf_counter()
         self._doing = ""
@@ -85,6 +87,7 @@ class Progress:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._live is None:
+            self._print_row(self._unprinted)
             return
         self._doing = ""
         self._live.update(self._picture())
@@ -115,14 +118,16 @@ class Progress:
             self._live.update(self._picture(), refresh=True)
 
     def _print_plain(self, row: tuple[str, ...]) -> None:
-        if self.quiet or (self._count > _PLAIN_ROWS and self._count % 10):
-            return
-        widths = (9, 15, 9, 9, 8, 8)
         if self._count == 1:
-            self._console.file.write(
-                "  ".join(n.rjust(w) for n, w in zip(_COLUMNS, widths, strict=True)) + "\n"
-            )
-        self._console.file.write("  ".join(n.rjust(w) for n, w in zip(row, widths, strict=True)) + "\n")
+            self._print_row(_COLUMNS)
+        self._unprinted = row
+        if self._count <= _PLAIN_ROWS or self._count % 10 == 0:
+            self._print_row(row)
+            self._unprinted = ()
+
+    def _print_row(self, row: tuple[str, ...]) -> None:
+        if row and not self.quiet:
+            self._console.file.write("  ".join(n.rjust(w) for n, w in zip(row, _WIDTHS, strict=True)) + "\n")
 
     def _picture(self) -> Group:
         parts: list[Table | Spinner | Text] = [self._table()] if self._rows else []

@@ -9,9 +9,9 @@ from itertools import groupby
 from typing import Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from mbocp.cli.console import output
 from mbocp.robot import describe, list_robots, load_robot
 
 __all__ = ["print_robot", "print_robots"]
@@ -23,16 +23,15 @@ def print_robots(*, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps([asdict(entry) for entry in entries], indent=2))
         return
-    console = Console()
+    console = output()
     for source, group in groupby(entries, key=lambda entry: entry.source):
         table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
         for entry in group:
             table.add_row(entry.name, entry.description)
-        console.print(f"from {source}:", style="bold", highlight=False)
+        console.print(f"from {source}:", style="bold")
         console.print(table)
     console.print(
         "`mbocp robots NAME` says what a robot has; the path of a URDF or robot.toml is good for a name.",
-        highlight=False,
     )
 
 
@@ -42,8 +41,8 @@ def print_robot(name: str, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
         return
-    console = Console()
-    console.print(facts["name"], style="bold underline", highlight=False)
+    console = output()
+    console.print(facts["name"], style="bold underline")
     console.print(_facts(facts))
     for title, table in (
         ("joints", _joints(facts)),

@@ -96,7 +96,7 @@ def run(
     with Progress(title=file.stem, quiet=quiet or as_json) as progress:
         progress.say("loading the robot")
         problem = load_problem(file, chosen)
-        progress.say("compiling the stage functions and guessing (the first time takes a while)")
+        progress.say("compiling, then guessing (slow the first time)")
         solution = _solve(problem, progress)
     written = _write(solution, problem, outputs)
     if as_json:

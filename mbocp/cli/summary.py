@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from mbocp.cli.console import output
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -33,14 +34,14 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
 
 def print_rows(title: str, rows: _Rows) -> None:
     """Print a title and named rows on stdout."""
-    console = Console()
+    console = output()
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
     for name, text in rows:
         table.add_row(name, text)
     console.print(Text(title, style="bold underline"))
-    console.print(table, soft_wrap=False)
+    console.print(table)
 
 
 def solution_rows(solution: Solution, robot: str) -> _Rows:
