@@ -1,4 +1,4 @@
-"""Small habits of the values in a solution: comparison, and copies that survive a file."""
+"""Habits of the values in a solution: shapes, comparison, and copies that survive a file."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp.exceptions import InvalidValue
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import DimensionMismatch, InvalidValue
 
-__all__ = ["json_copy", "or_absent", "same"]
+__all__ = ["checked_arrays", "json_copy", "same"]
 
 
 def same(a: Any, b: Any) -> bool:
@@ -48,10 +48,51 @@ def json_copy(name: str, value: Mapping[str, Any]) -> Any:
         raise InvalidValue(name, error, "numbers, texts, lists and tables") from error
 
 
-def or_absent(value: Array, shape: tuple[int, int]) -> Array:
-    """Return `value`, or zeros of `shape` if it is empty."""
+def checked_arrays(given: Mapping[str, Any], num_momenta: int) -> dict[str, Array]:
+    """Copy the arrays of a solution, read-only, and check that their shapes fit together.
+
+    What is empty is absent: no constraints, no symmetries, a control Hamiltonian that nobody evaluated.
+
+    Raises
+    ------
+    DimensionMismatch
+        If a shape does not fit the others.
+    """
+    t = frozen_array(given["t"], shape=(None,), name="t")
+    if len(t) < 2:
+        raise DimensionMismatch("t", t.shape, (None,), "a trajectory has at least one step, so two nodes")
+    nodes, steps = len(t), len(t) - 1
+    vs = frozen_array(given["vs"], shape=(nodes, None), name="vs")
+    lams = _or_absent(given["lams"], np.zeros((steps, 0)))
+    nv, nc = vs.shape[1], lams.shape[-1]
+    shapes: dict[str, tuple[int | None, ...]] = {
+        "t": (nodes,),
+        "qs": (nodes, None),
+        "vs": (nodes, nv),
+        "ps": (nodes, nv),
+        "us": (steps, None),
+        "lams": (steps, nc),
+        "mus": (nodes, 2 * nv),
+        "zetas": (steps, nc),
+        "eta": (None,),
+        "control_hamiltonians": (steps,),
+        "control_momenta": (nodes, num_momenta),
+    }
+    absent = {
+        "lams": np.zeros((steps, 0)),
+        "zetas": np.zeros((steps, 0)),
+        "control_hamiltonians": np.full(steps, np.nan),
+        "control_momenta": np.zeros((nodes, 0)),
+    }
+    values = {
+        name: _or_absent(given[name], absent[name]) if name in absent else given[name] for name in shapes
+    }
+    return {name: frozen_array(values[name], shape=shape, name=name) for name, shape in shapes.items()}
+
+
+def _or_absent(value: Any, substitute: Array) -> Array:
     array = np.asarray(value, dtype=float)
-    return array if array.size else np.zeros(shape)
+    return array if array.size else substitute
 
 
 def _plain(value: Any) -> Any:

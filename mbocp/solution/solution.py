@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, ResultFileError
-from mbocp.solution._values import json_copy, or_absent, same
+from mbocp.solution._values import checked_arrays, json_copy, same
 from mbocp.solution.export import solution_dict, write_csv
 from mbocp.solution.files import FileContent, read_content, write_content
 from mbocp.solution.records import Column, IterationRecord, Labels, Phase, Status
@@ -145,7 +145,8 @@ class Solution:
     labels: Labels = field(default_factory=Labels)
 
     def __post_init__(self) -> None:
-        for name, value in self._checked_arrays().items():
+        given = {name: getattr(self, name) for name in _ARRAYS}
+        for name, value in checked_arrays(given, len(tuple(self.control_momentum_names))).items():
             object.__setattr__(self, name, value)
         object.__setattr__(self, "status", Status(self.status))
         object.__setattr__(self, "control_momentum_names", tuple(map(str, self.control_momentum_names)))
@@ -159,36 +160,6 @@ class Solution:
             object.__setattr__(self, name, json_copy(name, getattr(self, name)))
         sizes = {"q": self.nq, "v": self.nv, "p": self.nv, "u": self.nu, "mu": 2 * self.nv}
         object.__setattr__(self, "labels", self.labels.completed(**sizes, lam=self.nc, zeta=self.nc))
-
-    def _checked_arrays(self) -> dict[str, Array]:
-        t = frozen_array(self.t, shape=(None,), name="t")
-        if len(t) < 2:
-            raise DimensionMismatch("t", t.shape, (None,), "a trajectory has at least one step, so two nodes")
-        n, nodes = len(t) - 1, len(t)
-        qs = frozen_array(self.qs, shape=(nodes, None), name="qs")
-        vs = frozen_array(self.vs, shape=(nodes, None), name="vs")
-        lams = frozen_array(or_absent(self.lams, (n, 0)), shape=(n, None), name="lams")
-        num_v, num_c, num_xi = (vs.shape[1], lams.shape[1], len(tuple(self.control_momentum_names)))
-        hamiltonians = np.asarray(self.control_hamiltonians, dtype=float)
-        return {
-            "t": t,
-            "qs": qs,
-            "vs": vs,
-            "ps": frozen_array(self.ps, shape=(nodes, num_v), name="ps"),
-            "us": frozen_array(self.us, shape=(n, None), name="us"),
-            "lams": lams,
-            "mus": frozen_array(self.mus, shape=(nodes, 2 * num_v), name="mus"),
-            "zetas": frozen_array(or_absent(self.zetas, (n, 0)), shape=(n, num_c), name="zetas"),
-            "eta": frozen_array(self.eta, shape=(None,), name="eta"),
-            "control_hamiltonians": frozen_array(
-                hamiltonians if hamiltonians.size else np.full(n, np.nan),
-                shape=(n,),
-                name="control_hamiltonians",
-            ),
-            "control_momenta": frozen_array(
-                or_absent(self.control_momenta, (nodes, 0)), shape=(nodes, num_xi), name="control_momenta"
-            ),
-        }
 
     @property
     def converged(self) -> bool:

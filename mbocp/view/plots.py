@@ -20,6 +20,7 @@ from matplotlib.gridspec import GridSpec
 from mbocp._arrays import Array
 from mbocp.solution import Solution
 from mbocp.view import plots_panels as panels
+from mbocp.view.plots_lines import FEW, LinePanel
 from mbocp.view.plots_path import FramePaths, frame_paths
 from mbocp.view.plots_style import (
     WARNING,
@@ -45,8 +46,6 @@ __all__ = [
     "plot_states",
     "save_figure",
 ]
-
-_STRIP = 4  # as many names as fit into a line over a panel
 
 
 def plot_states(solution: Solution, *, rate: str = "v") -> Figure:
@@ -74,7 +73,7 @@ def plot_invariants(solution: Solution, robot: Robot | None = None) -> Figure:
 
     With `robot` the violation of its holonomic constraints is there, too.
     """
-    rows: list[panels.Panel | panels.LinePanel] = [panels.hamiltonian_panel(solution)]
+    rows: list[panels.Panel | LinePanel] = [panels.hamiltonian_panel(solution)]
     if solution.control_momenta.size:
         rows.append(panels.momentum_panel(solution))
     rows.append(panels.drift_panel(solution, _violation(solution, robot)))
@@ -106,7 +105,7 @@ def plot_solution(solution: Solution, path: str | Path, robot: Robot | None = No
 
 def overview(solution: Solution, robot: Robot | None = None) -> Figure:
     """Everything about a solution on one page."""
-    tiles: list[panels.Panel | panels.LinePanel] = [
+    tiles: list[panels.Panel | LinePanel] = [
         *panels.state_panels(solution),
         *panels.rate_panels(solution, "v"),
         *panels.control_panels(solution, _effort(robot)),
@@ -128,9 +127,9 @@ def overview(solution: Solution, robot: Robot | None = None) -> Figure:
     return figure
 
 
-def _first_of_each_symbol(tiles: list[panels.LinePanel]) -> list[panels.LinePanel]:
+def _first_of_each_symbol(tiles: list[LinePanel]) -> list[LinePanel]:
     """Keep one panel for each kind of multiplier, the one with most curves: the page is an overview."""
-    best: dict[str, panels.LinePanel] = {}
+    best: dict[str, LinePanel] = {}
     for tile in tiles:
         symbol = tile.ylabel.split(" ")[0]
         if symbol not in best or len(tile.names) > len(best[symbol].names):
@@ -156,7 +155,7 @@ def _page(num_tiles: int, paths: FramePaths | None) -> tuple[Figure, list[Any], 
     return figure, free, grid[:high, columns - wide :] if paths is not None else None
 
 
-def _stack(solution: Solution, tiles: Sequence[panels.Panel | panels.LinePanel]) -> Figure:
+def _stack(solution: Solution, tiles: Sequence[panels.Panel | LinePanel]) -> Figure:
     """Put panels one below the other."""
     with house_style():
         figure = new_figure(7.2, 2.5 * max(len(tiles), 1) + 0.9)
@@ -168,11 +167,11 @@ def _stack(solution: Solution, tiles: Sequence[panels.Panel | panels.LinePanel])
     return figure
 
 
-def _draw(tile: panels.Panel | panels.LinePanel, axes: Axes, shared: dict[str, Any]) -> None:
+def _draw(tile: panels.Panel | LinePanel, axes: Axes, shared: dict[str, Any]) -> None:
     """Draw a panel with its legend above it, or, if that is too long, keep the legend for the whole page."""
     if isinstance(tile, panels.Panel):
         tile.draw(axes)
-    elif len(tile.names) <= _STRIP:
+    elif len(tile.names) <= FEW:
         strip_legend(axes, tile.draw(axes, [line_style(i) for i in range(len(tile.names))]), tile.names)
     else:  # a name has one style on the whole page
         places = {name: i for i, name in enumerate(dict.fromkeys([*shared, *tile.names]))}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,21 +11,17 @@ from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
 from mbocp.solution import Column, Solution
+from mbocp.view.plots_lines import LinePanel, line_panels
 from mbocp.view.plots_style import (
     GREY,
     PALETTE,
-    LineStyle,
     calm_limits,
     finish_axes,
     line_style,
     mark_time,
     plain_text,
-    shorten,
     strip_legend,
 )
-
-_FEW = 4  # curves whose names fit over a panel
-_MOST_STEPS = 60  # beyond, steps are too short to be seen, and dashes too long
 
 __all__ = [
     "LinePanel",
@@ -44,132 +39,16 @@ __all__ = [
 
 
 @dataclass(frozen=True, eq=False)
-class LinePanel:
-    """Several curves over time, in one unit.
-
-    Attributes
-    ----------
-    title, ylabel : str
-    names : tuple of str
-        One for each curve.
-    t : ndarray, shape (m,)
-        Time [s]; of the left ends if `step`.
-    values : ndarray, shape (m, len(names))
-    step : bool
-        Whether the values are constant between the times; then `t` has one entry more.
-    limits : ndarray, shape (len(names),), or None
-        Largest absolute values, infinite where there is none; dashed.
-    """
-
-    title: str
-    ylabel: str
-    names: tuple[str, ...]
-    t: Array
-    values: Array
-    step: bool = False
-    limits: Array | None = None
-
-    def draw(self, axes: Axes, styles: Sequence[LineStyle]) -> list[Any]:
-        """Draw the curves; the caller adds the legend, for which this returns the handles."""
-        t, values, drawstyle = self.t, self.values, "default"
-        if self.step and len(values) <= _MOST_STEPS:
-            values, drawstyle = (
-                np.vstack([values, values[-1:]]),
-                "steps-post",
-            )  # the last value holds until the end
-        elif self.step:
-            t = (t[:-1] + t[1:]) / 2
-        handles = [
-            axes.plot(t, values[:, i], drawstyle=drawstyle, **style._asdict())[0]
-            for i, style in enumerate(styles)
-        ]
-        calm_limits(axes, values)
-        finish_axes(axes, title=self.title, ylabel=self.ylabel)
-        mark_time(axes, self.t)
-        self._draw_limits(axes, styles)
-        return handles
-
-    def _draw_limits(self, axes: Axes, styles: Sequence[LineStyle]) -> None:
-        """Draw limits dashed where the motion comes near them; else say where they are."""
-        if self.limits is None or not np.isfinite(self.limits).any():
-            return
-        largest = np.max(np.abs(np.nan_to_num(self.values)), axis=0, initial=0.0)
-        # Limits far away would squash the curves, and many are no help: then just a note.
-        near = self.limits <= 2 * largest
-        far = np.isfinite(self.limits) & ~near
-        distinct = np.unique(self.limits[near])
-        words = []
-        if len(distinct) > _FEW:
-            near, far = np.zeros_like(near), near | far
-        elif len(distinct):
-            words.append("limits dashed")
-        for limit in np.unique(self.limits[near]):
-            owners = np.flatnonzero(near & (self.limits == limit))
-            color = styles[owners[0]].color if len(owners) == 1 else GREY
-            for side in (-limit, limit):
-                axes.axhline(side, color=color, linestyle=(0, (6, 3)), linewidth=0.9, alpha=0.8)
-        beyond = int(np.count_nonzero(largest > self.limits))
-        if beyond:
-            words.append(f"{beyond} beyond their limit")
-        if far.any():
-            words.append(f"limits from ±{self.limits[far].min():.3g} not shown")
-        axes.set_title("; ".join(words), loc="right", fontsize=6.5, color=GREY, fontweight="normal", pad=3)
-
-
-@dataclass(frozen=True, eq=False)
 class Panel:
     """Anything else: a function that draws into axes, legend included."""
 
     draw: Callable[[Axes], None]
 
 
-def _groups(columns: Sequence[Column]) -> list[list[int]]:
-    """Group columns by unit; where these are many, a joint with several columns ("root_joint.x") apart."""
-    groups: dict[tuple[str, str], list[int]] = {}
-    for i, column in enumerate(columns):
-        groups.setdefault((column.unit, ""), []).append(i)
-    for (unit, _), members in list(groups.items()):
-        if len(members) > _FEW:
-            del groups[unit, ""]
-            for i in members:
-                joint, dot, _ = columns[i].name.rpartition(".")
-                alone = not dot or sum(columns[k].name.startswith(joint + ".") for k in members) == 1
-                groups.setdefault((unit, "" if alone else joint), []).append(i)
-    return list(groups.values())
-
-
-def _line_panels(
-    title: str,
-    symbol: str,
-    columns: Sequence[Column],
-    t: Array,
-    values: Array,
-    *,
-    step: bool = False,
-    limits: Array | None = None,
-) -> list[LinePanel]:
-    panels = []
-    for members in _groups(columns):
-        unit = columns[members[0]].unit
-        prefix, names = shorten([columns[i].name for i in members])
-        panels.append(
-            LinePanel(
-                title=plain_text(f"{title}, {prefix}" if prefix else title),
-                ylabel=f"{symbol} [{plain_text(unit)}]" if unit not in ("", "1", "-") else symbol,
-                names=tuple(plain_text(name) for name in names),
-                t=t,
-                values=values[:, members],
-                step=step,
-                limits=None if limits is None else limits[members],
-            )
-        )
-    return panels
-
-
 def state_panels(solution: Solution) -> list[LinePanel]:
     """Return the configuration, a panel for each unit."""
     columns, values = _with_angles(solution.labels.q, solution.qs)
-    return _line_panels("Configuration", "$q$", columns, solution.t, values)
+    return line_panels("Configuration", "$q$", columns, solution.t, values)
 
 
 def _with_angles(columns: Sequence[Column], values: Array) -> tuple[list[Column], Array]:
@@ -191,14 +70,14 @@ def _with_angles(columns: Sequence[Column], values: Array) -> tuple[list[Column]
 def rate_panels(solution: Solution, rate: str) -> list[LinePanel]:
     """Return velocity ("v") or momentum ("p"), a panel for each unit."""
     if rate == "p":
-        return _line_panels("Momentum", "$p$", solution.labels.p, solution.t, solution.ps)
-    return _line_panels("Velocity", "$v$", solution.labels.v, solution.t, solution.vs)
+        return line_panels("Momentum", "$p$", solution.labels.p, solution.t, solution.ps)
+    return line_panels("Velocity", "$v$", solution.labels.v, solution.t, solution.vs)
 
 
 def control_panels(solution: Solution, limit: Array | None) -> list[LinePanel]:
     """Return the controls, a panel for each unit; `limit` is the largest effort (nu,)."""
     labels = solution.labels.u
-    return _line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limit)
+    return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limit)
 
 
 def multiplier_panels(solution: Solution) -> list[LinePanel]:
@@ -214,7 +93,7 @@ def multiplier_panels(solution: Solution) -> list[LinePanel]:
         panel
         for title, symbol, columns, values, step in blocks
         if values.shape[1]
-        for panel in _line_panels(title, symbol, columns, t, values, step=step)
+        for panel in line_panels(title, symbol, columns, t, values, step=step)
     ]
 
 

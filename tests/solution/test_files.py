@@ -154,7 +154,7 @@ def test_parts_that_are_missing_or_do_not_fit(tmp_path: Path) -> None:
         del file["trajectories/t"]
         file["trajectories/t"] = np.zeros(7)
         file["trajectories/t"].attrs.update(columns)
-    with pytest.raises(ResultFileError, match=r"do not fit together .*qs: got shape"):
+    with pytest.raises(ResultFileError, match=r"do not fit together .*vs: got shape"):
         Solution.load(tmp_path / "b.h5")
 
 
