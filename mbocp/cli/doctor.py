@@ -96,6 +96,14 @@ def _native() -> tuple[Verdict, str, str]:
     return "ok", found, ""
 
 
+def _kernel() -> tuple[Verdict, str, str]:
+    from mbocp.solvers.native import kernel
+
+    module = kernel()
+    classes = (module.Programme, module.Kind)  # what is missing from a broken build is an AttributeError
+    return "ok", f"{module.__name__.rpartition('.')[2]}, with {' and '.join(c.__name__ for c in classes)}", ""
+
+
 def _compiler() -> tuple[Verdict, str, str]:
     from mbocp.transcription.compilation import compiler
 
@@ -161,6 +169,7 @@ def _threads() -> tuple[Verdict, str, str]:
 _CHECKS: dict[str, Callable[[], tuple[Verdict, str, str]]] = {
     "Python": _python,
     "native part": _native,
+    "kernel": _kernel,
     "C compiler": _compiler,
     "stage cache": _cache,
     "robots": _robots,
