@@ -24,6 +24,7 @@ else:
     import tomli as tomllib
 
 __all__ = [
+    "TABLES",
     "ActuationTable",
     "InitialTable",
     "JointActuator",
@@ -245,7 +246,7 @@ def _plain(text: str) -> str:
     return text.replace("'", "").replace(" or ", ", ")
 
 
-_TABLES: dict[str, tuple[type[_Table], ...]] = {
+TABLES: dict[str, tuple[type[_Table], ...]] = {
     "actuation": (ActuationTable,),
     "actuator": (JointActuator, Wrench, Thruster),
     "constraint": (RodTable,),
@@ -260,7 +261,7 @@ def _allowed_keys(loc: tuple[int | str, ...], data: Any) -> list[str]:
     """Keys of the table that an unknown key stands in."""
     if len(loc) == 1:
         return [field.alias or name for name, field in RobotTable.model_fields.items()]
-    candidates = _TABLES[str(loc[0])]
+    candidates = TABLES[str(loc[0])]
     tagged = [c for c in candidates if any(step in _tags(c) for step in loc[1:])]
     return [name for table in (tagged or candidates)[:1] for name in table.model_fields]
 

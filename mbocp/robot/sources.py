@@ -113,7 +113,7 @@ def _from_path(path: Path) -> Source:
     path = path.resolve()
     if path.is_dir():
         if (path / TOML).is_file():
-            return Source("toml", path.name, str(path), path / TOML)
+            return Source("toml", path.name, str(path / TOML), path / TOML)
         urdfs = sorted(path.glob("*.urdf"))
         if len(urdfs) == 1:
             return Source("urdf", urdfs[0].stem, str(urdfs[0]), urdfs[0])

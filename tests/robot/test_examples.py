@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +52,9 @@ def test_an_sdf_file_is_refused_by_name() -> None:
         load_robot("cassie")
 
 
-@pytest.mark.parametrize("name", ["double_pendulum", "kinova", "solo12", "talos_arm", "talos_legs", "human", "hector"])
+@pytest.mark.parametrize(
+    "name", ["double_pendulum", "kinova", "solo12", "talos_arm", "talos_legs", "human", "hector"]
+)
 def test_is_the_robot_that_upstream_builds(name: str) -> None:
     from example_robot_data import robots_loader
 
@@ -90,7 +91,9 @@ def test_fixed_and_free_base() -> None:
     assert (free.nq, free.nv, free.nu) == (13, 12, 6)
     assert free.joint_names[0] == "root_joint"
     np.testing.assert_array_equal(free.q0[:7], [0, 0, 0, 0, 0, 0, 1])
-    with pytest.raises(UnsupportedRobot, match=r"'human' is built by code.*free_flyer and mimic cannot be changed"):
+    with pytest.raises(
+        UnsupportedRobot, match=r"'human' is built by code.*free_flyer and mimic cannot be changed"
+    ):
         load_robot("human", free_flyer=False)
 
 

@@ -110,7 +110,9 @@ def test_mimic_joints_have_no_coordinates(gripper: Path) -> None:
     empty = coupled.velocity_indices("finger2")
     assert empty.start == empty.stop
     assert coupled.limits.position_lower.shape == (2,)
-    with pytest.raises(UnsupportedRobot, match="'finger2' mimics 'finger1' and has no position or control of its own"):
+    with pytest.raises(
+        UnsupportedRobot, match="'finger2' mimics 'finger1' and has no position or control of its own"
+    ):
         load_robot(gripper, actuated=["finger2"])
 
 
@@ -134,7 +136,9 @@ def test_locking_a_leader_locks_its_followers(gripper: Path) -> None:
     assert locked.joint_names == ("arm_joint",)
     expected = loose.mass_matrix([0.4, 0.2, -0.3])[0, 0]
     np.testing.assert_allclose(locked.mass_matrix([0.4]), [[expected]], rtol=1e-12)
-    with pytest.raises(UnsupportedRobot, match="joint 'finger2' mimics 'finger1'.* name 'finger1', or load with mimic"):
+    with pytest.raises(
+        UnsupportedRobot, match=r"joint 'finger2' mimics 'finger1'.* name 'finger1', or load with mimic"
+    ):
         load_robot(gripper, lock=["finger2"])
 
 
@@ -146,14 +150,16 @@ def test_locking_keeps_the_rest_in_place(tmp_path: Path) -> None:
     assert [u.name for u in locked.u_labels] == ["j1"]
     assert locked.limits.effort.shape == (1,)
     q = locked.integrate(locked.q0, 0.1 * np.arange(1, 8))
-    full = np.concatenate([q[:1], [np.cos(0.7), np.sin(0.7)], [-0.3], [0.1, 0.2, np.cos(0.5), -np.sin(0.5)], q[1:]])
+    full = np.concatenate(
+        [q[:1], [np.cos(0.7), np.sin(0.7)], [-0.3], [0.1, 0.2, np.cos(0.5), -np.sin(0.5)], q[1:]]
+    )
     assert locked.potential_energy(q) == pytest.approx(whole.potential_energy(full), rel=1e-12)
     keep = [0, *range(6, 12)]
     np.testing.assert_allclose(locked.mass_matrix(q), whole.mass_matrix(full)[np.ix_(keep, keep)], atol=1e-12)
 
 
 def test_locking_by_name_is_at_the_initial_pose(tmp_path: Path) -> None:
-    toml = '[initial]\nq = { j1 = 0.4, j2 = 0.9 }\n'
+    toml = "[initial]\nq = { j1 = 0.4, j2 = 0.9 }\n"
     path = urdfs.write(tmp_path, urdfs.chain("revolute", "revolute", "revolute"), toml)
     locked, whole = load_robot(path, lock=["j2"]), load_robot(path)
     np.testing.assert_array_equal(whole.q0, [0.4, 0.9, 0])
@@ -165,7 +171,11 @@ def test_locking_by_name_is_at_the_initial_pose(tmp_path: Path) -> None:
     ("lock", "error", "message"),
     [
         ({"elbow": 1.0}, UnknownJoint, "no joint 'elbow'"),
-        ({"j1": [1.0, 2.0]}, DimensionMismatch, r"joint 'j1': got shape \(2,\), expected \(1,\); a revolute joint"),
+        (
+            {"j1": [1.0, 2.0]},
+            DimensionMismatch,
+            r"joint 'j1': got shape \(2,\), expected \(1,\); a revolute joint",
+        ),
         ({"j1": float("nan")}, InvalidValue, "joint 'j1': got .*nan.*expected finite numbers"),
         ({"j2": [0.0, 0.0]}, InvalidValue, "joint 'j2'.*expected a unit vector"),
         (["j1", "j2"], UnsupportedRobot, "all joints are locked, nothing is left to move"),

@@ -21,7 +21,9 @@ def samples(robot: Robot, count: int = 5) -> list[Array]:
 
 
 def gradient(function: Callable[[Array], Array | float], q: Array, h: float = 1e-5) -> Array:
-    columns = [(np.asarray(function(q + h * e)) - np.asarray(function(q - h * e))) / (2 * h) for e in np.eye(q.size)]
+    columns = [
+        (np.asarray(function(q + h * e)) - np.asarray(function(q - h * e))) / (2 * h) for e in np.eye(q.size)
+    ]
     return np.array(columns).T
 
 
@@ -44,7 +46,7 @@ def test_coordinates_are_the_papers(name: str) -> None:
         np.testing.assert_array_equal(robot.mass_matrix(q), np.diag(masses))
         np.testing.assert_allclose(robot.momentum(q, [1, 2, 3]), masses * np.array([1, 2, 3]))
         np.testing.assert_allclose(robot.velocity_from_momentum(q, masses), np.ones(3))
-        np.testing.assert_array_equal(robot.integrate(q, [1, 2, 3]), q + [1, 2, 3])
+        np.testing.assert_array_equal(robot.integrate(q, np.arange(3.0)), q + np.arange(3.0))
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
@@ -62,7 +64,9 @@ def test_elastic_pendulum() -> None:
         assert robot.potential_energy(q) == pytest.approx(elastic_potential(q), rel=1e-13)
         np.testing.assert_array_equal(robot.actuation_matrix(q), np.eye(3))
     np.testing.assert_array_equal(robot.q0, [-2, -5, -5])
-    assert load_robot("elastic_pendulum", gravity=(0, 0, -9.8)).potential_energy([0, 0, 5]) == pytest.approx(49.0)
+    assert load_robot("elastic_pendulum", gravity=(0, 0, -9.8)).potential_energy([0, 0, 5]) == pytest.approx(
+        49.0
+    )
 
 
 def test_rigid_pendulum() -> None:
@@ -89,7 +93,9 @@ def test_carts(name: str) -> None:
             np.testing.assert_allclose(robot.constraint_residual(q), [0.5 * gap], rtol=1e-13)
             expected = [-(q[1] - q[0]), q[1] - q[0], q[2]]
             np.testing.assert_allclose(robot.constraint_jacobian(q), [expected], rtol=1e-13)
-            np.testing.assert_allclose(robot.constraint_jacobian(q), gradient(robot.constraint_residual, q), rtol=1e-8)
+            np.testing.assert_allclose(
+                robot.constraint_jacobian(q), gradient(robot.constraint_residual, q), rtol=1e-8
+            )
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -92,7 +92,9 @@ def test_normalise_keeps_the_direction(scale: float, numbers: Array) -> None:
     unit = numbers / norm
     q = np.concatenate([[1.0, 2.0, 3.0], scale * unit])
     if abs(scale - 1) > 1e-9:
-        with pytest.warns(NormalisationWarning, match=r"q\[3:7\], the quaternion of joint 'root_joint': norm"):
+        with pytest.warns(
+            NormalisationWarning, match=r"q\[3:7\], the quaternion of joint 'root_joint': norm"
+        ):
             out = robot.normalise(q)
     else:
         out = robot.normalise(q)
@@ -102,13 +104,15 @@ def test_normalise_keeps_the_direction(scale: float, numbers: Array) -> None:
 
 def test_normalise_refuses_what_has_no_direction() -> None:
     drone, arm = load_robot("hector"), load_robot("kinova")
-    with pytest.raises(InvalidValue, match="start.q.*quaternion of joint 'root_joint': got norm 0, expected a unit"):
+    with pytest.raises(
+        InvalidValue, match=r"start.q.*quaternion of joint 'root_joint': got norm 0, expected a unit"
+    ):
         drone.normalise(np.zeros(7), name="start.q")
     q = np.array(arm.q0)
     q[arm.configuration_indices("j2s6s200_joint_1")] = 0
     with pytest.raises(InvalidValue, match="cos/sin pair of joint 'j2s6s200_joint_1'"):
         arm.normalise(q)
-    with pytest.raises(InvalidValue, match="robot 'hector': q: got .*nan.*expected finite numbers"):
+    with pytest.raises(InvalidValue, match=r"robot 'hector': q: got .*nan.*expected finite numbers"):
         drone.normalise([np.nan] * 7)
     with pytest.raises(DimensionMismatch, match=r"robot 'hector': q: got shape \(6,\), expected \(7,\)"):
         drone.normalise(np.zeros(6))
@@ -164,7 +168,7 @@ def test_an_initial_pose_off_the_constraints_is_told(tmp_path: Path) -> None:
 
 def test_frames(braced: Robot) -> None:
     assert braced.frame_id("world") == braced.frame_id("universe") == 0
-    with pytest.raises(UnknownFrame, match="robot 'braced.*' has no frame 'l33': did you mean 'l3'"):
+    with pytest.raises(UnknownFrame, match=r"robot 'braced.*' has no frame 'l33': did you mean 'l3'"):
         braced.frame_id("l33")
 
 

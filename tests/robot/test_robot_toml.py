@@ -64,7 +64,9 @@ def test_what_it_says(tmp_path: Path) -> None:
 
 
 def test_options_win_over_the_file(tmp_path: Path) -> None:
-    toml = 'name = "a"\nfree_flyer = true\ngravity = [0, 0, -1]\nlock = ["j1"]\n[actuation]\njoints = ["j2"]\n'
+    toml = (
+        'name = "a"\nfree_flyer = true\ngravity = [0, 0, -1]\nlock = ["j1"]\n[actuation]\njoints = ["j2"]\n'
+    )
     toml += "[initial]\nq = [0, 0, 1, 0, 0, 0, 1, 0.1, 0.2, 0.3]\n"
     robot = load(tmp_path, toml, free_flyer=False, gravity=(0, 0, -2), lock=["j3"], actuated=["j1"], name="b")
     assert robot.name == "b"
@@ -123,7 +125,9 @@ def test_actuators(tmp_path: Path) -> None:
 
 
 def test_a_force_on_what_only_slides_is_constant(tmp_path: Path) -> None:
-    toml = '[actuation]\njoints = []\n[[actuator]]\ntype = "wrench"\nframe = "l2"\ncomponents = ["fx", "my"]\n'
+    toml = (
+        '[actuation]\njoints = []\n[[actuator]]\ntype = "wrench"\nframe = "l2"\ncomponents = ["fx", "my"]\n'
+    )
     robot = load(tmp_path, toml, urdfs.chain("prismatic", "prismatic"))
     assert robot.actuation.is_constant
     assert [str(u) for u in robot.u_labels] == ["l2.fx [N]", "l2.my [N m]"]
@@ -139,7 +143,8 @@ def test_a_thruster_at_a_position(tmp_path: Path) -> None:
 
 def test_lengths_default_to_the_initial_pose(tmp_path: Path) -> None:
     pair = 'frames = ["l3", "base"]\n'
-    toml = f'[[constraint]]\ntype = "rod"\n{pair}[[spring]]\nstiffness = 0.6\n{pair}[[spring_damper]]\nstiffness = 1\n{pair}'
+    toml = f'[[constraint]]\ntype = "rod"\n{pair}[[spring]]\nstiffness = 0.6\n{pair}'
+    toml += f"[[spring_damper]]\nstiffness = 1\n{pair}"
     robot = load(tmp_path, toml)
     (rod,), (quartic, linear) = robot.constraints, robot.forces
     assert isinstance(quartic, QuarticSpring)
@@ -181,7 +186,9 @@ WRONG = {
     r"free_flyer: got 'perhaps'": 'free_flyer = "perhaps"',
     r"actuation\.motors: unknown key; valid names: joints": "[actuation]\nmotors = []",
     r"constraint\[0\]\.type: this key is required": '[[constraint]]\nframes = ["l1", "l2"]',
-    r"constraint\[0\]\.type: unknown type 'hinge', known: rod": '[[constraint]]\ntype = "hinge"\nframes = ["l1", "l2"]',
+    r"constraint\[0\]\.type: unknown type 'hinge', known: rod": (
+        '[[constraint]]\ntype = "hinge"\nframes = ["l1", "l2"]'
+    ),
     r"constraint\[0\]\.frames: this key is required": '[[constraint]]\ntype = "rod"',
     r"constraint\[0\]\.length: got -1": '[[constraint]]\ntype = "rod"\nframes = ["l1", "l2"]\nlength = -1',
     r"constraint\[0\]: frames must be two different frames, got 'l1' twice": (
@@ -206,14 +213,18 @@ WRONG = {
     r"actuator\[0\]: effort has 2 numbers for 1 components": (
         '[[actuator]]\ntype = "wrench"\nframe = "l1"\ncomponents = ["fx"]\neffort = [1, 2]'
     ),
-    r"actuator\[0\]: components are repeated": '[[actuator]]\ntype = "wrench"\nframe = "l1"\ncomponents = ["fx", "fx"]',
+    r"actuator\[0\]: components are repeated": (
+        '[[actuator]]\ntype = "wrench"\nframe = "l1"\ncomponents = ["fx", "fx"]'
+    ),
     r"actuator\[0\]\.components\[0\]: got 'ft', known: fx, fy": (
         '[[actuator]]\ntype = "wrench"\nframe = "l1"\ncomponents = ["ft"]'
     ),
     r"actuator\[0\]\.torque: unknown key; did you mean 'torque_ratio'": (
         '[[actuator]]\ntype = "thruster"\nframe = "l1"\ntorque = 1'
     ),
-    r"actuator\[0\]\.frame: frame 'base' is fixed to the world": '[[actuator]]\ntype = "wrench"\nframe = "base"',
+    r"actuator\[0\]\.frame: frame 'base' is fixed to the world": (
+        '[[actuator]]\ntype = "wrench"\nframe = "base"'
+    ),
     r"actuator: the name 'l1.fx' is given twice": 2 * '[[actuator]]\ntype = "wrench"\nframe = "l1"\n',
     r"visual\[0\]\.type: unknown type 'arrow', known: rod, spring, line, none": (
         '[[visual]]\ntype = "arrow"\nframes = ["l1", "l2"]'
@@ -267,7 +278,7 @@ def test_unknown_names(tmp_path: Path, message: str) -> None:
 
 
 def test_a_zero_quaternion_in_the_initial_pose(tmp_path: Path) -> None:
-    with pytest.raises(InvalidValue, match="joint 'root_joint'.*expected a unit vector"):
+    with pytest.raises(InvalidValue, match=r"joint 'root_joint'.*expected a unit vector"):
         load(tmp_path, "free_flyer = true\n[initial]\nq = { root_joint = [0, 0, 0, 0, 0, 0, 0] }")
 
 
@@ -282,11 +293,15 @@ def test_constraints_may_make_up_for_a_singular_mass_matrix(tmp_path: Path) -> N
     parts = [urdfs.link("base"), urdfs.link("a"), urdfs.link("b", None)]
     slides = [
         urdfs.joint("ja", "prismatic", "base", "a", axis="1 0 0"),
-        urdfs.joint("jb", "prismatic", "base", "b", axis="1 0 0").replace('xyz="0.3 0 0.1"', 'xyz="0.3 0 0.6"'),
+        urdfs.joint("jb", "prismatic", "base", "b", axis="1 0 0").replace(
+            'xyz="0.3 0 0.1"', 'xyz="0.3 0 0.6"'
+        ),
     ]
     toml = '[[constraint]]\ntype = "rod"\nname = "tie"\nframes = ["a", "b"]\n[initial]\nq = { jb = 0.4 }\n'
     robot = load(tmp_path, toml, urdfs.robot(*parts, *slides))
     assert isinstance(robot.constraints[0], Rod)
     v = np.array([1.0, 1.0])
     assert np.abs(robot.constraint_jacobian(robot.q0) @ v).max() < 1e-12
-    np.testing.assert_allclose(robot.velocity_from_momentum(robot.q0, robot.momentum(robot.q0, v)), v, atol=1e-9)
+    np.testing.assert_allclose(
+        robot.velocity_from_momentum(robot.q0, robot.momentum(robot.q0, v)), v, atol=1e-9
+    )

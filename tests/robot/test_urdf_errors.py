@@ -18,7 +18,9 @@ def test_missing_file(tmp_path: Path) -> None:
 
 
 def test_folder_without_a_robot(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match=r"this folder has no robot\.toml, and not exactly one URDF \(it has: none"):
+    with pytest.raises(
+        RobotFileError, match=r"this folder has no robot\.toml, and not exactly one URDF \(it has: none"
+    ):
         load_robot(tmp_path)
 
 
@@ -47,7 +49,9 @@ BROKEN = {
     r"joint 'j2' mimics 'nobody', which is not defined": robot(
         link("a"), link("b"), joint("j2", "revolute", "a", "b", extra=urdfs.mimic("nobody"))
     ),
-    r"Pinocchio cannot read this URDF: .*j": robot(link("a"), link("b"), joint("j", "revolute", "a", "b", extra="")),
+    r"Pinocchio cannot read this URDF: .*j": robot(
+        link("a"), link("b"), joint("j", "revolute", "a", "b", extra="")
+    ),
 }
 
 
@@ -106,7 +110,9 @@ def test_a_composite_joint_is_refused_by_name() -> None:
     composite = pin.JointModelComposite(pin.JointModelRX())
     composite.addJoint(pin.JointModelRY())
     model.addJoint(0, composite, pin.SE3.Identity(), "wrist")
-    with pytest.raises(UnsupportedRobot, match=r"robot 'r': joint 'wrist' is of type Composite, which mbocp does not"):
+    with pytest.raises(
+        UnsupportedRobot, match=r"robot 'r': joint 'wrist' is of type Composite, which mbocp does not"
+    ):
         check_joints(model, "r")
 
 

@@ -35,7 +35,13 @@ def chain(*kinds: str, name: str = "test") -> str:
     """A base and one link for each joint type in `kinds`: joints j1, j2, ..., links l1, l2, ..."""
     links = [link("base")] + [link(f"l{i}") for i in range(1, len(kinds) + 1)]
     joints = [
-        joint(f"j{i}", kind, "base" if i == 1 else f"l{i - 1}", f"l{i}", axis="0.2 0.9 0.4" if i % 2 else "0 0 1")
+        joint(
+            f"j{i}",
+            kind,
+            "base" if i == 1 else f"l{i - 1}",
+            f"l{i}",
+            axis="0.2 0.9 0.4" if i % 2 else "0 0 1",
+        )
         for i, kind in enumerate(kinds, start=1)
     ]
     return robot(*links, *joints, name=name)
