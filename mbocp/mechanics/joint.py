@@ -9,6 +9,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.forces import force_element_force
 from mbocp.robot import Robot
 from mbocp.symbolic import model_functions
@@ -34,14 +35,15 @@ class JointMechanics:
         self.nq, self.nv, self.nu, self.nc = robot.nq, robot.nv, robot.nu, robot.nc
         self.is_vector_space = robot.is_vector_space
         self._functions = model_functions(robot.model)
+        self._space = ConfigurationSpace(robot.model)
 
     def integrate(self, q: ca.SX, dv: ca.SX) -> ca.SX:
         """Configuration q moved along the tangent vector `dv`, shape (nq,)."""
-        return q + dv if self.is_vector_space else self._functions.integrate(q, dv)
+        return self._space.integrate(q, dv)
 
     def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
         """Tangent vector at `q0` that leads to `q1`, shape (nv,)."""
-        return q1 - q0 if self.is_vector_space else self._functions.difference(q0, q1)
+        return self._space.difference(q0, q1)
 
     def tangent_map(self, q: ca.SX) -> ca.SX:
         """Derivative of q's coordinates along the tangent space, shape (nq, nv)."""

@@ -176,7 +176,15 @@ def _cost(table: CostTable, robot: Robot, goal: Goal, folder: Path, duration: fl
         target_p=target_p,
         terminal=table.terminal,
         terminal_weights=terminal_weights,
+        velocity=_velocity_weights(robot, table),
     )
+
+
+def _velocity_weights(robot: Robot, table: CostTable) -> Array:
+    if table.velocity is None:
+        return np.zeros(robot.nv)
+    with located("cost.velocity"):
+        return weights_from(robot, table.velocity, "cost.velocity")
 
 
 def _goal_momentum(robot: Robot, goal: Goal) -> tuple[Array, BoolArray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,12 +18,16 @@ class Cost:
     r"""Weights and targets of Eqs. (7) to (9) of [Bijalwan2025]_.
 
     .. math::
-        \mathcal{L}(y, u) &= \tfrac{\beta}{2} (y - y_d)^T Q (y - y_d) + \tfrac{\alpha}{2} u^T u   \\
+        \mathcal{L}(y, u) &= \tfrac{\beta}{2} (y - y_d)^T Q (y - y_d) + \tfrac{\alpha}{2} u^T u
+            + \tfrac{1}{2} v^T W v   \\
         \psi(y_N) &= \tfrac{1}{2} (y_N - y_T)^T Q_T (y_N - y_T)
 
     Differences of configurations are taken in the tangent space of the robot's joints, so that every
     weight belongs to one of the `nv` directions of `q` or to one of the `nv` components of `p`. The terminal
     cost draws the end to the goal; if the goal is written with a velocity, its part of :math:`Q_T` is on `v`.
+
+    The last term of the running cost is not the paper's. It is customary for robots: links of little inertia
+    cost no effort to spin, and without it an optimum may turn them faster than the steps resolve.
 
     Attributes
     ----------
@@ -38,6 +42,8 @@ class Cost:
         Configuration to track; row n - 1 of a trajectory belongs to the end of step n.
     target_p : ndarray, shape (nv,) or (N, nv)
         Momentum to track [kg m/s, N m s].
+    velocity : ndarray, shape (nv,)
+        Diagonal of W >= 0 on the velocities v; zero by default.
     terminal : float
         :math:`\beta_T` >= 0, the weight of the terminal cost.
     terminal_weights : ndarray, shape (2 nv,)
@@ -51,6 +57,7 @@ class Cost:
     target_p: Array
     terminal: float
     terminal_weights: Array
+    velocity: Array = field(default_factory=lambda: frozen_array(np.zeros(0)))
 
     def __post_init__(self) -> None:
         for key in ("effort", "tracking", "terminal"):
@@ -64,12 +71,15 @@ class Cost:
             )
         check_non_negative("cost.tracking", self.tracking)
         check_non_negative("cost.terminal", self.terminal)
+        if self.velocity.size == 0:
+            object.__setattr__(self, "velocity", np.zeros(self.tracking_weights.size // 2))
         for key in _ARRAYS:
             value = frozen_array(getattr(self, key), name=_file_key(key))
             check_finite(_file_key(key), value)
             object.__setattr__(self, key, value)
         check_non_negative("cost.tracking_weights", self.tracking_weights)
         check_non_negative("cost.terminal_weights", self.terminal_weights)
+        check_non_negative("cost.velocity", self.velocity)
 
     @property
     def is_trajectory(self) -> bool:
@@ -81,6 +91,8 @@ class Cost:
         for key in ("tracking_weights", "terminal_weights"):
             if getattr(self, key).shape != (2 * nv,):
                 raise DimensionMismatch(_file_key(key), getattr(self, key).shape, (2 * nv,), "on (q, p)")
+        if self.velocity.shape != (nv,):
+            raise DimensionMismatch("cost.velocity", self.velocity.shape, (nv,))
         for key, size in (("target_q", nq), ("target_p", nv)):
             shape = getattr(self, key).shape
             if shape not in ((size,), (num_steps, size)):
@@ -95,7 +107,7 @@ class Cost:
         )
 
 
-_ARRAYS = ("tracking_weights", "target_q", "target_p", "terminal_weights")
+_ARRAYS = ("tracking_weights", "target_q", "target_p", "terminal_weights", "velocity")
 
 
 def _file_key(name: str) -> str:

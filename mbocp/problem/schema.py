@@ -162,6 +162,7 @@ class CostTable(_Table):
     """What is minimised."""
 
     effort: Finite = 1.0
+    velocity: Control = None
     tracking: Finite = 0.0
     tracking_weights: Weights | None = None
     target: TargetTable | None = None

@@ -72,6 +72,8 @@ def _written(robot: Robot, value: Array, active: BoolArray) -> Any:
 
 def _cost(cost: Cost, goal: Goal) -> dict[str, Any]:
     table: dict[str, Any] = {"effort": cost.effort, "tracking": cost.tracking}
+    if cost.velocity.any():
+        table["velocity"] = cost.velocity
     if cost.tracking > 0.0:
         table["tracking_weights"] = cost.tracking_weights
         table["target"] = {"q": cost.target_q, "p": cost.target_p}

@@ -64,6 +64,14 @@ class Filter:
             or (both_feasible and trial.cost <= before.cost + 10 * slack)
         ), False
 
+    def accepts_after_relaxation(self, reference: Any, trial: Any) -> bool:
+        """Whether an iterate reached by relaxed steps is progress: closer to feasible than where they began."""
+        return bool(
+            trial.finite
+            and trial.violation <= (1 - _MARGIN) * reference.violation
+            and not any(trial.violation >= violation and trial.cost >= cost for violation, cost in self.entries)
+        )
+
     def grown(self, before: Any) -> Filter:
         """Filter that also forbids going back to `before`."""
         corner = ((1 - _MARGIN) * before.violation, before.cost - _MARGIN * before.violation)

@@ -10,6 +10,11 @@ sure that it gets there:
   in both. A full step that is refused is given one second-order correction. Where halving does not help, the shift
   grows instead, which bends the step towards one that changes the states least; after a good step it shrinks again.
 
+- *Relaxed steps.* Linearised constraints bend away quickly (a rod, a rotation), and a full Newton step then violates
+  them more than any line search accepts, though the next steps make up for it. Where the line search shortens the
+  step to less than a tenth, up to six full steps are taken without judging them; if none of them is closer to
+  feasible than the start of the run, the start is restored.
+
 Tried on random rest-to-rest motions of arms without any velocity weight, where pure Newton fails: shifting controls
 instead of states, Gauss-Newton in place of a shift, and an l1 merit function instead of the filter all fail in a
 quarter of the cases or more; this combination solved all of them.
@@ -17,11 +22,12 @@ quarter of the cases or more; this combination solved all of them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 from mbocp.solvers.iterate import Iterate
-from mbocp.solvers.newton import NewtonState, advanced, end_of, factorise, start
+from mbocp.solvers.newton import NewtonState, Reference, advanced, end_of, factorise, start
 from mbocp.solvers.records import Status
 from mbocp.transcription import StagewiseProgramme
 
@@ -34,6 +40,10 @@ _GOOD_STEP = 0.2  # step length after which the shift shrinks
 _SHORTEST_STEP = 0.02  # below it a larger shift is tried first ...
 _PATIENCE = 3  # ... this many times; then
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
+_RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
+_RELAXED_STEPS = 6  # in a run: Newton's method needs about as many to make up for the curvature of the constraints
+_PAUSE = 10  # steps after a run that led nowhere, before the next
+_FEASIBLE = 1e-9  # violation below which there is nothing to be relaxed about
 
 
 @dataclass(frozen=True)
@@ -105,15 +115,17 @@ class GlobalisedNewton:
         return start(programme, iterate)
 
     def step(self, state: NewtonState) -> NewtonState:
-        """One accepted step, with the smallest shift found that allows one."""
-        native, shift, attempts = state.native, state.shift, 0
+        """One accepted step, with the smallest shift found that allows one; or one of a run of relaxed steps."""
+        if state.reference is not None:
+            return self._relaxed(state)
+        shift, attempts = state.shift, 0
         while True:
-            factorisation, augmentation = factorise(state, shift * self.control_weight)
-            admissible = factorisation.ok and factorisation.negative == len(native.eta)
-            direction = native.solve() if admissible else None
-            if direction is not None and direction.finite:
-                shortest = _SHORTEST_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP
-                found = _search(state, direction, shortest)
+            factorisation, augmentation, direction = self._direction(state, shift)
+            if direction is not None:
+                found = _search(state, direction, _SHORTEST_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP)
+                is_short = found is None or found[0] < _RELAXED_STEP
+                if is_short and state.patience == 0 and state.evaluation.violation > _FEASIBLE:
+                    return self._relaxed(replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift))
                 if found is not None:
                     break
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
@@ -121,26 +133,70 @@ class GlobalisedNewton:
             attempts += 1
             shift = max(_GROWTH * shift, _FIRST_SHIFT)
             if shift > _LARGEST_SHIFT:
-                failure = Status.LINE_SEARCH_FAILED if admissible else Status.SINGULAR
+                failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
         length, by_cost = found
-        before = state.evaluation
-        native.accept(length)
+        state.native.accept(length)
         return advanced(
             state,
-            native.evaluate(),
+            state.native.evaluate(),
             direction.increment,
             length,
             augmentation=augmentation,
             regularisation=shift,
             shift=_next_shift(shift, length),
-            filter=state.filter if by_cost else state.filter.grown(before),
+            filter=state.filter if by_cost else state.filter.grown(state.evaluation),
+            patience=max(0, state.patience - 1),
             at_minimum=shift == 0.0,
         )
 
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance."""
         return end_of(state, self.tolerance, self.max_iterations)
+
+    def _direction(self, state: NewtonState, shift: float) -> tuple[Any, float, Any]:
+        """Factorisation, augmentation and direction; no direction where the inertia is not a minimum's."""
+        factorisation, augmentation = factorise(state, shift * self.control_weight)
+        admissible = factorisation.ok and factorisation.negative == len(state.native.eta)
+        direction = state.native.solve() if admissible else None
+        return factorisation, augmentation, direction if direction is not None and direction.finite else None
+
+    def _relaxed(self, state: NewtonState) -> NewtonState:
+        """One full step that nobody judges; the run of them ends with progress, or where it began."""
+        reference, native, shift = state.reference, state.native, state.shift
+        assert reference is not None  # for the type checker: `step` comes here only with one
+        _, augmentation, direction = self._direction(state, shift)
+        while direction is None and shift <= _LARGEST_SHIFT:
+            shift = max(_GROWTH * shift, _FIRST_SHIFT)
+            _, augmentation, direction = self._direction(state, shift)
+        if direction is not None:
+            native.move(1.0)
+            native.accept(1.0)
+            after = advanced(
+                state,
+                native.evaluate(),
+                direction.increment,
+                1.0,
+                augmentation=augmentation,
+                regularisation=shift,
+                shift=_next_shift(shift, 1.0),
+                reference=replace(reference, steps_left=reference.steps_left - 1),
+                at_minimum=shift == 0.0,
+            )
+            if state.filter.accepts_after_relaxation(reference.evaluation, after.evaluation):
+                return replace(after, reference=None, filter=state.filter.grown(reference.evaluation))
+            if after.failure is None and reference.steps_left > 1:
+                return after
+        reference.restore(native)
+        return replace(
+            state,
+            evaluation=native.evaluate(),
+            iteration=state.iteration + 1,
+            increment=math.inf,
+            step_length=0.0,
+            reference=None,
+            patience=_PAUSE,
+        )
 
 
 def _next_shift(shift: float, length: float) -> float:

@@ -6,16 +6,45 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from mbocp._arrays import Array
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import Status
 from mbocp.transcription import StagewiseProgramme
 
-__all__ = ["NewtonState", "Solver", "advanced", "end_of", "factorise", "start"]
+__all__ = ["NewtonState", "Reference", "Solver", "advanced", "end_of", "factorise", "start"]
 
 _LEAST_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
 _MOST_AUGMENTATION = 1e12
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Where a run of relaxed steps began, to go back to when it leads nowhere.
+
+    Attributes
+    ----------
+    iterate : tuple of ndarray
+        The kernel's x, y, u, m, eta.
+    evaluation : kernel Evaluation
+    steps_left : int
+        Relaxed steps that may still be taken.
+    """
+
+    iterate: tuple[Array, ...]
+    evaluation: Any
+    steps_left: int
+
+    @classmethod
+    def of(cls, state: NewtonState, steps: int) -> Reference:
+        """Remember the state's iterate."""
+        native = state.native
+        return cls((native.x, native.y, native.u, native.m, native.eta), state.evaluation, steps)
+
+    def restore(self, native: Any) -> None:
+        """Put the iterate back."""
+        native.x, native.y, native.u, native.m, native.eta = self.iterate
 
 
 @dataclass(frozen=True)
@@ -38,6 +67,10 @@ class NewtonState:
         Where the search for an admissible shift of the state Hessian begins; 0: the plain Hessian.
     filter : Filter
         Of the line search.
+    reference : Reference or None
+        Where a run of relaxed steps began, while one is under way.
+    patience : int
+        Steps until another such run may begin.
     at_minimum : bool
         Whether the last KKT matrix had a minimum's inertia without any shift.
     failure : Status or None
@@ -55,6 +88,8 @@ class NewtonState:
     augmentation: float = 0.0
     shift: float = 0.0
     filter: Filter = Filter()
+    reference: Reference | None = None
+    patience: int = 0
     at_minimum: bool = False
     failure: Status | None = None
     failed_stage: int = -1
@@ -93,11 +128,14 @@ def start(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
     )
 
 
-def factorise(state: NewtonState, regularise_x: float = 0.0) -> tuple[Any, float]:
-    """Factorisation with the end condition augmented as far as its conditioning asks for, and that weight."""
+def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Any, float]:
+    """Factorisation with the end condition augmented as far as its conditioning asks for, and that weight.
+
+    `shift` is added to the Hessian's diagonal in the states.
+    """
     augmentation = state.augmentation
     while True:
-        result = state.native.factorise(0.0, regularise_x, augmentation)
+        result = state.native.factorise(shift, augmentation)
         end_is_singular = result.bad_stage == state.native.num_stages
         ill_conditioned = result.ok and result.end_condition < _LEAST_END_CONDITION
         if not (end_is_singular or ill_conditioned) or augmentation == 0 or augmentation >= _MOST_AUGMENTATION:

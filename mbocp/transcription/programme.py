@@ -155,8 +155,9 @@ def _shape(problem: Problem, ng_q: int, ng_rate: int) -> Shape:
         scheme=problem.scheme,
         track_q=bool(np.any(tracking[:nv])),
         track_p=bool(np.any(tracking[nv:])),
-        penalise_q=bool(penalised and goal.q_active.any()),
-        penalise_rate=bool(penalised and goal.rate_active.any()),
+        weigh_velocity=bool(np.any(cost.velocity)),
+        penalise_q=bool(penalised and np.any(cost.terminal_weights[:nv])),
+        penalise_rate=bool(penalised and np.any(cost.terminal_weights[nv:])),
         rate=goal.rate,
         ng_q=ng_q,
         ng_rate=ng_rate,
@@ -171,10 +172,12 @@ def _parameters(
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "effort": np.broadcast_to(np.asarray(cost.effort, dtype=float), (robot.nu,)),
+        "velocity": np.asarray(cost.velocity),
         "weight_q": weights[: robot.nv],
         "weight_p": weights[robot.nv :],
     }
     theta = _concatenate(named, layout.theta)
+    nv, terminal = robot.nv, cost.terminal * np.asarray(cost.terminal_weights)
     rows = {
         "target_q": np.broadcast_to(np.asarray(cost.target_q), (N, robot.nq)),
         "target_p": np.broadcast_to(np.asarray(cost.target_p), (N, robot.nv)),
@@ -185,8 +188,8 @@ def _parameters(
         "rate": np.asarray(goal.value),
         "D_q": D_q.ravel(order="F"),  # CasADi reshapes by columns
         "D_rate": D_rate.ravel(order="F"),
-        "weight_q": cost.terminal * goal.q_active.astype(float),
-        "weight_rate": cost.terminal * goal.rate_active.astype(float),
+        "weight_q": terminal[:nv],
+        "weight_rate": terminal[nv:],
     }
     return theta, np.ascontiguousarray(rho), _concatenate(at_end, layout.terminal)
 

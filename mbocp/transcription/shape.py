@@ -25,6 +25,8 @@ class Shape:
         Choice of coordinates and integrator.
     track_q, track_p : bool
         Whether the running cost tracks configuration and momentum.
+    weigh_velocity : bool
+        Whether the running cost weighs velocities.
     penalise_q, penalise_rate : bool
         Whether the terminal cost has a configuration and a rate part.
     rate : str
@@ -38,6 +40,7 @@ class Shape:
     scheme: str
     track_q: bool
     track_p: bool
+    weigh_velocity: bool
     penalise_q: bool
     penalise_rate: bool
     rate: str

@@ -45,6 +45,8 @@ def parameter_layout(shape: Shape, nq: int, nv: int, nu: int) -> ParameterLayout
         theta["weight_q"], stage["target_q"] = nv, nq
     if shape.track_p:
         theta["weight_p"], stage["target_p"] = nv, nv
+    if shape.weigh_velocity:
+        theta["velocity"] = nv
     terminal = {"q": nq, "rate": nv, "D_q": shape.ng_q * nv, "D_rate": shape.ng_rate * nv}
     if shape.penalise_q:
         terminal["weight_q"] = nv
@@ -86,6 +88,8 @@ def _running_cost(
     if shape.track_p:
         error = mechanics.momentum(q, v) - rho["target_p"]
         cost += ca.dot(theta["weight_p"] * error, error) / 2
+    if shape.weigh_velocity:
+        cost += ca.dot(theta["velocity"] * v, v) / 2
     return theta["dt"] * cost
 
 

@@ -55,26 +55,36 @@ inline void gemm_tn(int m, int n, int k, const double* A, int lda, const double*
     }
 }
 
-// y (m) += A x, A (m x n) row-major.
-inline void gemv(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
-    for (int i = 0; i < m; ++i) {
-        const double* a = A + i * lda;
-        Vec lanes = {0.0, 0.0, 0.0, 0.0};
-        int j = 0;
-        for (; j + width <= n; j += width) lanes += load(a + j) * load(x + j);
-        double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
-        for (; j < n; ++j) sum += a[j] * x[j];
-        y[i] += scale * sum;
+// y += a x, without the alias checks and the unrolling that make short loops long.
+__attribute__((always_inline)) inline void axpy(int n, double a, const double* x, double* y) {
+    int j = 0;
+    for (; j + width <= n; j += width) store(y + j, load(y + j) + a * load(x + j));
+    for (; j < n; ++j) {
+        y[j] += a * x[j];
+        asm volatile("" ::: );  // keeps the tail of at most three a plain loop
     }
 }
 
-// y (n) += A^T x, A (m x n) row-major.
-inline void gemv_t(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
-    for (int i = 0; i < m; ++i) {
-        const double s = scale * x[i];
-        const double* a = A + i * lda;
-        for (int j = 0; j < n; ++j) y[j] += s * a[j];
+__attribute__((always_inline)) inline double dot(int n, const double* x, const double* y) {
+    Vec lanes = {0.0, 0.0, 0.0, 0.0};
+    int j = 0;
+    for (; j + width <= n; j += width) lanes += load(x + j) * load(y + j);
+    double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+    for (; j < n; ++j) {
+        sum += x[j] * y[j];
+        asm volatile("" ::: );
     }
+    return sum;
+}
+
+// y (m) += scale A x, A (m x n) row-major.
+inline void gemv(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
+    for (int i = 0; i < m; ++i) y[i] += scale * dot(n, A + i * lda, x);
+}
+
+// y (n) += scale A^T x, A (m x n) row-major.
+inline void gemv_t(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
+    for (int i = 0; i < m; ++i) axpy(n, scale * x[i], A + i * lda, y);
 }
 
 // In-place LU with partial pivoting; returns min |pivot| / max |pivot| (0 when singular or not finite).
@@ -95,9 +105,8 @@ inline double lu_factor(int n, double* A, int lda, int* pivot) {
         for (int i = k + 1; i < n; ++i) {
             double* row = A + i * lda;
             if (row[k] == 0.0) continue;
-            const double factor = row[k] * inverse;
-            row[k] = factor;
-            for (int j = k + 1; j < n; ++j) row[j] -= factor * top[j];
+            row[k] *= inverse;
+            axpy(n - k - 1, -row[k], top + k + 1, row + k + 1);
         }
     }
     return n ? smallest / largest : 1.0;
@@ -107,39 +116,32 @@ inline double lu_factor(int n, double* A, int lda, int* pivot) {
 inline void lu_solve(int n, const double* A, int lda, const int* pivot, double* B, int ldb, int m) {
     for (int k = 0; k < n; ++k)
         if (pivot[k] != k) std::swap_ranges(B + k * ldb, B + k * ldb + m, B + pivot[k] * ldb);
-    for (int i = 1; i < n; ++i) {
-        double* row = B + i * ldb;
-        for (int k = 0; k < i; ++k) {
-            const double factor = A[i * lda + k];
-            if (factor == 0.0) continue;
-            const double* top = B + k * ldb;
-            for (int j = 0; j < m; ++j) row[j] -= factor * top[j];
-        }
-    }
+    for (int i = 1; i < n; ++i)
+        for (int k = 0; k < i; ++k)
+            if (A[i * lda + k] != 0.0) axpy(m, -A[i * lda + k], B + k * ldb, B + i * ldb);
     for (int i = n - 1; i >= 0; --i) {
-        double* row = B + i * ldb;
-        for (int k = i + 1; k < n; ++k) {
-            const double factor = A[i * lda + k];
-            if (factor == 0.0) continue;
-            const double* low = B + k * ldb;
-            for (int j = 0; j < m; ++j) row[j] -= factor * low[j];
-        }
+        for (int k = i + 1; k < n; ++k)
+            if (A[i * lda + k] != 0.0) axpy(m, -A[i * lda + k], B + k * ldb, B + i * ldb);
         const double inverse = 1.0 / A[i * lda + i];
-        for (int j = 0; j < m; ++j) row[j] *= inverse;
+        for (int j = 0; j < m; ++j) B[i * ldb + j] *= inverse;
     }
+}
+
+// b <- A^{-1} b for a factored A.
+inline void lu_solve_vector(int n, const double* A, int lda, const int* pivot, double* b) {
+    for (int k = 0; k < n; ++k)
+        if (pivot[k] != k) std::swap(b[k], b[pivot[k]]);
+    for (int i = 1; i < n; ++i) b[i] -= dot(i, A + i * lda, b);
+    for (int i = n - 1; i >= 0; --i) b[i] = (b[i] - dot(n - i - 1, A + i * lda + i + 1, b + i + 1)) / A[i * lda + i];
 }
 
 // b <- A^{-T} b for a factored A.
 inline void lu_solve_transposed(int n, const double* A, int lda, const int* pivot, double* b) {
     for (int k = 0; k < n; ++k) {
-        const double* row = A + k * lda;
-        b[k] /= row[k];
-        for (int j = k + 1; j < n; ++j) b[j] -= b[k] * row[j];
+        b[k] /= A[k * lda + k];
+        axpy(n - k - 1, -b[k], A + k * lda + k + 1, b + k + 1);
     }
-    for (int i = n - 1; i > 0; --i) {
-        const double* row = A + i * lda;
-        for (int j = 0; j < i; ++j) b[j] -= b[i] * row[j];
-    }
+    for (int i = n - 1; i > 0; --i) axpy(i, -b[i], A + i * lda, b);
     for (int k = n - 1; k >= 0; --k)
         if (pivot[k] != k) std::swap(b[k], b[pivot[k]]);
 }
@@ -148,44 +150,34 @@ inline void lu_solve_transposed(int n, const double* A, int lda, const int* pivo
 inline bool cholesky(int n, double* A, int lda) {
     for (int j = 0; j < n; ++j) {
         double* row = A + j * lda;
-        for (int k = 0; k < j; ++k) {
-            double sum = row[k];
-            for (int p = 0; p < k; ++p) sum -= row[p] * A[k * lda + p];
-            row[k] = sum / A[k * lda + k];
-        }
-        double d = row[j];
-        for (int p = 0; p < j; ++p) d -= row[p] * row[p];
+        for (int k = 0; k < j; ++k) row[k] = (row[k] - dot(k, row, A + k * lda)) / A[k * lda + k];
+        const double d = row[j] - dot(j, row, row);
         if (!(d > 0.0) || !std::isfinite(d)) return false;
         row[j] = std::sqrt(d);
     }
     return true;
 }
 
-// B <- L^{-1} B, B (n x m) row-major.
-inline void lower_solve(int n, const double* L, int ldl, double* B, int ldb, int m) {
+// B <- (L L^T)^{-1} B, B (n x m) row-major.
+inline void cholesky_solve(int n, const double* L, int ldl, double* B, int ldb, int m) {
     for (int i = 0; i < n; ++i) {
-        double* row = B + i * ldb;
-        for (int k = 0; k < i; ++k) {
-            const double factor = L[i * ldl + k];
-            const double* top = B + k * ldb;
-            for (int j = 0; j < m; ++j) row[j] -= factor * top[j];
-        }
+        for (int k = 0; k < i; ++k) axpy(m, -L[i * ldl + k], B + k * ldb, B + i * ldb);
         const double inverse = 1.0 / L[i * ldl + i];
-        for (int j = 0; j < m; ++j) row[j] *= inverse;
+        for (int j = 0; j < m; ++j) B[i * ldb + j] *= inverse;
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        for (int k = i + 1; k < n; ++k) axpy(m, -L[k * ldl + i], B + k * ldb, B + i * ldb);
+        const double inverse = 1.0 / L[i * ldl + i];
+        for (int j = 0; j < m; ++j) B[i * ldb + j] *= inverse;
     }
 }
 
-// B <- L^{-T} B, B (n x m) row-major.
-inline void lower_solve_transposed(int n, const double* L, int ldl, double* B, int ldb, int m) {
+// b <- (L L^T)^{-1} b.
+inline void cholesky_solve_vector(int n, const double* L, int ldl, double* b) {
+    for (int i = 0; i < n; ++i) b[i] = (b[i] - dot(i, L + i * ldl, b)) / L[i * ldl + i];
     for (int i = n - 1; i >= 0; --i) {
-        double* row = B + i * ldb;
-        for (int k = i + 1; k < n; ++k) {
-            const double factor = L[k * ldl + i];
-            const double* low = B + k * ldb;
-            for (int j = 0; j < m; ++j) row[j] -= factor * low[j];
-        }
-        const double inverse = 1.0 / L[i * ldl + i];
-        for (int j = 0; j < m; ++j) row[j] *= inverse;
+        b[i] /= L[i * ldl + i];
+        axpy(i, -b[i], L + i * ldl, b);
     }
 }
 

@@ -137,8 +137,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
              },
              nb::arg("theta"), nb::arg("rho"), nb::arg("rho_terminal"))
         .def("evaluate", &Programme::evaluate, nb::arg("share") = 1.0)
-        .def("factorise", &Programme::factorise, nb::arg("regularise_u") = 0.0, nb::arg("regularise_x") = 0.0,
-             nb::arg("augment") = 0.0)
+        .def("factorise", &Programme::factorise, nb::arg("shift") = 0.0, nb::arg("augment") = 0.0)
         .def("solve", &Programme::solve, nb::arg("refinements") = 1)
         .def("correct", &Programme::correct, nb::arg("alpha"))
         .def("move", &Programme::move, nb::arg("alpha"))

@@ -326,7 +326,7 @@ Sweep Programme::simulate(double tolerance, int max_iterations) {
                     return sweep;
                 }
                 direction = c;
-                dense::lu_solve(nc, LU.data(), ld, pivot.data(), direction.data(), 1, 1);
+                dense::lu_solve_vector(nc, LU.data(), ld, pivot.data(), direction.data());
             }
             for (int i = 0; i < ndx_; ++i) dx[i] = -direction[i];
             if (!retract_into(guess.data(), dx.data(), factor, x1)) {

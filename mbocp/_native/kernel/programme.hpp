@@ -89,7 +89,8 @@ public:
 
     // Functions and derivatives at the iterate; the Hessian uses multipliers scaled by `share` (0: Gauss-Newton).
     Evaluation evaluate(double share);
-    Factorisation factorise(double regularise_u, double regularise_x, double augment);
+    // `shift` is added to the Hessian's diagonal in every state, `augment` weighs the end condition (see riccati.cpp).
+    Factorisation factorise(double shift, double augment);
     Direction solve(int refinements);
     // Second-order correction: the direction for constraint values alpha c + c(trial).
     Direction correct(double alpha);
@@ -125,7 +126,7 @@ private:
 
     void bind(const Kind& kind, StageFunction& f, int n, const double* x_now, const double* y_now, const double* u_now);
     void allocate();
-    bool condense(int n, double regularise_u, double regularise_x, Factorisation& result);
+    bool condense(int n, Factorisation& result);
     void solve_linear(const Residual& rhs, Step& out);
     double residual_linear(const Residual& rhs, const Step& d, Residual& out, double* curvature);
     void gather_residual(Residual& out) const;
@@ -150,7 +151,7 @@ private:
     Numbers x_trial_, y_trial_, u_trial_;
     Numbers c_trial_, g_trial_;
     Numbers scratch_, scaled_m_, diagonal_;
-    double regularise_u_ = 0, regularise_x_ = 0, augment_ = 0;    // of the last factorisation
+    double shift_ = 0, augment_ = 0;                  // of the last factorisation
     bool factorised_ = false;
     int max_nw_ = 0, max_ns_ = 0;
 };

@@ -32,7 +32,7 @@ int count_negative(const Eigen::VectorXd& eigenvalues) {
 
 }  // namespace
 
-bool Programme::condense(int n, double regularise_u, double regularise_x, Factorisation& result) {
+bool Programme::condense(int n, Factorisation& result) {
     Stage& s = stages_[n];
     const Kind& k = *s.kind;
     const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, nd = ndx_;
@@ -54,7 +54,7 @@ bool Programme::condense(int n, double regularise_u, double regularise_x, Factor
     for (int i = 0; i < nw * pw; ++i) Hhat[i] = 0.5 * s.Hww[i];
     for (int i = 0; i < nd; ++i) {
         for (int j = 0; j < nd; ++j) Hhat[i * pw + j] += 0.5 * s.P[i * px + j];
-        Hhat[i * pw + i] += 0.5 * regularise_x;
+        Hhat[i * pw + i] += 0.5 * shift_;
     }
     dense::copy(s.Hws, M, pw * ps);
     dense::gemm_tn(nw, ns, nw, Hhat, pw, s.T, ps, M, ps);
@@ -69,7 +69,6 @@ bool Programme::condense(int n, double regularise_u, double regularise_x, Factor
     // Controls: K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
     for (int i = 0; i < nu; ++i) {
         for (int j = 0; j < nu; ++j) s.Quu[i * pu + j] = q(nd + i, nd + j);
-        s.Quu[i * pu + i] += regularise_u;
         diagonal_[i] = s.Quu[i * pu + i];
         for (int j = 0; j < nd; ++j) s.K[i * px + j] = -q(nd + i, j);
         for (int g = 0; g < ng_; ++g) s.Keta[i * pg + g] = -QS[(nd + i) * pg + g];
@@ -83,12 +82,8 @@ bool Programme::condense(int n, double regularise_u, double regularise_x, Factor
     for (int i = 0; i < nu * px; ++i) kept[i] = -s.K[i];
     s.definite = dense::cholesky(nu, s.Quu, pu);
     if (s.definite) {
-        dense::lower_solve(nu, s.Quu, pu, s.K, px, px);
-        dense::lower_solve_transposed(nu, s.Quu, pu, s.K, px, px);
-        if (ng_) {
-            dense::lower_solve(nu, s.Quu, pu, s.Keta, pg, pg);
-            dense::lower_solve_transposed(nu, s.Quu, pu, s.Keta, pg, pg);
-        }
+        dense::cholesky_solve(nu, s.Quu, pu, s.K, px, px);
+        if (ng_) dense::cholesky_solve(nu, s.Quu, pu, s.Keta, pg, pg);
     } else {
         // `cholesky` has spoilt the lower triangle: the upper one still holds Quu.
         for (int i = 0; i < nu; ++i)
@@ -134,10 +129,10 @@ bool Programme::condense(int n, double regularise_u, double regularise_x, Factor
     return true;
 }
 
-Factorisation Programme::factorise(double regularise_u, double regularise_x, double augment) {
+Factorisation Programme::factorise(double shift, double augment) {
     Factorisation f;
     f.smallest_pivot = 1.0, f.positive_controls = true;
-    regularise_u_ = regularise_u, regularise_x_ = regularise_x;
+    shift_ = shift;
     Stage& last = stages_.back();
     augment_ = augment, factorised_ = false;
     dense::copy(Hterm_.data(), last.P, padded(ndx_) * padded(ndx_));
@@ -148,7 +143,7 @@ Factorisation Programme::factorise(double regularise_u, double regularise_x, dou
     if (ng_) dense::copy(Sterm_.data(), last.S, ndx_ * padded(ng_));
     std::fill(R_.begin(), R_.end(), 0.0);
     for (int n = N - 1; n >= 0; --n)
-        if (!condense(n, regularise_u, regularise_x, f)) {
+        if (!condense(n, f)) {
             f.bad_stage = n;
             return f;
         }
@@ -200,22 +195,20 @@ void Programme::solve_linear(const Residual& rhs, Step& out) {
         const Kind& k = *s.kind;
         const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns), pu = padded(nu);
         for (int i = 0; i < nc; ++i) s.t0[i] = -rhs.c[m_offset[n] + i];
-        dense::lu_solve(nc, s.LU, pw, s.pivot, s.t0, 1, 1);
+        dense::lu_solve_vector(nc, s.LU, pw, s.pivot, s.t0);
         dense::copy(rhs.w.data() + m_offset[n], h, nw);
         for (int i = 0; i < nd; ++i) h[i] += s.p[i];
         dense::gemv(nw, nw, s.Hww, pw, s.t0, h);
         dense::gemv(nd, nd, s.P, px, s.t0, h);
-        if (regularise_x_ != 0.0)
-            for (int i = 0; i < nd; ++i) h[i] += regularise_x_ * s.t0[i];
+        for (int i = 0; i < nd; ++i) h[i] += shift_ * s.t0[i];
         dense::copy(rhs.s.data() + u_offset[n] + n * nd, q, ns);
         dense::gemv_t(nw, ns, s.T, ps, h, q);
         dense::gemv_t(nw, ns, s.Hws, ps, s.t0, q);
         for (int i = 0; i < nu; ++i) s.k[i] = -q[nd + i];
         if (s.definite) {
-            dense::lower_solve(nu, s.Quu, pu, s.k, 1, 1);
-            dense::lower_solve_transposed(nu, s.Quu, pu, s.k, 1, 1);
+            dense::cholesky_solve_vector(nu, s.Quu, pu, s.k);
         } else {
-            dense::lu_solve(nu, s.Quu, pu, s.pivot + nc, s.k, 1, 1);
+            dense::lu_solve_vector(nu, s.Quu, pu, s.pivot + nc, s.k);
         }
         if (ng_) {
             dense::gemv_t(nd, ng_, s.S, pg, s.t0, r.data());
@@ -254,7 +247,7 @@ void Programme::solve_linear(const Residual& rhs, Step& out) {
         dense::gemv(nw, nw, s.Hww, pw, dw, dm);
         dense::gemv(nw, ns, s.Hws, ps, ds, dm);
         dense::gemv(nd, nd, s.P, px, dw, dm);
-        for (int i = 0; i < nd; ++i) dm[i] += s.p[i] + regularise_x_ * dw[i];
+        for (int i = 0; i < nd; ++i) dm[i] += s.p[i] + shift_ * dw[i];
         dense::gemv(nd, ng_, s.S, pg, out.deta.data(), dm);
         for (int i = 0; i < nc; ++i) dm[i] = -dm[i];
         dense::lu_solve_transposed(nc, s.LU, pw, s.pivot, dm);
@@ -283,7 +276,7 @@ double Programme::residual_linear(const Residual& rhs, const Step& d, Residual& 
         dense::zero(Hw, nw);
         dense::gemv(nw, nw, s.Hww, pw, dw, Hw);
         dense::gemv(nw, ns, s.Hws, ps, ds, Hw);
-        for (int i = 0; i < nd; ++i) Hw[i] += regularise_x_ * dw[i];
+        for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
         for (int i = 0; i < nw; ++i) quadratic += dw[i] * Hw[i];
         double* w = out.w.data() + m_offset[n];
         for (int i = 0; i < nw; ++i) w[i] += Hw[i];
@@ -293,7 +286,6 @@ double Programme::residual_linear(const Residual& rhs, const Step& d, Residual& 
         dense::zero(Hs, ns);
         dense::gemv(ns, ns, s.Hss, ps, ds, Hs);
         dense::gemv_t(nw, ns, s.Hws, ps, dw, Hs);
-        for (int i = 0; i < nu; ++i) Hs[nd + i] += regularise_u_ * ds[nd + i];
         for (int i = 0; i < ns; ++i) quadratic += ds[i] * Hs[i];
         double* r = out.s.data() + u_offset[n] + n * nd;
         for (int i = 0; i < ns; ++i) r[i] += Hs[i];

@@ -1,0 +1,201 @@
+"""The top-level `solve`: problem -> transcription -> guess -> solver -> solution, each phase timed."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+import mbocp
+from mbocp._arrays import Array
+from mbocp.assemble import Trajectory, assemble
+from mbocp.exceptions import NotConverged, ProblemError
+from mbocp.guess import guess_candidates, iterate_from_solution, make_guess
+from mbocp.problem import Problem, load_problem
+from mbocp.problem.write import problem_to_toml
+from mbocp.solution import Solution
+from mbocp.solution.records import Labels
+from mbocp.solvers import (
+    GlobalisedNewton,
+    IterationRecord,
+    Phase,
+    PureNewton,
+    Solver,
+    SolverResult,
+    Status,
+    run,
+)
+from mbocp.transcription import StagewiseProgramme, transcribe
+
+__all__ = ["solve"]
+
+_GOAL_REACHED = 1e-6  # tangent-space distance beyond which a "met" projected end condition is another root
+
+
+def solve(
+    problem: Problem | str | Path,
+    *,
+    solver: str | None = None,
+    warm_start: Solution | None = None,
+    callback: Callable[[IterationRecord], object] | None = None,
+    check: bool = False,
+) -> Solution:
+    """Solve an optimal control problem.
+
+    Parameters
+    ----------
+    problem : Problem, str or Path
+        The problem, or the path of a problem file.
+    solver : str, optional
+        Stands for `problem.solver.method`.
+    warm_start : Solution, optional
+        Start from this solution, of any number of steps, instead of the problem's guess.
+    callback : callable, optional
+        Called with every `IterationRecord`.
+    check : bool
+        Raise unless converged.
+
+    Returns
+    -------
+    Solution
+        Converged or not: its `status` and `advice` tell. Ctrl-C ends the solve with the best iterate.
+
+    Raises
+    ------
+    MbocpError
+        If the problem is not well posed, or its functions cannot be compiled.
+    NotConverged
+        With `check`: carries the solution.
+    """
+    if not isinstance(problem, Problem):
+        problem = load_problem(problem)
+    if solver is not None:
+        problem = problem.with_(solver=replace(problem.solver, method=solver))
+    clock = time.perf_counter()
+    phases: list[Phase] = []
+    with _timed(phases, "compile"):
+        programme = transcribe(problem)
+    result, guess_used = _solve_programme(problem, programme, warm_start, callback, phases)
+    with _timed(phases, "diagnostics"):
+        trajectory = assemble(problem, programme, result.iterate)
+    solution = _solution(problem, programme, result, trajectory, phases, guess_used, time.perf_counter() - clock)
+    if check and not solution.converged:
+        raise NotConverged(solution)
+    return solution
+
+
+@contextmanager
+def _timed(phases: list[Phase], name: str) -> Iterator[None]:
+    clock = time.perf_counter()
+    yield
+    phases.append(Phase(name, 0, time.perf_counter() - clock))
+
+
+def _solver(problem: Problem, programme: StagewiseProgramme) -> Solver:
+    options = problem.solver
+    if options.globalisation == "none":
+        return PureNewton(options.tolerance, options.max_iterations)
+    return GlobalisedNewton(options.tolerance, options.max_iterations, control_weight=programme.control_weight)
+
+
+def _solve_programme(
+    problem: Problem,
+    programme: StagewiseProgramme,
+    warm_start: Solution | None,
+    callback: Callable[[IterationRecord], object] | None,
+    phases: list[Phase],
+) -> tuple[SolverResult, str]:
+    """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails."""
+    method, best = _solver(problem, programme), None
+    kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
+    for attempt, kind in enumerate(kinds):
+        try:
+            with _timed(phases, "guess"):
+                if warm_start is not None:
+                    iterate = iterate_from_solution(warm_start, problem, programme)
+                    words = "warm start from a solution"
+                else:
+                    iterate, words = make_guess(kind, problem, programme)
+        except ProblemError:
+            if attempt + 1 < len(kinds) or best is not None:
+                continue  # an automatic guess that cannot be made is no reason to give up on the others
+            raise
+        phase = problem.solver.method if attempt == 0 else f"{problem.solver.method} (guess: {kind})"
+        clock = time.perf_counter()
+        result = run(method, programme, iterate, callback, phase)
+        phases.append(Phase(phase, result.last.iteration, time.perf_counter() - clock))
+        if best is None or _is_better(result, best[0]):
+            best = (result, words)
+        if result.status in (Status.CONVERGED, Status.INTERRUPTED):
+            return result, words
+    if best is None:
+        raise ProblemError("no initial guess could be made; give guess.kind and guess.u")
+    return best
+
+
+def _is_better(new: SolverResult, old: SolverResult) -> bool:
+    return new.status is Status.CONVERGED or new.last.residual < old.last.residual
+
+
+def _solution(
+    problem: Problem,
+    programme: StagewiseProgramme,
+    result: SolverResult,
+    trajectory: Trajectory,
+    phases: list[Phase],
+    guess_used: str,
+    seconds: float,
+) -> Solution:
+    last = result.last
+    return Solution(
+        status=result.status,
+        advice=result.advice + _other_root(problem, result, trajectory.qs[-1]),
+        solver=_solver(problem, programme).name,
+        iterations=sum(p.iterations for p in phases),
+        cost=last.cost,
+        residual=last.residual,
+        increment=last.increment,
+        unknowns=programme.num_unknowns,
+        wall_time_s=seconds,
+        phases=tuple(phases),
+        history=result.history,
+        problem_name=problem.name,
+        robot_name=problem.robot.name,
+        robot_spec=dict(problem.robot.spec),
+        problem_text=problem_to_toml(problem),
+        guess_used=guess_used,
+        options=asdict(problem.solver),
+        versions=_versions(),
+        labels=Labels.of_robot(problem.robot),
+        **trajectory.fields(),
+    )
+
+
+def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:
+    """Warn where the projected end condition holds but the goal is not reached: it has antipodal roots."""
+    goal = problem.goal
+    if result.status is not Status.CONVERGED or not goal.is_exact or not goal.q_active.all():
+        return ""
+    distance = float(np.linalg.norm(problem.robot.difference(goal.q, q_final)))
+    if distance <= _GOAL_REACHED:
+        return ""
+    return (
+        f"; but the end is {distance:.3g} away from goal.q: the end condition, projected onto the constraints, has "
+        "another root there; start from another guess"
+    )
+
+
+def _versions() -> dict[str, str]:
+    found = {"mbocp": mbocp.__version__, "python": platform.python_version()}
+    for name in ("pin", "casadi", "numpy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # a Pinocchio from elsewhere than the registry has no such record
+            found[name] = "unknown"
+    return found
