@@ -82,7 +82,11 @@ def robot_folders() -> list[Path]:
     """Folders that hold robots by name: those of MBOCP_ROBOT_PATH, then mbocp's own."""
     package = Path(mbocp.__file__).resolve().parent
     listed = [Path(p).expanduser() for p in os.environ.get(PATH_VARIABLE, "").split(os.pathsep) if p]
-    return [folder for folder in (*listed, package / "robots", package.parent / "robots") if folder.is_dir()]
+    return [
+        folder
+        for folder in (*listed, package / "data" / "robots", package.parent / "robots")
+        if folder.is_dir()
+    ]
 
 
 def list_robots() -> list[RobotEntry]:
