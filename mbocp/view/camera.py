@@ -1,0 +1,107 @@
+"""Where to look from: the camera that just holds every point the motion sweeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array
+
+__all__ = ["Camera", "fit_camera", "upright"]
+
+FIELD_OF_VIEW = 40.0  # [deg], vertical; the viewer's own 75 distorts
+ASPECT = 1.5  # width over height that a fit assumes; the page adapts it to its window
+# Share of the half picture that the motion may fill: to the sides, above (title) and below (playback bar).
+FILL_SIDE, FILL_ABOVE, FILL_BELOW = 0.88, 0.80, 0.70
+ELEVATION = np.deg2rad(18.0)
+AZIMUTHS = np.deg2rad(np.arange(-75.0, 76.0, 15.0))  # from the front: robots face +x
+USUAL_AZIMUTH = float(np.deg2rad(40.0))
+OBLIQUE = float(np.deg2rad(12.0))  # off the normal of a plane, so that depth can be seen
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A perspective camera that orbits `target`; z is up.
+
+    Attributes
+    ----------
+    target : ndarray, shape (3,)
+        The point it looks at [m].
+    offset : ndarray, shape (3,)
+        From the target to the camera [m].
+    near, far : float
+        Clipping distances [m].
+    """
+
+    target: Array
+    offset: Array
+    near: float
+    far: float
+    field_of_view: float = FIELD_OF_VIEW
+    aspect: float = ASPECT
+
+
+def upright(gravity: Array) -> Array:
+    """Rotation (3, 3) that turns "against gravity" into +z; the identity without gravity."""
+    size = float(np.linalg.norm(gravity))
+    if size < 1e-9:
+        return np.eye(3)
+    up = -np.asarray(gravity, dtype=np.float64) / size
+    axis, cosine = np.cross(up, [0.0, 0.0, 1.0]), float(up[2])
+    if cosine < -1.0 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    K = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    return np.asarray(np.eye(3) + K + K @ K / (1.0 + cosine))
+
+
+def fit_camera(points: Array, paths: Array) -> Camera:
+    """Camera that holds all `points`, (M, 3), and sees `paths`, (K, 3), as broadside as it can [m]."""
+    azimuth = _azimuth(paths)
+    back = np.array(
+        [np.cos(ELEVATION) * np.cos(azimuth), np.cos(ELEVATION) * np.sin(azimuth), np.sin(ELEVATION)]
+    )
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    up = np.cross(back, right)
+    tan_v = np.tan(np.deg2rad(FIELD_OF_VIEW) / 2.0)
+    depth = points @ back
+    side = FILL_SIDE * tan_v * ASPECT
+    x, distance_x = _balance(points @ right, depth, side, side)
+    y, distance_y = _balance(points @ up, depth, FILL_ABOVE * tan_v, FILL_BELOW * tan_v)
+    # `distance` is measured along `back` from the origin's plane; the orbit's centre lies amid the points.
+    middle = 0.5 * (depth.min() + depth.max())
+    size = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-3)
+    distance = max(distance_x - middle, distance_y - middle, 0.2 * size)
+    return Camera(
+        target=x * right + y * up + middle * back,
+        offset=distance * back,
+        near=1e-2 * size,
+        far=float(100.0 * size + 10.0 * distance),
+    )
+
+
+def _balance(side: Array, depth: Array, over: float, under: float) -> tuple[float, float]:
+    """Centre line and least camera depth D with -under (D - depth) <= side - centre <= over (D - depth)."""
+    plus, minus = float(np.max(over * depth + side)), float(np.max(under * depth - side))
+    distance = (plus + minus) / (over + under)
+    return plus - over * distance, distance
+
+
+def _azimuth(path: Array) -> float:
+    """The usual view from the front and side, unless the path lies in an upright plane: then face it."""
+    flat = path[:, :2] - path[:, :2].mean(axis=0)
+    spread, axes = np.linalg.eigh(flat.T @ flat)
+    height = float(np.sum((path[:, 2] - path[:, 2].mean()) ** 2))
+    if spread[1] <= 1e-4 * height:  # upright: the same from all sides
+        return USUAL_AZIMUTH
+    if spread[0] > 0.02 * spread[1]:
+        return _widest(flat)
+    x, y = axes[:, 0] * np.sign(axes[:, 0] @ [np.cos(USUAL_AZIMUTH), np.sin(USUAL_AZIMUTH)])
+    return float(np.arctan2(y, x)) + OBLIQUE
+
+
+def _widest(flat: Array) -> float:
+    """The azimuth from the front that sees most of the path, with a slight liking for the usual one."""
+    widths = [np.std(-np.sin(a) * flat[:, 0] + np.cos(a) * flat[:, 1]) for a in AZIMUTHS]
+    taste = 1.0 - 0.25 * np.abs(AZIMUTHS - USUAL_AZIMUTH) / np.pi
+    return float(AZIMUTHS[int(np.argmax(np.array(widths) * taste))])

@@ -1,0 +1,264 @@
+"""Collada meshes: triangles, normals, texture coordinates, and the colour or picture of each surface.
+
+meshcat's viewer can read Collada itself, but loses a mesh whose parts differ in their attributes (some
+textured, some not: ANYmal) and parts with several materials, and takes exporters' muddled transparency at its
+word; coal mixes up the triangles of files with several parts (UR5). Like coal, and so Pinocchio, this reader
+leaves the file's unit and up-axis aside: a URDF means the numbers as they are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import unquote
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbocp._arrays import Array
+
+__all__ = ["MeshPart", "Surface", "read_collada"]
+
+Node = ElementTree.Element
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Diffuse colour (red, green, blue in 0..1) and, if it has one, the picture on it."""
+
+    colour: tuple[float, float, float]
+    image: Path | None = None
+
+
+@dataclass(frozen=True)
+class MeshPart:
+    """Triangles with one surface.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (V, 3)
+    faces : ndarray of int, shape (F, 3)
+    normals : ndarray, shape (V, 3), or None
+    uvs : ndarray, shape (V, 2), or None
+        Texture coordinates.
+    surface : Surface or None
+        None if the file gives no material.
+    """
+
+    vertices: Array
+    faces: Indices
+    normals: Array | None
+    uvs: Array | None
+    surface: Surface | None
+
+
+def read_collada(path: Path) -> tuple[MeshPart, ...]:
+    """Read all triangles of a Collada file.
+
+    Raises
+    ------
+    OSError, ElementTree.ParseError, ValueError
+        If the file cannot be read or refers to what it does not have.
+    """
+    root = ElementTree.parse(path).getroot()
+    for node in root.iter():
+        node.tag = node.tag.rpartition("}")[2]
+    return _Reader(root, path.parent).read()
+
+
+class _Reader:
+    """One document: its elements by id, and the walk through its scene."""
+
+    def __init__(self, root: Node, folder: Path) -> None:
+        self._root, self._folder = root, folder
+        self._by_id = {node.get("id"): node for node in root.iter() if node.get("id")}
+        self._sources: dict[str, Array] = {}
+
+    def read(self) -> tuple[MeshPart, ...]:
+        scene = self._target(self._root.find("scene/instance_visual_scene"))
+        if scene is None:
+            scene = self._root.find("library_visual_scenes/visual_scene")
+        if scene is None:
+            raise ValueError("no scene in it")
+        return tuple(part for node in scene.findall("node") for part in self._node(node, np.eye(4)))
+
+    def _target(self, reference: Node | None, key: str = "url") -> Node | None:
+        return None if reference is None else self._by_id.get(reference.get(key, "").removeprefix("#"))
+
+    def _node(self, node: Node, parent: Array) -> Iterator[MeshPart]:
+        placement = parent @ _transform(node)
+        for instance in node.findall("instance_geometry"):
+            yield from self._geometry(self._target(instance), instance, placement)
+        for instance in node.findall("instance_controller"):  # a skin at rest is its mesh
+            skin = self._target(instance)
+            mesh = None if skin is None else self._target(skin.find("skin"), "source")
+            yield from self._geometry(mesh, instance, placement)
+        for instance in node.findall("instance_node"):
+            other = self._target(instance)
+            if other is not None:
+                yield from self._node(other, placement)
+        for child in node.findall("node"):
+            yield from self._node(child, placement)
+
+    def _geometry(self, geometry: Node | None, instance: Node, placement: Array) -> Iterator[MeshPart]:
+        mesh = None if geometry is None else geometry.find("mesh")
+        if mesh is None:
+            return
+        bound = {node.get("symbol"): node for node in instance.iter("instance_material")}
+        for primitive in mesh:
+            corners = _corners(primitive)
+            if corners is None or len(corners) == 0:
+                continue
+            symbol = primitive.get("material")
+            material = self._target(bound.get(symbol), "target")
+            if material is None and symbol:
+                material = self._by_id.get(symbol)
+            yield self._part(primitive, corners, placement, self._surface(material))
+
+    def _part(self, primitive: Node, corners: Indices, placement: Array, surface: Surface | None) -> MeshPart:
+        streams = dict(self._streams(primitive))
+        names = [name for name in ("POSITION", "NORMAL", "TEXCOORD") if name in streams]
+        if "POSITION" not in names:
+            raise ValueError("a mesh without positions")
+        used = corners[:, [streams[name][0] for name in names]]
+        rows, faces = _distinct(used)
+        values = {name: streams[name][1][rows[:, k]] for k, name in enumerate(names)}
+        linear = placement[:3, :3]
+        normals = values.get("NORMAL")
+        if normals is not None:
+            normals = normals[:, :3] @ np.linalg.inv(linear)
+            normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+        triangles = faces.reshape(-1, 3)
+        if np.linalg.det(linear) < 0.0:
+            triangles = triangles[:, ::-1]  # a mirror turns the triangles inside out
+        vertices = values["POSITION"][:, :3] @ linear.T + placement[:3, 3]
+        uvs = values["TEXCOORD"][:, :2] if "TEXCOORD" in values else None
+        return MeshPart(vertices, triangles, normals, uvs, surface)
+
+    def _streams(self, primitive: Node) -> Iterator[tuple[str, tuple[int, Array]]]:
+        """Offset into the index tuples, and values, of each attribute; of several sets the first."""
+        inputs = sorted(primitive.findall("input"), key=lambda node: -int(node.get("set", "0")))
+        for node in inputs:
+            offset, semantic = int(node.get("offset", "0")), node.get("semantic", "")
+            if semantic == "VERTEX":
+                vertices = self._target(node, "source")
+                for inner in [] if vertices is None else vertices.findall("input"):
+                    yield inner.get("semantic", ""), (offset, self._values(inner))
+            elif semantic in ("NORMAL", "TEXCOORD"):
+                yield semantic, (offset, self._values(node))
+
+    def _values(self, reference: Node) -> Array:
+        key = reference.get("source", "")
+        if key not in self._sources:
+            source = self._target(reference, "source")
+            numbers = None if source is None else source.find("float_array")
+            if source is None or numbers is None:
+                raise ValueError(f"no data {key!r} in it")
+            accessor = source.find("technique_common/accessor")
+            stride = int(accessor.get("stride", "1")) if accessor is not None else 3
+            values = np.array((numbers.text or "").split(), dtype=np.float64)
+            self._sources[key] = values[: len(values) // stride * stride].reshape(-1, stride)
+        return self._sources[key]
+
+    def _surface(self, material: Node | None) -> Surface | None:
+        effect = None if material is None else self._target(material.find("instance_effect"))
+        diffuse = None if effect is None else next(effect.iter("diffuse"), None)
+        if effect is None or diffuse is None:
+            return None
+        colour = diffuse.find("color")
+        if colour is not None:
+            red, green, blue = (float(x) for x in (colour.text or "").split()[:3])
+            return Surface((red, green, blue))
+        texture = diffuse.find("texture")
+        image = None if texture is None else self._image(effect, texture.get("texture", ""))
+        return Surface((1.0, 1.0, 1.0) if image else (0.8, 0.8, 0.8), image)
+
+    def _image(self, effect: Node, name: str) -> Path | None:
+        """The file behind a sampler, a surface or an image; None if it is missing."""
+        parameters = {node.get("sid"): node for node in effect.iter("newparam")}
+        for tag in ("sampler2D/source", "surface/init_from"):
+            parameter = parameters.get(name)
+            inner = None if parameter is None else parameter.findtext(tag)
+            name = name if inner is None else inner.strip()
+        image = self._by_id.get(name)
+        if image is None:
+            return None
+        text = image.findtext("init_from") or image.findtext("init_from/ref") or ""
+        file = self._folder / unquote(re.sub(r"^file://", "", text.strip())).replace("\\", "/")
+        return file if file.is_file() else None
+
+
+def _corners(primitive: Node) -> Indices | None:
+    """Index tuples of the corners of all triangles, shape (3 F, inputs); None if it has no triangles."""
+    inputs = primitive.findall("input")
+    if primitive.tag not in ("triangles", "polylist", "polygons", "tristrips", "trifans") or not inputs:
+        return None
+    width = 1 + max(int(node.get("offset", "0")) for node in inputs)
+    lists = [
+        np.array((p.text or "").split(), dtype=np.int64).reshape(-1, width) for p in primitive.findall("p")
+    ]
+    if not lists:
+        return None
+    if primitive.tag == "tristrips":
+        return np.concatenate([tuples[_strip(len(tuples))] for tuples in lists])
+    counts = np.array([len(tuples) for tuples in lists])
+    if primitive.tag == "triangles":
+        return np.concatenate(lists)
+    if primitive.tag == "polylist":
+        counts = np.array((primitive.findtext("vcount") or "").split(), dtype=np.int64)
+    return np.concatenate(lists)[_fans(counts)]
+
+
+def _distinct(tuples: Indices) -> tuple[Indices, Indices]:
+    """The different rows, and for each row its number among them."""
+    key = np.zeros(len(tuples), dtype=np.int64)
+    for column in tuples.T:  # one number a row: sorting those is much faster than sorting rows
+        _, rank = np.unique(column, return_inverse=True)
+        key = key * (int(rank.max()) + 1) + rank
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    return tuples[first], inverse
+
+
+def _fans(counts: Indices) -> Indices:
+    """Corner numbers of the triangles of polygons with `counts` corners each."""
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    triangles = np.maximum(counts - 2, 0)
+    start = np.repeat(starts, triangles)
+    k = np.arange(len(start)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
+    return np.stack([start, start + k + 1, start + k + 2], axis=1).ravel().astype(np.int64)
+
+
+def _strip(count: int) -> Indices:
+    k = np.arange(max(count - 2, 0))
+    odd = k % 2
+    return np.stack([k, k + 1 + odd, k + 2 - odd], axis=1).ravel().astype(np.int64)
+
+
+def _transform(node: Node) -> Array:
+    """Product of a node's transformations, in the order they are written, shape (4, 4)."""
+    matrix = np.eye(4)
+    for step in node:
+        if step.tag not in ("matrix", "translate", "rotate", "scale"):
+            continue
+        numbers = np.array((step.text or "").split(), dtype=np.float64)
+        local = np.eye(4)
+        if step.tag == "matrix":
+            local = numbers.reshape(4, 4)
+        elif step.tag == "translate":
+            local[:3, 3] = numbers
+        elif step.tag == "scale":
+            local[:3, :3] = np.diag(numbers)
+        else:
+            local[:3, :3] = _turn(numbers[:3], np.deg2rad(numbers[3]))
+        matrix = matrix @ local
+    return matrix
+
+
+def _turn(axis: Array, angle: float) -> Array:
+    x, y, z = axis / max(float(np.linalg.norm(axis)), 1e-300)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K)

@@ -1,0 +1,203 @@
+"""A robot's visuals as meshcat objects: STL and OBJ as they are, Collada parsed, primitives by Pinocchio.
+
+The scale of a mesh sits in the object's own matrix, below the node that is animated. Pinocchio's
+MeshcatVisualizer puts it into the node's transform, where an animation would overwrite it.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ReplayError
+from mbocp.view.collada import MeshPart, Surface, read_collada
+from mbocp.view.meshcat_commands import colour_number, shape_object
+from mbocp.view.meshcat_import import load_mesh, load_primitive, mg, pack_array
+
+__all__ = ["MeshLibrary"]
+
+_ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there is
+_REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
+_MIME = {".jpg": "jpeg", ".jpeg": "jpeg", ".gif": "gif", ".bmp": "bmp", ".webp": "webp"}
+_CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
+_UNREADABLE = (OSError, RuntimeError, ValueError, IndexError, KeyError, ElementTree.ParseError)
+
+
+class MeshLibrary:
+    """The meshes of one scene; each Collada file is parsed once."""
+
+    def __init__(self) -> None:
+        self._collada: dict[str, tuple[MeshPart, ...]] = {}
+
+    def draw(self, visual: pin.GeometryObject) -> dict[str, Any]:
+        """The meshcat object (as its `set_object` command carries it) of one visual.
+
+        Raises
+        ------
+        ReplayError
+            If the file cannot be read or the shape has no picture.
+        """
+        try:
+            shape = self._shape(visual)
+        except _UNREADABLE as error:
+            raise ReplayError(
+                f"{visual.meshPath}: mesh of {visual.name!r} cannot be read: {error}"
+            ) from error
+        if shape is None:
+            raise ReplayError(f"visual {visual.name!r}: a {type(visual.geometry).__name__} cannot be drawn")
+        return shape
+
+    def corners(self, visual: pin.GeometryObject) -> Array:
+        """Corners of the visual's bounding box in its joint's frame, shape (8, 3) [m]."""
+        try:
+            low, high = self._bounds(visual)
+        except _UNREADABLE:  # a mesh that only the browser can read: count its origin
+            low = high = np.zeros(3)
+        corners = low + _CUBE * (high - low)
+        return np.asarray(corners @ visual.placement.rotation.T + visual.placement.translation)
+
+    def _shape(self, visual: pin.GeometryObject) -> dict[str, Any] | None:
+        suffix = Path(visual.meshPath).suffix.lower()
+        if suffix == ".dae":
+            return _scaled(_painted(self._parts(visual.meshPath), visual), visual.meshScale)
+        if suffix == ".stl":
+            return _scaled(_plain(mg.StlMeshGeometry.from_file(visual.meshPath), visual), visual.meshScale)
+        if suffix == ".obj":
+            return _scaled(_plain(mg.ObjMeshGeometry.from_file(visual.meshPath), visual), visual.meshScale)
+        # Other formats come by way of coal, which puts the scale into the vertices.
+        shape = load_mesh(_loaded(visual)) if suffix else load_primitive(visual)
+        return None if shape is None else _plain(shape, visual)
+
+    def _parts(self, path: str) -> tuple[MeshPart, ...]:
+        if path not in self._collada:
+            self._collada[path] = read_collada(Path(path))
+        return self._collada[path]
+
+    def _bounds(self, visual: pin.GeometryObject) -> tuple[Array, Array]:
+        if visual.meshPath.lower().endswith(".dae"):
+            points = np.vstack([part.vertices for part in self._parts(visual.meshPath)]) * visual.meshScale
+            return points.min(axis=0), points.max(axis=0)
+        shape = _loaded(visual) if visual.meshPath else visual.geometry
+        shape.computeLocalAABB()
+        low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+        if np.any(low > high) or np.max(np.abs([low, high])) > _ENDLESS:
+            raise ValueError(f"visual {visual.name!r} has no extent")
+        return low, high
+
+
+def _loaded(visual: pin.GeometryObject) -> coal.BVHModelBase:
+    return coal.MeshLoader(coal.BV_AABB).load(visual.meshPath, np.array(visual.meshScale))
+
+
+def _plain(shape: Any, visual: pin.GeometryObject) -> dict[str, Any]:
+    """A shape in the URDF's colour."""
+    return shape_object(shape, _urdf_material(visual))
+
+
+def _scaled(drawn: dict[str, Any], scale: Array) -> dict[str, Any]:
+    drawn["object"]["matrix"] = [float(x) for x in np.diag([*scale, 1.0]).ravel()]
+    return drawn
+
+
+def _urdf_material(visual: pin.GeometryObject) -> mg.Material:
+    *colour, alpha = (float(c) for c in visual.meshColor)
+    return mg.MeshPhongMaterial(color=colour_number(colour), opacity=alpha)
+
+
+def _painted(parts: Sequence[MeshPart], visual: pin.GeometryObject) -> dict[str, Any]:
+    """A Collada mesh in its own colours, unless it is plain grey and the URDF names a colour."""
+    surfaces = list(dict.fromkeys(part.surface for part in parts))
+    own = _has_colours(surfaces) or not visual.overrideMaterial
+    if not own or surfaces == [None]:
+        surfaces = [None]
+        parts = [MeshPart(p.vertices, p.faces, p.normals, None, None) for p in parts]
+    geometry = _MergedGeometry(parts, surfaces)
+    drawn = shape_object(geometry, mg.MeshPhongMaterial())
+    drawn["materials"] = []
+    materials = [_urdf_material(visual) if s is None else _surface_material(s) for s in surfaces]
+    drawn["object"]["material"] = [material.lower_in_object(drawn) for material in materials]
+    return drawn
+
+
+def _has_colours(surfaces: Sequence[Surface | None]) -> bool:
+    """Whether a file paints itself: a picture, two colours, or one that is not grey."""
+    given = [surface for surface in surfaces if surface is not None]
+    return len({s.colour for s in given}) > 1 or any(
+        s.image is not None or max(s.colour) - min(s.colour) > 0.02 for s in given
+    )
+
+
+def _surface_material(surface: Surface) -> mg.Material:
+    picture = None
+    if surface.image is not None:
+        picture = mg.ImageTexture(_Picture(surface.image), wrap=[_REPEAT, _REPEAT])
+    return mg.MeshPhongMaterial(color=colour_number(surface.colour), map=picture)
+
+
+class _Picture(mg.Image):  # type: ignore[misc]  # meshcat has no types
+    """An image file inside the scene; meshcat's own class knows PNG only."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        kind = _MIME.get(path.suffix.lower(), "png")
+        self._url = f"data:image/{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+
+    def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
+        return {"uuid": self.uuid, "url": self._url}
+
+
+class _MergedGeometry(mg.Geometry):  # type: ignore[misc]
+    """Mesh parts as one geometry with a group of triangles for each surface."""
+
+    def __init__(self, parts: Sequence[MeshPart], surfaces: Sequence[Surface | None]) -> None:
+        super().__init__()
+        self._parts = sorted(parts, key=lambda part: surfaces.index(part.surface))
+        self._surfaces = surfaces
+
+    def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
+        parts = self._parts
+        starts = np.concatenate([[0], np.cumsum([len(part.vertices) for part in parts])])
+        attributes = {
+            "position": pack_array(np.vstack([part.vertices for part in parts]).T),
+            "normal": pack_array(np.vstack([_normals(part) for part in parts]).T),
+        }
+        if any(surface is not None and surface.image for surface in self._surfaces):
+            attributes["uv"] = pack_array(np.vstack([_uvs(part) for part in parts]).T)
+        faces = np.vstack([part.faces + start for part, start in zip(parts, starts[:-1], strict=True)])
+        data = {
+            "attributes": attributes,
+            "index": pack_array(faces.ravel().astype(np.uint32)),
+            "groups": self._groups(),
+        }
+        return {"uuid": self.uuid, "type": "BufferGeometry", "data": data}
+
+    def _groups(self) -> list[dict[str, int]]:
+        groups, start = [], 0
+        for index, surface in enumerate(self._surfaces):
+            count = 3 * sum(len(part.faces) for part in self._parts if part.surface == surface)
+            groups.append({"start": start, "count": count, "materialIndex": index})
+            start += count
+        return groups
+
+
+def _normals(part: MeshPart) -> Array:
+    if part.normals is not None:
+        return part.normals
+    a, b, c = (part.vertices[part.faces[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)  # as long as twice the triangle's area, which is its weight
+    normals = np.zeros_like(part.vertices)
+    for k in range(3):
+        np.add.at(normals, part.faces[:, k], across)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
+
+
+def _uvs(part: MeshPart) -> Array:
+    return np.zeros((len(part.vertices), 2)) if part.uvs is None else part.uvs

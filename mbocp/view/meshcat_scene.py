@@ -1,0 +1,199 @@
+"""A motion as a meshcat scene: the robot, its connectors, traces, floor, lights, camera and animation."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ReplayError
+from mbocp.view.camera import Camera, fit_camera, upright
+from mbocp.view.meshcat_commands import (
+    Command,
+    Track,
+    set_animation,
+    set_object,
+    set_transform,
+    shape_object,
+)
+from mbocp.view.meshcat_connectors import connector_commands
+from mbocp.view.meshcat_import import mg
+from mbocp.view.meshcat_meshes import MeshLibrary
+from mbocp.view.meshcat_shapes import path_tube
+from mbocp.view.meshcat_skeleton import joints_without_visuals, skeleton
+from mbocp.view.meshcat_stage import stage_commands
+from mbocp.view.motion import Motion
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = ["WORLD", "Scene", "build_scene"]
+
+ROOT = "/replay"
+WORLD = f"{ROOT}/world"  # turned so that gravity points down
+HOLD = 0.8  # [s] the last pose stays before the loop starts again
+TRACE_POINTS = 400  # of one traced frame
+SWEEP_POSES = 60  # poses that the camera has to hold
+_TRACE_COLOURS = (  # from the start to the end of a path, RGB
+    ((1.00, 0.80, 0.35), (0.85, 0.20, 0.10)),
+    ((0.55, 0.85, 1.00), (0.05, 0.30, 0.70)),
+    ((0.75, 0.92, 0.55), (0.10, 0.50, 0.20)),
+    ((0.90, 0.75, 1.00), (0.45, 0.15, 0.60)),
+)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a viewer is told.
+
+    Attributes
+    ----------
+    commands : tuple of Command
+        Everything but the animation, in the order it must arrive.
+    animation : Command or None
+        Animation of all moving nodes; None if nothing moves.
+    camera : Camera
+        The camera that the commands set, for a page that adapts it to its window.
+    duration : float
+        Length of the motion [s].
+    """
+
+    commands: tuple[Command, ...]
+    animation: Command | None
+    camera: Camera
+    duration: float
+
+
+def build_scene(
+    robot: Robot, motion: Motion, *, trace: Sequence[str] | None = None, speed: float = 1.0
+) -> Scene:
+    """Compose the scene of a motion.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    trace : sequence of str, optional
+        Frames whose path is drawn; by default the robot's own choice.
+    speed : float
+        Seconds of motion per second of watching; the animation's key times are divided by it.
+
+    Raises
+    ------
+    UnknownFrame
+        If a traced frame does not exist.
+    """
+    frames = [robot.frame_id(name) for name in (robot.trace_frames if trace is None else trace)]
+    paths = [motion.frame_positions(frame) for frame in frames]
+    turn = upright(robot.model.gravity.linear)
+    drawn, corners = _robot_commands(robot, motion)
+    lines = [*paths, *_connector_ends(robot, motion)]
+    swept = _swept(motion, corners, lines) @ turn.T
+    size = max(float(np.linalg.norm(np.ptp(swept, axis=0))), 1e-3)
+    picked = _poses(motion)
+    camera = fit_camera(
+        swept, np.vstack([motion.positions[picked, 1:].reshape(-1, 3), *(x[picked] for x in lines)]) @ turn.T
+    )
+    connectors, connector_tracks = connector_commands(robot.connectors, motion, WORLD, size)
+    commands = [
+        *stage_commands(swept, size, camera, ROOT),
+        set_transform(WORLD, turn, np.zeros(3)),
+        *drawn,
+        *connectors,
+        *_trace_commands(robot, frames, paths, size),
+    ]
+    tracks = [*_joint_tracks(motion), *connector_tracks]
+    timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]
+    animation = set_animation(timed, motion.duration / speed + HOLD) if timed else None
+    return Scene(tuple(commands), animation, camera, motion.duration)
+
+
+def joint_node(motion: Motion, joint: int) -> str:
+    """Path of a joint's node; a slash in a name would start another node."""
+    return f"{WORLD}/robot/{motion.model.names[joint].replace('/', '|')}"
+
+
+def _robot_commands(robot: Robot, motion: Motion) -> tuple[list[Command], dict[int, list[Array]]]:
+    """Commands that draw the robot at its first pose, and the corners that each joint carries along."""
+    commands = [
+        set_transform(joint_node(motion, joint), motion.rotations[0, joint], motion.positions[0, joint])
+        for joint in range(motion.model.njoints)
+    ]
+    corners: dict[int, list[Array]] = {}
+    library, missing = MeshLibrary(), joints_without_visuals(robot)
+    for index, visual in enumerate(robot.visual_model.geometryObjects):
+        joint = visual.parentJoint
+        path = f"{joint_node(motion, joint)}/{index}_{visual.name.replace('/', '|')}"
+        try:
+            drawn = library.draw(visual)
+        except ReplayError as error:
+            warnings.warn(f"{error}; its joint is drawn as a stick", stacklevel=4)
+            missing.add(joint)
+            continue
+        commands.append(set_object(path, drawn))
+        commands.append(set_transform(path, visual.placement.rotation, visual.placement.translation))
+        corners.setdefault(joint, []).append(library.corners(visual))
+    for joint, sticks, points in skeleton(motion.model, missing):
+        commands += [
+            set_object(f"{joint_node(motion, joint)}/stick_{i}", stick) for i, stick in enumerate(sticks)
+        ]
+        corners.setdefault(joint, []).append(points)
+    return commands, corners
+
+
+def _joint_tracks(motion: Motion) -> Iterator[Track]:
+    for joint in range(1, motion.model.njoints):
+        if motion.moves(joint):
+            node = joint_node(motion, joint)
+            yield Track(node, "position", motion.times, motion.positions[:, joint])
+            yield Track(node, "quaternion", motion.times, motion.quaternions[:, joint])
+
+
+def _poses(motion: Motion) -> NDArray[np.int64]:
+    """Numbers of some poses, evenly spread, the first and the last among them."""
+    return np.unique(np.linspace(0, len(motion.times) - 1, SWEEP_POSES).astype(np.int64))
+
+
+def _swept(motion: Motion, corners: dict[int, list[Array]], lines: Sequence[Array]) -> Array:
+    """Points (M, 3) whose hull holds all that moves, and what stands near it."""
+    picked = _poses(motion)
+    clouds = [*lines] if corners else [*lines, motion.positions[picked, 1:].reshape(-1, 3)]
+    for joint, boxes in corners.items():
+        if joint:
+            R, p = motion.rotations[picked, joint], motion.positions[picked, joint]
+            clouds.append((np.einsum("fij,kj->fki", R, np.vstack(boxes)) + p[:, None, :]).reshape(-1, 3))
+    standing = np.vstack(corners.get(0, [np.empty((0, 3))]))
+    if not clouds:
+        return standing
+    moving = np.vstack(clouds)
+    low, high = moving.min(axis=0), moving.max(axis=0)
+    margin = 0.3 * float(np.linalg.norm(high - low))  # of a long rail or a large table only the part near by
+    return np.vstack([moving, np.clip(standing, low - margin, high + margin)])
+
+
+def _connector_ends(robot: Robot, motion: Motion) -> list[Array]:
+    return [
+        motion.frame_positions(frame)
+        for connector in robot.connectors
+        for frame in (connector.frame_a, connector.frame_b)
+    ]
+
+
+def _trace_commands(
+    robot: Robot, frames: Iterable[int], paths: Iterable[Array], size: float
+) -> Iterator[Command]:
+    for k, (frame, path) in enumerate(zip(frames, paths, strict=True)):
+        if float(np.linalg.norm(np.ptp(path, axis=0))) < 1e-4 * size:
+            continue  # it stays where it is
+        points = path[np.unique(np.linspace(0, len(path) - 1, TRACE_POINTS).astype(int))]
+        start, end = np.array(_TRACE_COLOURS[k % len(_TRACE_COLOURS)])
+        colours = start + np.linspace(0.0, 1.0, len(points))[:, None] * (end - start)
+        material = mg.MeshLambertMaterial(vertexColors=True)
+        tube = path_tube(points, 0.0022 * size, colours)
+        name = robot.model.frames[frame].name.replace("/", "|")
+        yield set_object(f"{WORLD}/trace/{name}", shape_object(tube, material))

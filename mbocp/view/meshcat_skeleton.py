@@ -1,0 +1,91 @@
+"""A stick figure for what has no mesh: balls at joints, rods from each joint to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.view.meshcat_commands import shape_object
+from mbocp.view.meshcat_import import mg
+from mbocp.view.meshcat_shapes import capsule
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = ["joints_without_visuals", "skeleton"]
+
+_BALL, _ROD = 0xD9822B, 0x5B7FA6
+
+
+def joints_without_visuals(robot: Robot) -> set[int]:
+    """Joints to draw as sticks: all if the robot has no visual at all, else those with missing meshes."""
+    visuals = robot.visual_model.geometryObjects
+    if len(visuals) == 0:
+        return set(range(robot.model.njoints))
+    seen = {robot.model.frames[visual.parentFrame].name for visual in visuals}
+    links = _links_with_visuals(robot.source) - seen if robot.source else set()
+    return {frame.parentJoint for frame in robot.model.frames if frame.name in links and _is_body(frame)}
+
+
+def _links_with_visuals(urdf: Path) -> set[str]:
+    try:
+        root = ElementTree.parse(urdf).getroot()
+    except (OSError, ElementTree.ParseError):
+        return set()
+    return {
+        link.get("name", "") for link in root.iterfind("link") if link.find("visual/geometry/*") is not None
+    }
+
+
+def _is_body(frame: pin.Frame) -> bool:
+    return bool(frame.type == pin.FrameType.BODY)
+
+
+def skeleton(model: pin.Model, joints: set[int]) -> Iterator[tuple[int, list[dict[str, Any]], Array]]:
+    """Sticks of some joints.
+
+    Yields
+    ------
+    joint : int
+    sticks : list of dict
+        Objects in the joint's frame.
+    points : ndarray, shape (K, 3)
+        The ends of the sticks in the joint's frame [m].
+    """
+    ends = {joint: _ends(model, joint) for joint in joints}
+    lengths = [
+        length for points in ends.values() for length in np.linalg.norm(points, axis=1) if length > 1e-6
+    ]
+    radius = 0.09 * float(np.median(lengths)) if lengths else 0.02  # [m]
+    ball_material = mg.MeshPhongMaterial(color=_BALL)
+    rod_material = mg.MeshPhongMaterial(color=_ROD)
+    for joint, points in ends.items():
+        sticks = [shape_object(mg.Sphere(radius), ball_material)] if joint else []
+        for point in points:
+            if np.linalg.norm(point) > radius:
+                sticks.append(shape_object(capsule(np.zeros(3), point, 0.6 * radius), rod_material))
+        if sticks:
+            yield (
+                joint,
+                sticks,
+                np.vstack([np.zeros((1, 3)), points, *(radius * np.vstack([np.eye(3), -np.eye(3)]),)]),
+            )
+
+
+def _ends(model: pin.Model, joint: int) -> Array:
+    """Where a joint's sticks lead to: its child joints, or the farthest thing that a last link carries."""
+    children = [k for k in range(1, model.njoints) if model.parents[k] == joint]
+    if joint == 0:
+        # A floating base is not tied to the origin.
+        children = [k for k in children if model.joints[k].nq < 6]
+    if children:
+        return np.array([model.jointPlacements[k].translation for k in children])
+    carried = [frame.placement.translation for frame in model.frames if frame.parentJoint == joint and joint]
+    carried.append(model.inertias[joint].lever)
+    return np.array([max(carried, key=lambda point: float(np.linalg.norm(point)))])

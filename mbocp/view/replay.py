@@ -1,0 +1,142 @@
+"""Replays: a motion as one HTML file that works offline, or as a live page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mbocp.exceptions import MbocpError, ReplayError
+from mbocp.solution.atomic import atomic_path
+from mbocp.view.meshcat_scene import Scene, build_scene
+from mbocp.view.motion import Motion, sample_motion
+from mbocp.view.replay_live import LiveReplay
+from mbocp.view.replay_page import render_page
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = ["open_replay", "write_replay"]
+
+
+def write_replay(
+    robot: Robot,
+    t: ArrayLike,
+    qs: ArrayLike,
+    path: str | Path,
+    *,
+    trace: Sequence[str] | None = None,
+    title: str = "",
+    speed: float = 1.0,
+    samples_per_second: float = 60.0,
+) -> Path:
+    """Write a motion as one self-contained HTML file: robot, meshes, animation, viewer.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; what has no mesh is drawn as sticks.
+    t : array_like, shape (N + 1,)
+        Times [s].
+    qs : array_like, shape (N + 1, nq)
+        Configurations [m, rad, unit quaternion xyzw].
+    path : str or Path
+        The file; an old one is replaced only when the new one is complete.
+    trace : sequence of str, optional
+        Frames whose path is drawn; by default `robot.trace_frames`.
+    title : str
+        Shown above the picture; by default the robot's name.
+    speed : float
+        Seconds of motion per second of watching; 1 is true speed.
+    samples_per_second : float
+        Key frames per second of watching [1/s].
+
+    Returns
+    -------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    ReplayError
+        If the motion does not fit the robot, or the file cannot be written.
+    UnknownFrame
+        If a traced frame does not exist.
+    """
+    motion = _motion(robot, t, qs, speed, samples_per_second)
+    scene = build_scene(robot, motion, trace=trace)
+    page = render_page(
+        scene, title=title or robot.name, subtitle=_subtitle(robot, motion, title), speed=speed
+    )
+    try:
+        with atomic_path(path) as temporary:
+            temporary.write_text(page, encoding="utf-8")
+    except MbocpError as error:
+        raise ReplayError(f"replay {error}") from error
+    return Path(path)
+
+
+def open_replay(
+    robot: Robot,
+    t: ArrayLike,
+    qs: ArrayLike,
+    *,
+    trace: Sequence[str] | None = None,
+    title: str = "",
+    speed: float = 1.0,
+    samples_per_second: float = 60.0,
+    browser: bool = True,
+) -> None:
+    """Show a motion on a live meshcat page until Ctrl-C; arguments as in `write_replay`.
+
+    The page is served on this machine only. It opens in the browser if there is one, its address is printed
+    anyway, and the scene is sent once a browser has connected.
+
+    Parameters
+    ----------
+    browser : bool
+        Whether to open a browser window.
+
+    Raises
+    ------
+    ReplayError
+        If the motion does not fit the robot, or the page cannot be served.
+    UnknownFrame
+        If a traced frame does not exist.
+    """
+    motion = _motion(robot, t, qs, speed, samples_per_second)
+    scene = build_scene(robot, motion, trace=trace, speed=speed)
+    serve(scene, title=title or robot.name, browser=browser)
+
+
+def serve(scene: Scene, *, title: str, browser: bool) -> None:
+    """Serve a scene until Ctrl-C."""
+    with LiveReplay() as live:
+        print(f"{title}: open {live.url} in a browser (Ctrl-C ends the replay)", flush=True)
+        try:
+            if browser:
+                live.open_browser()
+            live.wait_for_browser()
+            live.send(scene)
+            print("Playing.", flush=True)
+            live.wait_until_closed()
+        except KeyboardInterrupt:
+            print("\nReplay closed.", flush=True)
+
+
+def _motion(robot: Robot, t: ArrayLike, qs: ArrayLike, speed: float, samples_per_second: float) -> Motion:
+    for name, value in (("speed", speed), ("samples_per_second", samples_per_second)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ReplayError(f"replay: {name}: got {value}, expected a positive number")
+    try:
+        return sample_motion(robot.model, t, qs, samples_per_second / speed)
+    except (MbocpError, ValueError) as error:
+        raise ReplayError(f"replay of {robot.name!r}: {error}") from error
+
+
+def _subtitle(robot: Robot, motion: Motion, title: str) -> str:
+    shown = f"{motion.duration:.3g} s" if motion.duration > 0.0 else "one pose"
+    return f"{robot.name} · {shown}" if title and title != robot.name else shown

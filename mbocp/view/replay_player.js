@@ -1,0 +1,103 @@
+"use strict";
+// Unpacks the scene, hands it to meshcat's viewer and runs the playback bar.
+// "#t=0.5" at the end of the address shows the pose at 0.5 s and waits there.
+(async () => {
+  const at = (id) => document.getElementById(id);
+  const fail = (text) => { at("busy").textContent = text; document.body.dataset.state = "failed"; };
+
+  async function unpack(base64) {
+    const packed = await (await fetch("data:application/octet-stream;base64," + base64)).blob();
+    const stream = packed.stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).arrayBuffer();
+  }
+
+  async function readScene() {
+    const buffers = await Promise.all(at("blobs").textContent.split("\n").filter(Boolean).map(unpack));
+    const arrays = { u1: Uint8Array, i4: Int32Array, u4: Uint32Array, f4: Float32Array };
+    const decoder = new TextDecoder();
+    const views = new Map();
+    const resolve = ({ $blob, kind }) => {
+      const key = kind + $blob;
+      if (!views.has(key)) {
+        views.set(key, kind === "text" ? decoder.decode(buffers[$blob]) : new arrays[kind](buffers[$blob]));
+      }
+      return views.get(key);
+    };
+    const revive = (_, value) => (value && value.$blob !== undefined ? resolve(value) : value);
+    return JSON.parse(at("scene").textContent, revive);
+  }
+
+  function fitView(viewer, camera) {
+    // The camera was placed for one shape of window; in a narrower one it steps back.
+    const aspect = window.innerWidth / window.innerHeight;
+    const [x, y, z] = camera.offset.map((c) => c * Math.max(1, camera.aspect / aspect));
+    viewer.controls.target.set(0, 0, 0);
+    viewer.camera.position.set(x, z, -y);
+    viewer.controls.update();
+    viewer.set_dirty();
+  }
+
+  function runBar(viewer, scene) {
+    const animator = viewer.animator;
+    const duration = scene.duration;
+    const digits = duration < 1 ? 3 : 2;
+    const seek = at("seek");
+    const speeds = [...new Set([0.05, 0.1, 0.25, 0.5, 1, 2, 4, scene.speed])].sort((a, b) => a - b);
+    for (const value of speeds) {
+      at("speed").add(new Option(`${value}×`, value, value === scene.speed, value === scene.speed));
+    }
+    seek.max = duration;
+    let shown = null;
+    const show = () => {
+      const now = Math.min(animator.time, duration);
+      seek.value = now;
+      at("time").textContent = `${now.toFixed(digits)} / ${duration.toFixed(digits)} s`;
+      if (shown !== animator.playing) {
+        shown = animator.playing;
+        const shape = shown ? "M1 0h4v13h-4z M8 0h4v13h-4z" : "M1 0l11 6.5l-11 6.5z";
+        at("play").innerHTML = `<svg width="13" height="13"><path fill="currentColor" d="${shape}"/></svg>`;
+      }
+    };
+    const jump = (time) => { animator.pause(); animator.seek(time); animator.time = time; show(); };
+    const toggle = () => { if (animator.playing) { animator.pause(); } else { animator.play(); } show(); };
+    at("play").onclick = toggle;
+    seek.oninput = () => jump(Number(seek.value));
+    at("speed").onchange = (event) => { animator.mixer.timeScale = Number(event.target.value); };
+    at("fit").onclick = () => fitView(viewer, scene.camera);
+    document.addEventListener("keydown", (event) => {
+      if (event.code === "Space" && !["BUTTON", "SELECT"].includes(event.target.tagName)) { event.preventDefault(); toggle(); }
+    });
+    at("bar").hidden = false;
+    animator.mixer.timeScale = scene.speed;
+    const start = location.hash.match(/t=([\d.]+)/);
+    if (start) { jump(Number(start[1])); }
+    const tick = () => { show(); requestAnimationFrame(tick); };
+    tick();
+  }
+
+  if (typeof DecompressionStream === "undefined") {
+    return fail("This browser is too old for this page: it needs Chrome 80, Firefox 113, Safari 16.4 or newer.");
+  }
+  let viewer;
+  try {
+    viewer = new MeshCat.Viewer(at("pane"));
+  } catch (error) {
+    return fail("This browser shows no 3-D graphics (WebGL is switched off or missing).");
+  }
+  try {
+    const scene = await readScene();
+    await new Promise((painted) => setTimeout(painted, 20)); // lets "Loading" appear before the meshes are parsed
+    scene.commands.forEach((command) => viewer.handle_command(command));
+    fitView(viewer, scene.camera);
+    if (scene.animation) {
+      viewer.handle_command(scene.animation);
+      runBar(viewer, scene);
+    }
+    window.viewer = viewer;
+    at("busy").hidden = true;
+    document.body.dataset.state = "ready";
+  } catch (error) {
+    fail(`The replay could not be shown: ${error.message}`);
+    throw error;
+  }
+})();
