@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from mbocp.exceptions import ProblemFileError
+from mbocp.exceptions import MbocpError, ProblemFileError
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 
@@ -49,6 +49,18 @@ def test_a_weight_needs_a_target(swing: Maker) -> None:
 def test_tracking_with_zero_weights_is_refused(swing: Maker) -> None:
     with pytest.raises(ProblemFileError, match="all weights are 0"):
         swing(cost={"tracking": 1.0, "tracking_weights": [0] * 6})
+
+
+def test_velocity_weights(ur5: Robot) -> None:
+    goal = {"q": [0.1] * 6}
+    np.testing.assert_array_equal(Problem.create(ur5, 1.0, 10, goal=goal).cost.velocity, np.zeros(6))
+    every = Problem.create(ur5, 1.0, 10, goal=goal, cost={"velocity": 2.0}).cost.velocity
+    np.testing.assert_array_equal(every, np.full(6, 2.0))
+    one = Problem.create(ur5, 1.0, 10, goal=goal, cost={"velocity": {"wrist_3_joint": 2.0}}).cost.velocity
+    np.testing.assert_array_equal(one, [0, 0, 0, 0, 0, 2])
+    for wrong in (-1.0, [1.0], {"wrist_9_joint": 1.0}):
+        with pytest.raises(MbocpError, match=r"cost\.velocity"):
+            Problem.create(ur5, 1.0, 10, goal=goal, cost={"velocity": wrong})
 
 
 def test_a_target_of_its_own(swing: Maker) -> None:
