@@ -81,7 +81,8 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
             return pin.buildModelFromXML(urdf.text, mimic)
     except Exception as error:  # whatever Pinocchio and urdfdom throw across the language border
         said = " ".join(dict.fromkeys([*"".join(noise).split("\n"), str(error)])).strip()
-        raise RobotFileError(urdf.path, f"Pinocchio cannot read this URDF: {said}") from error
+        hint = "; mimic = false makes them joints of their own" if mimic and "imic" in said else ""
+        raise RobotFileError(urdf.path, f"Pinocchio cannot read this URDF: {said}{hint}") from error
 
 
 @contextlib.contextmanager

@@ -49,6 +49,11 @@ BROKEN = {
     r"joint 'j2' mimics 'nobody', which is not defined": robot(
         link("a"), link("b"), joint("j2", "revolute", "a", "b", extra=urdfs.mimic("nobody"))
     ),
+    r"Pinocchio cannot read this URDF: .*mimic.*; mimic = false makes them joints of their own": robot(
+        *(link(n) for n in "abc"),
+        joint("j1", "revolute", "a", "b", extra=urdfs.mimic("j2")),
+        joint("j2", "revolute", "b", "c"),
+    ),
     r"Pinocchio cannot read this URDF: .*j": robot(
         link("a"), link("b"), joint("j", "revolute", "a", "b", extra="")
     ),
