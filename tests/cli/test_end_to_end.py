@@ -1,0 +1,51 @@
+"""The command line with the real solver, on a small problem."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mbocp.cli.progress import Progress, Record
+from mbocp.solution import Solution, Status
+
+from .conftest import Run
+
+FILE = str(Path(__file__).parents[2] / "examples" / "paper" / "rigid_pendulum.toml")
+SMALL = ("--set", "horizon.steps=10")
+
+
+def test_solve_save_and_warm_start(tmp_path: Path, run: Run) -> None:
+    saved = tmp_path / "swing.h5"
+    done = run("solve", FILE, *SMALL, "--json", "-o", str(saved))
+    assert done.exit_code == 0
+    facts = json.loads(done.stdout)
+    assert facts["cost"] == pytest.approx(379.902613860062, rel=1e-9)  # independent reference, dt = 0.1 s
+    assert facts["constraint_violation"] < 1e-12
+    assert facts["residual"] < 1e-9
+    again = json.loads(run("solve", FILE, *SMALL, "--json", "--set", f"guess={{file='{saved}'}}").stdout)
+    assert again["iterations"] <= 1
+    assert again["cost"] == pytest.approx(facts["cost"], rel=1e-12)
+    assert "violated by" in run("info", str(saved)).stdout
+
+
+def test_ctrl_c_while_solving(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(progress: Progress, record: Record) -> None:
+        if record.iteration == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Progress, "__call__", stop)
+    saved = tmp_path / "swing.h5"
+    done = run("solve", FILE, *SMALL, "-o", str(saved))
+    assert done.exit_code == 1
+    assert "interrupted" in done.stdout
+    assert Solution.load(saved).status is Status.INTERRUPTED
+
+
+def test_unreachable_tolerance_is_not_converged(run: Run) -> None:
+    done = run("solve", FILE, *SMALL, "--json", "--set", "solver.max_iterations=1")
+    assert done.exit_code == 1
+    facts = json.loads(done.stdout)
+    assert (facts["status"], facts["converged"]) == ("max_iterations", False)
+    assert "solver.max_iterations" in facts["advice"]
