@@ -22,6 +22,7 @@ __all__ = ["Urdf", "build_model", "read_urdf"]
 
 ROOT_JOINT = "root_joint"
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+_MIMIC_TYPES = ("revolute", "continuous", "prismatic")
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
 _ROUND_OFF = 1e-9  # [kg m^2]; exporters print a zero moment of inertia as a tiny negative number
 _INERTIA_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -80,7 +81,8 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
                 return pin.buildModelFromXML(urdf.text, pin.JointModelFreeFlyer(), ROOT_JOINT, mimic)
             return pin.buildModelFromXML(urdf.text, mimic)
     except Exception as error:  # whatever Pinocchio and urdfdom throw across the language border
-        said = " ".join(dict.fromkeys([*"".join(noise).split("\n"), str(error)])).strip()
+        lines = [*"".join(noise).split("\n"), str(error).rpartition("message:")[2]]
+        said = " ".join(" ".join(dict.fromkeys(lines)).split())
         hint = "; mimic = false makes them joints of their own" if mimic and "imic" in said else ""
         raise RobotFileError(urdf.path, f"Pinocchio cannot read this URDF: {said}{hint}") from error
 
@@ -186,17 +188,24 @@ def _check_inertial(urdf: Urdf, link: ElementTree.Element) -> None:
 
 
 def _check_mimic(urdf: Urdf) -> None:
+    """Refuse by name what Pinocchio's mimic joints cannot follow."""
     joints = {joint.get("name"): joint for joint in urdf.root.iterfind("joint")}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
         if mimic is None:
             continue
-        leader = mimic.get("joint")
-        if leader not in joints:
-            raise RobotFileError(
-                urdf.path,
-                f"joint {name!r} mimics {leader!r}, which is not defined; "
-                "mend it, or load the robot with mimic = false",
+        leader = joints.get(mimic.get("joint"))
+        where, who = f"{urdf.path}: joint {name!r} mimics", repr(mimic.get("joint"))
+        remedy = "mend it, or load the robot with mimic = false"
+        if leader is None:
+            raise RobotFileError(urdf.path, f"joint {name!r} mimics {who}, which is not defined; {remedy}")
+        if leader.find("mimic") is not None:
+            raise UnsupportedRobot(f"{where} {who}, which itself mimics another joint; {remedy}")
+        kinds = (joint.get("type"), leader.get("type"))
+        if not set(kinds) <= set(_MIMIC_TYPES) or len({kind == "continuous" for kind in kinds}) > 1:
+            raise UnsupportedRobot(
+                f"{where} {who}: a {kinds[0]} joint cannot follow a {kinds[1]} one (continuous follows "
+                f"continuous, revolute and prismatic follow each other); {remedy}"
             )
 
 

@@ -70,6 +70,22 @@ def test_broken_files(tmp_path: Path, message: str, capfd: pytest.CaptureFixture
 
 
 UNSUPPORTED = {
+    r"joint 'j3' mimics 'j2', which itself mimics another joint; mend it, or load": robot(
+        *(link(n) for n in "abcd"),
+        joint("j1", "revolute", "a", "b"),
+        joint("j2", "revolute", "b", "c", extra=urdfs.mimic("j1")),
+        joint("j3", "revolute", "c", "d", extra=urdfs.mimic("j2")),
+    ),
+    r"joint 'j2' mimics 'j1': a revolute joint cannot follow a continuous one": robot(
+        *(link(n) for n in "abc"),
+        joint("j1", "continuous", "a", "b"),
+        joint("j2", "revolute", "b", "c", extra=urdfs.mimic("j1")),
+    ),
+    r"joint 'j2' mimics 'j1': a revolute joint cannot follow a planar one": robot(
+        *(link(n) for n in "abc"),
+        joint("j1", "planar", "a", "b"),
+        joint("j2", "revolute", "b", "c", extra=urdfs.mimic("j1")),
+    ),
     r"joint 'j' is of type 'spherical'; supported: revolute, continuous": robot(
         link("a"), link("b"), joint("j", "spherical", "a", "b")
     ),
