@@ -35,6 +35,7 @@ from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = ["solve"]
 
+_LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size has lost all accuracy
 _GOAL_REACHED = 1e-6  # tangent-space distance beyond which a "met" projected end condition is another root
 
 
@@ -155,7 +156,7 @@ def _solution(
     last = result.last
     return Solution(
         status=result.status,
-        advice=result.advice + _other_root(problem, result, trajectory.qs[-1]),
+        advice=result.advice + _other_root(problem, result, trajectory.qs[-1]) + _coarse_steps(problem, trajectory.vs),
         solver=_solver(problem, programme).name,
         iterations=sum(p.iterations for p in phases),
         cost=last.cost,
@@ -188,6 +189,19 @@ def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:
     return (
         f"; but the end is {distance:.3g} away from goal.q: the end condition, projected onto the constraints, has "
         "another root there; start from another guess"
+    )
+
+
+def _coarse_steps(problem: Problem, vs: Array) -> str:
+    """Warn where a joint turns so far in one step that the discretisation means nothing."""
+    angular = [i for i, label in enumerate(problem.robot.v_labels) if label.unit == "rad/s"]
+    turns = np.abs(vs[:, angular]).max(axis=0, initial=0.0) * problem.dt
+    if not angular or turns.max() <= _LARGEST_TURN:
+        return ""
+    name = problem.robot.v_labels[angular[int(turns.argmax())]].name
+    return (
+        f"; {name} turns by {turns.max():.1f} rad in one step, which is no motion any more: take more steps, or give "
+        "cost.velocity a weight"
     )
 
 

@@ -49,8 +49,7 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
     ps, inertial = _momenta(problem, qs, vs)
     lams, zetas = iterate.ys / dt, iterate.ms[:, 2 * nv :] / dt**2
     mus = np.vstack([iterate.ms[:, : 2 * nv], _final_adjoint(problem, qs[-1], vs[-1], ps[-1], iterate.eta)])
-    tracked = problem.cost.tracking * problem.cost.tracking_weights if problem.cost.tracking else None
-    momenta, names = control_momenta(robot, qs, vs, mus, tracked=tracked)
+    momenta, names = control_momenta(robot, qs, vs, mus, tracked=_weighed(problem))
     # Eq. (11): H = L + mu . f + zeta . Phi, with f_p = M a, which is the rate of p for constant M.
     hamiltonians = (
         _running_cost(problem, qs, vs, ps, iterate.us)
@@ -74,6 +73,14 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
         control_momentum_names=names,
         constraint_violation=constraint_violation(robot, qs, vs).position,
     )
+
+
+def _weighed(problem: Problem) -> Array | None:
+    """Components of (q, p) that the running cost looks at; a weight on velocities counts as one on momenta."""
+    cost, nv = problem.cost, problem.robot.nv
+    weights: Array = cost.tracking * np.asarray(cost.tracking_weights)
+    weights = weights + np.concatenate([np.zeros(nv), cost.velocity])
+    return weights if weights.any() else None
 
 
 def _momenta(problem: Problem, qs: Array, vs: Array) -> tuple[Array, Array]:

@@ -5,8 +5,6 @@ Guesses are made once a solve from Pinocchio's numeric algorithms; their loops o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pinocchio as pin
 
@@ -24,25 +22,21 @@ __all__ = ["guess_candidates", "iterate_from_solution", "make_guess"]
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
 _EQUILIBRIUM = 1e-8  # relative part of the gravity force that the controls may leave uncompensated
-_FAR_ROTATION = 2.5  # [rad] beyond it the direction of the shortest rotation is not to be trusted
 _PROJECTION_STEPS = 30
 
 
 def guess_candidates(problem: Problem) -> tuple[str, ...]:
     """Kinds of guess to try in turn: the one that was asked for, or those that suit the problem.
 
-    A robot that can hold still at its start begins there: from there the first Newton step is the one of the linearised
-    motion. Otherwise it moves freely under zero control, which satisfies the dynamics. A goal that is about half a
-    turn away is approached on the straight line first, since the tangent-space difference is ambiguous there.
+    A goal that is given in full is approached on the straight line, with the controls that this takes. A robot that can
+    hold still at its start may begin by doing so. Zero control and a forward simulation always satisfies the dynamics.
     """
     if problem.guess.kind != "auto":
         return (problem.guess.kind,)
-    others = ["control"]
-    if problem.goal.q_active.all():
-        others.insert(0, "line")
-    if not _can_hold(problem):
-        return (*reversed(others),)
-    return ("line", "hold", "control") if _goal_is_far(problem) else ("hold", *others)
+    kinds = ["line"] if problem.goal.q_active.all() else []
+    if _can_hold(problem):
+        kinds.append("hold")
+    return (*kinds, "control")
 
 
 def make_guess(kind: str, problem: Problem, programme: StagewiseProgramme) -> tuple[Iterate, str]:
@@ -170,17 +164,3 @@ def _can_hold(problem: Problem) -> bool:
         wanted = wanted - robot.force_elements(q, rest)
     left = wanted - robot.actuation_matrix(q) @ u + robot.constraint_jacobian(q).T @ lam
     return bool(np.abs(left).max(initial=0.0) <= _EQUILIBRIUM * (1.0 + np.abs(wanted).max(initial=0.0)))
-
-
-def _goal_is_far(problem: Problem) -> bool:
-    """Whether some rotation joint with a quaternion or a (cos, sin) pair has to turn by nearly half a turn."""
-    apart = problem.robot.difference(problem.q_start, problem.goal.q) * problem.goal.q_active
-    return any(np.linalg.norm(apart[angular]) > _FAR_ROTATION for angular in _group_rotations(problem.robot.model))
-
-
-def _group_rotations(model: pin.Model) -> Iterator[slice]:
-    for joint in model.joints:
-        extra = joint.nq - joint.nv
-        if extra > 0 and joint.nv > 0:
-            rotation = 3 if joint.nv in (3, 6) and joint.nq != 4 or joint.nq == 4 and joint.nv == 3 else 1
-            yield slice(joint.idx_v + joint.nv - rotation, joint.idx_v + joint.nv)

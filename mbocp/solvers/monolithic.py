@@ -37,6 +37,7 @@ _FIRST_SHIFT = 1e-3  # in units of the running cost's weight of a step
 _GROWTH, _SHRINKAGE = 8.0, 5.0
 _LARGEST_SHIFT = 1e10
 _GOOD_STEP = 0.2  # step length after which the shift shrinks
+_FAST_CONTRACTION = 0.1  # of the residual in one full step
 _SHORTEST_STEP = 0.02  # below it a larger shift is tried first ...
 _PATIENCE = 3  # ... this many times; then
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
@@ -137,14 +138,15 @@ class GlobalisedNewton:
                 return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
         length, by_cost = found
         state.native.accept(length)
+        evaluation = state.native.evaluate()
         return advanced(
             state,
-            state.native.evaluate(),
+            evaluation,
             direction.increment,
             length,
             augmentation=augmentation,
             regularisation=shift,
-            shift=_next_shift(shift, length),
+            shift=_next_shift(shift, length, evaluation.residual / state.evaluation.residual),
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),
             at_minimum=shift == 0.0,
@@ -172,14 +174,15 @@ class GlobalisedNewton:
         if direction is not None:
             native.move(1.0)
             native.accept(1.0)
+            evaluation = native.evaluate()
             after = advanced(
                 state,
-                native.evaluate(),
+                evaluation,
                 direction.increment,
                 1.0,
                 augmentation=augmentation,
                 regularisation=shift,
-                shift=_next_shift(shift, 1.0),
+                shift=_next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual),
                 reference=replace(reference, steps_left=reference.steps_left - 1),
                 at_minimum=shift == 0.0,
             )
@@ -199,9 +202,11 @@ class GlobalisedNewton:
         )
 
 
-def _next_shift(shift: float, length: float) -> float:
+def _next_shift(shift: float, length: float, contraction: float) -> float:
     if length < _GOOD_STEP:
         return 2.0 * max(shift, _FIRST_SHIFT)
+    if length == 1.0 and contraction < _FAST_CONTRACTION:
+        return 0.0  # Newton's own convergence has set in
     return shift / _SHRINKAGE if shift / _SHRINKAGE > _FIRST_SHIFT else 0.0
 
 
