@@ -1,0 +1,177 @@
+"""The top-level solve: arms and the free-flyer, warm starts, interruption, failure, proof."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbocp
+from mbocp.exceptions import DimensionMismatch, NotConverged, ProblemError
+from mbocp.guess import guess_candidates
+from mbocp.solvers import IterationRecord
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+UR5 = EXAMPLES / "arms" / "ur5_reach.toml"
+PENDULUM = EXAMPLES / "paper" / "rigid_pendulum.toml"
+ROBOTS = sorted([*(EXAMPLES / "arms").glob("*.toml"), *(EXAMPLES / "free_flyer").glob("*.toml")])
+
+
+@pytest.fixture(scope="module")
+def ur5() -> mbocp.Solution:
+    return mbocp.solve(UR5)
+
+
+@pytest.mark.parametrize("path", ROBOTS, ids=lambda p: p.stem)
+def test_robots_reach_their_goal(path: Path) -> None:
+    problem = mbocp.load_problem(path)
+    s = mbocp.solve(problem)
+    assert s.converged, s.advice
+    assert "strict local minimum" in s.advice
+    robot, model = problem.robot, problem.robot.model
+    assert np.linalg.norm(robot.difference(problem.goal.q, s.q_final)) < 1e-9
+    assert np.abs(s.vs[-1]).max() < 1e-9
+    data, dt = model.createData(), problem.dt
+    for n in range(s.num_steps):  # the step of SE1, by Pinocchio's own algorithms
+        assert np.abs(pin.difference(model, s.qs[n + 1], pin.integrate(model, s.qs[n], dt * s.vs[n + 1]))).max() < 1e-11
+        torque = pin.rnea(model, data, s.qs[n + 1], s.vs[n + 1], (s.vs[n + 1] - s.vs[n]) / dt)
+        applied = robot.actuation_matrix(s.qs[n + 1]) @ s.us[n]
+        assert np.abs(torque - applied).max() < 1e-8 * (1 + np.abs(torque).max())
+    assert s.control_momentum_names
+    assert s.control_momentum_drift < 1e-9 * (1 + np.abs(s.control_momenta).max())
+
+
+def test_quaternion_stays_on_its_group() -> None:
+    s = mbocp.solve(EXAMPLES / "free_flyer" / "drone_flip.toml")
+    assert np.abs(np.linalg.norm(s.qs[:, 3:7], axis=1) - 1).max() < 1e-12
+
+
+def test_continuous_joints_stay_on_their_group() -> None:
+    s = mbocp.solve(EXAMPLES / "arms" / "kinova_reach.toml")
+    for column in [i for i, label in enumerate(s.labels.q) if "cos" in label.name]:
+        assert np.abs(np.hypot(s.qs[:, column], s.qs[:, column + 1]) - 1).max() < 1e-12
+
+
+@pytest.mark.parametrize("steps", [100, 250, 60])
+def test_warm_start_with_any_number_of_steps(ur5: mbocp.Solution, steps: int) -> None:
+    s = mbocp.solve(mbocp.load_problem(UR5, [f"horizon.steps={steps}"]), warm_start=ur5)
+    assert s.converged
+    assert s.guess_used.startswith("warm start")
+    assert s.iterations <= (1 if steps == 100 else 8)
+
+
+def test_guess_from_a_saved_solution(ur5: mbocp.Solution, tmp_path: Path) -> None:
+    ur5.save(tmp_path / "ur5.h5")
+    s = mbocp.solve(mbocp.load_problem(UR5, [f'guess.file="{tmp_path / "ur5.h5"}"', "horizon.steps=150"]))
+    assert s.converged
+    assert "saved solution ur5.h5" in s.guess_used
+
+
+def test_warm_start_of_another_robot_is_refused(ur5: mbocp.Solution) -> None:
+    with pytest.raises(DimensionMismatch, match="warm start"):
+        mbocp.solve(PENDULUM, warm_start=ur5)
+
+
+@pytest.mark.parametrize("kind", ["line", "hold", "control"])
+def test_every_guess_leads_to_a_solution(kind: str) -> None:
+    settings = [f'guess.kind="{kind}"'] + (["guess.u=[0, 0, 0, 0, 0, 0]"] if kind == "control" else [])
+    s = mbocp.solve(mbocp.load_problem(UR5, settings))
+    assert s.converged, s.advice
+    assert s.guess_used
+
+
+def test_guess_left_to_mbocp_is_named_and_suits_the_problem(ur5: mbocp.Solution) -> None:
+    assert "straight line" in ur5.guess_used
+    assert guess_candidates(mbocp.load_problem(UR5)) == ("line", "hold", "control")
+    free = mbocp.load_problem(UR5, ["goal.q={elbow_joint=0.5}"])
+    assert guess_candidates(free)[0] == "hold"
+
+
+def test_subset_of_the_goal() -> None:
+    s = mbocp.solve(mbocp.load_problem(UR5, ["goal.q={elbow_joint=0.5}"]))
+    assert s.converged, s.advice
+    assert s.q_final[2] == pytest.approx(0.5, abs=1e-10)
+    assert s.eta.shape == (7,)
+
+
+def test_callback_sees_every_iteration() -> None:
+    seen: list[IterationRecord] = []
+    s = mbocp.solve(PENDULUM, callback=seen.append)
+    assert tuple(seen) == s.history
+    assert [r.iteration for r in seen] == list(range(s.iterations + 1))
+    assert [p.name for p in s.phases] == ["compile", "guess", "monolithic", "diagnostics"]
+
+
+def test_interruption_returns_the_iterate() -> None:
+    def interrupt(record: IterationRecord) -> None:
+        if record.iteration == 3:
+            raise KeyboardInterrupt
+
+    s = mbocp.solve(PENDULUM, callback=interrupt)
+    assert s.status == "interrupted"
+    assert not s.converged
+    assert "3 iterations" in s.advice
+    assert np.isfinite(s.us).all()
+
+
+def test_failure_says_why_and_returns_the_best_iterate() -> None:
+    problem = mbocp.load_problem(UR5, ["solver.max_iterations=2", 'guess.kind="hold"'])
+    s = mbocp.solve(problem)
+    assert s.status == "max_iterations"
+    assert "not converged in 2 iterations" in s.advice
+    assert "largest violation" in s.advice
+    assert " t = " in s.advice
+    with pytest.raises(NotConverged, match="max_iterations") as caught:
+        mbocp.solve(problem, check=True)
+    assert caught.value.solution.status == "max_iterations"
+
+
+def test_redundant_end_conditions_are_called_singular() -> None:
+    """One actuator cannot rule the momenta of both bodies of a rigid cart-pendulum at once in one step."""
+    with pytest.raises(ProblemError):
+        mbocp.load_problem(
+            EXAMPLES / "paper" / "cart_pendulum_rigid.toml",
+            ["horizon.steps=2", 'goal.enforce="exact"', "goal.q=[0, 0.5, 1]", "goal.p=[0, 0, 0]"],
+        )
+
+
+def test_forward_simulation_that_fails_names_the_step() -> None:
+    problem = mbocp.load_problem(PENDULUM, ["horizon.steps=2", "horizon.duration=50.0", "guess.u=[900, 0, 900]"])
+    with pytest.raises(ProblemError, match=r"forward simulation .* step to t = "):
+        mbocp.solve(problem)
+
+
+def test_tracking_follows_a_moving_target(tmp_path: Path) -> None:
+    steps = 50
+    angles = np.zeros((steps, 6))
+    angles[:, 0] = np.sin(np.linspace(0.04, 2.0, steps))
+    problem = mbocp.Problem.create(
+        "ur5", 2.0, steps, goal={"enforce": "none"},
+        cost={"effort": 1e-6, "tracking": 10.0, "tracking_weights": {"q": 1.0}, "target": {"q": angles.tolist()}},
+        start={"q": [0.0] * 6},
+    )  # fmt: skip
+    s = mbocp.solve(problem)
+    assert s.converged, s.advice
+    assert np.abs(s.qs[6:, 0] - angles[5:, 0]).max() < 0.02
+
+
+def test_velocity_weight_slows_the_motion() -> None:
+    peak = [np.abs(mbocp.solve(mbocp.load_problem(UR5, [f"cost.velocity={w}"])).vs).max() for w in (1.0, 1000.0)]
+    assert peak[1] < peak[0]
+
+
+def test_too_coarse_steps_are_pointed_out() -> None:
+    s = mbocp.solve(mbocp.load_problem(UR5, ["horizon.steps=2", "horizon.duration=3.0"]))
+    assert "in one step" in s.advice
+
+
+def test_solution_keeps_what_made_it(ur5: mbocp.Solution, tmp_path: Path) -> None:
+    (tmp_path / "again.toml").write_text(ur5.problem_text, encoding="utf-8")
+    again = mbocp.solve(tmp_path / "again.toml")
+    assert again.cost == pytest.approx(ur5.cost, rel=1e-12)
+    assert np.allclose(again.us, ur5.us, atol=1e-9)
+    loaded = mbocp.Solution.load(ur5.save(tmp_path / "ur5.h5"))
+    assert loaded.equals(ur5)
+    assert set(ur5.versions) >= {"mbocp", "pin", "casadi", "numpy", "python"}

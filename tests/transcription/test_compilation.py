@@ -1,0 +1,147 @@
+"""The cache of compiled stage functions: shared, checked, private, and not needed."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import stat
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.exceptions import CompilationError
+from mbocp.problem import Problem
+from mbocp.transcription import compilation, transcribe
+from mbocp.transcription.compilation import NoCompilerWarning, cache_folder, load_functions
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "stages"
+
+
+def doubling() -> dict[str, ca.Function]:
+    x = ca.SX.sym("x")
+    return {"f": ca.Function("f", [x], [2 * x])}
+
+
+def never() -> dict[str, ca.Function]:
+    raise AssertionError("built although it is in the cache")
+
+
+def pendulum(**changes: object) -> Problem:
+    problem = mbocp.load_problem(EXAMPLES / "paper" / "rigid_pendulum.toml", ["horizon.steps=10"])
+    return problem.with_(**changes) if changes else problem
+
+
+def test_second_call_builds_nothing(folder: Path) -> None:
+    first = load_functions("key", doubling)
+    second = load_functions("key", never)
+    assert first.compiled_now
+    assert not second.compiled_now
+    assert first.library == second.library
+    assert first.library is not None
+    assert first.library.parent == folder
+
+
+def test_tasks_of_one_shape_share_their_functions(folder: Path) -> None:
+    transcribe(pendulum())
+    assert len(list(folder.glob("*.so"))) == 1
+    for settings in (
+        ["horizon.duration=1.3", "horizon.steps=37"],
+        ["start.q=[0, 5, 0]", "start.p=[0, 0, 1]"],
+        ["goal.q=[3, 0, -4]", "cost.effort=0.3"],
+    ):
+        other = mbocp.load_problem(EXAMPLES / "paper" / "rigid_pendulum.toml", settings)
+        assert not transcribe(other).functions.compiled_now
+    assert len(list(folder.glob("*.so"))) == 1
+    penalised = mbocp.load_problem(
+        EXAMPLES / "paper" / "rigid_pendulum.toml", ['goal.enforce="penalty"', "cost.terminal=1.0"]
+    )
+    assert transcribe(penalised).functions.compiled_now
+
+
+@pytest.mark.parametrize("damage", ["truncated", "overwritten", "empty", "foreign"])
+def test_a_corrupt_entry_is_rebuilt(folder: Path, damage: str) -> None:
+    library = load_functions("key", doubling).library
+    assert library is not None
+    content = library.read_bytes()
+    wrong = {
+        "truncated": content[: len(content) // 2],
+        "overwritten": content[:1000] + b"\0" * 100 + content[1100:],
+        "empty": b"",
+        "foreign": b"\x7fELF not ours",
+    }[damage]
+    library.unlink()
+    library.write_bytes(wrong)
+    again = load_functions("key", doubling)
+    assert again.compiled_now
+    assert not load_functions("key", never).compiled_now
+
+
+def fill(key: str) -> bool:
+    return load_functions(key, doubling).library is not None
+
+
+def test_processes_may_fill_the_cache_together(folder: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(2) as pool:
+        assert all(pool.map(fill, ["same"] * 6))
+    assert len(list(folder.glob("*.so"))) == 1
+    assert not list(folder.glob("build-*"))
+
+
+def test_folder_is_the_user_s_alone(folder: Path) -> None:
+    assert stat.S_IMODE(cache_folder().stat().st_mode) == 0o700
+    folder.chmod(0o777)
+    compilation._private_folder.cache_clear()
+    with pytest.warns(RuntimeWarning, match="somebody else may write to it"):
+        other = cache_folder()
+    assert other != folder
+    assert stat.S_IMODE(other.stat().st_mode) == 0o700
+    shutil.rmtree(other)
+    compilation._private_folder.cache_clear()
+
+
+def test_without_a_compiler_the_functions_are_interpreted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = mbocp.solve(pendulum())
+    monkeypatch.setenv("CC", "")
+    monkeypatch.setenv("PATH", str(folder))
+    for entry in folder.glob("*.so"):
+        entry.unlink()
+    compilation._warn_no_compiler.cache_clear()
+    with pytest.warns(NoCompilerWarning, match="apt install gcc") as caught:
+        interpreted = mbocp.solve(pendulum())
+        mbocp.solve(pendulum())
+    assert len([w for w in caught if w.category is NoCompilerWarning]) == 1
+    assert interpreted.iterations == compiled.iterations
+    assert np.allclose(interpreted.us, compiled.us, atol=1e-12)
+
+
+def test_a_compiler_that_fails_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = folder.parent / "cc"
+    script.parent.mkdir(parents=True, exist_ok=True)
+    script.write_text("#!/bin/sh\necho out of order >&2\nexit 3\n")
+    script.chmod(0o755)
+    monkeypatch.setenv("CC", str(script))
+    with pytest.raises(CompilationError, match=r"(?s)cc failed.*exit 3.*out of order"):
+        load_functions("key", doubling)
+    assert not list(folder.glob("*.so"))
+    assert not list(folder.glob("build-*"))
+
+
+def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:
+    heavy = mbocp.load_problem(
+        EXAMPLES / "paper" / "rigid_pendulum.toml", ["horizon.steps=10", "robot.gravity=[0, 0, -3]"]
+    )
+    transcribe(pendulum())
+    assert transcribe(heavy).functions.compiled_now
+    assert len(list(folder.glob("*.so"))) == 2
+    assert os.listdir(folder)
