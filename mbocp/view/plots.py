@@ -146,8 +146,9 @@ def _page(num_tiles: int, paths: FramePaths | None) -> tuple[Figure, list[Any], 
             cells = num_tiles + high * wide
             if columns == 3 or cells > 9:
                 rows = max(math.ceil(cells / columns), high)
-                layouts.append((rows * columns - cells, rows, columns, high, wide))
-    # The fewest empty places; then the flattest, for screens.
+                # Few empty places, but more than four rows do not fit a screen.
+                waste = rows * columns - cells + 2 * max(rows - 4, 0)
+                layouts.append((waste, rows, columns, high, wide))
     _, rows, columns, high, wide = min(layouts)
     figure = new_figure(4.1 * columns, 2.55 * rows + 0.9)
     grid = GridSpec(rows, columns, figure=figure)
@@ -201,7 +202,10 @@ def _title(figure: Figure, solution: Solution) -> None:
         f"$N$ = {solution.num_steps}, $T$ = {solution.duration:g} s",
     ]
     if not solution.converged and solution.advice:
-        words.append("\n".join(textwrap.wrap(plain_text(solution.advice), 100)[:2]))
+        width = int(10 * figure.get_size_inches()[0])  # letters on a line
+        words.append(
+            "\n".join(textwrap.wrap(plain_text(solution.advice), width, max_lines=3, placeholder=" ..."))
+        )
     figure.suptitle(
         "\n".join([plain_text(words[0]), *words[1:]]),
         fontsize=10.5,

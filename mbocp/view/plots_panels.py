@@ -38,6 +38,9 @@ __all__ = [
 ]
 
 
+_MOST_MARKERS = 40  # more merge into a band
+
+
 @dataclass(frozen=True, eq=False)
 class Panel:
     """Anything else: a function that draws into axes, legend included."""
@@ -98,6 +101,8 @@ def multiplier_panels(solution: Solution) -> list[LinePanel]:
 
 
 def _log_curve(axes: Axes, x: Array, y: Array, label: str, index: int, marker: str = "") -> None:
+    if len(x) > _MOST_MARKERS:
+        marker = ""
     positive = np.where(np.isfinite(y) & (y > 0), y, np.nan)
     if np.isfinite(positive).any():
         axes.semilogy(x, positive, marker=marker, markersize=3.5, label=label, **line_style(index)._asdict())
@@ -147,7 +152,8 @@ def cost_panel(solution: Solution) -> Panel:
 
     def draw(axes: Axes) -> None:
         cost = np.array([record.cost for record in solution.history], dtype=float)
-        axes.plot(np.arange(len(cost)), cost, marker="o", markersize=3.5, color=PALETTE[0])
+        marker = "o" if len(cost) <= _MOST_MARKERS else ""
+        axes.plot(np.arange(len(cost)), cost, marker=marker, markersize=3.5, color=PALETTE[0])
         calm_limits(axes, cost)
         finish_axes(axes, title="Cost", ylabel="$J$", xlabel="iteration")
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

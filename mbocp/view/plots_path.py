@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from mbocp._arrays import Array
 from mbocp.robot.joints import joint_kind
@@ -136,7 +136,10 @@ class FramePaths:
             ((axes.xaxis, axes.set_xlabel), (axes.yaxis, axes.set_ylabel), (axes.zaxis, axes.set_zlabel))
         ):
             setter(f"${'xyz'[i]}$ [m]", labelpad=-1)
-            axis.set_major_locator(MaxNLocator(3 if half[i] < 0.6 * half.max() else 5))
+            ticks = MaxNLocator(3 if half[i] < 0.6 * half.max() else 5).tick_values(*axis.get_view_interval())
+            # Labels at the corners would run into those of the next axis.
+            inner = np.abs(ticks - middle[i]) < 0.85 * half[i]
+            axis.set_major_locator(FixedLocator(list(ticks[inner])))
             axis.set_tick_params(pad=0)
             axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
 

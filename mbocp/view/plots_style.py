@@ -12,7 +12,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ResultFileError
@@ -147,10 +147,22 @@ def finish_axes(
     axes.set_title(title, loc="left")
     axes.set_xlabel(xlabel)
     axes.set_ylabel(ylabel)
-    if axes.get_yscale() == "linear":
+    if axes.get_yscale() == "log":
+        _whole_decades(axes)
+    else:
         axes.yaxis.set_major_locator(MaxNLocator(yticks, steps=[1, 2, 2.5, 5, 10]))
         axes.ticklabel_format(axis="y", useOffset=False, scilimits=(-3, 4))
     axes.xaxis.set_major_locator(MaxNLocator(6))
+
+
+def _whole_decades(axes: Axes) -> None:
+    """Label powers of ten only, and show at least two of them."""
+    low, high = (math.log10(y) for y in axes.get_ylim())
+    if high - low < 2:
+        middle = (low + high) / 2
+        low, high = math.floor(middle - 1), math.ceil(middle + 1)
+    axes.set_ylim(10**low, 10**high)
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def mark_time(axes: Axes, t: Array) -> None:
