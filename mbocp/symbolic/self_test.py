@@ -48,7 +48,7 @@ def self_test(model: pin.Model) -> None:
     _compare(model, model_functions(model))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def _functions_of(serialized_model: str) -> ModelFunctions:
     model = pin.Model()
     model.loadFromString(serialized_model)

@@ -24,7 +24,7 @@ namespace mbocp
     SX a;
     if (tree.mimics.empty())
     {
-      Data data(tree.model);
+      Data & data = tree.scratch();
       pin::aba(tree.model, data, to_eigen(q), to_eigen(v), to_eigen(tau), pin::Convention::LOCAL);
       a = to_casadi(data.ddq);
     }
@@ -41,7 +41,7 @@ namespace mbocp
     SX Minv;
     if (tree.mimics.empty())
     {
-      Data data(tree.model);
+      Data & data = tree.scratch();
       pin::computeMinverse(tree.model, data, to_eigen(q));
       data.Minv.triangularView<Eigen::StrictlyLower>() = data.Minv.transpose().triangularView<Eigen::StrictlyLower>();
       Minv = to_casadi(data.Minv);

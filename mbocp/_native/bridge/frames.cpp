@@ -53,7 +53,7 @@ namespace mbocp
   casadi::Function frame_placement(const Tree & tree, int frame)
   {
     const SX q = SX::sym("q", tree.nq);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     pin::forwardKinematics(tree.model, data, tree.configuration(q));
     const auto & oMf = pin::updateFramePlacement(tree.model, data, frame);
     return {"frame_placement", {q}, {to_casadi(oMf.rotation()), to_casadi(oMf.translation())}, {"q"}, {"R", "p"}};
@@ -62,7 +62,7 @@ namespace mbocp
   casadi::Function frame_jacobian(const Tree & tree, int frame, int reference)
   {
     const SX q = SX::sym("q", tree.nq);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     Jacobian J = Jacobian::Zero(6, tree.model.nv);
     pin::computeFrameJacobian(tree.model, data, tree.configuration(q), frame, pin::ReferenceFrame(reference), J);
     return {"frame_jacobian", {q}, {tree.jacobian(to_casadi(J))}, {"q"}, {"J"}};
@@ -71,7 +71,7 @@ namespace mbocp
   casadi::Function frame_velocity(const Tree & tree, int frame, int reference)
   {
     const SX q = SX::sym("q", tree.nq), v = SX::sym("v", tree.nv);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     pin::forwardKinematics(tree.model, data, tree.configuration(q), tree.velocity(v));
     const auto twist = pin::getFrameVelocity(tree.model, data, frame, pin::ReferenceFrame(reference));
     return {"frame_velocity", {q, v}, {to_casadi(twist.toVector())}, {"q", "v"}, {"twist"}};
@@ -80,7 +80,7 @@ namespace mbocp
   casadi::Function constraint_jacobian(const Tree & tree, const std::vector<RigidConstraint> & constraints)
   {
     const SX q = SX::sym("q", tree.nq);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     pin::computeJointJacobians(tree.model, data, tree.configuration(q));
     std::vector<SX> rows;
     for (const RigidConstraint & constraint : constraints)

@@ -12,7 +12,7 @@ namespace mbocp
   casadi::Function crba(const Tree & tree)
   {
     const SX q = SX::sym("q", tree.nq);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     pin::crba(tree.model, data, tree.configuration(q), pin::Convention::WORLD);
     data.M.triangularView<Eigen::StrictlyLower>() = data.M.transpose().triangularView<Eigen::StrictlyLower>();
     return {"crba", {q}, {tree.inertia(to_casadi(data.M))}, {"q"}, {"M"}};
@@ -21,7 +21,7 @@ namespace mbocp
   casadi::Function kinetic_energy(const Tree & tree)
   {
     const SX q = SX::sym("q", tree.nq), v = SX::sym("v", tree.nv);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     const SX T = pin::computeKineticEnergy(tree.model, data, tree.configuration(q), tree.velocity(v));
     return {"kinetic_energy", {q, v}, {T}, {"q", "v"}, {"T"}};
   }
@@ -29,7 +29,7 @@ namespace mbocp
   casadi::Function potential_energy(const Tree & tree)
   {
     const SX q = SX::sym("q", tree.nq);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     const SX V = pin::computePotentialEnergy(tree.model, data, tree.configuration(q));
     return {"potential_energy", {q}, {V}, {"q"}, {"V"}};
   }
@@ -37,7 +37,7 @@ namespace mbocp
   casadi::Function center_of_mass(const Tree & tree)
   {
     const SX q = SX::sym("q", tree.nq);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     pin::centerOfMass(tree.model, data, tree.configuration(q), false);
     return {"center_of_mass", {q}, {to_casadi(data.com[0])}, {"q"}, {"c"}};
   }
@@ -45,7 +45,7 @@ namespace mbocp
   casadi::Function centroidal_momentum(const Tree & tree)
   {
     const SX q = SX::sym("q", tree.nq), v = SX::sym("v", tree.nv);
-    Data data(tree.model);
+    Data & data = tree.scratch();
     pin::computeCentroidalMomentum(tree.model, data, tree.configuration(q), tree.velocity(v));
     return {"centroidal_momentum", {q, v}, {to_casadi(data.hg.toVector())}, {"q", "v"}, {"h"}};
   }

@@ -135,12 +135,15 @@ namespace mbocp
     template<typename Q>
     void calc(JointDataDerived & data, const Eigen::MatrixBase<Q> & q) const
     {
+      data.joint_q = q.segment(idx_q(), size_q);
       calc_position(data, q.derived());
     }
 
     template<typename Q, typename V>
     void calc(JointDataDerived & data, const Eigen::MatrixBase<Q> & q, const Eigen::MatrixBase<V> & v) const
     {
+      data.joint_q = q.segment(idx_q(), size_q);
+      data.joint_v = v.segment(idx_v(), size_v);
       calc_velocity(data, q.derived(), v.derived());
     }
 

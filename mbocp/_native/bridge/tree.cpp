@@ -95,6 +95,13 @@ namespace mbocp
       model.armature[k] = armature[k];
   }
 
+  Data & Tree::scratch() const
+  {
+    if (!data)
+      data = std::make_unique<Data>(model);
+    return *data;
+  }
+
   VectorX Tree::configuration(const SX & q) const
   {
     VectorX Q(model.nq);

@@ -18,6 +18,9 @@ namespace mbocp
     SX jacobian(const SX & J) const;           // J A
     SX inertia(const SX & M) const;            // A^T M A
 
+    // One Data serves all functions, as in numeric use; a new one takes seconds for a hundred joints.
+    Data & scratch() const;
+
     struct Mimic
     {
       pin::JointIndex joint;
@@ -30,6 +33,9 @@ namespace mbocp
     std::vector<Mimic> mimics;
     std::vector<int> source_q; // for each entry of Q the one of q, -1 below a mimic joint
     SX A;                      // (model.nv, nv)
+
+  private:
+    mutable std::unique_ptr<Data> data;
   };
 
   AnyJoint wrap_joint(const pin::JointModel & joint, pin::JointIndex id, int idx_q, int idx_v);
