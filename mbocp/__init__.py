@@ -14,12 +14,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mbocp.api import solve as solve
     from mbocp.problem import Problem as Problem
     from mbocp.problem import load_problem as load_problem
     from mbocp.robot import Robot as Robot
     from mbocp.robot import load_robot as load_robot
     from mbocp.solution import Solution as Solution
-    from mbocp.api import solve as solve
 
 __version__ = "0.1.0"
 

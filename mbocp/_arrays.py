@@ -15,7 +15,9 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 __all__ = ["Array", "BoolArray", "frozen_array", "frozen_mask"]
 
 
-def frozen_array(value: ArrayLike, *, shape: tuple[int | None, ...] | None = None, name: str = "array") -> Array:
+def frozen_array(
+    value: ArrayLike, *, shape: tuple[int | None, ...] | None = None, name: str = "array"
+) -> Array:
     """Copy `value` into a read-only float64 array.
 
     Parameters

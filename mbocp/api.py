@@ -85,7 +85,9 @@ def solve(
     result, guess_used = _solve_programme(problem, programme, warm_start, callback, phases)
     with _timed(phases, "diagnostics"):
         trajectory = assemble(problem, programme, result.iterate)
-    solution = _solution(problem, programme, result, trajectory, phases, guess_used, time.perf_counter() - clock)
+    solution = _solution(
+        problem, programme, result, trajectory, phases, guess_used, time.perf_counter() - clock
+    )
     if check and not solution.converged:
         raise NotConverged(solution)
     return solution
@@ -102,7 +104,9 @@ def _solver(problem: Problem, programme: StagewiseProgramme) -> Solver:
     options = problem.solver
     if options.globalisation == "none":
         return PureNewton(options.tolerance, options.max_iterations)
-    return GlobalisedNewton(options.tolerance, options.max_iterations, control_weight=programme.control_weight)
+    return GlobalisedNewton(
+        options.tolerance, options.max_iterations, control_weight=programme.control_weight
+    )
 
 
 def _solve_programme(
@@ -156,7 +160,9 @@ def _solution(
     last = result.last
     return Solution(
         status=result.status,
-        advice=result.advice + _other_root(problem, result, trajectory.qs[-1]) + _coarse_steps(problem, trajectory.vs),
+        advice=result.advice
+        + _other_root(problem, result, trajectory.qs[-1])
+        + _coarse_steps(problem, trajectory.vs),
         solver=_solver(problem, programme).name,
         iterations=sum(p.iterations for p in phases),
         cost=last.cost,
@@ -187,8 +193,8 @@ def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:
     if distance <= _GOAL_REACHED:
         return ""
     return (
-        f"; but the end is {distance:.3g} away from goal.q: the end condition, projected onto the constraints, has "
-        "another root there; start from another guess"
+        f"; but the end is {distance:.3g} off goal.q: the end condition, projected onto the constraints, "
+        "has another root there; start from another guess"
     )
 
 
@@ -200,8 +206,8 @@ def _coarse_steps(problem: Problem, vs: Array) -> str:
         return ""
     name = problem.robot.v_labels[angular[int(turns.argmax())]].name
     return (
-        f"; {name} turns by {turns.max():.1f} rad in one step, which is no motion any more: take more steps, or give "
-        "cost.velocity a weight"
+        f"; {name} turns by {turns.max():.1f} rad in one step, which is no motion any more: take more steps, "
+        "or give cost.velocity a weight"
     )
 
 

@@ -1,4 +1,4 @@
-"""From a solver's iterate to named trajectories in the paper's scaling, with what they prove about themselves."""
+"""From a solver's iterate to trajectories in the paper's scaling, and what they prove about themselves."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
     if robot.nc:
         hamiltonians += np.einsum("ni,ni->n", zetas, np.array([robot.constraint_residual(q) for q in qs[1:]]))
     return Trajectory(
-        t=np.arange(N + 1) * dt,
+        t=np.arange(N + 1, dtype=np.float64) * dt,
         qs=qs,
         vs=vs,
         ps=ps,
@@ -76,7 +76,7 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
 
 
 def _weighed(problem: Problem) -> Array | None:
-    """Components of (q, p) that the running cost looks at; a weight on velocities counts as one on momenta."""
+    """Components of (q, p) that the running cost looks at; one on velocities counts as one on momenta."""
     cost, nv = problem.cost, problem.robot.nv
     weights: Array = cost.tracking * np.asarray(cost.tracking_weights)
     weights = weights + np.concatenate([np.zeros(nv), cost.velocity])

@@ -53,9 +53,13 @@ class MbocpError(Exception):
 class DimensionMismatch(MbocpError):
     """An array does not have the shape that the robot or problem asks for."""
 
-    def __init__(self, name: str, got: Sequence[int] | int, expected: Sequence[int | None] | int, hint: str = "") -> None:
+    def __init__(
+        self, name: str, got: Sequence[int] | int, expected: Sequence[int | None] | int, hint: str = ""
+    ) -> None:
         self.name, self.got, self.expected = name, got, expected
-        super().__init__(f"{name}: got shape {_shape(got)}, expected {_shape(expected)}{'; ' + hint if hint else ''}")
+        super().__init__(
+            f"{name}: got shape {_shape(got)}, expected {_shape(expected)}{'; ' + hint if hint else ''}"
+        )
 
 
 class InvalidValue(MbocpError):

@@ -1,6 +1,7 @@
 """Initial guesses: a trajectory to start the solver from, in the programme's unknowns.
 
-Guesses are made once a solve from Pinocchio's numeric algorithms; their loops over the steps are not in the hot path.
+Guesses are made once a solve from Pinocchio's numeric algorithms; their loops over the steps are not in the
+hot path.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ _PROJECTION_STEPS = 30
 def guess_candidates(problem: Problem) -> tuple[str, ...]:
     """Kinds of guess to try in turn: the one that was asked for, or those that suit the problem.
 
-    A goal that is given in full is approached on the straight line, with the controls that this takes. A robot that can
-    hold still at its start may begin by doing so. Zero control and a forward simulation always satisfies the dynamics.
+    A goal that is given in full is approached on the straight line, with the controls that this takes. A
+    robot that can hold still at its start may begin by doing so. Zero control and a forward simulation
+    always satisfies the dynamics.
     """
     if problem.guess.kind != "auto":
         return (problem.guess.kind,)
@@ -49,7 +51,9 @@ def make_guess(kind: str, problem: Problem, programme: StagewiseProgramme) -> tu
     """
     if kind == "control":
         u = np.zeros(problem.robot.nu) if problem.guess.u is None else problem.guess.u
-        return _simulated(problem, programme, u), f"forward simulation with u = {np.array2string(u, precision=4)}"
+        return _simulated(
+            problem, programme, u
+        ), f"forward simulation with u = {np.array2string(u, precision=4)}"
     if kind == "line":
         return _line(problem, programme), "straight line in the configuration space, inverse dynamics"
     if kind == "hold":
@@ -60,7 +64,9 @@ def make_guess(kind: str, problem: Problem, programme: StagewiseProgramme) -> tu
     try:
         return iterate_from_solution(saved, problem, programme), f"saved solution {problem.guess.path.name}"
     except DimensionMismatch as error:
-        raise ResultFileError(problem.guess.path, f"does not fit robot {problem.robot.name!r}: {error}") from error
+        raise ResultFileError(
+            problem.guess.path, f"does not fit robot {problem.robot.name!r}: {error}"
+        ) from error
 
 
 def iterate_from_solution(saved: Solution, problem: Problem, programme: StagewiseProgramme) -> Iterate:
@@ -78,7 +84,12 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
     nodes = np.linspace(0.0, saved.num_steps, N + 1)
     left = np.minimum(nodes.astype(int), saved.num_steps - 1)
     share = nodes - left
-    qs = np.array([pin.interpolate(robot.model, saved.qs[i], saved.qs[i + 1], s) for i, s in zip(left, share, strict=True)])
+    qs = np.array(
+        [
+            pin.interpolate(robot.model, saved.qs[i], saved.qs[i + 1], s)
+            for i, s in zip(left, share, strict=True)
+        ]
+    )
     vs = saved.vs[left] + share[:, None] * (saved.vs[left + 1] - saved.vs[left])
     qs[0], vs[0] = problem.q_start, problem.v_start
     middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
@@ -104,8 +115,8 @@ def _simulated(problem: Problem, programme: StagewiseProgramme, u: Array) -> Ite
     if not sweep.ok:
         when = (sweep.failed_stage + 1) * problem.dt
         raise ProblemError(
-            f"guess: the forward simulation with constant control fails in the step to t = {when:g} s (residual "
-            f"{sweep.residual:.1e}); take more steps, another guess.u, or another guess.kind"
+            f"guess: the forward simulation with constant control fails in the step to t = {when:g} s "
+            f"(residual {sweep.residual:.1e}); take more steps, another guess.u, or another guess.kind"
         )
     return Iterate.read_from(native, programme)
 
@@ -124,7 +135,9 @@ def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     s = np.linspace(0.0, 1.0, N + 1)
     blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
     model = robot.model
-    qs = np.array([_projected(robot, pin.interpolate(model, problem.q_start, problem.goal.q, b)) for b in blend])
+    qs = np.array(
+        [_projected(robot, pin.interpolate(model, problem.q_start, problem.goal.q, b)) for b in blend]
+    )
     qs[0] = problem.q_start
     steps = [pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)]
     vs = np.vstack([problem.v_start, *steps])

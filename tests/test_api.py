@@ -35,7 +35,10 @@ def test_robots_reach_their_goal(path: Path) -> None:
     assert np.abs(s.vs[-1]).max() < 1e-9
     data, dt = model.createData(), problem.dt
     for n in range(s.num_steps):  # the step of SE1, by Pinocchio's own algorithms
-        assert np.abs(pin.difference(model, s.qs[n + 1], pin.integrate(model, s.qs[n], dt * s.vs[n + 1]))).max() < 1e-11
+        assert (
+            np.abs(pin.difference(model, s.qs[n + 1], pin.integrate(model, s.qs[n], dt * s.vs[n + 1]))).max()
+            < 1e-11
+        )
         torque = pin.rnea(model, data, s.qs[n + 1], s.vs[n + 1], (s.vs[n + 1] - s.vs[n]) / dt)
         applied = robot.actuation_matrix(s.qs[n + 1]) @ s.us[n]
         assert np.abs(torque - applied).max() < 1e-8 * (1 + np.abs(torque).max())
@@ -138,7 +141,9 @@ def test_redundant_end_conditions_are_called_singular() -> None:
 
 
 def test_forward_simulation_that_fails_names_the_step() -> None:
-    problem = mbocp.load_problem(PENDULUM, ["horizon.steps=2", "horizon.duration=50.0", "guess.u=[900, 0, 900]"])
+    problem = mbocp.load_problem(
+        PENDULUM, ["horizon.steps=2", "horizon.duration=50.0", "guess.u=[900, 0, 900]"]
+    )
     with pytest.raises(ProblemError, match=r"forward simulation .* step to t = "):
         mbocp.solve(problem)
 
@@ -149,8 +154,8 @@ def test_tracking_follows_a_moving_target(tmp_path: Path) -> None:
     angles[:, 0] = np.sin(np.linspace(0.04, 2.0, steps))
     problem = mbocp.Problem.create(
         "ur5", 2.0, steps, goal={"enforce": "none"},
-        cost={"effort": 1e-6, "tracking": 10.0, "tracking_weights": {"q": 1.0}, "target": {"q": angles.tolist()}},
-        start={"q": [0.0] * 6},
+        cost={"effort": 1e-6, "tracking": 10.0, "tracking_weights": {"q": 1.0}, "target": {"q":
+        angles.tolist()}}, start={"q": [0.0] * 6},
     )  # fmt: skip
     s = mbocp.solve(problem)
     assert s.converged, s.advice
@@ -158,7 +163,9 @@ def test_tracking_follows_a_moving_target(tmp_path: Path) -> None:
 
 
 def test_velocity_weight_slows_the_motion() -> None:
-    peak = [np.abs(mbocp.solve(mbocp.load_problem(UR5, [f"cost.velocity={w}"])).vs).max() for w in (1.0, 1000.0)]
+    peak = [
+        np.abs(mbocp.solve(mbocp.load_problem(UR5, [f"cost.velocity={w}"])).vs).max() for w in (1.0, 1000.0)
+    ]
     assert peak[1] < peak[0]
 
 

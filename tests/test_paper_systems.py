@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,9 @@ def test_converges_at_every_step_size_of_the_tables(name: str, steps: int) -> No
     assert s.control_momentum_drift < 1e-9
 
 
-@pytest.mark.parametrize(("name", "steps"), [("elastic_pendulum", 500), ("rigid_pendulum", 100), ("cart_pendulum_rigid", 200)])
+@pytest.mark.parametrize(
+    ("name", "steps"), [("elastic_pendulum", 500), ("rigid_pendulum", 100), ("cart_pendulum_rigid", 200)]
+)
 def test_pure_newton_converges_at_the_finest_steps(name: str, steps: int) -> None:
     s = solve(name, f"horizon.steps={steps}", globalisation="none")
     assert s.converged, s.advice
@@ -88,7 +91,7 @@ def test_pure_newton_from_zero_adjoints_says_that_it_fails_on_the_elastic_cart()
 def test_newton_s_last_steps_are_quadratic() -> None:
     s = solve("elastic_pendulum", "horizon.steps=100", globalisation="none")
     increments = [r.increment for r in s.history[-4:-1]]
-    for before, after in zip(increments, increments[1:], strict=False):
+    for before, after in itertools.pairwise(increments):
         assert after < 0.1 * before**1.6
 
 
@@ -111,7 +114,10 @@ def test_adjoints_of_both_forms_differ_by_alpha() -> None:
 
 def test_control_hamiltonian_tends_to_its_constant() -> None:
     """About 0.373 with a = 9.8 (Fig. 2g: 0.37), to first order in the step."""
-    means = [solve("elastic_pendulum", f"horizon.steps={n}").control_hamiltonians.mean() for n in (1000, 2000, 4000)]
+    means = [
+        solve("elastic_pendulum", f"horizon.steps={n}").control_hamiltonians.mean()
+        for n in (1000, 2000, 4000)
+    ]
     assert 2 * means[2] - means[1] == pytest.approx(0.373, abs=0.003)
     assert (means[0] - means[1]) / (means[1] - means[2]) == pytest.approx(2.0, abs=0.2)
 
@@ -126,7 +132,7 @@ def test_control_momentum_is_conserved() -> None:
 
 
 def test_all_components_are_conserved_without_gravity() -> None:
-    """From the paper's guess the motion stays on the equator, where the end condition is singular: another goal."""
+    """From the paper's guess the motion stays on the equator, where the end condition is singular."""
     goal = ["goal.q=[0, 4, 3]", "guess.u=[0, -2, 1]"]
     s = solve("rigid_pendulum", "horizon.steps=100", "robot.gravity=[0, 0, 0]", *goal)
     assert s.converged, s.advice

@@ -1,7 +1,8 @@
 r"""Symplectic Euler schemes for the state-adjoint system.
 
-SE1 (Box 1, eqs. (24), (25) of [Bijalwan2025]_): forces, constraints and cost are evaluated at the new state and the
-control of the step, which makes the discrete optimality conditions symplectic and keeps the control momentum.
+SE1 (Box 1, eqs. (24), (25) of [Bijalwan2025]_): forces, constraints and cost are evaluated at the new state
+and the control of the step, which makes the discrete optimality conditions symplectic and keeps the control
+momentum.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ def step_rows(
     """
     kinematic = mechanics.difference(q1, mechanics.integrate(q0, dt * v1))  # Eq. (24), q
     acceleration = (v1 - v0) / dt
-    momentum = dt * (mechanics.force(q1, v1, u) - mechanics.inverse_dynamics(q1, v1, acceleration))  # Eq. (24), p
+    momentum = dt * (
+        mechanics.force(q1, v1, u) - mechanics.inverse_dynamics(q1, v1, acceleration)
+    )  # Eq. (24), p
     if mechanics.nc:
         momentum -= mechanics.constraint_jacobian(q1).T @ impulse
     return StepRows(kinematic, momentum, mechanics.constraints(q1) / dt)  # Eq. (25)

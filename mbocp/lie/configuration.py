@@ -1,9 +1,9 @@
 r"""Configuration space of a Pinocchio model: the product of its joints' Lie groups.
 
 `integrate` is :math:`q \exp(v)` and `difference` :math:`\log(q_0^{-1} q_1)`, with Pinocchio's coordinates and
-conventions (quaternion xyzw, (cos, sin) pairs, body-frame tangents, linear before angular) and the same values. Its
-own symbolic functions are not used for Newton's method: their logarithm takes arccosines of numbers at 1, whose
-derivatives are infinite in the branch that is not taken.
+conventions (quaternion xyzw, (cos, sin) pairs, body-frame tangents, linear before angular) and the same
+values. Its own symbolic functions are not used for Newton's method: their logarithm takes arccosines of
+numbers at 1, whose derivatives are infinite in the branch that is not taken.
 """
 
 from __future__ import annotations
@@ -65,7 +65,9 @@ def _part(model: pin.Model, index: int) -> _Part:
     joint = model.joints[index]
     kind = (joint.nq, joint.nv)
     if joint.shortname() == "JointModelMimic":
-        return _Part(joint, _vector_integrate, _vector_difference)  # moves with another joint: no numbers of its own
+        return _Part(
+            joint, _vector_integrate, _vector_difference
+        )  # moves with another joint: no numbers of its own
     if joint.nq == joint.nv and "Composite" not in joint.shortname():
         return _Part(joint, _vector_integrate, _vector_difference)
     known: dict[tuple[int, int], tuple[_Integrate, _Difference]] = {
@@ -77,8 +79,8 @@ def _part(model: pin.Model, index: int) -> _Part:
         known[(4, 3)] = (_sphere_integrate, _sphere_difference)
     if "Composite" in joint.shortname() or kind not in known:
         raise UnsupportedRobot(
-            f"joint {model.names[index]!r} is of type {joint.shortname()}, whose configuration space is not supported; "
-            "split it into simple joints, or lock it"
+            f"joint {model.names[index]!r} is of type {joint.shortname()}, whose configuration space is not "
+            "supported; split it into simple joints, or lock it"
         )
     return _Part(joint, *known[kind])
 
@@ -134,7 +136,9 @@ def _free_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
     """SE(3): position and quaternion, the tangent (linear, angular) in the body."""
     w = v[3:]
     x = ca.dot(w, w)
-    moved = v[:3] + one_minus_cos(x) * ca.cross(w, v[:3]) + theta_minus_sin(x) * ca.cross(w, ca.cross(w, v[:3]))
+    moved = (
+        v[:3] + one_minus_cos(x) * ca.cross(w, v[:3]) + theta_minus_sin(x) * ca.cross(w, ca.cross(w, v[:3]))
+    )
     return ca.vertcat(q[:3] + _rotated(q[3:], moved), _sphere_integrate(q[3:], w))
 
 

@@ -1,9 +1,9 @@
 r"""Scalar functions behind the exponential and the logarithm, as functions of x = theta^2.
 
-In x they are analytic at zero, where every Newton update is taken. Closed forms divide by zero there, and CasADi's
-`if_else` carries the NaN of a branch not taken into the derivatives; so each function is its power series up to a
-threshold and the closed form with a harmless argument below it. Both branches agree at the threshold to round-off, in
-value and in the first two derivatives.
+In x they are analytic at zero, where every Newton update is taken. Closed forms divide by zero there, and
+CasADi's `if_else` carries the NaN of a branch not taken into the derivatives; so each function is its power
+series up to a threshold and the closed form with a harmless argument below it. Both branches agree at the
+threshold to round-off, in value and in the first two derivatives.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def half_angle_sinc(x: ca.SX) -> ca.SX:
 
 
 def one_minus_cos(x: ca.SX) -> ca.SX:
-    r""":math:`(1 - \cos\theta) / \theta^2`, without cancellation as :math:`\tfrac12 \mathrm{sinc}^2(\theta/2)`."""
+    r""":math:`(1 - \cos\theta) / \theta^2`, as :math:`\tfrac12 \mathrm{sinc}^2(\theta/2)`."""
     return sinc(x / 4) ** 2 / 2
 
 
@@ -41,14 +41,25 @@ def theta_minus_sin(x: ca.SX) -> ca.SX:
 
 
 def v_inverse(x: ca.SX) -> ca.SX:
-    r""":math:`(1 - \tfrac{\theta}{2} \cot\tfrac{\theta}{2}) / \theta^2`, in the inverse of the left Jacobian."""
-    bernoulli = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
+    r""":math:`(1 - \tfrac{\theta}{2} \cot\tfrac{\theta}{2}) / \theta^2`, in the left Jacobian's inverse."""
+    bernoulli = (
+        1 / 6,
+        1 / 30,
+        1 / 42,
+        1 / 30,
+        5 / 66,
+        691 / 2730,
+        7 / 6,
+        3617 / 510,
+        43867 / 798,
+        174611 / 330,
+    )
     series = [b / factorial(2 * k + 2) for k, b in enumerate(bernoulli)]  # |B_2k| / (2k)!
     return _branched(x, 0.5, series, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / t**2)
 
 
 def log_factor(x: ca.SX, w: ca.SX) -> ca.SX:
-    r"""Rotation vector per imaginary part of the unit quaternion (v, w), with x = v . v and w = cos(theta/2) >= 0.
+    r"""Rotation vector per imaginary part of a unit quaternion (v, w), with x = v . v and w >= 0.
 
     :math:`2 \arcsin(\sqrt x) / \sqrt x` near the identity, with the two-argument arctangent elsewhere.
     """

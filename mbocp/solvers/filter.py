@@ -1,4 +1,4 @@
-"""Filter acceptance of trial steps, after [Waechter2006]_: progress in feasibility or in cost, and no way back."""
+"""Filter acceptance of trial steps, [Waechter2006]_: progress in feasibility or cost, and no way back."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 
 __all__ = ["Filter"]
 
-_MARGIN = 1e-5  # relative decrease of the violation, or of the cost against the violation, that counts as progress
+_MARGIN = (
+    1e-5  # relative decrease of the violation, or of the cost against the violation, that counts as progress
+)
 _ARMIJO = 1e-4  # fraction of the predicted decrease of the cost
 _SLOPE_POWER, _VIOLATION_POWER = 2.3, 1.1  # switching condition
 _ROUND_OFF = 1e-13  # of the cost's own sum
@@ -39,7 +41,7 @@ class Filter:
         return cls(most_violation=10.0 * scale, least_violation=1e-4 * scale)
 
     def accepts(self, before: Any, trial: Any, slope: float, length: float) -> tuple[bool, bool]:
-        """Whether a trial is accepted, and whether for the decrease of its cost (else the filter has to grow).
+        """Whether a trial is accepted, and whether for the decrease of its cost (else the filter grows).
 
         Parameters
         ----------
@@ -65,11 +67,13 @@ class Filter:
         ), False
 
     def accepts_after_relaxation(self, reference: Any, trial: Any) -> bool:
-        """Whether an iterate reached by relaxed steps is progress: closer to feasible than where they began."""
+        """Whether relaxed steps made progress: closer to feasible than where they began."""
         return bool(
             trial.finite
             and trial.violation <= (1 - _MARGIN) * reference.violation
-            and not any(trial.violation >= violation and trial.cost >= cost for violation, cost in self.entries)
+            and not any(
+                trial.violation >= violation and trial.cost >= cost for violation, cost in self.entries
+            )
         )
 
     def grown(self, before: Any) -> Filter:

@@ -79,5 +79,9 @@ def zero_multipliers(programme: StagewiseProgramme, xs: Array, ys: Array, us: Ar
     """Iterate with mu = zeta = eta = 0, the start of the paper's monolithic runs."""
     kind = programme.kinds[0]
     return Iterate(
-        xs=xs, ys=ys, us=us, ms=np.zeros((programme.num_steps, kind.ndx + kind.ny)), eta=np.zeros(programme.ng)
+        xs=xs,
+        ys=ys,
+        us=us,
+        ms=np.zeros((programme.num_steps, kind.ndx + kind.ny)),
+        eta=np.zeros(programme.ng),
     )

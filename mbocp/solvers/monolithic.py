@@ -1,23 +1,23 @@
 r"""Monolithic Newton: all optimality conditions of all steps as one system, section 5.1 of [Bijalwan2025]_.
 
-`PureNewton` is the paper's iteration, eq. (23). `GlobalisedNewton` takes the same steps near a minimum, and makes
-sure that it gets there:
+`PureNewton` is the paper's iteration, eq. (23). `GlobalisedNewton` takes the same steps near a minimum, and
+makes sure that it gets there:
 
 - *Inertia.* A step leads towards a minimum when the KKT matrix has exactly as many negative eigenvalues as
-  constraints. The structured factorisation counts them for nothing. Where they are too many, the Hessian in the
-  states is shifted by a growing multiple of the identity.
-- *Filter line search.* A step is halved until it improves feasibility or cost without going back to anything worse
-  in both. A full step that is refused is given one second-order correction. Where halving does not help, the shift
-  grows instead, which bends the step towards one that changes the states least; after a good step it shrinks again.
+  constraints. The structured factorisation counts them for nothing. Where they are too many, the Hessian in
+  the states is shifted by a growing multiple of the identity.
+- *Filter line search.* A step is halved until it improves feasibility or cost without going back to anything
+  worse in both. A full step that is refused is given one second-order correction. Where halving does not
+  help, the shift grows instead, which bends the step towards one that changes the states least; after a good
+  step it shrinks again.
+- *Relaxed steps.* Linearised constraints bend away quickly (a rod, a rotation), and a full Newton step then
+  violates them more than any line search accepts, though the next steps make up for it. Where the line
+  search shortens the step to less than a tenth, up to six full steps are taken without judging them; if none
+  of them is closer to feasible than the start of the run, the start is restored.
 
-- *Relaxed steps.* Linearised constraints bend away quickly (a rod, a rotation), and a full Newton step then violates
-  them more than any line search accepts, though the next steps make up for it. Where the line search shortens the
-  step to less than a tenth, up to six full steps are taken without judging them; if none of them is closer to
-  feasible than the start of the run, the start is restored.
-
-Tried on random rest-to-rest motions of arms without any velocity weight, where pure Newton fails: shifting controls
-instead of states, Gauss-Newton in place of a shift, and an l1 merit function instead of the filter all fail in a
-quarter of the cases or more; this combination solved all of them.
+On random rest-to-rest motions of arms without a velocity weight, where pure Newton fails, alternatives did
+worse: shifting controls instead of states, Gauss-Newton in place of a shift, an l1 merit function instead of
+the filter.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _SHORTEST_STEP = 0.02  # below it a larger shift is tried first ...
 _PATIENCE = 3  # ... this many times; then
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
-_RELAXED_STEPS = 6  # in a run: Newton's method needs about as many to make up for the curvature of the constraints
+_RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
 _PAUSE = 10  # steps after a run that led nowhere, before the next
 _FEASIBLE = 1e-9  # violation below which there is nothing to be relaxed about
 
@@ -116,17 +116,21 @@ class GlobalisedNewton:
         return start(programme, iterate)
 
     def step(self, state: NewtonState) -> NewtonState:
-        """One accepted step, with the smallest shift found that allows one; or one of a run of relaxed steps."""
+        """One accepted step, with the smallest shift found that allows one; or a relaxed step."""
         if state.reference is not None:
             return self._relaxed(state)
         shift, attempts = state.shift, 0
         while True:
             factorisation, augmentation, direction = self._direction(state, shift)
             if direction is not None:
-                found = _search(state, direction, _SHORTEST_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP)
+                found = _search(
+                    state, direction, _SHORTEST_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP
+                )
                 is_short = found is None or found[0] < _RELAXED_STEP
                 if is_short and state.patience == 0 and state.evaluation.violation > _FEASIBLE:
-                    return self._relaxed(replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift))
+                    return self._relaxed(
+                        replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
+                    )
                 if found is not None:
                     break
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
@@ -211,7 +215,7 @@ def _next_shift(shift: float, length: float, contraction: float) -> float:
 
 
 def _search(state: NewtonState, direction: Any, shortest: float) -> tuple[float, bool] | None:
-    """Step length that the filter accepts and whether for its cost, or None; the kernel holds the moved iterate."""
+    """Step length that the filter accepts and whether for its cost, or None; the kernel has moved."""
     native, before = state.native, state.evaluation
 
     def verdict(trial: Any, length: float) -> tuple[bool, bool]:

@@ -43,7 +43,7 @@ def _has_avx2() -> bool:
 
 
 def kernel_programme(programme: StagewiseProgramme) -> Any:
-    """Kernel programme with the functions, dimensions and parameters of `programme`; the iterate is all zeros."""
+    """Kernel programme with the functions and parameters of `programme`; the iterate is all zeros."""
     native = kernel()
 
     def function(name: str) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from mbocp._arrays import Array
@@ -87,7 +87,7 @@ class NewtonState:
     regularisation: float = 0.0
     augmentation: float = 0.0
     shift: float = 0.0
-    filter: Filter = Filter()
+    filter: Filter = field(default_factory=Filter)
     reference: Reference | None = None
     patience: int = 0
     at_minimum: bool = False
@@ -138,12 +138,18 @@ def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Any, float]:
         result = state.native.factorise(shift, augmentation)
         end_is_singular = result.bad_stage == state.native.num_stages
         ill_conditioned = result.ok and result.end_condition < _LEAST_END_CONDITION
-        if not (end_is_singular or ill_conditioned) or augmentation == 0 or augmentation >= _MOST_AUGMENTATION:
+        if (
+            not (end_is_singular or ill_conditioned)
+            or augmentation == 0
+            or augmentation >= _MOST_AUGMENTATION
+        ):
             return result, augmentation
         augmentation *= 100.0
 
 
-def advanced(state: NewtonState, evaluation: Any, increment: float, step_length: float, **changes: Any) -> NewtonState:
+def advanced(
+    state: NewtonState, evaluation: Any, increment: float, step_length: float, **changes: Any
+) -> NewtonState:
     """State after a step."""
     return replace(
         state,

@@ -60,7 +60,8 @@ class IterationRecord:
     primal, dual : float
         Norms of the state equations with the end condition, and of the stationarity conditions.
     regularisation : float
-        What was added to the Hessian's control diagonal, relative to the control's weight; infinite for Gauss-Newton.
+        What was added to the Hessian's control diagonal, relative to the control's weight; infinite for
+        Gauss-Newton.
     wall_time_s : float
         Duration of the iteration [s].
     phase : str

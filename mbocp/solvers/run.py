@@ -44,7 +44,11 @@ class SolverResult:
 
 
 def run(
-    solver: Solver, programme: StagewiseProgramme, iterate: Iterate, callback: Callback | None = None, phase: str = ""
+    solver: Solver,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    callback: Callback | None = None,
+    phase: str = "",
 ) -> SolverResult:
     """Iterate until the solver ends or somebody presses Ctrl-C; the callback sees every record.
 
@@ -100,20 +104,21 @@ def _advice(status: Status, state: NewtonState, programme: StagewiseProgramme) -
         if state.at_minimum:
             return "a strict local minimum: residual and increment are below the tolerance"
         return (
-            "a stationary point, but not a strict minimum: the Hessian is indefinite or singular there; start from "
-            'another guess, or use globalisation = "default"'
+            "a stationary point, but not a strict minimum: the Hessian is indefinite or singular there; "
+            'start from another guess, or use globalisation = "default"'
         )
     if status is Status.SINGULAR:
         return f"the linear system is singular {_place(state, programme)}; {worst}"
+    reached = f"(residual {e.residual:.1e})"
     texts = {
-        Status.MAX_ITERATIONS: f"not converged in {state.iteration} iterations (residual {e.residual:.1e}); raise "
+        Status.MAX_ITERATIONS: f"not converged in {state.iteration} iterations {reached}; raise "
         "solver.max_iterations, take more steps or a longer duration, or start from a better guess",
-        Status.LINE_SEARCH_FAILED: f"no step makes progress any more (residual {e.residual:.1e}): the goal may be out "
-        "of reach in this time, or the guess too far; try a longer duration, another guess, or goal.enforce = "
+        Status.LINE_SEARCH_FAILED: f"no step makes progress any more {reached}: the goal may be out of reach "
+        "in this time, or the guess too far; try a longer duration, another guess, or goal.enforce = "
         '"penalty"',
-        Status.DIVERGED: 'the iterates left the finite numbers; use globalisation = "default", a shorter step or a '
-        "better guess",
-        Status.INTERRUPTED: f"interrupted after {state.iteration} iterations; this is the best iterate so far",
+        Status.DIVERGED: 'the iterates left the finite numbers; use globalisation = "default", a shorter '
+        "step or a better guess",
+        Status.INTERRUPTED: f"interrupted after {state.iteration} iterations; the best iterate so far",
     }
     return f"{texts[status]}; {worst}"
 
@@ -121,10 +126,10 @@ def _advice(status: Status, state: NewtonState, programme: StagewiseProgramme) -
 def _place(state: NewtonState, programme: StagewiseProgramme) -> str:
     if state.failed_stage == programme.num_steps:
         return (
-            "in the end condition: its rows depend on each other or cannot be reached by the controls; enforce fewer "
-            'components, or goal.enforce = "penalty"'
+            "in the end condition: its rows depend on each other or cannot be reached by the controls; "
+            'enforce fewer components, or goal.enforce = "penalty"'
         )
     if state.failed_stage >= 0:
         when = (state.failed_stage + 1) * programme.dt
-        return f"in the step to t = {when:g} s: a singular mass matrix, redundant constraints, or no cost on a control"
+        return f"in the step to t = {when:g} s: singular mass matrix, redundant constraints or free control"
     return "and has not the inertia of a minimum for any shift"

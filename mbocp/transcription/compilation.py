@@ -1,8 +1,8 @@
 """Stage functions as machine code, compiled once per problem shape and cached on disk.
 
-An entry is one shared library with a checksum behind it, written under a temporary name and moved into place, so
-that several processes can fill the cache at once and a torn or foreign file is noticed and rebuilt. Without a C
-compiler the functions run in CasADi's virtual machine.
+An entry is one shared library with a checksum behind it, written under a temporary name and moved into
+place, so that several processes can fill the cache at once and a torn or foreign file is noticed and
+rebuilt. Without a C compiler the functions run in CasADi's virtual machine.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
 import casadi as ca
@@ -63,8 +64,8 @@ def compiler() -> str | None:
 def cache_folder() -> Path:
     """Folder of compiled stage functions: $MBOCP_CACHE_DIR, else $XDG_CACHE_HOME/mbocp, else ~/.cache/mbocp.
 
-    The folder is created for the user alone; one that somebody else owns or may write to is not used, since its
-    content is loaded as code: a private temporary folder takes its place for this process.
+    The folder is created for the user alone; one that somebody else owns or may write to is not used, since
+    its content is loaded as code: a private temporary folder takes its place for this process.
     """
     named = os.environ.get("MBOCP_CACHE_DIR")
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mbocp"
@@ -105,7 +106,7 @@ def load_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> Com
     CompilationError
         If the compiler refuses the generated code.
     """
-    material = "\n".join([key, _sources_digest(), ca.__version__, platform.machine(), " ".join(_FLAGS)])
+    material = "\n".join([key, _sources_digest(), version("casadi"), platform.machine(), " ".join(_FLAGS)])
     digest = hashlib.sha256(material.encode()).hexdigest()[:32]
     folder = cache_folder()
     library = folder / f"{digest}.so"
@@ -114,7 +115,9 @@ def load_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> Com
     cc = compiler()
     if cc is None:
         _warn_no_compiler()
-        return CompiledFunctions(None, {name: f.serialize() for name, f in build().items()}, compiled_now=False)
+        return CompiledFunctions(
+            None, {name: f.serialize() for name, f in build().items()}, compiled_now=False
+        )
     _compile(cc, build(), library)
     return CompiledFunctions(library, {}, compiled_now=True)
 
@@ -162,12 +165,14 @@ def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path) -> No
         try:
             done = subprocess.run(command, capture_output=True, text=True, check=False)
         except OSError as error:
-            raise CompilationError(f"cannot run the C compiler {cc}: {error}; set CC to one that works") from error
+            raise CompilationError(
+                f"cannot run the C compiler {cc}: {error}; set CC to one that works"
+            ) from error
         if done.returncode != 0:
             raise CompilationError(
-                f"the C compiler {cc} failed on generated stage functions (exit {done.returncode}); set CC to another "
-                f"compiler, or CC= with none on PATH to interpret them. It said:\n{done.stderr[-2000:]}"
+                f"the C compiler {cc} failed on generated functions (exit {done.returncode}); set CC to "
+                f"another compiler. It said:\n{done.stderr[-2000:]}"
             )
         body = built.read_bytes()
         built.write_bytes(body + _MAGIC + hashlib.sha256(body).hexdigest().encode())
-        os.replace(built, library)
+        built.replace(library)

@@ -10,7 +10,9 @@ from mbocp.robot import Robot
 
 __all__ = ["end_condition_rows", "null_space"]
 
-_RANK_TOLERANCE = 1e-9  # relative to the largest singular value: far above round-off, far below any real direction
+_RANK_TOLERANCE = (
+    1e-9  # relative to the largest singular value: far above round-off, far below any real direction
+)
 
 
 def null_space(jacobian: Array, size: int) -> Array:
@@ -28,9 +30,9 @@ def null_space(jacobian: Array, size: int) -> Array:
 def end_condition_rows(robot: Robot, goal: Goal) -> tuple[Array, Array]:
     r"""Projections D_q, D_rate of the exact end condition, eq. (14).
 
-    Eq. (14) as printed asks for all of p = p_d and is rank-deficient on a constrained system: the discrete steps
-    already tie the last momentum to the constraint surface. Both parts are therefore projected onto the tangent
-    space, by SVD for any constraint and any subset of conditions.
+    Eq. (14) as printed asks for all of p = p_d and is rank-deficient on a constrained system: the discrete
+    steps already tie the last momentum to the constraint surface. Both parts are therefore projected onto
+    the tangent space, by SVD for any constraint and any subset of conditions.
 
     Parameters
     ----------
@@ -54,7 +56,7 @@ def end_condition_rows(robot: Robot, goal: Goal) -> tuple[Array, Array]:
 
 
 def _project(active: BoolArray, reachable: Array, basis: Array) -> Array:
-    """Independent rows among the `active` ones, given the directions that the constraints leave `reachable`."""
+    """Independent rows among the `active` ones, given the `reachable` directions."""
     if not active.any():
         return np.zeros((0, active.size))
     if active.all():  # the tangential projection of the paper, P' (y - y_d)

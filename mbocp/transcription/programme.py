@@ -1,8 +1,8 @@
 """Problem and integrator become one stagewise programme, all that a solver sees.
 
-    minimise    sum_n l_n(x_{n-1}, x_n, u_{n-1}) + psi(x_N)
-    subject to  c_n(x_{n-1}, x_n, y_n, u_{n-1}) = 0
-                g_T(x_N) = 0,  x_0 given
+minimise    sum_n l_n(x_{n-1}, x_n, u_{n-1}) + psi(x_N)
+subject to  c_n(x_{n-1}, x_n, y_n, u_{n-1}) = 0
+            g_T(x_N) = 0,  x_0 given
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class StagewiseProgramme:
 
     @property
     def num_unknowns(self) -> int:
-        """What Newton's method really solves for: mu_0..mu_{N-1}, zeta, y_1..y_N in the tangent space, lambda, u, eta.
+        """What Newton's method solves for: mu_0..mu_{N-1}, zeta, y_1..y_N (tangent), lambda, u, eta.
 
         The paper's DOF column also counts mu_N and a control u_N that nothing needs.
         """

@@ -1,7 +1,7 @@
 """The shape of a problem: all that decides the stage functions, and nothing that is only a number.
 
-Two problems of the same shape share their compiled functions; start, goal, weights, target and step length are
-parameters.
+Two problems of the same shape share their compiled functions; start, goal, weights, target and step length
+are parameters.
 """
 
 from __future__ import annotations

@@ -1,13 +1,14 @@
 """Stage functions of a problem's shape, with exact first and second derivatives on the manifold.
 
-A state is x = (q, v), its tangent dx = (dq, dv). Derivatives are taken along the retraction x -> (q exp(dq), v + dv)
-at dx = 0, so that every Newton update stays on the joints' Lie group.
+A state is x = (q, v), its tangent dx = (dq, dv). Derivatives are taken along the retraction x -> (q exp(dq),
+v + dv) at dx = 0, so that every Newton update stays on the joints' Lie group.
 
 Inputs and outputs (see `mbocp/_native/kernel/programme.hpp`):
 
 - values    (x0, x1, y, u, theta, rho)      -> c, l
 - jacobian  (x0, x1, y, u, theta, rho)      -> c, dc_d(x1, y)
-- complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c; z = (x1, y, x0, u)
+- complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c; z = (x1, y, x0,
+  u)
 - terminal_values (x, rho), terminal_complete (x, eta, rho): likewise for psi and g_T
 - retract   (x, dx) -> x
 """
@@ -78,7 +79,13 @@ def _pieces(vector: ca.SX, sizes: Mapping[str, int]) -> dict[str, ca.SX]:
 
 
 def _running_cost(
-    mechanics: JointMechanics, shape: Shape, q: ca.SX, v: ca.SX, u: ca.SX, theta: dict[str, ca.SX], rho: dict[str, ca.SX]
+    mechanics: JointMechanics,
+    shape: Shape,
+    q: ca.SX,
+    v: ca.SX,
+    u: ca.SX,
+    theta: dict[str, ca.SX],
+    rho: dict[str, ca.SX],
 ) -> ca.SX:
     """Eq. (8) times the step length, eq. (18), with diagonal weights; q is compared in the tangent space."""
     cost = ca.dot(theta["effort"] * u, u) / 2
@@ -94,7 +101,11 @@ def _running_cost(
 
 
 def _on_manifold(
-    mechanics: JointMechanics, nodes: list[ca.SX], expressions: list[ca.SX], others: list[ca.SX], tangents: list[ca.SX]
+    mechanics: JointMechanics,
+    nodes: list[ca.SX],
+    expressions: list[ca.SX],
+    others: list[ca.SX],
+    tangents: list[ca.SX],
 ) -> list[ca.SX]:
     """Expressions in retracted nodes, evaluated at zero tangents (nothing to do on a vector space)."""
     if mechanics.is_vector_space:
@@ -104,7 +115,9 @@ def _on_manifold(
     return list(function(*nodes, *others, *zeros))
 
 
-def _stage_functions(mechanics: JointMechanics, shape: Shape, layout: ParameterLayout) -> dict[str, ca.Function]:
+def _stage_functions(
+    mechanics: JointMechanics, shape: Shape, layout: ParameterLayout
+) -> dict[str, ca.Function]:
     nq, nv, nc = mechanics.nq, mechanics.nv, mechanics.nc
     x0, x1 = ca.SX.sym("x0", nq + nv), ca.SX.sym("x1", nq + nv)
     y, u = ca.SX.sym("y", nc), ca.SX.sym("u", mechanics.nu)
@@ -137,7 +150,9 @@ def _stage_functions(mechanics: JointMechanics, shape: Shape, layout: ParameterL
     }
 
 
-def _terminal_functions(mechanics: JointMechanics, shape: Shape, layout: ParameterLayout) -> dict[str, ca.Function]:
+def _terminal_functions(
+    mechanics: JointMechanics, shape: Shape, layout: ParameterLayout
+) -> dict[str, ca.Function]:
     """Terminal cost, eq. (9), and end condition, eq. (14), with the projection D as a parameter."""
     nq, nv = mechanics.nq, mechanics.nv
     x, eta = ca.SX.sym("x", nq + nv), ca.SX.sym("eta", shape.ng_q + shape.ng_rate)
@@ -149,7 +164,8 @@ def _terminal_functions(mechanics: JointMechanics, shape: Shape, layout: Paramet
     error_q = mechanics.difference(goal["q"], q)
     error_rate = (mechanics.momentum(q, v) if shape.rate == "p" else v) - goal["rate"]
     g = ca.vertcat(
-        ca.reshape(goal["D_q"], shape.ng_q, nv) @ error_q, ca.reshape(goal["D_rate"], shape.ng_rate, nv) @ error_rate
+        ca.reshape(goal["D_q"], shape.ng_q, nv) @ error_q,
+        ca.reshape(goal["D_rate"], shape.ng_rate, nv) @ error_rate,
     )
     psi = ca.SX(0)
     if shape.penalise_q:

@@ -13,7 +13,7 @@ from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import atomic_path
 from mbocp.view.meshcat_scene import Scene, build_scene
 from mbocp.view.motion import Motion, sample_motion
-from mbocp.view.replay_live import LiveReplay
+from mbocp.view.replay_live import LiveReplay, ends_gently
 from mbocp.view.replay_page import render_page
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def open_replay(
 
 def serve(scene: Scene, *, title: str, browser: bool) -> None:
     """Serve a scene until Ctrl-C."""
-    with LiveReplay() as live:
+    with ends_gently(), LiveReplay() as live:
         print(f"{title}: open {live.url} in a browser (Ctrl-C ends the replay)", flush=True)
         try:
             if browser:

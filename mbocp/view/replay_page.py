@@ -1,7 +1,7 @@
 """The self-contained page: meshcat's viewer, the scene, and a player, in one HTML file.
 
 meshcat's own `static_html` needs a running server, repeats every mesh for every link that wears it, and hands
-the commands over in no fixed order. Here the commands are the same, but go straight into the file: structure as
+the commands over in no fixed order. Here the same commands go straight into the file: their structure as
 JSON, and everything bulky (meshes, textures, key frames) once each, compressed, beside it.
 """
 

@@ -93,7 +93,10 @@
       viewer.handle_command(scene.animation);
       runBar(viewer, scene);
     }
-    window.viewer = viewer;
+    window.viewer = viewer; // for the curious, and for tests
+    let meshes = 0;
+    viewer.scene.traverse((node) => { meshes += node.isMesh ? 1 : 0; });
+    document.body.dataset.meshes = meshes;
     at("busy").hidden = true;
     document.body.dataset.state = "ready";
   } catch (error) {

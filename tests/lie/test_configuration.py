@@ -43,7 +43,9 @@ def model(request: pytest.FixtureRequest) -> pin.Model:
 def functions(model: pin.Model) -> tuple[ca.Function, ca.Function]:
     space = ConfigurationSpace(model)
     q, p, v = ca.SX.sym("q", model.nq), ca.SX.sym("p", model.nq), ca.SX.sym("v", model.nv)
-    return ca.Function("i", [q, v], [space.integrate(q, v)]), ca.Function("d", [q, p], [space.difference(q, p)])
+    return ca.Function("i", [q, v], [space.integrate(q, v)]), ca.Function(
+        "d", [q, p], [space.difference(q, p)]
+    )
 
 
 def random_q(model: pin.Model, rng: np.random.Generator) -> np.ndarray:
@@ -102,7 +104,9 @@ def test_derivatives_of_a_step_are_finite_and_right(model: pin.Model, size: floa
         back = np.asarray(f(start, at, step / max(1.0, np.linalg.norm(step)), -h * direction)[0]).ravel()
         assert np.allclose(J @ direction, (ahead - back) / (2 * h), atol=2e-5)
         curvature = weights @ (ahead + back - 2 * row_value.ravel()) / h**2
-        assert np.isclose(direction @ H @ direction, curvature, atol=1e-4 * (1 + np.abs(direction).max() ** 4))
+        assert np.isclose(
+            direction @ H @ direction, curvature, atol=1e-4 * (1 + np.abs(direction).max() ** 4)
+        )
 
 
 def space_integrate(model: pin.Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -10,10 +10,12 @@ from mbocp.solvers.native import kernel
 
 
 def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng: int, share: float = 0.3):
-    """Stages with random quadratic constraints and costs; every stage is of the same kind, with its own parameter."""
+    """Stages with random quadratic constraints and costs, of one kind, each with its own parameter."""
     rng = np.random.default_rng(seed)
     nz, nc = 2 * ndx + ny + nu, ndx + ny
-    x0, x1, y, u, m = (ca.SX.sym(n, k) for n, k in (("x0", ndx), ("x1", ndx), ("y", ny), ("u", nu), ("m", nc)))
+    x0, x1, y, u, m = (
+        ca.SX.sym(n, k) for n, k in (("x0", ndx), ("x1", ndx), ("y", ny), ("u", nu), ("m", nc))
+    )
     theta, rho = ca.SX.sym("theta", 1), ca.SX.sym("rho", 1)
     z = ca.vertcat(x1, y, x0, u)
     linear = rng.standard_normal((nc, nz))
@@ -39,7 +41,9 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
     terminal_hessian, _ = ca.hessian(psi + ca.dot(eta, g), x)
     functions["terminal_values"] = ca.Function("tv", [x, empty], [psi, ca.densify(g)])
     functions["terminal_complete"] = ca.Function(
-        "tc", [x, eta, empty], [psi, ca.densify(g), ca.jacobian(g, x), ca.jacobian(psi, x), ca.triu(terminal_hessian)]
+        "tc",
+        [x, eta, empty],
+        [psi, ca.densify(g), ca.jacobian(g, x), ca.jacobian(psi, x), ca.triu(terminal_hessian)],
     )
     dx = ca.SX.sym("dx", ndx)
     functions["retract"] = ca.Function("retract", [x, dx], [x + dx])
@@ -59,7 +63,7 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
 
 
 def dense_kkt(programme, functions, num_stages: int, ndx: int, ny: int, nu: int, ng: int):
-    """KKT matrix and residual in the order (x_1..x_N, y, u | m, eta), assembled stage by stage from CasADi."""
+    """KKT matrix and residual in the order (x_1..x_N, y, u | m, eta), stage by stage from CasADi."""
     nc, nx_total = ndx + ny, num_stages * ndx
     n_primal = nx_total + num_stages * (ny + nu)
     size = n_primal + num_stages * nc + ng
@@ -186,12 +190,13 @@ def test_gauss_newton_share_drops_the_constraints_curvature() -> None:
     held.factorise()
     held.solve()
     assert not np.allclose(without, held.dx, rtol=1e-6)
-    assert np.array_equal(m, held.m) and np.array_equal(eta, held.eta)
+    assert np.array_equal(m, held.m)
+    assert np.array_equal(eta, held.eta)
 
 
 def test_dependent_end_conditions_are_called_singular() -> None:
     """Two equal rows: no augmentation may hide that."""
-    native_programme, functions = random_programme(2, 4, 3, 0, 2, 1)
+    _, functions = random_programme(2, 4, 3, 0, 2, 1)
     x, eta, empty = ca.SX.sym("x", 3), ca.SX.sym("eta", 2), ca.SX.sym("r", 0)
     g = ca.vertcat(x[0] - 1, x[0] - 1)
     psi = ca.SX(0)
@@ -201,7 +206,11 @@ def test_dependent_end_conditions_are_called_singular() -> None:
     terminal = native.Terminal(
         ng=2,
         values=of(ca.Function("tv", [x, empty], [psi, g]).serialize()),
-        complete=of(ca.Function("tc", [x, eta, empty], [psi, g, ca.jacobian(g, x), ca.jacobian(psi, x), ca.triu(H)]).serialize()),
+        complete=of(
+            ca.Function(
+                "tc", [x, eta, empty], [psi, g, ca.jacobian(g, x), ca.jacobian(psi, x), ca.triu(H)]
+            ).serialize()
+        ),
     )
     kind = native.Kind(
         nx=3, ndx=3, ny=0, nu=2, nr=1, values=of(functions["values"].serialize()),

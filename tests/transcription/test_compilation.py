@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import shutil
 import stat
 from pathlib import Path
@@ -110,17 +109,18 @@ def test_folder_is_the_user_s_alone(folder: Path) -> None:
     compilation._private_folder.cache_clear()
 
 
-def test_without_a_compiler_the_functions_are_interpreted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_the_functions_are_interpreted(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compiled = mbocp.solve(pendulum())
     monkeypatch.setenv("CC", "")
     monkeypatch.setenv("PATH", str(folder))
     for entry in folder.glob("*.so"):
         entry.unlink()
     compilation._warn_no_compiler.cache_clear()
-    with pytest.warns(NoCompilerWarning, match="apt install gcc") as caught:
+    with pytest.warns(NoCompilerWarning, match="apt install gcc"):
         interpreted = mbocp.solve(pendulum())
-        mbocp.solve(pendulum())
-    assert len([w for w in caught if w.category is NoCompilerWarning]) == 1
+    mbocp.solve(pendulum())  # says nothing any more: warnings are errors
     assert interpreted.iterations == compiled.iterations
     assert np.allclose(interpreted.us, compiled.us, atol=1e-12)
 
@@ -144,4 +144,3 @@ def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:
     transcribe(pendulum())
     assert transcribe(heavy).functions.compiled_now
     assert len(list(folder.glob("*.so"))) == 2
-    assert os.listdir(folder)

@@ -1,4 +1,4 @@
-"""Exact derivatives of the stage functions against finite differences on the manifold, first and second order."""
+"""Derivatives of the stage functions against finite differences on the manifold, first and second order."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def check_curve(f, first: float, second: float) -> None:
 
 
 def test_stage_derivatives_match_differences_on_the_manifold(stage: Stage) -> None:
-    c, cost, dc_dz, dl_dz, hessian = stage.complete()
+    c, _, dc_dz, dl_dz, hessian = stage.complete()
     hessian, rng = symmetric(hessian), np.random.default_rng(1)
     assert np.allclose(c.ravel(), stage.values(np.zeros(dc_dz.shape[1]))[0], atol=1e-12)
     for _ in range(6):
@@ -115,7 +115,9 @@ def test_step_jacobian_is_the_leading_block(stage: Stage) -> None:
     c, jacobian = stage.functions["jacobian"](stage.x0, stage.x1, stage.y, stage.u, stage.theta, stage.rho)
     whole = stage.complete()
     assert np.array_equal(np.asarray(c), whole[0])
-    assert np.allclose(np.asarray(ca.DM(jacobian)), whole[2][:, : stage.ndx + stage.ny], rtol=1e-13, atol=1e-13)
+    assert np.allclose(
+        np.asarray(ca.DM(jacobian)), whole[2][:, : stage.ndx + stage.ny], rtol=1e-13, atol=1e-13
+    )
 
 
 def test_terminal_derivatives_match_differences_on_the_manifold(stage: Stage) -> None:

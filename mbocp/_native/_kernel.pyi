@@ -1,0 +1,103 @@
+from collections.abc import Sequence
+
+from mbocp._arrays import Array
+
+class StageFunction:
+    @staticmethod
+    def from_library(path: str, name: str) -> StageFunction: ...
+    @staticmethod
+    def from_string(serialised: str) -> StageFunction: ...
+    @property
+    def num_inputs(self) -> int: ...
+
+class Kind:
+    def __init__(
+        self,
+        *,
+        nx: int,
+        ndx: int,
+        ny: int,
+        nu: int,
+        nr: int,
+        values: StageFunction,
+        jacobian: StageFunction,
+        complete: StageFunction,
+        scale_c: Array,
+        scale_y: Array,
+        scale_m: Array,
+        scale_ru: Array,
+    ) -> None: ...
+
+class Terminal:
+    def __init__(self, *, ng: int, values: StageFunction, complete: StageFunction) -> None: ...
+
+class Evaluation:
+    cost: float
+    residual: float
+    primal: float
+    dual: float
+    violation: float
+    worst: float
+    worst_stage: int
+    worst_row: int
+    finite: bool
+
+class Factorisation:
+    negative: int
+    smallest_pivot: float
+    positive_controls: bool
+    end_condition: float
+    ok: bool
+    bad_stage: int
+
+class Direction:
+    increment: float
+    increment_primal: float
+    cost_slope: float
+    curvature: float
+    linear_residual: float
+    finite: bool
+
+class Trial:
+    cost: float
+    violation: float
+    finite: bool
+
+class Sweep:
+    ok: bool
+    failed_stage: int
+    iterations: int
+    residual: float
+
+class Programme:
+    x: Array
+    y: Array
+    u: Array
+    m: Array
+    eta: Array
+    def __init__(
+        self, kinds: Sequence[Kind], stage_kind: Sequence[int], terminal: Terminal, retract: StageFunction
+    ) -> None: ...
+    def set_parameters(self, theta: Array, rho: Array, rho_terminal: Array) -> None: ...
+    def evaluate(self, share: float = 1.0) -> Evaluation: ...
+    def factorise(self, shift: float = 0.0, augment: float = 0.0) -> Factorisation: ...
+    def solve(self, refinements: int = 1) -> Direction: ...
+    def correct(self, alpha: float) -> Direction: ...
+    def move(self, alpha: float) -> bool: ...
+    def trial(self, alpha: float) -> Trial: ...
+    def accept(self, alpha_dual: float) -> None: ...
+    def simulate(self, tolerance: float, max_iterations: int) -> Sweep: ...
+    @property
+    def num_stages(self) -> int: ...
+    @property
+    def dx(self) -> Array: ...
+    @property
+    def dy(self) -> Array: ...
+    @property
+    def du(self) -> Array: ...
+    @property
+    def dm(self) -> Array: ...
+    @property
+    def deta(self) -> Array: ...
+    @property
+    def gains(self) -> Array: ...

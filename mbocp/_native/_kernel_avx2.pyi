@@ -1,0 +1,1 @@
+from mbocp._native._kernel import *
