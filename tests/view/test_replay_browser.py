@@ -1,0 +1,74 @@
+"""The page in a real browser, headless. Slow: run with `-m slow`; it needs Chromium."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mbocp.robot import load_robot
+from mbocp.view.replay import write_replay
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+SIZE = (900, 600)
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--virtual-time-budget=10000",
+    f"--window-size={SIZE[0]},{SIZE[1]}",
+)
+
+pytestmark = pytest.mark.slow
+
+
+def browse(page, *extra: str, time: float | None = None) -> str:
+    browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    assert browser, "these tests need Chromium: apt-get install chromium"
+    address = page.as_uri() + ("" if time is None else f"#t={time}")
+    command = [browser, *FLAGS, f"--user-data-dir={page.parent / 'profile'}", *extra, address]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    return done.stdout
+
+
+def picture(page, time: float) -> np.ndarray:
+    file = page.with_name(f"{time}.png")
+    browse(page, f"--screenshot={file}", time=time)
+    return np.asarray(Image.open(file).convert("RGB"), dtype=float)
+
+
+@pytest.fixture(scope="module", params=["ur5", "kinova", "iris", "elastic_pendulum"])
+def page(request, tmp_path_factory):
+    robot = load_robot(request.param)
+    t = np.linspace(0.0, 2.0, 41)
+    step = 0.025 * np.resize([1.0, -1.2, 0.8, 0.9, -0.5], robot.nv)
+    qs = np.array([robot.integrate(robot.q0, k * step) for k in range(41)])
+    return write_replay(robot, t, qs, tmp_path_factory.mktemp(request.param) / "page.html"), robot
+
+
+def test_page_opens_with_all_meshes(page):
+    path, robot = page
+    document = browse(path, "--dump-dom")
+    assert 'data-state="ready"' in document
+    drawn = int(document.split('data-meshes="')[1].split('"')[0])
+    assert drawn >= len(robot.visual_model.geometryObjects)
+
+
+def test_robot_is_in_the_picture_and_moves(page):
+    path, _ = page
+    first, last = picture(path, 0.0), picture(path, 2.0)
+    empty = np.median(first[90:150], axis=(0, 1))  # sky
+    # The robot is dark, bright or coloured against a pale floor; no part of it touches the picture's edge.
+    for shot in (first, last):
+        robot = np.abs(shot - empty).max(axis=2) > 60.0
+        robot[:70, :400] = robot[:25] = robot[530:] = False  # title, controls, playback bar
+        assert robot.sum() > 1000
+        assert not robot[:, :3].any()
+        assert not robot[:, -3:].any()
+    changed = np.abs(first - last).max(axis=2) > 40.0
+    assert changed[70:530].sum() > 500
