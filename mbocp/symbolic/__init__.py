@@ -13,7 +13,7 @@ alone: one source of the functions is one set of numbers to trust.
 """
 
 from mbocp.symbolic.functions import ModelFunctions, Reference
-from mbocp.symbolic.self_test import model_functions, self_test
+from mbocp.symbolic.verified import model_functions, self_test
 from mbocp.symbolic.versions import check_versions
 
 __all__ = ["ModelFunctions", "Reference", "check_versions", "model_functions", "self_test"]

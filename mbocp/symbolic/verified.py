@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import pinocchio as pin
 
@@ -15,6 +13,9 @@ __all__ = ["model_functions", "self_test"]
 # Round-off of a recursion over a hundred joints stays below this, relative to the largest joint force;
 # numbers read through a foreign memory layout do not.
 TOLERANCE = 1e-8
+
+_CACHE_SIZE = 16  # models; a humanoid's graphs are some ten megabytes
+_cache: dict[str, ModelFunctions] = {}
 
 
 def model_functions(model: pin.Model) -> ModelFunctions:
@@ -30,7 +31,15 @@ def model_functions(model: pin.Model) -> ModelFunctions:
     NativeMismatch
         If the native part does not fit the installed Pinocchio or CasADi.
     """
-    return _functions_of(model.saveToString())
+    key = model.saveToString()
+    functions = _cache.pop(key, None)
+    if functions is None:
+        functions = ModelFunctions(model)
+        _compare(model, functions)
+    _cache[key] = functions  # the latest last
+    while len(_cache) > _CACHE_SIZE:
+        _cache.pop(next(iter(_cache)))
+    return functions
 
 
 def self_test(model: pin.Model) -> None:
@@ -46,15 +55,6 @@ def self_test(model: pin.Model) -> None:
         If the two disagree.
     """
     _compare(model, model_functions(model))
-
-
-@lru_cache(maxsize=16)
-def _functions_of(serialized_model: str) -> ModelFunctions:
-    model = pin.Model()
-    model.loadFromString(serialized_model)
-    functions = ModelFunctions(model)
-    _compare(model, functions)
-    return functions
 
 
 def _compare(model: pin.Model, functions: ModelFunctions) -> None:
