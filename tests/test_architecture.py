@@ -1,0 +1,91 @@
+"""Imports go one way along the layers, and every public name exists."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "mbocp"
+
+# A layer imports itself and those before it. What composes the layers comes last.
+LAYERS = (
+    "exceptions",
+    "_arrays",
+    "_native",
+    "symbolic",
+    "lie",
+    "robot",
+    "mechanics",
+    "integrators",
+    "problem",
+    "transcription",
+    "solvers",
+    "solution",
+    "view",
+    "assemble",
+    "guess",
+    "api",
+    "study",
+    "cli",
+)
+SCRIPTS = {"__main__.py", "locate.py"}  # run, not imported
+SOURCES = sorted(
+    path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py" and path.name not in SCRIPTS
+)
+ALONE = {"symbolic": {"exceptions", "_native"}, "_native": set(), "exceptions": set()}
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imported(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Line and dotted name of each import, wherever it stands, except below `if TYPE_CHECKING`."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            continue
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"relative import in line {node.lineno}"
+            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+        yield from imported(node)
+
+
+def layers_used(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and layer of each import of mbocp; of mbocp itself only `__version__` belongs to no layer."""
+    for line, name in imported(ast.parse(path.read_text())):
+        package, *rest = name.split(".")
+        if package == "mbocp" and rest and rest[0] != "__version__":
+            yield line, rest[0]
+
+
+def layer_of(path: Path) -> str:
+    return module_name(path).split(".")[1]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_imports_go_one_way(path):
+    layer = layer_of(path)
+    assert layer in LAYERS, f"mbocp.{layer} has no place among the layers"
+    allowed = set(LAYERS[: LAYERS.index(layer) + 1])
+    if layer in ALONE:
+        allowed = ALONE[layer] | {layer}
+    wrong = [
+        f"{path.name}:{line} imports mbocp.{used}" for line, used in layers_used(path) if used not in allowed
+    ]
+    assert not wrong, "; ".join(wrong)
+
+
+@pytest.mark.parametrize("path", [PACKAGE / "__init__.py", *SOURCES], ids=module_name)
+def test_public_names_exist(path):
+    module = importlib.import_module(module_name(path))
+    public = getattr(module, "__all__", [])
+    assert len(set(public)) == len(public)
+    missing = [name for name in public if not hasattr(module, name)]
+    assert not missing
