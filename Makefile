@@ -1,6 +1,5 @@
 # make demo | test | lint | bench | clean; each installs what it needs into .venv first.
 PYTHON ?= python3
-CXX    ?= c++
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
@@ -27,7 +26,7 @@ setup: $(STAMP)
 
 # The build requirements come from pyproject.toml, so that they are written once.
 $(STAMP): pyproject.toml $(NATIVE)
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null \
 	    || { echo "mbocp needs Python 3.10 or newer (Debian: apt install python3), or set PYTHON=..." >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
 	    || { echo "Python's venv module is missing (Debian: apt install python3-venv)" >&2; exit 1; }
@@ -35,7 +34,7 @@ $(STAMP): pyproject.toml $(NATIVE)
 	    || { echo "a C++ compiler is missing (Debian: apt install g++)" >&2; exit 1; }
 	@$(PYTHON) -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))' \
 	    || { echo "Python.h is missing (Debian: apt install python3-dev)" >&2; exit 1; }
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
 	$(BIN)/python .ci/build_requirements.py | $(BIN)/python -m pip install --quiet --disable-pip-version-check -r /dev/stdin
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[dev]'
