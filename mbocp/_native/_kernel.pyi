@@ -45,14 +45,12 @@ class Evaluation:
 class Factorisation:
     negative: int
     smallest_pivot: float
-    positive_controls: bool
     end_condition: float
     ok: bool
     bad_stage: int
 
 class Direction:
     increment: float
-    increment_primal: float
     cost_slope: float
     curvature: float
     linear_residual: float

@@ -98,14 +98,12 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
     nb::class_<Factorisation>(module, "Factorisation")
         .def_ro("negative", &Factorisation::negative)
         .def_ro("smallest_pivot", &Factorisation::smallest_pivot)
-        .def_ro("positive_controls", &Factorisation::positive_controls)
         .def_ro("end_condition", &Factorisation::end_condition)
         .def_ro("ok", &Factorisation::ok)
         .def_ro("bad_stage", &Factorisation::bad_stage);
 
     nb::class_<Direction>(module, "Direction")
         .def_ro("increment", &Direction::increment)
-        .def_ro("increment_primal", &Direction::increment_primal)
         .def_ro("cost_slope", &Direction::cost_slope)
         .def_ro("curvature", &Direction::curvature)
         .def_ro("linear_residual", &Direction::linear_residual)

@@ -145,58 +145,66 @@ void Programme::set_parameters(const Numbers& theta, const Numbers& rho, const N
     theta_.resize(theta_.size() + 1), rho_.resize(rho_.size() + 1), rho_terminal_.resize(rho_terminal_.size() + 1);
 }
 
-void Programme::bind(const Kind&, StageFunction& f, int n, const double* x_now, const double* y_now, const double* u_now) {
-    f.arg[0] = x_now + static_cast<std::size_t>(n) * nx_;
-    f.arg[1] = x_now + static_cast<std::size_t>(n + 1) * nx_;
-    f.arg[2] = y_now + y_offset[n];
-    f.arg[3] = u_now + u_offset[n];
+void Programme::bind(StageFunction& f, int n, const Numbers& x_now, const Numbers& y_now, const Numbers& u_now) const {
+    f.arg[0] = x_now.data() + static_cast<std::size_t>(n) * nx_;
+    f.arg[1] = f.arg[0] + nx_;
+    f.arg[2] = y_now.data() + y_offset[n];
+    f.arg[3] = u_now.data() + u_offset[n];
 }
 
-Evaluation Programme::evaluate(double share) {
-    Evaluation e;
-    bool ok = true;
-    if (share != 1.0)
-        for (std::size_t i = 0; i < m.size(); ++i) scaled_m_[i] = share * m[i];
-    const double* multipliers = share != 1.0 ? scaled_m_.data() : m.data();
-    double primal = 0, dual = 0;
-    const auto violation = [&](double value, double scale, int stage, int row) {
+namespace {
+
+// Adds a row to the violation (l1, the programme's scaling) and to the squared primal norm (the reported scaling).
+struct Violations {
+    Evaluation& e;
+    double squared = 0;
+
+    void add(double value, double scale, int stage, int row) {
         e.violation += std::abs(value);
-        primal += square(value * scale);
-        if (!(std::abs(value * scale) <= e.worst)) e.worst = std::abs(value * scale), e.worst_stage = stage, e.worst_row = row;
-    };
-    for (int n = 0; n < N; ++n) {
-        Stage& s = stages_[n];
-        const Kind& k = *s.kind;
-        StageFunction& f = *k.complete;
-        bind(k, f, n, x.data(), y.data(), u.data());
-        f.arg[4] = multipliers + m_offset[n];
-        f.arg[5] = theta_.data();
-        f.arg[6] = rho_.data() + r_offset[n];
-        ok = f.call() && ok;
-        e.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
-        double* blocks[] = {s.Jw, s.Js, s.Hww, s.Hws, s.Hss, s.lw, s.ls};
-        const Pattern& c = f.outputs[0];
-        for (int i = 0; i < c.nnz(); ++i) s.c[c.row[i]] = f.res[0][i];
-        for (std::size_t i = 0; i < k.to_jacobian.size(); ++i)
-            blocks[k.to_jacobian[i].block][k.to_jacobian[i].offset] = f.res[2][i];
-        for (std::size_t i = 0; i < k.to_gradient.size(); ++i)
-            blocks[k.to_gradient[i].block][k.to_gradient[i].offset] = f.res[3][i];
-        for (std::size_t i = 0; i < k.to_hessian.size(); ++i) {
-            const auto& t = k.to_hessian[i];
-            blocks[t.block][t.offset] = f.res[4][i];
-            if (t.mirror >= 0) blocks[t.block][t.mirror] = f.res[4][i];
-        }
-        for (int i = 0; i < k.nc(); ++i) violation(s.c[i], k.scale_c[i], n, i);
-        dense::copy(s.lw, s.gw, k.nw());
-        dense::copy(s.ls, s.gs, k.ns());
-        dense::gemv_t(k.nc(), k.nw(), s.Jw, padded(k.nw()), m.data() + m_offset[n], s.gw);
-        dense::gemv_t(k.nc(), k.ns(), s.Js, padded(k.ns()), m.data() + m_offset[n], s.gs);
+        squared += square(value * scale);
+        if (!(std::abs(value * scale) <= e.worst))
+            e.worst = std::abs(value * scale), e.worst_stage = stage, e.worst_row = row;
     }
+};
+
+}  // namespace
+
+bool Programme::evaluate_stage(int n, const double* multipliers, Evaluation& e) {
+    Stage& s = stages_[n];
+    const Kind& k = *s.kind;
+    StageFunction& f = *k.complete;
+    bind(f, n, x, y, u);
+    f.arg[4] = multipliers + m_offset[n];
+    f.arg[5] = theta_.data();
+    f.arg[6] = rho_.data() + r_offset[n];
+    const bool ok = f.call();
+    e.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
+    double* blocks[] = {s.Jw, s.Js, s.Hww, s.Hws, s.Hss, s.lw, s.ls};
+    const Pattern& c = f.outputs[0];
+    for (int i = 0; i < c.nnz(); ++i) s.c[c.row[i]] = f.res[0][i];
+    for (std::size_t i = 0; i < k.to_jacobian.size(); ++i)
+        blocks[k.to_jacobian[i].block][k.to_jacobian[i].offset] = f.res[2][i];
+    for (std::size_t i = 0; i < k.to_gradient.size(); ++i)
+        blocks[k.to_gradient[i].block][k.to_gradient[i].offset] = f.res[3][i];
+    for (std::size_t i = 0; i < k.to_hessian.size(); ++i) {
+        const auto& t = k.to_hessian[i];
+        blocks[t.block][t.offset] = f.res[4][i];
+        if (t.mirror >= 0) blocks[t.block][t.mirror] = f.res[4][i];
+    }
+    const double* now = m.data() + m_offset[n];
+    dense::copy(s.lw, s.gw, k.nw());
+    dense::copy(s.ls, s.gs, k.ns());
+    dense::gemv_t(k.nc(), k.nw(), s.Jw, padded(k.nw()), now, s.gw);
+    dense::gemv_t(k.nc(), k.ns(), s.Js, padded(k.ns()), now, s.gs);
+    return ok;
+}
+
+bool Programme::evaluate_terminal(Evaluation& e) {
     StageFunction& t = *terminal_.complete;
     t.arg[0] = x.data() + static_cast<std::size_t>(N) * nx_;
     t.arg[1] = eta.data();
     t.arg[2] = rho_terminal_.data();
-    ok = t.call() && ok;
+    const bool ok = t.call();
     e.cost += t.outputs[0].nnz() ? t.res[0][0] : 0.0;
     for (int i = 0; i < t.outputs[1].nnz(); ++i) gterm_[t.outputs[1].row[i]] = t.res[1][i];
     for (int i = 0; i < t.outputs[2].nnz(); ++i)
@@ -207,18 +215,44 @@ Evaluation Programme::evaluate(double share) {
         const int a = t.outputs[4].row[i], b = t.outputs[4].column[i];
         Hterm_[a * padded(ndx_) + b] = Hterm_[b * padded(ndx_) + a] = t.res[4][i];
     }
-    for (int i = 0; i < ng_; ++i) violation(gterm_[i], 1.0, -1, i);
     dense::copy(psix_.data(), rterm_.data(), ndx_);
     dense::gemv(ndx_, ng_, Sterm_.data(), padded(ng_), eta.data(), rterm_.data());
-    for (int n = 0; n < N; ++n) {  // stationarity in x_n collects from stage n and from stage n + 1
+    return ok;
+}
+
+// Squared norm of the stationarity conditions; that in x_n collects from stage n and from stage n + 1.
+double Programme::stationarity() const {
+    double sum = 0;
+    for (int n = 0; n < N; ++n) {
         const Stage& s = stages_[n];
         const Kind& k = *s.kind;
         const double* after = n + 1 < N ? stages_[n + 1].gs : rterm_.data();
-        for (int i = 0; i < ndx_; ++i) dual += square(s.gw[i] + after[i]);
-        for (int i = 0; i < k.ny; ++i) dual += square(s.gw[ndx_ + i]);
-        for (int i = 0; i < k.nu; ++i) dual += square(s.gs[ndx_ + i] * k.scale_ru[i]);
+        for (int i = 0; i < ndx_; ++i) sum += square(s.gw[i] + after[i]);
+        for (int i = 0; i < k.ny; ++i) sum += square(s.gw[ndx_ + i]);
+        for (int i = 0; i < k.nu; ++i) sum += square(s.gs[ndx_ + i] * k.scale_ru[i]);
     }
-    e.primal = std::sqrt(primal), e.dual = std::sqrt(dual), e.residual = std::sqrt(primal + dual);
+    return sum;
+}
+
+Evaluation Programme::evaluate(double share) {
+    Evaluation e;
+    const double* multipliers = m.data();
+    if (share != 1.0) {
+        for (std::size_t i = 0; i < m.size(); ++i) scaled_m_[i] = share * m[i];
+        multipliers = scaled_m_.data();
+    }
+    bool ok = true;
+    Violations violations{e};
+    for (int n = 0; n < N; ++n) {
+        ok = evaluate_stage(n, multipliers, e) && ok;
+        const Kind& k = *stages_[n].kind;
+        for (int i = 0; i < k.nc(); ++i) violations.add(stages_[n].c[i], k.scale_c[i], n, i);
+    }
+    ok = evaluate_terminal(e) && ok;
+    for (int i = 0; i < ng_; ++i) violations.add(gterm_[i], 1.0, -1, i);
+    const double dual = stationarity();
+    e.primal = std::sqrt(violations.squared), e.dual = std::sqrt(dual);
+    e.residual = std::sqrt(violations.squared + dual);
     e.finite = ok && std::isfinite(e.residual) && std::isfinite(e.cost);
     return e;
 }
@@ -250,7 +284,7 @@ Trial Programme::trial(double alpha) {
     for (int n = 0; n < N; ++n) {
         const Kind& k = *stages_[n].kind;
         StageFunction& f = *k.values;
-        bind(k, f, n, x_trial_.data(), y_trial_.data(), u_trial_.data());
+        bind(f, n, x_trial_, y_trial_, u_trial_);
         f.arg[4] = theta_.data();
         f.arg[5] = rho_.data() + r_offset[n];
         ok = f.call() && ok;
@@ -276,68 +310,64 @@ void Programme::accept(double alpha_dual) {
     for (std::size_t i = 0; i < eta.size(); ++i) eta[i] += alpha_dual * step_.deta[i];
 }
 
+// One implicit step by Newton's method from the state before, with the step halved where the residual grows.
+bool Programme::simulate_stage(int n, double tolerance, int max_iterations, Sweep& sweep) {
+    const Kind& k = *stages_[n].kind;
+    StageFunction& f = *k.jacobian;
+    const int nc = k.nc(), ld = padded(k.nw());
+    double* x1 = x.data() + static_cast<std::size_t>(n + 1) * nx_;
+    double* y1 = y.data() + y_offset[n];
+    std::copy(x1 - nx_, x1, x1);
+    if (n > 0 && y_offset[n] - y_offset[n - 1] == k.ny) std::copy(y1 - k.ny, y1, y1);
+    Numbers LU, c, direction, dx(ndx_), x_before(nx_), y_before(k.ny);
+    std::vector<int> pivot(nc);
+    double norm = INFINITY, before = INFINITY, factor = 1.0;
+    for (int iteration = 0; iteration <= max_iterations; ++iteration, ++sweep.iterations) {
+        bind(f, n, x, y, u);
+        f.arg[4] = theta_.data();
+        f.arg[5] = rho_.data() + r_offset[n];
+        const bool ok = f.call();
+        c.assign(nc, 0.0);
+        for (int i = 0; i < f.outputs[0].nnz(); ++i) c[f.outputs[0].row[i]] = f.res[0][i];
+        norm = 0;
+        for (const double v : c) norm = std::max(norm, std::isfinite(v) ? std::abs(v) : INFINITY);
+        const bool finite = ok && std::isfinite(norm);
+        sweep.residual = std::max(sweep.residual, norm);
+        if (finite && norm <= tolerance) return sweep.residual = norm, true;
+        // A full step at the level of round-off cannot improve further.
+        if (finite && iteration > 3 && norm < 1e4 * tolerance && norm >= before && factor == 1.0)
+            return sweep.residual = norm, true;
+        if (finite && norm <= before * (1.0 + 1e-3 * factor) + 1e3 * tolerance) {
+            before = norm, factor = 1.0;
+            std::copy(x1, x1 + nx_, x_before.begin());
+            std::copy(y1, y1 + k.ny, y_before.begin());
+            LU.assign(static_cast<std::size_t>(nc) * ld, 0.0);
+            for (std::size_t i = 0; i < k.to_step_jacobian.size(); ++i) LU[k.to_step_jacobian[i]] = f.res[1][i];
+            if (dense::lu_factor(nc, LU.data(), ld, pivot.data()) == 0.0) return false;
+            direction = c;
+            dense::lu_solve_vector(nc, LU.data(), ld, pivot.data(), direction.data());
+        } else if ((factor *= 0.5) < 1e-6 || direction.empty()) {
+            return false;
+        }
+        for (int i = 0; i < ndx_; ++i) dx[i] = -direction[i];
+        if (!retract_into(x_before.data(), dx.data(), factor, x1)) return false;
+        for (int i = 0; i < k.ny; ++i) y1[i] = y_before[i] - factor * direction[ndx_ + i];
+    }
+    return false;
+}
+
 Sweep Programme::simulate(double tolerance, int max_iterations) {
     Sweep sweep;
-    Numbers LU, c, dx, guess;
-    std::vector<int> pivot;
+    double largest = 0;
     for (int n = 0; n < N; ++n) {
-        const Kind& k = *stages_[n].kind;
-        StageFunction& f = *k.jacobian;
-        const int nc = k.nc(), ld = padded(k.nw());
-        double* x1 = x.data() + static_cast<std::size_t>(n + 1) * nx_;
-        double* y1 = y.data() + y_offset[n];
-        std::copy(x1 - nx_, x1, x1);  // start from the state before
-        if (n > 0 && y_offset[n] - y_offset[n - 1] == k.ny) std::copy(y1 - k.ny, y1, y1);
-        pivot.resize(nc), dx.assign(ndx_, 0.0), guess.resize(nx_);
-        double norm = INFINITY, before = INFINITY, factor = 1.0;
-        Numbers y_before(k.ny), direction;
-        for (int iteration = 0;; ++iteration) {
-            bind(k, f, n, x.data(), y.data(), u.data());
-            f.arg[4] = theta_.data();
-            f.arg[5] = rho_.data() + r_offset[n];
-            const bool ok = f.call();
-            c.assign(nc, 0.0);
-            for (int i = 0; i < f.outputs[0].nnz(); ++i) c[f.outputs[0].row[i]] = f.res[0][i];
-            norm = 0;
-            for (int i = 0; i < nc; ++i) norm = std::max(norm, std::abs(c[i]));
-            ++sweep.iterations;
-            const bool finite = ok && std::isfinite(norm);
-            if (finite && norm <= tolerance) break;
-            // A full step at the level of round-off cannot improve further.
-            if (finite && iteration > 3 && norm < 1e4 * tolerance && norm >= before && factor == 1.0) break;
-            if (iteration >= max_iterations || (!finite && direction.empty())) {
-                sweep.failed_stage = n, sweep.residual = norm;
-                return sweep;
-            }
-            if (!finite || norm > before * (1.0 + 1e-3 * factor) + 1e3 * tolerance) {  // halve the last step
-                factor *= 0.5;
-                if (factor < 1e-6) {
-                    sweep.failed_stage = n, sweep.residual = norm;
-                    return sweep;
-                }
-            } else {
-                before = norm, factor = 1.0;
-                std::copy(x1, x1 + nx_, guess.begin());
-                std::copy(y1, y1 + k.ny, y_before.begin());
-                LU.assign(static_cast<std::size_t>(nc) * ld, 0.0);
-                for (std::size_t i = 0; i < k.to_step_jacobian.size(); ++i) LU[k.to_step_jacobian[i]] = f.res[1][i];
-                if (dense::lu_factor(nc, LU.data(), ld, pivot.data()) == 0.0) {
-                    sweep.failed_stage = n, sweep.residual = norm;
-                    return sweep;
-                }
-                direction = c;
-                dense::lu_solve_vector(nc, LU.data(), ld, pivot.data(), direction.data());
-            }
-            for (int i = 0; i < ndx_; ++i) dx[i] = -direction[i];
-            if (!retract_into(guess.data(), dx.data(), factor, x1)) {
-                sweep.failed_stage = n;
-                return sweep;
-            }
-            for (int i = 0; i < k.ny; ++i) y1[i] = y_before[i] - factor * direction[ndx_ + i];
+        sweep.residual = 0;
+        if (!simulate_stage(n, tolerance, max_iterations, sweep)) {
+            sweep.failed_stage = n;
+            return sweep;
         }
-        sweep.residual = std::max(sweep.residual, norm);
+        largest = std::max(largest, sweep.residual);
     }
-    sweep.ok = true;
+    sweep.residual = largest, sweep.ok = true;
     return sweep;
 }
 

@@ -26,8 +26,8 @@ struct Kind {
     Function values;      // -> c, l
     Function jacobian;    // -> c, dc_d(x1, y)
     Function complete;    // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c, with z = (x1, y, x0, u)
-    Numbers scale_c, scale_y, scale_u;  // factors from the programme's rows and unknowns to the reported ones
-    Numbers scale_m, scale_ru;
+    // Factors from the programme's rows, unknowns, multipliers and control gradient to the reported ones.
+    Numbers scale_c, scale_y, scale_m, scale_ru;
 
     int nw() const { return ndx + ny; }
     int ns() const { return ndx + nu; }
@@ -56,14 +56,13 @@ struct Evaluation {
 struct Factorisation {
     int negative = 0;             // negative eigenvalues of the control Hessians plus those of eta's Schur complement
     double smallest_pivot = 0.0;  // relative, over the stages' step matrices
-    bool positive_controls = false;
     double end_condition = 1.0;   // relative size of the smallest eigenvalue of eta's (equilibrated) Schur complement
     bool ok = false;
     int bad_stage = -1;  // where a matrix was singular; num_stages: the end condition
 };
 
 struct Direction {
-    double increment = 0, increment_primal = 0, cost_slope = 0, curvature = 0, linear_residual = 0;
+    double increment = 0, cost_slope = 0, curvature = 0, linear_residual = 0;
     bool finite = false;
 };
 
@@ -124,7 +123,11 @@ private:
         Numbers c, w, s, x_terminal, g;
     };
 
-    void bind(const Kind& kind, StageFunction& f, int n, const double* x_now, const double* y_now, const double* u_now);
+    void bind(StageFunction& f, int n, const Numbers& x_now, const Numbers& y_now, const Numbers& u_now) const;
+    bool evaluate_stage(int n, const double* multipliers, Evaluation& e);
+    bool evaluate_terminal(Evaluation& e);
+    bool simulate_stage(int n, double tolerance, int max_iterations, Sweep& sweep);
+    double stationarity() const;
     void allocate();
     bool condense(int n, Factorisation& result);
     void solve_linear(const Residual& rhs, Step& out);

@@ -95,7 +95,6 @@ bool Programme::condense(int n, Factorisation& result) {
         const int negative = count_negative(eigen.eigenvalues());
         if (negative < 0) return false;
         result.negative += negative;
-        result.positive_controls = false;
         if (dense::lu_factor(nu, s.Quu, pu, control_pivot) == 0.0) return false;
         dense::lu_solve(nu, s.Quu, pu, control_pivot, s.K, px, px);
         if (ng_) dense::lu_solve(nu, s.Quu, pu, control_pivot, s.Keta, pg, pg);
@@ -131,7 +130,7 @@ bool Programme::condense(int n, Factorisation& result) {
 
 Factorisation Programme::factorise(double shift, double augment) {
     Factorisation f;
-    f.smallest_pivot = 1.0, f.positive_controls = true;
+    f.smallest_pivot = 1.0;
     shift_ = shift;
     Stage& last = stages_.back();
     augment_ = augment, factorised_ = false;
@@ -330,34 +329,34 @@ Direction Programme::finish_direction(const Residual& rhs, int refinements) {
         add(step_.dx, correction_.dx), add(step_.dy, correction_.dy), add(step_.du, correction_.du);
         add(step_.dm, correction_.dm), add(step_.deta, correction_.deta);
     }
-    double primal = 0, dual = 0;
+    double squared = 0;
     for (int n = 0; n < N; ++n) {
         const Stage& s = stages_[n];
         const Kind& k = *s.kind;
         const double* dx0 = step_.dx.data() + static_cast<std::size_t>(n) * ndx_;
         const double* dx1 = dx0 + ndx_;
         for (int i = 0; i < ndx_; ++i) {
-            primal += dx1[i] * dx1[i];
+            squared += dx1[i] * dx1[i];
             d.cost_slope += s.lw[i] * dx1[i] + s.ls[i] * dx0[i];
         }
         for (int i = 0; i < k.ny; ++i) {
             const double v = step_.dy[y_offset[n] + i];
-            primal += v * k.scale_y[i] * v * k.scale_y[i];
+            squared += v * k.scale_y[i] * v * k.scale_y[i];
             d.cost_slope += s.lw[ndx_ + i] * v;
         }
         for (int i = 0; i < k.nu; ++i) {
             const double v = step_.du[u_offset[n] + i];
-            primal += v * v;
+            squared += v * v;
             d.cost_slope += s.ls[ndx_ + i] * v;
         }
         for (int i = 0; i < k.nc(); ++i) {
             const double v = step_.dm[m_offset[n] + i] * k.scale_m[i];
-            dual += v * v;
+            squared += v * v;
         }
     }
     for (int i = 0; i < ndx_; ++i) d.cost_slope += psix_[i] * step_.dx[static_cast<std::size_t>(N) * ndx_ + i];
-    for (const double v : step_.deta) dual += v * v;
-    d.increment = std::sqrt(primal + dual), d.increment_primal = std::sqrt(primal);
+    for (const double v : step_.deta) squared += v * v;
+    d.increment = std::sqrt(squared);
     d.finite = std::isfinite(d.increment) && std::isfinite(d.linear_residual);
     return d;
 }
