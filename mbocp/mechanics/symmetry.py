@@ -132,7 +132,7 @@ def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
         inertia = model.inertias[joint]
         if inertia.mass <= 0.0:
             continue
-        jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL)
+        jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, model.nv)
         excess = np.hstack([jacobian @ features, -data.oMi[joint].toActionMatrixInverse()])
         yield excess[:3] - skew(inertia.lever) @ excess[3:]  # the centre of mass
         values, axes = np.linalg.eigh(inertia.inertia)
@@ -160,7 +160,8 @@ def _motion_rows(robot: Robot, q: Array, features: Array) -> list[Array]:
 def _point_jacobian(robot: Robot, data: Any, frame: int) -> Array:
     if robot.model.frames[frame].parentJoint == 0:
         return np.zeros((3, robot.nv))
-    jacobian: Array = pin.getFrameJacobian(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+    whole = pin.getFrameJacobian(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+    jacobian: Array = whole.reshape(6, robot.nv)[:3]
     return jacobian
 
 

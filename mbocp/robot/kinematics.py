@@ -87,7 +87,7 @@ def velocity_from_momentum(mass: Array, jacobian: Array, p: Array) -> Array:
 def frame_jacobian(model: pin.Model, q: Array, frame: int, reference: pin.ReferenceFrame) -> Array:
     """Jacobian of one frame, shape (6, nv), linear before angular."""
     jacobian: Array = pin.computeFrameJacobian(model, model.createData(), q, frame, reference)
-    return jacobian
+    return jacobian.reshape(6, model.nv)  # Pinocchio hands out a single column as a vector
 
 
 def distances(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -> Array:
