@@ -1,0 +1,41 @@
+"""What the numbers were measured on."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+from importlib.metadata import version
+from pathlib import Path
+
+from benchmarks.tables import Table
+from mbocp.solvers.native import kernel
+
+__all__ = ["header", "one_core"]
+
+
+def one_core() -> None:
+    """Keep this process on one core, where the system allows it."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+def header() -> Table:
+    """Machine, versions, and how busy the machine is."""
+    packages = ("mbocp", "pin", "casadi", "numpy")
+    rows = [
+        ("processor", f"{_processor()}, {os.cpu_count()} cores, one used"),
+        ("system", f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"),
+        ("packages", ", ".join(f"{name} {version(name)}" for name in packages)),
+        ("kernel", kernel().__name__.rpartition(".")[2]),
+        ("load", f"{os.getloadavg()[0]:.2f} (one-minute average at the start)"),
+    ]
+    return Table("Machine", ("", "found"), rows)
+
+
+def _processor() -> str:
+    try:
+        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))
+    except OSError:
+        found = None
+    return found.group(1).strip() if found else platform.processor() or "unknown"

@@ -1,0 +1,200 @@
+"""Time of one exact Newton iteration: factorise, solve, a trial of the line search, evaluate."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+import mbocp
+from benchmarks.tables import Table
+from mbocp.guess import guess_candidates, make_guess
+from mbocp.solvers import GlobalisedNewton, Iterate, NewtonState, run
+from mbocp.transcription import StagewiseProgramme, transcribe
+
+__all__ = [
+    "CASES",
+    "Case",
+    "StepTime",
+    "exponent",
+    "iteration_table",
+    "load",
+    "newton",
+    "scaling_table",
+    "time_step",
+    "warm_guess",
+]
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+_KEPT = 20  # iterates before the end, among which one with a full step is looked for
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem file with changes."""
+
+    label: str
+    file: str
+    settings: tuple[str, ...] = ()
+
+
+CASES = (
+    Case("ur5_reach", "arms/ur5_reach.toml"),
+    Case("panda_reach", "arms/panda_reach.toml"),
+    Case("kinova_reach", "arms/kinova_reach.toml"),
+    Case("drone_flip", "free_flyer/drone_flip.toml"),
+    Case("elastic_pendulum", "paper/elastic_pendulum.toml"),
+    Case("rigid_pendulum", "paper/rigid_pendulum.toml"),
+)
+
+
+@dataclass(frozen=True)
+class StepTime:
+    """Medians, in seconds."""
+
+    num_steps: int
+    unknowns: int
+    step: float  # a whole iteration
+    evaluate: float
+    factorise: float
+    solve: float
+    trial: float
+    iterations: int  # of the whole solve from the default guess
+    whole: float  # of that solve
+
+
+def load(case: Case, *more: str) -> mbocp.Problem:
+    """Problem of a case."""
+    return mbocp.load_problem(EXAMPLES / case.file, [*case.settings, *more])
+
+
+def warm_guess(problem: mbocp.Problem) -> tuple[StagewiseProgramme, Iterate]:
+    """Compiled programme and the default initial guess."""
+    programme = transcribe(problem)
+    iterate, _ = make_guess(guess_candidates(problem)[0], problem, programme)
+    return programme, iterate
+
+
+def newton(problem: mbocp.Problem, programme: StagewiseProgramme) -> GlobalisedNewton:
+    """Return the default solver of a problem."""
+    options = problem.solver
+    return GlobalisedNewton(options.tolerance, options.max_iterations, programme.control_weight)
+
+
+def time_step(problem: mbocp.Problem, repetitions: int) -> StepTime:
+    """Time iterations at an iterate of the solve from which a full, unshifted step is taken."""
+    programme, guess = warm_guess(problem)
+    solver = newton(problem, programme)
+    state, iterate = _before_a_full_step(solver, programme, guess)
+    native, augmentation = state.native, state.augmentation
+
+    def reset() -> None:
+        iterate.load_into(native)
+        native.evaluate()
+
+    def ready() -> None:
+        reset()
+        native.factorise(0.0, augmentation)
+
+    def directed() -> None:
+        ready()
+        native.solve()
+
+    step = _median(lambda: solver.step(state), reset, repetitions)
+    parts = {
+        "evaluate": _median(native.evaluate, reset, repetitions),
+        "factorise": _median(lambda: native.factorise(0.0, augmentation), reset, repetitions),
+        "solve": _median(native.solve, ready, repetitions),
+        "trial": _median(lambda: native.trial(1.0), directed, repetitions),
+    }
+    whole = _median(lambda: run(solver, programme, guess), lambda: None, max(3, repetitions // 20))
+    iterations = run(solver, programme, guess).last.iteration
+    return StepTime(
+        problem.num_steps, programme.num_unknowns, step, **parts, iterations=iterations, whole=whole
+    )
+
+
+def _before_a_full_step(
+    solver: GlobalisedNewton, programme: StagewiseProgramme, guess: Iterate
+) -> tuple[NewtonState, Iterate]:
+    """State and iterate, as late in the solve as possible, whose next step is one plain Newton step."""
+    state = solver.init(programme, guess)
+    visited: deque[tuple[NewtonState, Iterate, NewtonState]] = deque(maxlen=_KEPT)
+    while solver.terminate(state) is None:
+        iterate, before = Iterate.read_from(state.native, programme), state
+        state = solver.step(state)
+        visited.append((before, iterate, state))
+    for before, iterate, after in reversed(visited):
+        is_plain = after.step_length == 1.0 and after.regularisation == 0.0 and before.reference is None
+        is_progress = before.evaluation.residual > solver.tolerance  # else round-off decides about the step
+        if is_plain and is_progress and after.augmentation == before.augmentation:
+            return before, iterate
+    raise RuntimeError("no plain Newton step among the last ones of this solve: nothing to measure")
+
+
+def _median(work: Callable[[], object], prepare: Callable[[], object], repetitions: int) -> float:
+    seconds = []
+    for _ in range(repetitions):
+        prepare()
+        clock = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - clock)
+    return median(seconds)
+
+
+def iteration_table(cases: Sequence[Case] = CASES, repetitions: int = 200) -> Table:
+    """One row a case."""
+    rows = []
+    for case in cases:
+        t = time_step(load(case), repetitions)
+        parts = (t.evaluate, t.factorise, t.solve, t.trial)
+        rows.append(
+            (
+                case.label,
+                str(t.num_steps),
+                str(t.unknowns),
+                _ms(t.step),
+                *map(_ms, parts),
+                str(t.iterations),
+                _ms(t.whole),
+                _ms(t.whole / t.iterations),
+            )
+        )
+    columns = ("problem", "N", "unknowns", "Newton iteration", "evaluate", "factorise", "solve", "trial")
+    return Table(
+        "One exact Newton iteration, and a whole solve from the default guess [ms]",
+        (*columns, "iterations", "whole solve", "per iteration"),
+        rows,
+        f"Medians of {repetitions} iterations and {max(3, repetitions // 20)} solves. An iteration is factorise, "
+        "solve (refinement included), one trial of the line search, and evaluate: all first and second "
+        "derivatives. Iterations of a solve may factorise or try several times.",
+    )
+
+
+def scaling_table(case: Case, steps: Sequence[int], budget: int = 20_000) -> tuple[Table, float]:
+    """Time of an iteration over the number of steps, and the fitted exponent."""
+    rows, seconds = [], []
+    for n in steps:
+        t = time_step(load(case, f"horizon.steps={n}"), max(3, min(200, budget // n)))
+        seconds.append(t.step)
+        rows.append(
+            (str(n), str(t.unknowns), _ms(t.step), f"{1e6 * t.step / n:.2f}", str(t.iterations), _ms(t.whole))
+        )
+    fitted = exponent(steps, seconds)
+    columns = ("N", "unknowns", "Newton iteration [ms]", "per step [us]", "iterations", "whole solve [ms]")
+    note = f"Time of an iteration ~ N^{fitted:.3f} (least squares on the logarithms)."
+    return Table(f"Growth with the number of steps: {case.label}", columns, rows, note), fitted
+
+
+def exponent(steps: Sequence[int], seconds: Sequence[float]) -> float:
+    """Slope of log(seconds) over log(steps)."""
+    return float(np.polyfit(np.log(steps), np.log(seconds), 1)[0])
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g}" if seconds < 1.0 else f"{1e3 * seconds:.0f}"

@@ -1,0 +1,89 @@
+"""The benchmarks run, and what they compare is the same thing. Nothing here tests how fast it is."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the package
+
+from benchmarks.machine import header
+from benchmarks.newton import CASES, exponent, iteration_table, load, scaling_table, time_step
+from benchmarks.paper_systems import SYSTEMS, table
+from benchmarks.rivals import compare, reach
+from benchmarks.stages import stage_table, time_stages
+from benchmarks.tables import Table, show
+
+PENDULUM = next(case for case in CASES if case.label == "rigid_pendulum")
+
+
+def test_every_case_is_an_example() -> None:
+    for case in CASES:
+        assert load(case).num_steps >= 100
+
+
+def test_one_iteration_is_timed_with_its_parts() -> None:
+    t = time_step(load(PENDULUM, "horizon.steps=10"), repetitions=3)
+    assert t.num_steps == 10
+    assert t.unknowns == 17 * 10 + 4
+    assert t.iterations >= 5
+    assert all(seconds > 0.0 for seconds in (t.step, t.evaluate, t.factorise, t.solve, t.trial, t.whole))
+
+
+def test_a_table_has_a_row_for_each_case() -> None:
+    made = iteration_table([PENDULUM], repetitions=3)
+    assert [row[0] for row in made.rows] == ["rigid_pendulum"]
+    assert len(made.rows[0]) == len(made.columns)
+
+
+def test_exponent_of_a_power() -> None:
+    steps = [100, 300, 1000]
+    assert exponent(steps, [1e-6 * n**1.25 for n in steps]) == pytest.approx(1.25)
+
+
+def test_growth_is_measured_at_every_number_of_steps() -> None:
+    made, fitted = scaling_table(PENDULUM, (10, 20), budget=60)
+    assert [row[0] for row in made.rows] == ["10", "20"]
+    assert np.isfinite(fitted)
+
+
+def test_interpreted_functions_are_slower() -> None:
+    """By a factor of about four here; one and a half leaves room for a busy machine."""
+    assert time_stages(load(PENDULUM), repetitions=5).ratio > 1.5
+    assert len(stage_table([PENDULUM], repetitions=1).rows) == 1
+
+
+def test_the_rival_finds_the_same_optimum() -> None:
+    """IPOPT on an independent transcription of scheme SE1."""
+    c = compare(reach(num_steps=8), repetitions=1)
+    assert c.difference < 1e-8
+    assert c.functions < c.rival
+
+
+@pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.title.partition(",")[0])
+def test_the_paper_s_degrees_of_freedom(system: object) -> None:
+    """The paper also counts a last control, and mu_N where the end condition is exact."""
+    made = table(system, repetitions=1, most_steps=20)  # type: ignore[arg-type]
+    assert made.rows
+    columns = {name: i for i, name in enumerate(made.columns)}
+    for row in made.rows:
+        assert row[columns["default"]].isdigit()
+        if row[columns["paper: DOF"]] != "-":
+            more = int(row[columns["paper: DOF"]]) - int(row[columns["unknowns"]])
+            assert more == {"Table 2": 9, "Table 4": 3, "Table 6": 1, "Table 7": 1}[system.title[:7]]  # type: ignore[attr-defined]
+
+
+def test_tables_print_in_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
+    made = Table("Time [ms]", ("name", "time [ms]"), [("a [b]", "1.0")], "A note.")
+    show(made)
+    show(made, markdown=True)
+    printed = capsys.readouterr().out
+    assert printed.count("Time [ms]") == 2
+    assert "| a [b] | 1.0 |" in printed
+
+
+def test_the_header_names_versions() -> None:
+    assert any("casadi" in row[1] for row in header().rows)
