@@ -170,9 +170,9 @@ def iteration_table(cases: Sequence[Case] = CASES, repetitions: int = 200) -> Ta
         "One exact Newton iteration, and a whole solve from the default guess [ms]",
         (*columns, "iterations", "whole solve", "per iteration"),
         rows,
-        f"Medians of {repetitions} iterations and {max(3, repetitions // 20)} solves. An iteration is factorise, "
-        "solve (refinement included), one trial of the line search, and evaluate: all first and second "
-        "derivatives. Iterations of a solve may factorise or try several times.",
+        f"Medians of {repetitions} iterations and {max(3, repetitions // 20)} solves. An iteration is "
+        "factorise, solve (refinement included), one trial of the line search, and evaluate: all first and "
+        "second derivatives. Iterations of a solve may factorise or try several times.",
     )
 
 
