@@ -34,6 +34,7 @@ $(STAMP): pyproject.toml $(NATIVE)
 	    || { echo "a C++ compiler is missing (Debian: apt install g++)" >&2; exit 1; }
 	@$(PYTHON) -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))' \
 	    || { echo "Python.h is missing (Debian: apt install python3-dev)" >&2; exit 1; }
+	@echo 'Installing into $(VENV) and compiling the native part: a few minutes, once.'
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
 	$(BIN)/python .ci/build_requirements.py | $(BIN)/python -m pip install --quiet --disable-pip-version-check -r /dev/stdin
