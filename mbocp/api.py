@@ -118,6 +118,8 @@ def _solve_programme(
 ) -> tuple[SolverResult, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails."""
     method, best = _solver(problem, programme), None
+    history: list[IterationRecord] = []
+    steps: list[IterationRecord] = []
     kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
     for attempt, kind in enumerate(kinds):
         try:
@@ -133,19 +135,23 @@ def _solve_programme(
             raise
         phase = problem.solver.method if attempt == 0 else f"{problem.solver.method} (guess: {kind})"
         clock = time.perf_counter()
-        result = run(method, programme, iterate, callback, phase)
-        phases.append(Phase(phase, result.last.iteration, time.perf_counter() - clock))
-        if best is None or _is_better(result, best[0]):
+        result = run(method, programme, iterate, callback, phase, first=len(steps))
+        history += result.history
+        taken = [record for record in result.history if not record.is_guess]
+        steps += taken
+        phases.append(Phase(phase, len(taken), time.perf_counter() - clock))
+        if best is None or result.status is Status.CONVERGED or _is_better(result, best[0]):
             best = (result, words)
         if result.status in (Status.CONVERGED, Status.INTERRUPTED):
-            return result, words
+            break
     if best is None:
         raise ProblemError("no initial guess could be made; give guess.kind and guess.u")
-    return best
+    result, words = best
+    return replace(result, history=tuple(history)), words
 
 
 def _is_better(new: SolverResult, old: SolverResult) -> bool:
-    return new.status is Status.CONVERGED or new.last.residual < old.last.residual
+    return new.record.residual < old.record.residual
 
 
 def _solution(
@@ -157,7 +163,7 @@ def _solution(
     guess_used: str,
     seconds: float,
 ) -> Solution:
-    last = result.last
+    last = result.record
     return Solution(
         status=result.status,
         advice=result.advice

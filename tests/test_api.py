@@ -107,6 +107,23 @@ def test_callback_sees_every_iteration() -> None:
     assert [p.name for p in s.phases] == ["compile", "guess", "monolithic", "diagnostics"]
 
 
+def test_json_history_has_one_entry_an_iteration() -> None:
+    s = mbocp.solve(PENDULUM)
+    history = s.to_dict()["history"]
+    assert len(history) == s.iterations == len(s.history) - 1
+    assert history[-1]["residual"] == s.residual
+    assert all(np.isfinite(list(entry.values())).all() for entry in history)
+
+
+def test_second_guess_is_tried_and_counted() -> None:
+    problem = mbocp.load_problem(UR5, ["solver.max_iterations=3"])
+    s = mbocp.solve(problem)
+    runs = [p for p in s.phases if p.name.startswith("monolithic")]
+    assert [p.name for p in runs] == ["monolithic", "monolithic (guess: hold)", "monolithic (guess: control)"]
+    assert s.iterations == sum(p.iterations for p in runs) == len(s.to_dict()["history"])
+    assert s.residual == min(r.residual for r in s.history if r.iteration in (3, 6, 9) and not r.is_guess)
+
+
 def test_interruption_returns_the_iterate() -> None:
     def interrupt(record: IterationRecord) -> None:
         if record.iteration == 3:

@@ -84,6 +84,7 @@ def solution_dict(solution: Solution) -> dict[str, Any]:
         "history": [
             {"residual": r.residual, "increment": r.increment, "cost": r.cost, "step_length": r.step_length}
             for r in solution.history
+            if not r.is_guess
         ],
         "control_hamiltonian": solution.control_hamiltonian,
         "control_momentum_drift": solution.control_momentum_drift,

@@ -48,7 +48,7 @@ class IterationRecord:
     Attributes
     ----------
     iteration : int
-        Counts from 1; 0 is the guess.
+        Counts from 1 over all runs of a solve; the record of a guess has the number before its run.
     residual : float
         Euclidean norm of the optimality conditions, r_w, after the iteration.
     increment : float
@@ -78,3 +78,8 @@ class IterationRecord:
     regularisation: float = 0.0
     wall_time_s: float = math.nan
     phase: str = ""
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether it describes where a run began, before any step."""
+        return math.isnan(self.step_length)

@@ -14,6 +14,8 @@ from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["Callback", "SolverResult", "run"]
 
+_KEEP_EVERY = 10  # iterations: how often a better iterate is copied, in case that the last one is worse
+
 Callback = Callable[[IterationRecord], object]
 
 
@@ -28,19 +30,17 @@ class SolverResult:
         What the status means here, and what to do.
     iterate : Iterate
         The last iterate, or the best one if the run did not converge.
+    record : IterationRecord
+        Of that iterate.
     history : tuple of IterationRecord
-        From the guess (iteration 0) on.
+        From the guess on.
     """
 
     status: Status
     advice: str
     iterate: Iterate
+    record: IterationRecord
     history: tuple[IterationRecord, ...]
-
-    @property
-    def last(self) -> IterationRecord:
-        """Record of the iterate."""
-        return self.history[-1]
 
 
 def run(
@@ -49,15 +49,18 @@ def run(
     iterate: Iterate,
     callback: Callback | None = None,
     phase: str = "",
+    first: int = 0,
 ) -> SolverResult:
     """Iterate until the solver ends or somebody presses Ctrl-C; the callback sees every record.
+
+    `first` is the number of iterations before this run, where the records go on counting.
 
     Without convergence the iterate with the smallest residual is returned, unless the last one is it.
     """
     clock = time.perf_counter()
     state = solver.init(programme, iterate)
-    history = [_record(state, phase, time.perf_counter() - clock)]
-    best, best_residual = iterate, history[0].residual
+    history = [_record(state, phase, first, time.perf_counter() - clock)]
+    best, best_record = iterate, history[0]
     status: Status | None = None
     try:
         if callback:
@@ -65,26 +68,26 @@ def run(
         while (status := solver.terminate(state)) is None:
             clock = time.perf_counter()
             state = solver.step(state)
-            if state.iteration == history[-1].iteration:
+            if first + state.iteration == history[-1].iteration:
                 continue  # no step was taken; `terminate` knows why
-            record = _record(state, phase, time.perf_counter() - clock)
+            record = _record(state, phase, first, time.perf_counter() - clock)
             history.append(record)
-            if record.residual < best_residual and state.iteration % 10 == 0:
-                best, best_residual = Iterate.read_from(state.native, programme), record.residual
+            if record.residual < best_record.residual and state.iteration % _KEEP_EVERY == 0:
+                best, best_record = Iterate.read_from(state.native, programme), record
             if callback:
                 callback(record)
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    residual = history[-1].residual
-    if status is Status.CONVERGED or (math.isfinite(residual) and residual <= best_residual):
-        best = Iterate.read_from(state.native, programme)
-    return SolverResult(status, _advice(status, state, programme), best, tuple(history))
+    last = history[-1]
+    if status is Status.CONVERGED or (math.isfinite(last.residual) and last.residual <= best_record.residual):
+        best, best_record = Iterate.read_from(state.native, programme), last
+    return SolverResult(status, _advice(status, state, programme), best, best_record, tuple(history))
 
 
-def _record(state: NewtonState, phase: str, seconds: float) -> IterationRecord:
+def _record(state: NewtonState, phase: str, first: int, seconds: float) -> IterationRecord:
     e = state.evaluation
     return IterationRecord(
-        iteration=state.iteration,
+        iteration=first + state.iteration,
         residual=e.residual,
         increment=state.increment if state.iteration else math.nan,
         cost=e.cost,

@@ -39,7 +39,7 @@ def test_every_key_is_an_attribute_of_the_same_name() -> None:
 
 
 def test_json_knows_no_nan() -> None:
-    record = IterationRecord(iteration=0, residual=math.inf)
+    record = IterationRecord(iteration=1, residual=math.inf, step_length=1.0)
     text = pendulum(cost=math.nan, residual=math.inf, history=(record,), eta=np.array([math.nan])).to_json()
     summary = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert summary["cost"] is summary["residual"] is summary["history"][0]["residual"] is None
