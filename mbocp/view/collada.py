@@ -2,58 +2,26 @@
 
 meshcat's viewer can read Collada itself, but loses a mesh whose parts differ in their attributes (some
 textured, some not: ANYmal) and parts with several materials, and takes exporters' muddled transparency at its
-word; coal mixes up the triangles of files with several parts (UR5). Like coal, and so Pinocchio, this reader
-leaves the file's unit and up-axis aside: a URDF means the numbers as they are.
+word; coal mixes up the triangles of files with several parts (UR5). Unit and up-axis are treated as in RViz,
+where people check their URDF: the unit counts, the up-axis does not. (coal ignores both.)
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp.view.mesh_parts import Indices, MeshPart, Surface, distinct_rows, fans
 
-__all__ = ["MeshPart", "Surface", "read_collada"]
+__all__ = ["read_collada"]
 
 Node = ElementTree.Element
-Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Surface:
-    """Diffuse colour (red, green, blue in 0..1) and, if it has one, the picture on it."""
-
-    colour: tuple[float, float, float]
-    image: Path | None = None
-
-
-@dataclass(frozen=True)
-class MeshPart:
-    """Triangles with one surface.
-
-    Attributes
-    ----------
-    vertices : ndarray, shape (V, 3)
-    faces : ndarray of int, shape (F, 3)
-    normals : ndarray, shape (V, 3), or None
-    uvs : ndarray, shape (V, 2), or None
-        Texture coordinates.
-    surface : Surface or None
-        None if the file gives no material.
-    """
-
-    vertices: Array
-    faces: Indices
-    normals: Array | None
-    uvs: Array | None
-    surface: Surface | None
 
 
 def read_collada(path: Path) -> tuple[MeshPart, ...]:
@@ -84,7 +52,9 @@ class _Reader:
             scene = self._root.find("library_visual_scenes/visual_scene")
         if scene is None:
             raise ValueError("no scene in it")
-        return tuple(part for node in scene.findall("node") for part in self._node(node, np.eye(4)))
+        unit = self._root.find("asset/unit")
+        scale = np.diag([*[1.0 if unit is None else float(unit.get("meter", "1"))] * 3, 1.0])
+        return tuple(part for node in scene.findall("node") for part in self._node(node, scale))
 
     def _target(self, reference: Node | None, key: str = "url") -> Node | None:
         return None if reference is None else self._by_id.get(reference.get(key, "").removeprefix("#"))
@@ -125,7 +95,7 @@ class _Reader:
         if "POSITION" not in names:
             raise ValueError("a mesh without positions")
         used = corners[:, [streams[name][0] for name in names]]
-        rows, faces = _distinct(used)
+        rows, faces = distinct_rows(used)
         values = {name: streams[name][1][rows[:, k]] for k, name in enumerate(names)}
         linear = placement[:3, :3]
         normals = values.get("NORMAL")
@@ -210,26 +180,7 @@ def _corners(primitive: Node) -> Indices | None:
         return np.concatenate(lists)
     if primitive.tag == "polylist":
         counts = np.array((primitive.findtext("vcount") or "").split(), dtype=np.int64)
-    return np.concatenate(lists)[_fans(counts)]
-
-
-def _distinct(tuples: Indices) -> tuple[Indices, Indices]:
-    """The different rows, and for each row its number among them."""
-    key = np.zeros(len(tuples), dtype=np.int64)
-    for column in tuples.T:  # one number a row: sorting those is much faster than sorting rows
-        _, rank = np.unique(column, return_inverse=True)
-        key = key * (int(rank.max()) + 1) + rank
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    return tuples[first], inverse
-
-
-def _fans(counts: Indices) -> Indices:
-    """Corner numbers of the triangles of polygons with `counts` corners each."""
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    triangles = np.maximum(counts - 2, 0)
-    start = np.repeat(starts, triangles)
-    k = np.arange(len(start)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
-    return np.stack([start, start + k + 1, start + k + 2], axis=1).ravel().astype(np.int64)
+    return np.concatenate(lists)[fans(counts)]
 
 
 def _strip(count: int) -> Indices:

@@ -1,4 +1,4 @@
-"""A robot's visuals as meshcat objects: STL and OBJ as they are, Collada parsed, primitives by Pinocchio.
+"""A robot's visuals as meshcat objects: STL as it is, Collada and OBJ parsed, primitives by Pinocchio.
 
 The scale of a mesh sits in the object's own matrix, below the node that is animated. Pinocchio's
 MeshcatVisualizer puts it into the node's transform, where an animation would overwrite it.
@@ -18,24 +18,27 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
-from mbocp.view.collada import MeshPart, Surface, read_collada
+from mbocp.view.collada import read_collada
+from mbocp.view.mesh_parts import MeshPart, Surface
 from mbocp.view.meshcat_commands import colour_number, shape_object
 from mbocp.view.meshcat_import import load_mesh, load_primitive, mg, pack_array
+from mbocp.view.wavefront import read_wavefront
 
 __all__ = ["MeshLibrary"]
 
 _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there is
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
+_READERS = {".dae": read_collada, ".obj": read_wavefront}
 _MIME = {".jpg": "jpeg", ".jpeg": "jpeg", ".gif": "gif", ".bmp": "bmp", ".webp": "webp"}
 _CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
 _UNREADABLE = (OSError, RuntimeError, ValueError, IndexError, KeyError, ElementTree.ParseError)
 
 
 class MeshLibrary:
-    """The meshes of one scene; each Collada file is parsed once."""
+    """The meshes of one scene; each file is parsed once."""
 
     def __init__(self) -> None:
-        self._collada: dict[str, tuple[MeshPart, ...]] = {}
+        self._parsed: dict[str, tuple[MeshPart, ...]] = {}
 
     def draw(self, visual: pin.GeometryObject) -> dict[str, Any]:
         """The meshcat object (as its `set_object` command carries it) of one visual.
@@ -66,23 +69,23 @@ class MeshLibrary:
 
     def _shape(self, visual: pin.GeometryObject) -> dict[str, Any] | None:
         suffix = Path(visual.meshPath).suffix.lower()
-        if suffix == ".dae":
+        if suffix in _READERS:
             return _scaled(_painted(self._parts(visual.meshPath), visual), visual.meshScale)
         if suffix == ".stl":
-            return _scaled(_plain(mg.StlMeshGeometry.from_file(visual.meshPath), visual), visual.meshScale)
-        if suffix == ".obj":
-            return _scaled(_plain(mg.ObjMeshGeometry.from_file(visual.meshPath), visual), visual.meshScale)
+            drawn = _plain(mg.StlMeshGeometry.from_file(visual.meshPath), visual)
+            drawn["geometries"][0]["type"] = "_meshfile_geometry"  # the viewer's newer name for it
+            return _scaled(drawn, visual.meshScale)
         # Other formats come by way of coal, which puts the scale into the vertices.
         shape = load_mesh(_loaded(visual)) if suffix else load_primitive(visual)
         return None if shape is None else _plain(shape, visual)
 
     def _parts(self, path: str) -> tuple[MeshPart, ...]:
-        if path not in self._collada:
-            self._collada[path] = read_collada(Path(path))
-        return self._collada[path]
+        if path not in self._parsed:
+            self._parsed[path] = _READERS[Path(path).suffix.lower()](Path(path))
+        return self._parsed[path]
 
     def _bounds(self, visual: pin.GeometryObject) -> tuple[Array, Array]:
-        if visual.meshPath.lower().endswith(".dae"):
+        if Path(visual.meshPath).suffix.lower() in _READERS:
             points = np.vstack([part.vertices for part in self._parts(visual.meshPath)]) * visual.meshScale
             return points.min(axis=0), points.max(axis=0)
         shape = _loaded(visual) if visual.meshPath else visual.geometry
@@ -113,7 +116,7 @@ def _urdf_material(visual: pin.GeometryObject) -> mg.Material:
 
 
 def _painted(parts: Sequence[MeshPart], visual: pin.GeometryObject) -> dict[str, Any]:
-    """A Collada mesh in its own colours, unless it is plain grey and the URDF names a colour."""
+    """A mesh in its own colours, unless it is plain grey and the URDF names a colour."""
     surfaces = list(dict.fromkeys(part.surface for part in parts))
     own = _has_colours(surfaces) or not visual.overrideMaterial
     if not own or surfaces == [None]:

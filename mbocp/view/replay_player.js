@@ -87,7 +87,15 @@
   try {
     const scene = await readScene();
     await new Promise((painted) => setTimeout(painted, 20)); // lets "Loading" appear before the meshes are parsed
-    scene.commands.forEach((command) => viewer.handle_command(command));
+    let problems = 0;
+    for (const command of scene.commands) {
+      try {
+        viewer.handle_command(command);
+      } catch (error) { // better a robot without one part than no robot
+        console.error(command.path, error);
+        problems += 1;
+      }
+    }
     fitView(viewer, scene.camera);
     if (scene.animation) {
       viewer.handle_command(scene.animation);
@@ -97,6 +105,7 @@
     let meshes = 0;
     viewer.scene.traverse((node) => { meshes += node.isMesh ? 1 : 0; });
     document.body.dataset.meshes = meshes;
+    document.body.dataset.problems = problems;
     at("busy").hidden = true;
     document.body.dataset.state = "ready";
   } catch (error) {

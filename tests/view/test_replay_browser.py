@@ -55,6 +55,7 @@ def test_page_opens_with_all_meshes(page):
     path, robot = page
     document = browse(path, "--dump-dom")
     assert 'data-state="ready"' in document
+    assert 'data-problems="0"' in document
     drawn = int(document.split('data-meshes="')[1].split('"')[0])
     assert drawn >= len(robot.visual_model.geometryObjects)
 

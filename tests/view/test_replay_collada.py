@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from mbocp.robot import load_robot
-from mbocp.view.collada import Surface, read_collada
+from mbocp.view.collada import read_collada
+from mbocp.view.mesh_parts import Surface
 from mbocp.view.replay import write_replay
 from tests.view.pages import angles, read_page, write_arm
 
@@ -39,7 +40,7 @@ def collada(primitives: str, *, nodes: str = "", colours: dict[str, str] | None 
     instance = f'<instance_geometry url="#g">{bind}</instance_geometry>'
     return (
         '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
-        '<asset><unit name="millimetre" meter="0.001"/><up_axis>Y_UP</up_axis></asset>'
+        '<asset><unit name="metre" meter="1"/><up_axis>Y_UP</up_axis></asset>'
         '<library_images><image id="pic"><init_from>my%20pic.png</init_from></image></library_images>'
         f"<library_effects>{effects}</library_effects><library_materials>{materials}</library_materials>"
         f'<library_geometries><geometry id="g"><mesh>{source("p", SQUARE, 3)}{source("n", "0 0 1", 3)}'
@@ -101,9 +102,9 @@ def test_every_primitive_covers_the_square_once(read, primitive):
     assert area(read(collada(primitive))) == pytest.approx([0.0, 0.0, 1.0])
 
 
-def test_unit_and_up_axis_are_left_aside(read):
-    (part,) = read(collada(TRIANGLES))
-    assert part.vertices.max(axis=0) == pytest.approx([1.0, 1.0, 0.0])
+def test_unit_counts_and_up_axis_does_not(read):
+    (part,) = read(collada(TRIANGLES).replace('meter="1"', 'meter="0.001"'))
+    assert part.vertices.max(axis=0) == pytest.approx([0.001, 0.001, 0.0])
 
 
 def test_node_transformations_multiply_in_order(read):
