@@ -113,7 +113,7 @@ def time_step(problem: mbocp.Problem, repetitions: int) -> StepTime:
         "trial": _median(lambda: native.trial(1.0), directed, repetitions),
     }
     whole = _median(lambda: run(solver, programme, guess), lambda: None, max(3, repetitions // 20))
-    iterations = run(solver, programme, guess).last.iteration
+    iterations = run(solver, programme, guess).history[-1].iteration
     return StepTime(
         problem.num_steps, programme.num_unknowns, step, **parts, iterations=iterations, whole=whole
     )

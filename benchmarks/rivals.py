@@ -82,8 +82,8 @@ def compare(problem: mbocp.Problem, repetitions: int) -> Comparison:
         raise RuntimeError(f"not both converged: mbocp {own.status}, IPOPT {stats['return_status']}")
     return Comparison(
         own=median(own_times),
-        own_iterations=own.last.iteration,
-        own_cost=own.last.cost,
+        own_iterations=own.history[-1].iteration,
+        own_cost=own.history[-1].cost,
         rival=median(rival_times),
         rival_iterations=stats["iter_count"],
         rival_cost=float(found["f"]),

@@ -1,0 +1,141 @@
+"""The documentation says what is so: links, commands, keys, problem files and Python examples."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+import mbocp
+from mbocp.cli.app import app
+from mbocp.problem.load import parse_problem
+from mbocp.problem.schema import ProblemTable
+from mbocp.solution.records import Status
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\[[^\]\[]*\]\(([^)\s]+)\)")
+COMMAND = re.compile(r"(?:^    (?:\$ |\S*/)?|`)mbocp ([a-z]+)((?: [^`|\n]*)?)", re.MULTILINE)
+KEY = re.compile(r"\[([A-Z][A-Za-z]+\d{4}[a-z]?)\]")
+
+
+def text(page: str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> Iterator[object]:
+    """Fenced blocks of problem files or Python, each named by its page and place."""
+    for page in (ROOT / "README.md", ROOT / "docs" / "problem_files.md"):
+        for i, (name, block) in enumerate(FENCE.findall(page.read_text(encoding="utf-8"))):
+            if name == language:
+                yield pytest.param(block, id=f"{page.name}-{i}")
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as hosting sites make them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        if target.startswith(("http://", "https://")):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (page.parent / name) if name else page
+        assert path.exists(), f"{page.name}: {target}"
+        if anchor:
+            assert anchor in anchors(path), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_files_of_the_project_exist(page: Path) -> None:
+    named = re.findall(r"(?:examples|robots|docs|benchmarks)/[\w./-]*\w", page.read_text(encoding="utf-8"))
+    for name in named:
+        assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+def test_every_page_is_in_the_index() -> None:
+    index = text("docs/index.md")
+    for page in (ROOT / "docs").glob("*.md"):
+        assert page.name == "index.md" or f"({page.name})" in index
+
+
+@pytest.mark.parametrize("block", [*blocks("toml")])
+def test_problem_files_load(block: str) -> None:
+    assert parse_problem(block).num_steps == 100
+
+
+def test_the_table_of_keys_is_complete() -> None:
+    page = text("docs/problem_files.md")
+    documented = set(re.findall(r"`([a-z_]+(?:\.[a-z_]+)?)`", page[page.index("| key |") :]))
+    for name, field in ProblemTable.model_fields.items():
+        tables = [a for a in (field.annotation, *getattr(field.annotation, "__args__", ())) if a is not None]
+        keys = next((t.model_fields for t in tables if hasattr(t, "model_fields")), None)
+        for key in [name] if keys is None else [f"{name}.{key}" for key in keys]:
+            assert key in documented, key
+
+
+def all_commands() -> dict[str, Any]:
+    """Commands of the command line, as typer's own objects."""
+    group: Any = typer.main.get_command(app)
+    return dict(group.commands)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_commands_and_options_exist(page: Path) -> None:
+    commands = all_commands()
+    for name, rest in COMMAND.findall(page.read_text(encoding="utf-8")):
+        assert name in commands, f"{page.name}: mbocp {name}"
+        known = {option for p in commands[name].params for option in (*p.opts, *p.secondary_opts)}
+        for option in re.findall(r"(?<= )--?[a-z][a-z-]*", rest.partition(" | ")[0]):
+            assert option in known, f"{page.name}: mbocp {name} {option}"
+
+
+def test_every_command_is_in_the_readme() -> None:
+    for name in all_commands():
+        assert f"`mbocp {name}" in text("README.md")
+
+
+def test_every_status_is_explained() -> None:
+    assert all(f"| `{status}` |" in text("docs/solver.md") for status in Status)
+
+
+def test_every_key_of_the_summary_is_explained() -> None:
+    problem = mbocp.load_problem(ROOT / "examples/paper/rigid_pendulum.toml", {"horizon.steps": 4})
+    solution = mbocp.solve(problem)
+    page = text("docs/results.md")
+    for key in solution.to_dict():
+        assert f"`{key}`" in page, key
+
+
+def test_references_have_an_entry() -> None:
+    entries = set(re.findall(r"^- \*\*\[(\w+)\]\*\*", text("docs/references.md"), re.MULTILINE))
+    sources = [*PAGES, *(ROOT / "mbocp").rglob("*.py")]
+    for source in sources:
+        for key in KEY.findall(source.read_text(encoding="utf-8")):
+            assert key in entries, f"{source}: [{key}]"
+
+
+def test_the_python_example_of_the_readme_runs(tmp_path: Path) -> None:
+    (example,) = [block for name, block in FENCE.findall(text("README.md")) if name == "python"]
+    small = example.replace("100, start", "20, start").replace("num_steps=1000", "num_steps=30")
+    assert small != example
+    done = subprocess.run(
+        [sys.executable, "-c", small], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("converged ")
+    assert (tmp_path / "ur5.h5").exists()
+
+
+def test_the_picture_is_small() -> None:
+    assert (ROOT / "docs/images/ur5_reach.png").stat().st_size < 150_000
