@@ -13,9 +13,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue
 
 __all__ = ["MAX_SAMPLES", "Motion", "sample_motion"]
 
-MAX_SAMPLES = (
-    6000  # key frames of one replay; a longer motion gets fewer a second, never fewer than its shape needs
-)
+MAX_SAMPLES = 6000  # key frames of one replay: of a long motion there are fewer a second
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,13 @@
     animator.mixer.timeScale = scene.speed;
     const start = location.hash.match(/t=([\d.]+)/);
     if (start) { jump(Number(start[1])); }
-    const tick = () => { show(); requestAnimationFrame(tick); };
+    const tick = () => {
+      // In slow motion the last pose would stay for long: it is held for as long as at true speed.
+      const hold = 0.8 * Math.min(1, animator.mixer.timeScale);
+      if (animator.playing && animator.time > duration + hold) { animator.seek(0); }
+      show();
+      requestAnimationFrame(tick);
+    };
     tick();
   }
 
