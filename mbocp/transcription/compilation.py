@@ -26,7 +26,9 @@ from mbocp.exceptions import CompilationError
 
 __all__ = ["CompiledFunctions", "NoCompilerWarning", "cache_folder", "compiler", "load_functions"]
 
-_FLAGS = ("-O1", "-fno-math-errno", "-fPIC", "-shared", "-w")
+_FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
+_OPTIMISE = "-O1"  # -O3 is no faster on such code, and compiles three times as long
+_LARGE = 150_000  # operations of a function beyond which optimising it takes many minutes: -O0, then
 _MAGIC = b"mbocp-stage-1:"  # then the SHA-256 of all that stands before it
 _TRAILER = len(_MAGIC) + 64
 
@@ -106,7 +108,9 @@ def load_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> Com
     CompilationError
         If the compiler refuses the generated code.
     """
-    material = "\n".join([key, _sources_digest(), version("casadi"), platform.machine(), " ".join(_FLAGS)])
+    material = "\n".join(
+        [key, _sources_digest(), version("casadi"), platform.machine(), " ".join([_OPTIMISE, *_FLAGS])]
+    )
     digest = hashlib.sha256(material.encode()).hexdigest()[:32]
     folder = cache_folder()
     library = folder / f"{digest}.so"
@@ -161,7 +165,9 @@ def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path) -> No
             generator.add(function)
         generator.generate(scratch + os.sep)
         built = Path(scratch) / "stage.so"
-        command = [cc, *_FLAGS, "-o", str(built), str(Path(scratch) / "stage.c"), "-lm"]
+        largest = max(function.n_instructions() for function in functions.values())
+        optimise = _OPTIMISE if largest <= _LARGE else "-O0"
+        command = [cc, optimise, *_FLAGS, "-o", str(built), str(Path(scratch) / "stage.c"), "-lm"]
         try:
             done = subprocess.run(command, capture_output=True, text=True, check=False)
         except OSError as error:
