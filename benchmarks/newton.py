@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from statistics import median
 
@@ -14,23 +14,25 @@ import numpy as np
 import mbocp
 from benchmarks.tables import Table
 from mbocp.guess import guess_candidates, make_guess
-from mbocp.solvers import GlobalisedNewton, Iterate, NewtonState, run
+from mbocp.solvers import GlobalisedNewton, Iterate, NewtonState, SolverResult, run
 from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = [
     "CASES",
     "Case",
     "StepTime",
+    "Stepper",
     "exponent",
+    "in_rounds",
     "iteration_table",
     "load",
     "newton",
     "scaling_table",
-    "time_step",
     "warm_guess",
 ]
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
+_ROUNDS = 3
 _KEPT = 20  # iterates before the end, among which one with a full step is looked for
 
 
@@ -86,37 +88,61 @@ def newton(problem: mbocp.Problem, programme: StagewiseProgramme) -> GlobalisedN
     return GlobalisedNewton(options.tolerance, options.max_iterations, programme.control_weight)
 
 
-def time_step(problem: mbocp.Problem, repetitions: int) -> StepTime:
-    """Time iterations at an iterate of the solve from which a full, unshifted step is taken."""
-    programme, guess = warm_guess(problem)
-    solver = newton(problem, programme)
-    state, iterate = _before_a_full_step(solver, programme, guess)
-    native, augmentation = state.native, state.augmentation
+class Stepper:
+    """A problem at an iterate from which a full, unshifted Newton step is taken, ready to be timed."""
 
-    def reset() -> None:
-        iterate.load_into(native)
-        native.evaluate()
+    def __init__(self, problem: mbocp.Problem) -> None:
+        self.problem = problem
+        self.programme, self.guess = warm_guess(problem)
+        self.solver = newton(problem, self.programme)
+        self.state, self.iterate = _before_a_full_step(self.solver, self.programme, self.guess)
+        self.iterations = self._solve().history[-1].iteration
 
-    def ready() -> None:
-        reset()
-        native.factorise(0.0, augmentation)
+    def measure(self, repetitions: int) -> StepTime:
+        """Medians over `repetitions` of an iteration and of each of its parts."""
+        native, rho = self.state.native, self.state.augmentation
 
-    def directed() -> None:
-        ready()
-        native.solve()
+        def ready() -> None:
+            self._reset()
+            native.factorise(0.0, rho)
 
-    step = _median(lambda: solver.step(state), reset, repetitions)
-    parts = {
-        "evaluate": _median(native.evaluate, reset, repetitions),
-        "factorise": _median(lambda: native.factorise(0.0, augmentation), reset, repetitions),
-        "solve": _median(native.solve, ready, repetitions),
-        "trial": _median(lambda: native.trial(1.0), directed, repetitions),
-    }
-    whole = _median(lambda: run(solver, programme, guess), lambda: None, max(3, repetitions // 20))
-    iterations = run(solver, programme, guess).history[-1].iteration
-    return StepTime(
-        problem.num_steps, programme.num_unknowns, step, **parts, iterations=iterations, whole=whole
-    )
+        def directed() -> None:
+            ready()
+            native.solve()
+
+        return StepTime(
+            num_steps=self.problem.num_steps,
+            unknowns=self.programme.num_unknowns,
+            step=_median(lambda: self.solver.step(self.state), self._reset, repetitions),
+            evaluate=_median(native.evaluate, self._reset, repetitions),
+            factorise=_median(lambda: native.factorise(0.0, rho), self._reset, repetitions),
+            solve=_median(native.solve, ready, repetitions),
+            trial=_median(lambda: native.trial(1.0), directed, repetitions),
+            iterations=self.iterations,
+            whole=_median(self._solve, lambda: None, max(1, repetitions // 20)),
+        )
+
+    def _reset(self) -> None:
+        self.iterate.load_into(self.state.native)
+        self.state.native.evaluate()
+
+    def _solve(self) -> SolverResult:
+        return run(self.solver, self.programme, self.guess)
+
+
+def in_rounds(
+    steppers: Sequence[Stepper], repetitions: Sequence[int], rounds: int = _ROUNDS
+) -> list[StepTime]:
+    """Measure all in turn, several times over, and keep each least median: others use the machine, too."""
+    measured = [
+        [stepper.measure(max(1, n // rounds)) for stepper, n in zip(steppers, repetitions, strict=True)]
+        for _ in range(rounds)
+    ]
+    return [_least(times) for times in zip(*measured, strict=True)]
+
+
+def _least(times: Sequence[StepTime]) -> StepTime:
+    return StepTime(*(min(getattr(t, field.name) for t in times) for field in fields(StepTime)))
 
 
 def _before_a_full_step(
@@ -149,43 +175,32 @@ def _median(work: Callable[[], object], prepare: Callable[[], object], repetitio
 
 def iteration_table(cases: Sequence[Case] = CASES, repetitions: int = 200) -> Table:
     """One row a case."""
+    measured = in_rounds([Stepper(load(case)) for case in cases], [repetitions] * len(cases))
     rows = []
-    for case in cases:
-        t = time_step(load(case), repetitions)
+    for case, t in zip(cases, measured, strict=True):
         parts = (t.evaluate, t.factorise, t.solve, t.trial)
-        rows.append(
-            (
-                case.label,
-                str(t.num_steps),
-                str(t.unknowns),
-                _ms(t.step),
-                *map(_ms, parts),
-                str(t.iterations),
-                _ms(t.whole),
-                _ms(t.whole / t.iterations),
-            )
-        )
+        whole = (str(t.iterations), _ms(t.whole), _ms(t.whole / t.iterations))
+        rows.append((case.label, str(t.num_steps), str(t.unknowns), _ms(t.step), *map(_ms, parts), *whole))
     columns = ("problem", "N", "unknowns", "Newton iteration", "evaluate", "factorise", "solve", "trial")
     return Table(
         "One exact Newton iteration, and a whole solve from the default guess [ms]",
         (*columns, "iterations", "whole solve", "per iteration"),
         rows,
-        f"Medians of {repetitions} iterations and {max(3, repetitions // 20)} solves. An iteration is "
-        "factorise, solve (refinement included), one trial of the line search, and evaluate: all first and "
-        "second derivatives. Iterations of a solve may factorise or try several times.",
+        f"Medians of {repetitions // _ROUNDS} iterations, the least of {_ROUNDS} rounds through the table. "
+        "An iteration is factorise, solve (refinement included), one trial of the line search, and evaluate: "
+        "all first and second derivatives. Iterations of a solve may factorise or try several times.",
     )
 
 
 def scaling_table(case: Case, steps: Sequence[int], budget: int = 20_000) -> tuple[Table, float]:
     """Time of an iteration over the number of steps, and the fitted exponent."""
-    rows, seconds = [], []
-    for n in steps:
-        t = time_step(load(case, f"horizon.steps={n}"), max(3, min(200, budget // n)))
-        seconds.append(t.step)
-        rows.append(
-            (str(n), str(t.unknowns), _ms(t.step), f"{1e6 * t.step / n:.2f}", str(t.iterations), _ms(t.whole))
-        )
-    fitted = exponent(steps, seconds)
+    steppers = [Stepper(load(case, f"horizon.steps={n}")) for n in steps]
+    measured = in_rounds(steppers, [max(9, min(200, budget // n)) for n in steps])
+    rows = []
+    for t in measured:
+        numbers = (_ms(t.step), f"{1e6 * t.step / t.num_steps:.2f}", str(t.iterations), _ms(t.whole))
+        rows.append((str(t.num_steps), str(t.unknowns), *numbers))
+    fitted = exponent(steps, [t.step for t in measured])
     columns = ("N", "unknowns", "Newton iteration [ms]", "per step [us]", "iterations", "whole solve [ms]")
     note = f"Time of an iteration ~ N^{fitted:.3f} (least squares on the logarithms)."
     return Table(f"Growth with the number of steps: {case.label}", columns, rows, note), fitted

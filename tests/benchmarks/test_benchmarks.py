@@ -11,7 +11,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the package
 
 from benchmarks.machine import header
-from benchmarks.newton import CASES, exponent, iteration_table, load, scaling_table, time_step
+from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
 from benchmarks.paper_systems import SYSTEMS, table
 from benchmarks.rivals import compare, reach
 from benchmarks.stages import stage_table, time_stages
@@ -26,7 +26,7 @@ def test_every_case_is_an_example() -> None:
 
 
 def test_one_iteration_is_timed_with_its_parts() -> None:
-    t = time_step(load(PENDULUM, "horizon.steps=10"), repetitions=3)
+    (t,) = in_rounds([Stepper(load(PENDULUM, "horizon.steps=10"))], [6])
     assert t.num_steps == 10
     assert t.unknowns == 17 * 10 + 4
     assert t.iterations >= 5
