@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
@@ -36,9 +37,9 @@ $(STAMP): pyproject.toml $(NATIVE)
 	    || { echo "Python.h is missing (Debian: apt install python3-dev)" >&2; exit 1; }
 	@echo 'Installing into $(VENV) and compiling the native part: a few minutes, once.'
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
-	$(BIN)/python .ci/build_requirements.py | $(BIN)/python -m pip install --quiet --disable-pip-version-check -r /dev/stdin
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[dev]'
+	$(PIP) install --upgrade pip
+	$(BIN)/python .ci/build_requirements.py | $(PIP) install --no-compile -r /dev/stdin
+	$(PIP) install --no-compile --no-build-isolation -e '.[dev]'
 	@touch $@
 
 clean:

@@ -4,22 +4,13 @@
 namespace mbocp
 {
   template<>
-  AnyJointData AnyJoint::createData() const
+  void AnyJoint::calc_kinematics(AnyJointData & data, const VectorX & q, const VectorX & v) const
   {
-    AnyJointData data;
-    data.wrapped = std::make_shared<WrappedData>();
-    data.S = AnyJointData::Constraint_t::Zero(size_v);
-    data.U = data.UDinv = AnyJointData::U_t::Zero(6, size_v);
-    data.Dinv = data.StU = AnyJointData::D_t::Zero(size_v, size_v);
-    if (wrapped) // the universe has none
-      data.wrapped->joint = wrapped->joint.createData();
-    return data;
-  }
-
-  template<>
-  void AnyJoint::calc_position(AnyJointData & data, const VectorX & q) const
-  {
-    pin::calc_zero_order(wrapped->joint, data.wrapped->joint, q);
-    publish_kinematics(data);
+    pin::JointDataTpl<SX> & joint = data.wrapped->joint;
+    pin::calc_first_order(wrapped->joint, joint, q, v);
+    data.S = joint.S();
+    data.M = joint.M();
+    data.v = joint.v();
+    data.c = joint.c();
   }
 } // namespace mbocp

@@ -132,19 +132,19 @@ namespace mbocp
     static std::string classname() { return "AnyJointModel"; }
     std::string shortname() const { return classname(); }
 
-    template<typename Q>
-    void calc(JointDataDerived & data, const Eigen::MatrixBase<Q> & q) const
-    {
-      data.joint_q = q.segment(idx_q(), size_q);
-      calc_position(data, q.derived());
-    }
-
     template<typename Q, typename V>
     void calc(JointDataDerived & data, const Eigen::MatrixBase<Q> & q, const Eigen::MatrixBase<V> & v) const
     {
       data.joint_q = q.segment(idx_q(), size_q);
       data.joint_v = v.segment(idx_v(), size_v);
-      calc_velocity(data, q.derived(), v.derived());
+      calc_kinematics(data, q.derived(), v.derived());
+    }
+
+    // Without a velocity: M and S do not depend on it, and algorithms that ask for no more read no more.
+    template<typename Q>
+    void calc(JointDataDerived & data, const Eigen::MatrixBase<Q> & q) const
+    {
+      calc(data, q, VectorX::Zero(idx_v() + size_v).eval());
     }
 
     template<typename A, typename I>
@@ -157,10 +157,9 @@ namespace mbocp
         inertia.const_cast_derived() = Y;
     }
 
-    // Defined in joint.cpp and joint_aba.cpp, for the one scalar.
+    // Defined in joint_wrap.cpp, joint.cpp and joint_articulated.cpp, for the one scalar.
     JointDataDerived createData() const;
-    void calc_position(JointDataDerived & data, const VectorX & q) const;
-    void calc_velocity(JointDataDerived & data, const VectorX & q, const VectorX & v) const;
+    void calc_kinematics(JointDataDerived & data, const VectorX & q, const VectorX & v) const;
     void calc_articulated(JointDataDerived & data, const VectorX & armature, Matrix6 & Y, bool update) const;
 
     std::shared_ptr<const WrappedModel> wrapped;

@@ -1,4 +1,4 @@
-// From a joint of the numeric model to an AnyJoint, and the affine map of mimic joints.
+// From a joint of the numeric model to an AnyJoint, its data, and the affine map of mimic joints.
 #include "joint_wrapped.hpp"
 #include "tree.hpp"
 
@@ -15,6 +15,19 @@ namespace mbocp
     any.size_v = joint.nv();
     any.wrapped = wrapped;
     return any;
+  }
+
+  template<>
+  AnyJointData AnyJoint::createData() const
+  {
+    AnyJointData data;
+    data.wrapped = std::make_shared<WrappedData>();
+    data.S = AnyJointData::Constraint_t::Zero(size_v);
+    data.U = data.UDinv = AnyJointData::U_t::Zero(6, size_v);
+    data.Dinv = data.StU = AnyJointData::D_t::Zero(size_v, size_v);
+    if (wrapped) // the universe has none
+      data.wrapped->joint = wrapped->joint.createData();
+    return data;
   }
 
   VectorX scaled_configuration(const AnyJoint & any, const VectorX & q, double scaling, double offset)

@@ -14,14 +14,4 @@ namespace mbocp
   {
     pin::JointDataTpl<SX> joint;
   };
-
-  // Pass on what `calc` has found.
-  inline void publish_kinematics(AnyJointData & data)
-  {
-    const pin::JointDataTpl<SX> & joint = data.wrapped->joint;
-    data.S = joint.S();
-    data.M = joint.M();
-    data.v = joint.v();
-    data.c = joint.c();
-  }
 } // namespace mbocp
