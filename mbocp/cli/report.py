@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import os
 import sys
 import traceback
 import warnings
@@ -19,6 +20,7 @@ __all__ = ["BAD_INPUT", "BUG", "INTERRUPTED", "reporting", "shown_warnings"]
 BAD_INPUT = 2
 BUG = 70  # EX_SOFTWARE: 1 is "not converged", and a bug must not look like it
 INTERRUPTED = 130  # what a shell reports for Ctrl-C
+CLOSED_PIPE = 141  # and for a reader that went away
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -40,6 +42,9 @@ def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
             raise typer.Exit(INTERRUPTED) from None
         except (typer.Exit, typer.Abort):
             raise
+        except BrokenPipeError:  # somebody reads only the head of the output
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(CLOSED_PIPE) from None
         except Exception:
             traceback.print_exc()
             _say("error", "this is a bug in mbocp; please report it with the lines above", "red")

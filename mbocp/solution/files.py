@@ -95,7 +95,7 @@ def _write(file: h5py.File, content: FileContent) -> None:
         entry, columns = _ENTRIES[name], content.columns[name]
         # fletcher32: a checksum for each chunk; an empty dataset has no chunks.
         data = group.create_dataset(name, data=array, fletcher32=array.size > 0)
-        data.attrs["description"], data.attrs["symbol"], data.attrs["rows"] = entry
+        data.attrs["symbol"], data.attrs["description"], data.attrs["rows"] = entry
         data.attrs["columns"] = _strings([c.name for c in columns])
         data.attrs["units"] = _strings([c.unit for c in columns])
     text = file.create_group("text")

@@ -40,6 +40,8 @@ def test_round_trip_of_odd_numbers(tmp_path: Path) -> None:
 def test_every_dataset_describes_itself(tmp_path: Path) -> None:
     pendulum().save(tmp_path / "result.h5")
     with h5py.File(tmp_path / "result.h5") as file:
+        assert file["trajectories/lams"].attrs["symbol"] == "lambda"
+        assert "multiplier" in file["trajectories/lams"].attrs["description"]
         assert file.attrs["format"] == "mbocp solution"
         assert file.attrs["format_version"] == 1
         assert file["summary"].attrs["status"] == "converged"
