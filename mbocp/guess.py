@@ -12,6 +12,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
 from mbocp.problem import Problem
+from mbocp.problem.consistency import project_on_constraints
 from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solvers import Iterate, zero_multipliers
@@ -23,7 +24,6 @@ __all__ = ["guess_candidates", "iterate_from_solution", "make_guess"]
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
 _EQUILIBRIUM = 1e-8  # relative part of the gravity force that the controls may leave uncompensated
-_PROJECTION_STEPS = 30
 
 
 def guess_candidates(problem: Problem) -> tuple[str, ...]:
@@ -135,9 +135,9 @@ def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     s = np.linspace(0.0, 1.0, N + 1)
     blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
     model = robot.model
-    qs = np.array(
-        [_projected(robot, pin.interpolate(model, problem.q_start, problem.goal.q, b)) for b in blend]
-    )
+    qs = np.array([pin.interpolate(model, problem.q_start, problem.goal.q, b) for b in blend])
+    if robot.nc:
+        qs = np.array([project_on_constraints(robot, q, np.arange(robot.nv)) for q in qs])
     qs[0] = problem.q_start
     steps = [pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)]
     vs = np.vstack([problem.v_start, *steps])
@@ -146,34 +146,23 @@ def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     return zero_multipliers(programme, np.hstack([qs, vs]), dt * lams, us)
 
 
+def _required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Generalised force that actuators and constraints have to supply for a motion, shape (nv,)."""
+    force: Array = pin.rnea(robot.model, robot.model.createData(), q, v, a)
+    return force - robot.force_elements(q, v) if robot.forces else force
+
+
 def _balance(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
     """Controls and multipliers that balance the inverse dynamics best, in the least-squares sense."""
-    wanted = pin.rnea(robot.model, robot.model.createData(), q, v, a)
-    if robot.forces:
-        wanted = wanted - robot.force_elements(q, v)
     columns = np.hstack([robot.actuation_matrix(q), -robot.constraint_jacobian(q).T])
-    found = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    found = np.linalg.lstsq(columns, _required_force(robot, q, v, a), rcond=None)[0]
     return found[: robot.nu], found[robot.nu :]
-
-
-def _projected(robot: Robot, q: Array) -> Array:
-    """Closest configuration on the constraints, by Gauss-Newton steps; q itself without constraints."""
-    if robot.nc == 0:
-        return np.asarray(q)
-    for _ in range(_PROJECTION_STEPS):
-        residual = robot.constraint_residual(q)
-        if np.abs(residual).max() < 1e-12:
-            break
-        q = robot.integrate(q, -np.linalg.pinv(robot.constraint_jacobian(q)) @ residual)
-    return np.asarray(q)
 
 
 def _can_hold(problem: Problem) -> bool:
     robot, q = problem.robot, problem.q_start
     rest = np.zeros(robot.nv)
     u, lam = _balance(robot, q, rest, rest)
-    wanted = pin.rnea(robot.model, robot.model.createData(), q, rest, rest)
-    if robot.forces:
-        wanted = wanted - robot.force_elements(q, rest)
+    wanted = _required_force(robot, q, rest, rest)
     left = wanted - robot.actuation_matrix(q) @ u + robot.constraint_jacobian(q).T @ lam
     return bool(np.abs(left).max(initial=0.0) <= _EQUILIBRIUM * (1.0 + np.abs(wanted).max(initial=0.0)))

@@ -19,6 +19,8 @@ __all__ = [
     "check_position",
     "check_velocity",
     "complete_goal",
+    "null_space",
+    "project_on_constraints",
 ]
 
 # A start typed with nine digits is accepted; one that is off by what a person can measure is not. The first
@@ -66,14 +68,14 @@ def complete_goal(robot: Robot, q: Array, active: BoolArray) -> Array:
         offset[free] = (
             0.1 * attempt * rng.standard_normal(free.size)
         )  # [m, rad] away from where Phi_q is singular
-        completed = _project(robot, robot.integrate(q, offset), free)
+        completed = project_on_constraints(robot, robot.integrate(q, offset), free)
         if np.abs(robot.constraint_residual(completed)).max() <= CONSISTENCY_TOLERANCE:
             break
     check_position(robot, completed, "goal.q")
     return completed
 
 
-def _project(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
+def project_on_constraints(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
     """Gauss-Newton on Phi(q) = 0 in the directions `free`."""
     for _ in range(_PROJECTION_STEPS):
         residual = robot.constraint_residual(q)
@@ -92,7 +94,7 @@ def check_goal_rate(robot: Robot, goal: Goal) -> None:
         return
     wanted = np.flatnonzero(goal.rate_active)
     value = goal.value[wanted]
-    reachable = (_rate_matrix(robot, goal) @ _null_space(robot.constraint_jacobian(goal.q)))[wanted]
+    reachable = (_rate_matrix(robot, goal) @ null_space(robot.constraint_jacobian(goal.q)))[wanted]
     nearest = reachable @ np.linalg.lstsq(reachable, value, rcond=_RANK_TOLERANCE)[0]
     error = np.abs(nearest - value)
     worst = int(error.argmax())
@@ -115,7 +117,7 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
     """
     if not goal.is_exact:
         return 0
-    P = _null_space(robot.constraint_jacobian(goal.q)) if robot.nc else np.eye(robot.nv)
+    P = null_space(robot.constraint_jacobian(goal.q)) if robot.nc else np.eye(robot.nv)
     count = _rank(P[goal.q_active]) + _rank((_rate_matrix(robot, goal) @ P)[goal.rate_active])
     available = num_steps * robot.nu
     if count > available:
@@ -143,8 +145,11 @@ def _refuse_residual(robot: Robot, residual: Array, key: str, unit: str, advice:
     )
 
 
-def _null_space(matrix: Array) -> Array:
-    """Return an orthonormal basis of the null space, as columns."""
+def null_space(matrix: Array) -> Array:
+    """Return an orthonormal basis of the null space, as columns.
+
+    From an SVD, for any constraint: the closed form (46) of the paper is singular where q_x = q_z = 0.
+    """
     _, singular, Vt = np.linalg.svd(matrix)
     rank = int((singular > _RANK_TOLERANCE * max(1.0, singular.max(initial=0.0))).sum())
     basis: Array = Vt[rank:].T

@@ -6,25 +6,14 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.problem import Goal
+from mbocp.problem.consistency import null_space
 from mbocp.robot import Robot
 
-__all__ = ["end_condition_rows", "null_space"]
+__all__ = ["end_condition_rows"]
 
 _RANK_TOLERANCE = (
     1e-9  # relative to the largest singular value: far above round-off, far below any real direction
 )
-
-
-def null_space(jacobian: Array, size: int) -> Array:
-    r"""Orthonormal basis P of the null space of a constraint Jacobian, shape (size, size - rank).
-
-    From an SVD, for any constraint: the closed form (46) of the paper is singular where q_x = q_z = 0.
-    """
-    if jacobian.shape[0] == 0:
-        return np.eye(size)
-    _, values, rows = np.linalg.svd(jacobian)
-    rank = int(np.sum(values > _RANK_TOLERANCE * max(values[0], 1e-300)))
-    return np.ascontiguousarray(rows[rank:].T)
 
 
 def end_condition_rows(robot: Robot, goal: Goal) -> tuple[Array, Array]:
@@ -50,7 +39,7 @@ def end_condition_rows(robot: Robot, goal: Goal) -> tuple[Array, Array]:
     """
     if goal.enforce not in ("exact", "both"):
         return np.zeros((0, robot.nv)), np.zeros((0, robot.nv))
-    basis = null_space(np.asarray(robot.constraint_jacobian(goal.q)), robot.nv)
+    basis = null_space(robot.constraint_jacobian(goal.q))
     moment_basis = robot.mass_matrix(goal.q) @ basis if goal.rate == "p" else basis
     return _project(goal.q_active, basis, basis), _project(goal.rate_active, moment_basis, basis)
 
