@@ -6,9 +6,8 @@ v + dv) at dx = 0, so that every Newton update stays on the joints' Lie group.
 Inputs and outputs (see `mbocp/_native/kernel/programme.hpp`):
 
 - values    (x0, x1, y, u, theta, rho)      -> c, l
-- jacobian  (x0, x1, y, u, theta, rho)      -> c, dc_d(x1, y)
-- complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c; z = (x1, y, x0,
-  u)
+- jacobian  (x0, x1, y, u, theta, rho)      -> c, l, dc_dz, dl_dz; z = (x1, y, x0, u)
+- complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
 - terminal_values (x, rho), terminal_complete (x, eta, rho): likewise for psi and g_T
 - retract   (x, dx) -> x
 """
@@ -140,12 +139,13 @@ def _stage_functions(
     derivatives = [c, cost, dc_dz, ca.jacobian(cost, z), ca.triu(hessian)]
     tangents = [] if mechanics.is_vector_space else [d0, d1]
     derivatives = _on_manifold(mechanics, [x0, x1], derivatives, [y, u, m, theta, rho], tangents)
-    c, cost, dc_dz, _, _ = derivatives
+    c, cost = derivatives[:2]
+    first_order = derivatives[:4]
     derivatives = ca.cse(derivatives)
     arguments = [x0, x1, y, u]
     return {
         "values": ca.Function("values", [*arguments, theta, rho], ca.cse([c, cost])),
-        "jacobian": ca.Function("jacobian", [*arguments, theta, rho], ca.cse([c, dc_dz[:, : 2 * nv + nc]])),
+        "jacobian": ca.Function("jacobian", [*arguments, theta, rho], ca.cse(first_order)),
         "complete": ca.Function("complete", [*arguments, m, theta, rho], derivatives),
     }
 

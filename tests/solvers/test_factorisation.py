@@ -29,7 +29,7 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
     jacobian = ca.jacobian(rows, z)
     functions = {
         "values": ca.Function("values", [*args, theta, rho], [rows, cost]),
-        "jacobian": ca.Function("jacobian", [*args, theta, rho], [rows, jacobian[:, :nc]]),
+        "jacobian": ca.Function("jacobian", [*args, theta, rho], [rows, cost, jacobian, ca.jacobian(cost, z)]),
         "complete": ca.Function(
             "complete", [*args, m, theta, rho], [rows, cost, jacobian, ca.jacobian(cost, z), ca.triu(hessian)]
         ),

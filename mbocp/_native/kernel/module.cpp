@@ -141,12 +141,21 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("move", &Programme::move, nb::arg("alpha"))
         .def("trial", &Programme::trial, nb::arg("alpha"))
         .def("accept", &Programme::accept, nb::arg("alpha_dual"))
-        .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"))
+        .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false)
+        .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false)
+        .def("reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
+             nb::arg("shift") = 0.0, nb::rv_policy::move)
         .def_prop_ro("num_stages", &Programme::num_stages)
         .def_prop_ro("dx", [](const Programme& p) { return to_array(p.direction().dx); }, nb::rv_policy::move)
         .def_prop_ro("dy", [](const Programme& p) { return to_array(p.direction().dy); }, nb::rv_policy::move)
         .def_prop_ro("du", [](const Programme& p) { return to_array(p.direction().du); }, nb::rv_policy::move)
         .def_prop_ro("dm", [](const Programme& p) { return to_array(p.direction().dm); }, nb::rv_policy::move)
         .def_prop_ro("deta", [](const Programme& p) { return to_array(p.direction().deta); }, nb::rv_policy::move)
-        .def_prop_ro("gains", [](const Programme& p) { return to_array(p.gains()); }, nb::rv_policy::move);
+        .def_prop_ro("costates", [](const Programme& p) { return to_array(p.costates()); }, nb::rv_policy::move)
+        .def_prop_ro("control_gradient", [](const Programme& p) { return to_array(p.control_gradient()); },
+                     nb::rv_policy::move)
+        .def_prop_ro("end_condition", [](const Programme& p) { return to_array(p.end_condition()); },
+                     nb::rv_policy::move)
+        .def_prop_ro("sigma", [](const Programme& p) { return to_array(p.sigma); }, nb::rv_policy::move)
+        .def_prop_ro("A", [](const Programme& p) { return to_array(p.A); }, nb::rv_policy::move);
 }

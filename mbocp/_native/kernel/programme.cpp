@@ -7,8 +7,6 @@ using dense::padded;
 
 namespace {
 
-enum Block { JW, JS, HWW, HWS, HSS, GW, GS };
-
 void check_output(const Function& f, std::size_t index, int rows, int columns, const char* what) {
     if (f->outputs.size() <= index || f->outputs[index].rows != rows || f->outputs[index].columns != columns)
         throw std::invalid_argument(std::string(what) + ": expected output " + std::to_string(index) + " of shape (" +
@@ -21,22 +19,28 @@ double square(double v) { return v * v; }
 
 void Kind::prepare() {
     check_output(values, 0, nc(), 1, "values");
-    check_output(jacobian, 1, nc(), nw(), "jacobian");
+    check_output(jacobian, 2, nc(), nw() + ns(), "jacobian");
     check_output(complete, 2, nc(), nw() + ns(), "complete");
     check_output(complete, 4, nw() + ns(), nw() + ns(), "complete");
     const int ldw = padded(nw()), lds = padded(ns());
     const auto split = [&](int j) { return j < nw(); };
-    to_jacobian.clear(), to_hessian.clear(), to_gradient.clear(), to_step_jacobian.clear();
-    const Pattern& J = complete->outputs[2];
-    for (int k = 0; k < J.nnz(); ++k) {
-        const int i = J.row[k], j = J.column[k];
-        to_jacobian.push_back(split(j) ? Target{JW, i * ldw + j, -1} : Target{JS, i * lds + j - nw(), -1});
-    }
-    const Pattern& g = complete->outputs[3];
-    for (int k = 0; k < g.nnz(); ++k) {
-        const int i = std::max(g.row[k], g.column[k]);
-        to_gradient.push_back(split(i) ? Target{GW, i, -1} : Target{GS, i - nw(), -1});
-    }
+    const auto derivatives = [&](const StageFunction& f, std::vector<Target>& jacobian_targets,
+                                 std::vector<Target>& gradient_targets) {
+        jacobian_targets.clear(), gradient_targets.clear();
+        const Pattern& J = f.outputs[2];
+        for (int k = 0; k < J.nnz(); ++k) {
+            const int i = J.row[k], j = J.column[k];
+            jacobian_targets.push_back(split(j) ? Target{JW, i * ldw + j, -1} : Target{JS, i * lds + j - nw(), -1});
+        }
+        const Pattern& g = f.outputs[3];
+        for (int k = 0; k < g.nnz(); ++k) {
+            const int i = std::max(g.row[k], g.column[k]);
+            gradient_targets.push_back(split(i) ? Target{GW, i, -1} : Target{GS, i - nw(), -1});
+        }
+    };
+    derivatives(*complete, to_jacobian, to_gradient);
+    derivatives(*jacobian, to_first_jacobian, to_first_gradient);
+    to_hessian.clear();
     const Pattern& H = complete->outputs[4];
     for (int k = 0; k < H.nnz(); ++k) {
         const int i = H.row[k], j = H.column[k];  // upper: i <= j
@@ -47,8 +51,6 @@ void Kind::prepare() {
         else
             to_hessian.push_back({HSS, (i - nw()) * lds + j - nw(), (j - nw()) * lds + i - nw()});
     }
-    const Pattern& Jw = jacobian->outputs[1];
-    for (int k = 0; k < Jw.nnz(); ++k) to_step_jacobian.push_back(Jw.row[k] * ldw + Jw.column[k]);
 }
 
 Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract)
@@ -137,6 +139,8 @@ void Programme::allocate() {
     c_trial_.assign(nm, 0.0), g_trial_.assign(ng_, 0.0);
     scratch_.assign(largest + 64, 0.0);
     scaled_m_.assign(nm, 0.0);
+    sweep_c_.assign(2 * static_cast<std::size_t>(max_nw_), 0.0);
+    sweep_dx_.assign(ndx_, 0.0), sweep_before_.assign(static_cast<std::size_t>(nx_) + max_nw_, 0.0);
 }
 
 void Programme::set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal) {
@@ -308,75 +312,6 @@ void Programme::accept(double alpha_dual) {
     x.swap(x_trial_), y.swap(y_trial_), u.swap(u_trial_);
     for (std::size_t i = 0; i < m.size(); ++i) m[i] += alpha_dual * step_.dm[i];
     for (std::size_t i = 0; i < eta.size(); ++i) eta[i] += alpha_dual * step_.deta[i];
-}
-
-// One implicit step by Newton's method from the state before, with the step halved where the residual grows.
-bool Programme::simulate_stage(int n, double tolerance, int max_iterations, Sweep& sweep) {
-    const Kind& k = *stages_[n].kind;
-    StageFunction& f = *k.jacobian;
-    const int nc = k.nc(), ld = padded(k.nw());
-    double* x1 = x.data() + static_cast<std::size_t>(n + 1) * nx_;
-    double* y1 = y.data() + y_offset[n];
-    std::copy(x1 - nx_, x1, x1);
-    if (n > 0 && y_offset[n] - y_offset[n - 1] == k.ny) std::copy(y1 - k.ny, y1, y1);
-    Numbers LU, c, direction, dx(ndx_), x_before(nx_), y_before(k.ny);
-    std::vector<int> pivot(nc);
-    double norm = INFINITY, before = INFINITY, factor = 1.0;
-    for (int iteration = 0; iteration <= max_iterations; ++iteration, ++sweep.iterations) {
-        bind(f, n, x, y, u);
-        f.arg[4] = theta_.data();
-        f.arg[5] = rho_.data() + r_offset[n];
-        const bool ok = f.call();
-        c.assign(nc, 0.0);
-        for (int i = 0; i < f.outputs[0].nnz(); ++i) c[f.outputs[0].row[i]] = f.res[0][i];
-        norm = 0;
-        for (const double v : c) norm = std::max(norm, std::isfinite(v) ? std::abs(v) : INFINITY);
-        const bool finite = ok && std::isfinite(norm);
-        sweep.residual = std::max(sweep.residual, norm);
-        if (finite && norm <= tolerance) return sweep.residual = norm, true;
-        // A full step at the level of round-off cannot improve further.
-        if (finite && iteration > 3 && norm < 1e4 * tolerance && norm >= before && factor == 1.0)
-            return sweep.residual = norm, true;
-        if (finite && norm <= before * (1.0 + 1e-3 * factor) + 1e3 * tolerance) {
-            before = norm, factor = 1.0;
-            std::copy(x1, x1 + nx_, x_before.begin());
-            std::copy(y1, y1 + k.ny, y_before.begin());
-            LU.assign(static_cast<std::size_t>(nc) * ld, 0.0);
-            for (std::size_t i = 0; i < k.to_step_jacobian.size(); ++i) LU[k.to_step_jacobian[i]] = f.res[1][i];
-            if (dense::lu_factor(nc, LU.data(), ld, pivot.data()) == 0.0) return false;
-            direction = c;
-            dense::lu_solve_vector(nc, LU.data(), ld, pivot.data(), direction.data());
-        } else if ((factor *= 0.5) < 1e-6 || direction.empty()) {
-            return false;
-        }
-        for (int i = 0; i < ndx_; ++i) dx[i] = -direction[i];
-        if (!retract_into(x_before.data(), dx.data(), factor, x1)) return false;
-        for (int i = 0; i < k.ny; ++i) y1[i] = y_before[i] - factor * direction[ndx_ + i];
-    }
-    return false;
-}
-
-Sweep Programme::simulate(double tolerance, int max_iterations) {
-    Sweep sweep;
-    double largest = 0;
-    for (int n = 0; n < N; ++n) {
-        sweep.residual = 0;
-        if (!simulate_stage(n, tolerance, max_iterations, sweep)) {
-            sweep.failed_stage = n;
-            return sweep;
-        }
-        largest = std::max(largest, sweep.residual);
-    }
-    sweep.residual = largest, sweep.ok = true;
-    return sweep;
-}
-
-Numbers Programme::gains() const {
-    Numbers out;
-    for (const Stage& s : stages_)
-        for (int i = 0; i < s.kind->nu; ++i)
-            out.insert(out.end(), s.K + i * padded(ndx_), s.K + i * padded(ndx_) + ndx_);
-    return out;
 }
 
 }  // namespace mbocp

@@ -20,12 +20,15 @@ namespace mbocp {
 using Function = std::shared_ptr<StageFunction>;
 using Numbers = std::vector<double>;
 
+// Blocks of a stage that a function's nonzeros are scattered into.
+enum Block { JW, JS, HWW, HWS, HSS, GW, GS };
+
 // How one kind of stage looks: functions of (x0, x1, y, u, [m,] theta, rho).
 struct Kind {
     int nx = 0, ndx = 0, ny = 0, nu = 0, nr = 0;  // state, its tangent, algebraic unknowns, controls, stage parameters
     Function values;      // -> c, l
-    Function jacobian;    // -> c, dc_d(x1, y)
-    Function complete;    // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c, with z = (x1, y, x0, u)
+    Function jacobian;    // -> c, l, dc_dz, dl_dz, with z = (x1, y, x0, u)
+    Function complete;    // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
     // Factors from the programme's rows, unknowns, multipliers and control gradient to the reported ones.
     Numbers scale_c, scale_y, scale_m, scale_ru;
 
@@ -36,8 +39,8 @@ struct Kind {
     struct Target {
         int block, offset, mirror;  // mirror: second place of a symmetric entry, or -1
     };
-    std::vector<Target> to_jacobian, to_hessian, to_gradient;
-    std::vector<int> to_step_jacobian;
+    std::vector<Target> to_jacobian, to_hessian, to_gradient;  // of `complete`
+    std::vector<Target> to_first_jacobian, to_first_gradient;  // of `jacobian`
     void prepare();  // scatter tables from the functions' patterns
 };
 
@@ -98,15 +101,28 @@ public:
     Trial trial(double alpha);
     // Take the moved iterate over; multipliers go alpha_dual of their way.
     void accept(double alpha_dual);
-    // States and algebraic unknowns from x[0] and u, stage by stage (eq. 29).
-    Sweep simulate(double tolerance, int max_iterations);
+    // States and algebraic unknowns from x[0] and u, stage by stage (eq. 29). A warm sweep starts each step from the
+    // iterate, a cold one from the state before.
+    Sweep simulate(double tolerance, int max_iterations, bool warm);
+    // Cost, first derivatives, and multipliers from eta by the backward sweep (eq. 30), or by that of the auxiliary
+    // adjoint, m = sigma + A eta (eqs. 42-44). The residual is r_u (eq. 31): end condition and control gradients.
+    Evaluation gradient(bool auxiliary);
+    // Hessian of the reduced problem in (eta, u) at the last `evaluate`, with `shift` on every state's diagonal: dense,
+    // symmetric, (ng + nu_total)^2 entries. Quadratic work in the number of stages: the reference for `factorise`.
+    Numbers reduced_hessian(double shift);
 
     struct Step {
         Numbers dx, dy, du, dm, deta;
     };
     const Step& direction() const { return step_; }
-    // Feedback gains du_n = K_n dx_{n-1} of the last factorisation, (N, nu, ndx).
-    Numbers gains() const;
+    // Derivatives of the Lagrangian's later part in each node's state (boundary duals), (N + 1, ndx).
+    Numbers costates() const;
+    // grad_u H of every stage, in the reported scaling.
+    Numbers control_gradient() const;
+    const Numbers& end_condition() const { return gterm_; }
+    // The auxiliary adjoint of the last `gradient(true)`: sigma, and A with ng columns, both for the rows of the
+    // dynamics, stage after stage.
+    Numbers sigma, A;
     std::vector<int> y_offset, u_offset, m_offset, r_offset;
 
 private:
@@ -126,7 +142,9 @@ private:
     void bind(StageFunction& f, int n, const Numbers& x_now, const Numbers& y_now, const Numbers& u_now) const;
     bool evaluate_stage(int n, const double* multipliers, Evaluation& e);
     bool evaluate_terminal(Evaluation& e);
-    bool simulate_stage(int n, double tolerance, int max_iterations, Sweep& sweep);
+    bool evaluate_first(int n, Evaluation& e);
+    bool adjoint_stage(int n, const double* after, bool auxiliary);
+    bool simulate_stage(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep);
     double stationarity() const;
     void allocate();
     bool condense(int n, Factorisation& result);
@@ -156,6 +174,7 @@ private:
     Numbers scratch_, scaled_m_, diagonal_;
     double shift_ = 0, augment_ = 0;                  // of the last factorisation
     bool factorised_ = false;
+    Numbers sweep_c_, sweep_dx_, sweep_before_;       // workspace of the sweeps
     int max_nw_ = 0, max_ns_ = 0;
 };
 
