@@ -143,6 +143,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("accept", &Programme::accept, nb::arg("alpha_dual"))
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false)
         .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false)
+        .def("end_sensitivity", [](Programme& p) { return to_array(p.end_sensitivity()); }, nb::rv_policy::move)
         .def("reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
              nb::arg("shift") = 0.0, nb::rv_policy::move)
         .def_prop_ro("num_stages", &Programme::num_stages)

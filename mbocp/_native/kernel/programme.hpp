@@ -107,6 +107,8 @@ public:
     // Cost, first derivatives, and multipliers from eta by the backward sweep (eq. 30), or by that of the auxiliary
     // adjoint, m = sigma + A eta (eqs. 42-44). The residual is r_u (eq. 31): end condition and control gradients.
     Evaluation gradient(bool auxiliary);
+    // Derivative of the end condition in all controls after a `gradient`, (ng, nu_total).
+    Numbers end_sensitivity();
     // Hessian of the reduced problem in (eta, u) at the last `evaluate`, with `shift` on every state's diagonal: dense,
     // symmetric, (ng + nu_total)^2 entries. Quadratic work in the number of stages: the reference for `factorise`.
     Numbers reduced_hessian(double shift);

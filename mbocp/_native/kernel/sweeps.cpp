@@ -186,6 +186,29 @@ Evaluation Programme::gradient(bool auxiliary) {
     return e;
 }
 
+Numbers Programme::end_sensitivity() {
+    const int nd = ndx_, pg = padded(ng_), total = u_offset[N];
+    Numbers out(static_cast<std::size_t>(ng_) * total, 0.0);
+    Numbers p(nd), column(max_nw_);
+    for (int g = 0; g < ng_; ++g) {
+        for (int i = 0; i < nd; ++i) p[i] = Sterm_[i * pg + g];
+        for (int n = N - 1; n >= 0; --n) {
+            const Stage& s = stages_[n];
+            const Kind& k = *s.kind;
+            const int nc = k.nc(), ps = padded(k.ns());
+            for (int i = 0; i < nc; ++i) column[i] = i < nd ? -p[i] : 0.0;
+            dense::lu_solve_transposed(nc, s.LU, padded(k.nw()), s.pivot, column.data());
+            double* du = out.data() + static_cast<std::size_t>(g) * total + u_offset[n];
+            std::fill(p.begin(), p.end(), 0.0);
+            for (int i = 0; i < nc; ++i) {
+                dense::axpy(nd, column[i], s.Js + i * ps, p.data());
+                dense::axpy(k.nu, column[i], s.Js + i * ps + nd, du);
+            }
+        }
+    }
+    return out;
+}
+
 Numbers Programme::costates() const {
     Numbers out;
     for (const Stage& s : stages_) out.insert(out.end(), s.gs, s.gs + ndx_);
