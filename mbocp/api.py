@@ -21,16 +21,7 @@ from mbocp.problem import Problem, load_problem
 from mbocp.problem.write import problem_to_toml
 from mbocp.solution import Solution
 from mbocp.solution.records import Labels
-from mbocp.solvers import (
-    GlobalisedNewton,
-    IterationRecord,
-    Phase,
-    PureNewton,
-    Solver,
-    SolverResult,
-    Status,
-    run,
-)
+from mbocp.solvers import IterationRecord, Methods, Outcome, Phase, SolverResult, Status, pursue
 from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = ["solve"]
@@ -82,11 +73,11 @@ def solve(
     phases: list[Phase] = []
     with _timed(phases, "compile"):
         programme = transcribe(problem)
-    result, guess_used = _solve_programme(problem, programme, warm_start, callback, phases)
+    outcome, guess_used = _solve_programme(problem, programme, warm_start, callback, phases)
     with _timed(phases, "diagnostics"):
-        trajectory = assemble(problem, programme, result.iterate)
+        trajectory = assemble(problem, programme, outcome.result.iterate)
     solution = _solution(
-        problem, programme, result, trajectory, phases, guess_used, time.perf_counter() - clock
+        problem, programme, outcome, trajectory, phases, guess_used, time.perf_counter() - clock
     )
     if check and not solution.converged:
         raise NotConverged(solution)
@@ -100,26 +91,16 @@ def _timed(phases: list[Phase], name: str) -> Iterator[None]:
     phases.append(Phase(name, 0, time.perf_counter() - clock))
 
 
-def _solver(problem: Problem, programme: StagewiseProgramme) -> Solver:
-    options = problem.solver
-    if options.globalisation == "none":
-        return PureNewton(options.tolerance, options.max_iterations)
-    return GlobalisedNewton(
-        options.tolerance, options.max_iterations, control_weight=programme.control_weight
-    )
-
-
 def _solve_programme(
     problem: Problem,
     programme: StagewiseProgramme,
     warm_start: Solution | None,
     callback: Callable[[IterationRecord], object] | None,
     phases: list[Phase],
-) -> tuple[SolverResult, str]:
+) -> tuple[Outcome, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails."""
-    method, best = _solver(problem, programme), None
+    methods, best = Methods.of(problem.solver, programme), None
     history: list[IterationRecord] = []
-    steps: list[IterationRecord] = []
     kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
     for attempt, kind in enumerate(kinds):
         try:
@@ -133,21 +114,25 @@ def _solve_programme(
             if attempt + 1 < len(kinds) or best is not None:
                 continue  # an automatic guess that cannot be made is no reason to give up on the others
             raise
-        phase = problem.solver.method if attempt == 0 else f"{problem.solver.method} (guess: {kind})"
-        clock = time.perf_counter()
-        result = run(method, programme, iterate, callback, phase, first=len(steps))
-        history += result.history
-        taken = [record for record in result.history if not record.is_guess]
-        steps += taken
-        phases.append(Phase(phase, len(taken), time.perf_counter() - clock))
-        if best is None or result.status is Status.CONVERGED or _is_better(result, best[0]):
-            best = (result, words)
+        outcome = pursue(
+            methods,
+            programme,
+            iterate,
+            callback,
+            first=sum(not record.is_guess for record in history),
+            label="" if attempt == 0 else f" (guess: {kind})",
+        )
+        history += outcome.result.history
+        phases += outcome.phases
+        result = outcome.result
+        if best is None or result.status is Status.CONVERGED or _is_better(result, best[0].result):
+            best = (outcome, words)
         if result.status in (Status.CONVERGED, Status.INTERRUPTED):
             break
     if best is None:
         raise ProblemError("no initial guess could be made; give guess.kind and guess.u")
-    result, words = best
-    return replace(result, history=tuple(history)), words
+    outcome, words = best
+    return replace(outcome, result=replace(outcome.result, history=tuple(history))), words
 
 
 def _is_better(new: SolverResult, old: SolverResult) -> bool:
@@ -157,19 +142,20 @@ def _is_better(new: SolverResult, old: SolverResult) -> bool:
 def _solution(
     problem: Problem,
     programme: StagewiseProgramme,
-    result: SolverResult,
+    outcome: Outcome,
     trajectory: Trajectory,
     phases: list[Phase],
     guess_used: str,
     seconds: float,
 ) -> Solution:
+    result = outcome.result
     last = result.record
     return Solution(
         status=result.status,
         advice=result.advice
         + _other_root(problem, result, trajectory.qs[-1])
         + _coarse_steps(problem, trajectory.vs),
-        solver=_solver(problem, programme).name,
+        solver=outcome.solver,
         iterations=sum(p.iterations for p in phases),
         cost=last.cost,
         residual=last.residual,

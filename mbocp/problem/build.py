@@ -76,7 +76,6 @@ def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | Non
     q_start, v_start = _start(table.start, robot)
     goal = _goal(table.goal, robot, q_start)
     duration, num_steps = table.horizon.duration, table.horizon.steps
-    solver = table.solver
     return Problem(
         cost=_cost(table.cost, robot, goal, folder, duration, num_steps),
         duration=duration,
@@ -88,12 +87,7 @@ def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | Non
         q_start=q_start,
         v_start=v_start,
         guess=_guess(table.guess, robot, folder),
-        solver=SolverOptions(
-            method=solver.method,
-            globalisation=solver.globalisation,  # type: ignore[arg-type]
-            tolerance=solver.tolerance,
-            max_iterations=solver.max_iterations,
-        ),
+        solver=SolverOptions(**table.solver.model_dump()),
         source=source,
         name=name,
     )

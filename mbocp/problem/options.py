@@ -5,42 +5,105 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from mbocp.problem._checks import check_choice, check_integer, check_positive
+from mbocp.exceptions import InvalidValue
+from mbocp.problem._checks import check_choice, check_integer, check_number, check_positive
 
-__all__ = ["GLOBALISATIONS", "METHODS", "Globalisation", "SolverOptions"]
+__all__ = [
+    "ADJOINTS",
+    "GLOBALISATIONS",
+    "HESSIANS",
+    "METHODS",
+    "Globalisation",
+    "SolverOptions",
+]
 
 Globalisation = Literal["default", "none"]
 
-METHODS: tuple[str, ...] = ("monolithic",)
+METHODS: tuple[str, ...] = (
+    "auto",
+    "monolithic",
+    "fbsm_newton",
+    "fbsm_bb",
+    "fbsm_bb+monolithic",
+    "fbsm_bb+fbsm_newton",
+)
 GLOBALISATIONS: tuple[Globalisation, ...] = ("default", "none")
+HESSIANS: tuple[str, ...] = ("structured", "dense", "finite-difference")
+ADJOINTS: tuple[str, ...] = ("direct", "auxiliary")
+
+_NEWTON_ITERATIONS, _GRADIENT_ITERATIONS = 200, 5000
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolverOptions:
-    """Choice of the solver and of its stopping rule.
+    r"""Choice of the solver and of its stopping rule.
 
     Attributes
     ----------
-    method : {"monolithic"}
-        All optimality conditions of all steps as one system, by Newton's method.
+    method : str
+        ``monolithic``: all optimality conditions of all steps as one system, by Newton's method (section
+        5.1). ``fbsm_newton``: Newton's method on the controls alone, with a forward sweep for the state and a
+        backward sweep for the adjoint (5.2). ``fbsm_bb``: gradient steps of Barzilai-Borwein length between
+        the same sweeps. ``fbsm_bb+monolithic``, ``fbsm_bb+fbsm_newton``: gradient steps first, then Newton's
+        (5.3). ``auto``: starts with ``monolithic`` and goes over to the others when it makes no progress.
     globalisation : {"default", "none"}
-        ``none`` is the paper's pure Newton method; ``default`` corrects the inertia and searches along the
-        step, and so ends at a minimum.
+        Of the Newton methods. ``none`` is the paper's: no safeguards for ``monolithic``, halving the step
+        until :math:`\|r_u\|` falls for ``fbsm_newton``. ``default`` corrects the inertia and searches along
+        the step, and so ends at a minimum.
     tolerance : float
-        The solver has converged when residual and increment are both below it. The paper's 1e-9.
-    max_iterations : int
-        Newton steps before the solver gives up.
+        The solver has converged when residual and increment are both below it (``fbsm_bb``: the residual).
+        The paper's 1e-9.
+    max_iterations : int or None
+        Steps before the solver gives up. None: 200 for the Newton methods, 5000 for ``fbsm_bb``.
+    hessian : {"structured", "dense", "finite-difference"}
+        How ``fbsm_newton`` gets its step: by the structured factorisation, in linear time; from the dense
+        matrix K of Algorithm 2, exact; or from K by finite differences, the paper's.
+    adjoint : {"direct", "auxiliary"}
+        How the backward sweep gets the adjoint: with the end condition's multiplier, eq. (30), or as
+        :math:`\mu = \sigma + A\eta`, eqs. (33) to (44).
+    theta_max : float
+        :math:`\theta_{max}`, the longest gradient step of ``fbsm_bb`` (Euclidean norm over all controls
+        [N, N m]): the stabilisation of the Barzilai-Borwein step.
+    switch_residual, switch_cost, switch_iterations : float, float, int
+        A hybrid goes over to Newton's method when the residual is below `switch_residual`, or the cost below
+        this part of the guess's, or after so many gradient steps. 0 switches one of the first two off.
     """
 
-    method: str = "monolithic"
+    method: str = "auto"
     globalisation: Globalisation = "default"
     tolerance: float = 1e-9
-    max_iterations: int = 200
+    max_iterations: int | None = None
+    hessian: str = "structured"
+    adjoint: str = "direct"
+    theta_max: float = 1.0
+    switch_residual: float = 10.0
+    switch_cost: float = 0.5
+    switch_iterations: int = 25
 
     def __post_init__(self) -> None:
         check_choice("solver.method", self.method, METHODS)
         check_choice("solver.globalisation", self.globalisation, GLOBALISATIONS)
-        object.__setattr__(self, "tolerance", check_positive("solver.tolerance", self.tolerance))
-        object.__setattr__(
-            self, "max_iterations", check_integer("solver.max_iterations", self.max_iterations, minimum=1)
-        )
+        check_choice("solver.hessian", self.hessian, HESSIANS)
+        check_choice("solver.adjoint", self.adjoint, ADJOINTS)
+        for key in ("tolerance", "theta_max"):
+            object.__setattr__(self, key, check_positive(f"solver.{key}", getattr(self, key)))
+        if self.max_iterations is not None:
+            limit = check_integer("solver.max_iterations", self.max_iterations, minimum=1)
+            object.__setattr__(self, "max_iterations", limit)
+        for key in ("switch_residual", "switch_cost"):
+            value = check_number(f"solver.{key}", getattr(self, key))
+            if value < 0.0:
+                raise InvalidValue(f"solver.{key}", value, "a number >= 0; 0 switches the criterion off")
+            object.__setattr__(self, key, value)
+        steps = check_integer("solver.switch_iterations", self.switch_iterations, minimum=1)
+        object.__setattr__(self, "switch_iterations", steps)
+
+    @property
+    def newton_iterations(self) -> int:
+        """Limit of a Newton method."""
+        return _NEWTON_ITERATIONS if self.max_iterations is None else self.max_iterations
+
+    @property
+    def gradient_iterations(self) -> int:
+        """Limit of `fbsm_bb` on its own."""
+        return _GRADIENT_ITERATIONS if self.max_iterations is None else self.max_iterations

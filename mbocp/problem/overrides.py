@@ -23,9 +23,10 @@ __all__ = ["apply_overrides", "parse_override", "plain"]
 # A word that is no TOML value is taken as a string: quotes inside a shell's quotes are no fun.
 _BARE_WORD = re.compile(r"[A-Za-z_./~][\w./~+-]*")
 
-_SHORTHANDS: dict[tuple[str, ...], str] = {
-    ("robot",): "name"
-}  # `robot = "ur5"` is short for `[robot] name = "ur5"`
+_SHORTHANDS: dict[tuple[str, ...], str] = {  # `robot = "ur5"` is short for `[robot] name = "ur5"`
+    ("robot",): "name",
+    ("solver",): "method",
+}
 
 
 def parse_override(text: str) -> tuple[tuple[str, ...], Any]:

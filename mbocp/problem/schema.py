@@ -88,6 +88,10 @@ def _named_robot(value: Any) -> Any:
     return value
 
 
+def _named_solver(value: Any) -> Any:
+    return {"method": value} if isinstance(value, str) else value
+
+
 def _listed_weights(value: Any) -> Any:
     return {"qp": value} if isinstance(value, list) else value
 
@@ -188,10 +192,16 @@ class IntegratorTable(_Table):
 class SolverTable(_Table):
     """How the problem is solved."""
 
-    method: str = "monolithic"
+    method: str = "auto"
     globalisation: str = "default"
     tolerance: Finite = 1e-9
-    max_iterations: int = 200
+    max_iterations: int | None = None
+    hessian: str = "structured"
+    adjoint: str = "direct"
+    theta_max: Finite = 1.0
+    switch_residual: Finite = 10.0
+    switch_cost: Finite = 0.5
+    switch_iterations: int = 25
 
 
 class ProblemTable(_Table):
@@ -205,4 +215,4 @@ class ProblemTable(_Table):
     cost: CostTable = CostTable()
     guess: GuessTable = GuessTable()
     integrator: IntegratorTable = IntegratorTable()
-    solver: SolverTable = SolverTable()
+    solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -37,12 +38,7 @@ def problem_to_toml(problem: Problem) -> str:
             "cost": _cost(problem.cost, problem.goal),
             "guess": _guess(problem.guess),
             "integrator": {"scheme": problem.scheme},
-            "solver": {
-                "method": problem.solver.method,
-                "globalisation": problem.solver.globalisation,
-                "tolerance": problem.solver.tolerance,
-                "max_iterations": problem.solver.max_iterations,
-            },
+            "solver": asdict(problem.solver),
         }
     )
 

@@ -29,15 +29,11 @@ from typing import Any
 from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.newton import NewtonState, Reference, advanced, end_of, factorise, start
 from mbocp.solvers.records import Status
+from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
 
-_FIRST_SHIFT = 1e-3  # in units of the running cost's weight of a step
-_GROWTH, _SHRINKAGE = 8.0, 5.0
-_LARGEST_SHIFT = 1e10
-_GOOD_STEP = 0.2  # step length after which the shift shrinks
-_FAST_CONTRACTION = 0.1  # of the residual in one full step
 _SHORTEST_STEP = 0.02  # below it a larger shift is tried first ...
 _PATIENCE = 3  # ... this many times; then
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
@@ -136,8 +132,8 @@ class GlobalisedNewton:
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return replace(state, increment=direction.increment)  # round-off hides any decrease
             attempts += 1
-            shift = max(_GROWTH * shift, _FIRST_SHIFT)
-            if shift > _LARGEST_SHIFT:
+            shift = larger_shift(shift)
+            if shift > LARGEST_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
         length, by_cost = found
@@ -150,7 +146,7 @@ class GlobalisedNewton:
             length,
             augmentation=augmentation,
             regularisation=shift,
-            shift=_next_shift(shift, length, evaluation.residual / state.evaluation.residual),
+            shift=next_shift(shift, length, evaluation.residual / state.evaluation.residual),
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),
             at_minimum=shift == 0.0,
@@ -172,8 +168,8 @@ class GlobalisedNewton:
         reference, native, shift = state.reference, state.native, state.shift
         assert reference is not None  # for the type checker: `step` comes here only with one
         _, augmentation, direction = self._direction(state, shift)
-        while direction is None and shift <= _LARGEST_SHIFT:
-            shift = max(_GROWTH * shift, _FIRST_SHIFT)
+        while direction is None and shift <= LARGEST_SHIFT:
+            shift = larger_shift(shift)
             _, augmentation, direction = self._direction(state, shift)
         if direction is not None:
             native.move(1.0)
@@ -186,7 +182,7 @@ class GlobalisedNewton:
                 1.0,
                 augmentation=augmentation,
                 regularisation=shift,
-                shift=_next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual),
+                shift=next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual),
                 reference=replace(reference, steps_left=reference.steps_left - 1),
                 at_minimum=shift == 0.0,
             )
@@ -204,14 +200,6 @@ class GlobalisedNewton:
             reference=None,
             patience=_PAUSE,
         )
-
-
-def _next_shift(shift: float, length: float, contraction: float) -> float:
-    if length < _GOOD_STEP:
-        return 2.0 * max(shift, _FIRST_SHIFT)
-    if length == 1.0 and contraction < _FAST_CONTRACTION:
-        return 0.0  # Newton's own convergence has set in
-    return shift / _SHRINKAGE if shift / _SHRINKAGE > _FIRST_SHIFT else 0.0
 
 
 def _search(state: NewtonState, direction: Any, shortest: float) -> tuple[float, bool] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 from mbocp._arrays import Array
 from mbocp.solvers.filter import Filter
@@ -13,7 +13,7 @@ from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import Status
 from mbocp.transcription import StagewiseProgramme
 
-__all__ = ["NewtonState", "Reference", "Solver", "advanced", "end_of", "factorise", "start"]
+__all__ = ["NewtonState", "Reference", "advanced", "end_of", "factorise", "fresh", "start"]
 
 _LEAST_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
 _MOST_AUGMENTATION = 1e12
@@ -95,29 +95,16 @@ class NewtonState:
     failed_stage: int = -1
 
 
-class Solver(Protocol):
-    """A method as three steps on an explicit state."""
-
-    @property
-    def name(self) -> str:
-        """What it is called in output."""
-
-    def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
-        """State at an iterate."""
-
-    def step(self, state: NewtonState) -> NewtonState:
-        """One iteration further."""
-
-    def terminate(self, state: NewtonState) -> Status | None:
-        """How it ended, or None to go on."""
-
-
 def start(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
     """State at an iterate, with its functions and derivatives evaluated."""
     iterate.check(programme)
     native = kernel_programme(programme)
     iterate.load_into(native)
-    evaluation = native.evaluate()
+    return fresh(programme, native, native.evaluate())
+
+
+def fresh(programme: StagewiseProgramme, native: Any, evaluation: Any) -> NewtonState:
+    """State at the iterate that the kernel programme holds."""
     weight = programme.control_weight / programme.dt
     return NewtonState(
         native,

@@ -17,6 +17,9 @@ class Status(str, Enum):
     LINE_SEARCH_FAILED = "line_search_failed"
     SINGULAR = "singular"
     DIVERGED = "diverged"
+    SWEEP_FAILED = "sweep_failed"
+    STAGNATED = "stagnated"
+    SWITCHED = "switched"  # only between the phases of a hybrid
     INTERRUPTED = "interrupted"
 
     def __str__(self) -> str:
@@ -50,13 +53,14 @@ class IterationRecord:
     iteration : int
         Counts from 1 over all runs of a solve; the record of a guess has the number before its run.
     residual : float
-        Euclidean norm of the optimality conditions, r_w, after the iteration.
+        Euclidean norm of the optimality conditions after the iteration: r_w, or r_u, eq. (31), of a staggered
+        solver, which satisfies the others by its sweeps.
     increment : float
-        Euclidean norm of the Newton step in all unknowns.
+        Euclidean norm of the step: in all unknowns, or in (eta, u) of a staggered solver.
     cost : float
         Objective J, eq. (7).
     step_length : float
-        Fraction of the Newton step that was taken.
+        Fraction of the step that was taken.
     primal, dual : float
         Norms of the state equations with the end condition, and of the stationarity conditions.
     regularisation : float

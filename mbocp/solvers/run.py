@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from mbocp.solvers.iterate import Iterate
-from mbocp.solvers.newton import NewtonState, Solver
+from mbocp.solvers.protocol import Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.transcription import StagewiseProgramme
 
@@ -17,6 +18,7 @@ __all__ = ["Callback", "SolverResult", "run"]
 _KEEP_EVERY = 10  # iterations: how often a better iterate is copied, in case that the last one is worse
 
 Callback = Callable[[IterationRecord], object]
+Watch = Callable[[Sequence[IterationRecord]], bool]
 
 
 @dataclass(frozen=True)
@@ -44,16 +46,18 @@ class SolverResult:
 
 
 def run(
-    solver: Solver,
+    solver: Solver[Any],
     programme: StagewiseProgramme,
     iterate: Iterate,
     callback: Callback | None = None,
     phase: str = "",
     first: int = 0,
+    watch: Watch | None = None,
 ) -> SolverResult:
     """Iterate until the solver ends or somebody presses Ctrl-C; the callback sees every record.
 
-    `first` is the number of iterations before this run, where the records go on counting.
+    `first` is the number of iterations before this run, where the records go on counting. `watch` sees the
+    records so far, and ends a run that it has no more hope in as stagnated.
 
     Without convergence the iterate with the smallest residual is returned, unless the last one is it.
     """
@@ -76,15 +80,20 @@ def run(
                 best, best_record = Iterate.read_from(state.native, programme), record
             if callback:
                 callback(record)
+            if watch and watch(history) and solver.terminate(state) is None:
+                status = Status.STAGNATED
+                break
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     last = history[-1]
-    if status is Status.CONVERGED or (math.isfinite(last.residual) and last.residual <= best_record.residual):
+    if status in (Status.CONVERGED, Status.SWITCHED) or (
+        math.isfinite(last.residual) and last.residual <= best_record.residual
+    ):
         best, best_record = Iterate.read_from(state.native, programme), last
     return SolverResult(status, _advice(status, state, programme), best, best_record, tuple(history))
 
 
-def _record(state: NewtonState, phase: str, first: int, seconds: float) -> IterationRecord:
+def _record(state: SolverState, phase: str, first: int, seconds: float) -> IterationRecord:
     e = state.evaluation
     return IterationRecord(
         iteration=first + state.iteration,
@@ -100,7 +109,7 @@ def _record(state: NewtonState, phase: str, first: int, seconds: float) -> Itera
     )
 
 
-def _advice(status: Status, state: NewtonState, programme: StagewiseProgramme) -> str:
+def _advice(status: Status, state: SolverState, programme: StagewiseProgramme) -> str:
     e = state.evaluation
     worst = f"largest violation: {programme.describe_row(e.worst_stage, e.worst_row)} ({e.worst:.1e})"
     if status is Status.CONVERGED:
@@ -119,6 +128,11 @@ def _advice(status: Status, state: NewtonState, programme: StagewiseProgramme) -
         Status.LINE_SEARCH_FAILED: f"no step makes progress any more {reached}: the goal may be out of reach "
         "in this time, or the guess too far; try a longer duration, another guess, or goal.enforce = "
         '"penalty"',
+        Status.STAGNATED: f"no progress any more after {state.iteration} iterations {reached}; try another "
+        'solver ("auto" goes over to one by itself), another guess or a longer duration',
+        Status.SWEEP_FAILED: f"the forward sweep fails {_place(state, programme)}: the guess's controls lead "
+        'where no step can be solved; take more steps, another guess, or "monolithic", which needs no sweep',
+        Status.SWITCHED: f"handed over after {state.iteration} iterations",
         Status.DIVERGED: 'the iterates left the finite numbers; use globalisation = "default", a shorter '
         "step or a better guess",
         Status.INTERRUPTED: f"interrupted after {state.iteration} iterations; the best iterate so far",
@@ -126,12 +140,14 @@ def _advice(status: Status, state: NewtonState, programme: StagewiseProgramme) -
     return f"{texts[status]}; {worst}"
 
 
-def _place(state: NewtonState, programme: StagewiseProgramme) -> str:
+def _place(state: SolverState, programme: StagewiseProgramme) -> str:
     if state.failed_stage == programme.num_steps:
         return (
             "in the end condition: its rows depend on each other or cannot be reached by the controls; "
             'enforce fewer components, or goal.enforce = "penalty"'
         )
+    if state.failed_stage >= 0 and state.failure is Status.SWEEP_FAILED:
+        return f"in the step to t = {(state.failed_stage + 1) * programme.dt:g} s"
     if state.failed_stage >= 0:
         when = (state.failed_stage + 1) * programme.dt
         return f"in the step to t = {when:g} s: singular mass matrix, redundant constraints or free control"

@@ -155,6 +155,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_prop_ro("costates", [](const Programme& p) { return to_array(p.costates()); }, nb::rv_policy::move)
         .def_prop_ro("control_gradient", [](const Programme& p) { return to_array(p.control_gradient()); },
                      nb::rv_policy::move)
+        .def_prop_ro("control_scale", [](const Programme& p) { return to_array(p.control_scale()); },
+                     nb::rv_policy::move)
         .def_prop_ro("end_condition", [](const Programme& p) { return to_array(p.end_condition()); },
                      nb::rv_policy::move)
         .def_prop_ro("sigma", [](const Programme& p) { return to_array(p.sigma); }, nb::rv_policy::move)

@@ -121,6 +121,8 @@ public:
     Numbers costates() const;
     // grad_u H of every stage, in the reported scaling.
     Numbers control_gradient() const;
+    // Its factor from the derivative of the Lagrangian, control after control (1/dt under a uniform step).
+    Numbers control_scale() const;
     const Numbers& end_condition() const { return gterm_; }
     // The auxiliary adjoint of the last `gradient(true)`: sigma, and A with ng columns, both for the rows of the
     // dynamics, stage after stage.

@@ -223,6 +223,12 @@ Numbers Programme::control_gradient() const {
     return out;
 }
 
+Numbers Programme::control_scale() const {
+    Numbers out;
+    for (const Stage& s : stages_) out.insert(out.end(), s.kind->scale_ru.begin(), s.kind->scale_ru.end());
+    return out;
+}
+
 Numbers Programme::reduced_hessian(double shift) {
     const int nd = ndx_, px = padded(nd), pg = padded(ng_);
     const int total = ng_ + u_offset[N];

@@ -1,0 +1,228 @@
+r"""FBSM-Newton: Newton's method on :math:`r_u(\omega)`, :math:`\omega = (\eta, u)`, 5.2.1 and Algorithm 2.
+
+Every iterate is swept: state and adjoint satisfy their equations, and the end condition and the control
+equation are left, eq. (31). The step :math:`c = -K^{-1} r_u`, :math:`K = \nabla_\omega r_u`, comes from
+
+- the structured factorisation at the swept trajectory. Where the state and adjoint equations hold, a step of
+  the whole system, eq. (23), has the same (eta, u) part as the reduced one: linear in the number of steps.
+- the dense K, assembled column by column from linearised sweeps. Exact; the reference.
+- the dense K by finite differences of r_u: the paper's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from mbocp._arrays import Array
+from mbocp.exceptions import SolverError
+from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.multiplier import end_multiplier
+from mbocp.solvers.native import kernel_programme
+from mbocp.solvers.newton import NewtonState, advanced, end_of, factorise, fresh
+from mbocp.solvers.records import Status
+from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
+from mbocp.solvers.sweep import Kept, sweep
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["FBSMNewton"]
+
+_HALVINGS = 10  # i_max of Algorithm 2
+_LARGEST_DENSE = 6000  # unknowns (eta, u) up to which a dense K is assembled: 288 MB
+_DIFFERENCE = 1.5e-8  # relative step of the forward differences
+
+
+@dataclass(frozen=True)
+class FBSMNewton:
+    r"""Staggered solver with Newton steps.
+
+    Attributes
+    ----------
+    tolerance : float
+        Of :math:`\|r_u\|` and of the step in :math:`\omega`, both Euclidean norms.
+    max_iterations : int
+        Newton steps before it gives up.
+    control_weight : float
+        Unit of the shift: the running cost's weight of one control over one step.
+    globalised : bool
+        False: Algorithm 2. The step is halved until :math:`\|r_u\|` falls, at most ten times, and then taken.
+        True: the Hessian is shifted until the step leads towards a minimum, and a step is also good if the
+        filter of the monolithic solver takes it, for its cost or its end condition. Where eta is not given
+        it starts from the value for which r_u is smallest instead of from zero.
+    hessian : {"structured", "dense", "finite-difference"}
+    auxiliary : bool
+        Sweep backward with the auxiliary adjoint, section 5.2.2.
+    """
+
+    tolerance: float = 1e-9
+    max_iterations: int = 200
+    control_weight: float = 1.0
+    globalised: bool = True
+    hessian: str = "structured"
+    auxiliary: bool = False
+
+    @property
+    def name(self) -> str:
+        """Words for output."""
+        how = "inertia correction, filter" if self.globalised else "backtracking"
+        extra = "" if self.hessian == "structured" else f", {self.hessian} Hessian"
+        return f"FBSM-Newton ({how}{extra}{', auxiliary adjoint' if self.auxiliary else ''})"
+
+    def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
+        """Swept state for the iterate's controls.
+
+        Raises
+        ------
+        SolverError
+            If K is to be dense and is too large for it.
+        """
+        iterate.check(programme)
+        size = iterate.eta.size + iterate.us.size
+        if self.hessian != "structured" and size > _LARGEST_DENSE:
+            raise SolverError(
+                f'solver.hessian = "{self.hessian}" takes a dense matrix of {size} x {size} entries, '
+                f'more than {_LARGEST_DENSE} x {_LARGEST_DENSE}; use "structured" or fewer steps'
+            )
+        native = kernel_programme(programme)
+        iterate.load_into(native)
+        outcome = sweep(native, auxiliary=self.auxiliary)
+        if outcome.evaluation is None:
+            state = fresh(programme, native, native.evaluate())
+            return replace(state, failure=Status.SWEEP_FAILED, failed_stage=outcome.failed_stage)
+        evaluation = outcome.evaluation
+        if self.globalised and not iterate.eta.any():
+            evaluation = end_multiplier(native, auxiliary=self.auxiliary)
+        return fresh(programme, native, evaluation)
+
+    def step(self, state: NewtonState) -> NewtonState:
+        """One accepted step."""
+        native, shift = state.native, state.shift
+        kept = Kept.of(native)
+        while True:
+            native.evaluate()
+            factorisation, augmentation = factorise(state, shift * self.control_weight)
+            is_minimum = factorisation.ok and factorisation.negative == len(native.eta)
+            direction = None
+            if factorisation.ok and (is_minimum or not self.globalised):
+                direction = native.solve()
+            if direction is not None and direction.finite:
+                slope = direction.cost_slope
+                step = self._omega_step(state, shift * self.control_weight, kept)
+                if step is not None:
+                    taken = self._search(state, kept, step, slope, shift)
+                    if taken is not None:
+                        evaluation, length, by_cost = taken
+                        return advanced(
+                            state,
+                            evaluation,
+                            float(np.linalg.norm(step)),
+                            length,
+                            augmentation=augmentation,
+                            regularisation=shift,
+                            shift=self._next_shift(state, shift, length, evaluation),
+                            filter=state.filter if by_cost else state.filter.grown(state.evaluation),
+                            at_minimum=is_minimum and shift == 0.0,
+                        )
+            if not self.globalised:
+                failure = Status.SWEEP_FAILED if factorisation.ok else Status.SINGULAR
+                return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
+            shift = larger_shift(shift)
+            if shift > LARGEST_SHIFT:
+                failure = Status.LINE_SEARCH_FAILED if factorisation.ok else Status.SINGULAR
+                return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
+
+    def terminate(self, state: NewtonState) -> Status | None:
+        """Residual and increment both below the tolerance."""
+        return end_of(state, self.tolerance, self.max_iterations)
+
+    def _omega_step(self, state: NewtonState, shift: float, kept: Kept) -> Array | None:
+        """Step in (eta, u): the structured one that the kernel holds, or a solution with the dense K."""
+        native = state.native
+        if self.hessian == "structured":
+            return np.concatenate([native.deta, native.du])
+        size = len(native.eta) + len(native.u)
+        rhs = _reduced_residual(native)
+        K = native.reduced_hessian(shift).reshape(size, size)
+        if self.hessian == "finite-difference":
+            shifted = K - native.reduced_hessian(0.0).reshape(size, size) if shift else 0.0
+            K = _differences(native, kept, rhs, auxiliary=self.auxiliary) + shifted
+        if not np.isfinite(K).all():
+            return None
+        try:
+            step: Array = -scipy.linalg.solve(K, rhs)
+        except np.linalg.LinAlgError:
+            return None
+        return step
+
+    def _search(
+        self, state: NewtonState, kept: Kept, step: Array, slope: float, shift: float
+    ) -> tuple[Any, float, bool] | None:
+        """Swept evaluation, step length and whether it was accepted for its cost; None with the start back.
+
+        A sweep that fails shortens the step as one that makes nothing better does.
+        """
+        native, before = state.native, state.evaluation
+        ng, length = len(native.eta), 1.0
+        evaluation = None
+        for halving in range(_HALVINGS + 1):
+            kept.restore(native)
+            if self.hessian == "structured":  # the kernel's step also says where the states will be
+                native.move(length)
+                native.accept(length)
+            native.eta = kept.parts[4] + length * step[:ng]
+            native.u = kept.parts[2] + length * step[ng:]
+            evaluation = sweep(native, auxiliary=self.auxiliary).evaluation
+            if evaluation is not None:
+                if self._smaller(evaluation, before, shift):
+                    return evaluation, length, True
+                if self.globalised:
+                    accepted, by_cost = state.filter.accepts(before, evaluation, slope, length)
+                    if accepted:
+                        return evaluation, length, by_cost
+                elif halving == _HALVINGS:
+                    return evaluation, length, True
+            length *= 0.5
+        kept.restore(native)
+        if self._is_round_off(state, step):
+            return sweep(native, auxiliary=self.auxiliary).evaluation, 0.0, True
+        return None
+
+    def _next_shift(self, state: NewtonState, shift: float, length: float, after: Any) -> float:
+        if not self.globalised:
+            return 0.0
+        return next_shift(shift, length, after.residual / state.evaluation.residual)
+
+    def _smaller(self, trial: Any, before: Any, shift: float) -> bool:
+        """Whether the residual fell: Algorithm 2's rule, which says little of a shifted step."""
+        return bool(trial.residual < before.residual and (shift == 0.0 or not self.globalised))
+
+    def _is_round_off(self, state: NewtonState, step: Array) -> bool:
+        """Whether the step is too small for any measure to fall."""
+        return float(np.linalg.norm(step)) <= self.tolerance and state.evaluation.residual <= self.tolerance
+
+
+def _reduced_residual(native: Any) -> Array:
+    """Derivative of the Lagrangian in (eta, u): r_u with its control rows times dt."""
+    native.gradient()
+    scale = native.control_scale
+    return np.concatenate([native.end_condition, native.control_gradient / scale])
+
+
+def _differences(native: Any, kept: Kept, rhs: Array, *, auxiliary: bool) -> Array:
+    """K by forward differences of the reduced residual, one pair of sweeps a column."""
+    K = np.empty((rhs.size, rhs.size))
+    eta, u = kept.parts[4], kept.parts[2]
+    omega = np.concatenate([eta, u])
+    for j in range(omega.size):
+        kept.restore(native)
+        moved = omega.copy()
+        moved[j] += _DIFFERENCE * max(1.0, abs(omega[j]))
+        native.eta, native.u = moved[: eta.size], moved[eta.size :]
+        if sweep(native, auxiliary=auxiliary).evaluation is None:
+            return np.full_like(K, np.nan)
+        K[:, j] = (_reduced_residual(native) - rhs) / (moved[j] - omega[j])
+    kept.restore(native)
+    return K

@@ -1,0 +1,63 @@
+r"""The end condition's multiplier for given controls.
+
+With the sensitivities :math:`G = dg_T/du` of the end condition, which are adjoints, too, the control equation
+is linear in eta: :math:`\nabla_u H = h + G^T\eta`. The eta for which it is smallest makes
+:math:`\nabla_u H` orthogonal to the rows of G, the gradient on the surface of controls that reach the goal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+
+__all__ = ["EndCondition", "end_multiplier"]
+
+_RANK = 1e-12  # relative singular value of G below which a row adds nothing
+
+
+@dataclass(frozen=True)
+class EndCondition:
+    """The end condition and its sensitivities at a swept trajectory, in the metric sum dt |u|^2.
+
+    Attributes
+    ----------
+    g : ndarray, shape (ng,)
+        Values.
+    G : ndarray, shape (ng, nu_total)
+        Derivatives in all controls, in the scaling of grad_u H.
+    weight : ndarray, shape (nu_total,)
+        Metric of the controls: the step length of each one's stage.
+    """
+
+    g: Array
+    G: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, native: Any) -> EndCondition:
+        """At the last `gradient` of the kernel programme."""
+        scale, g = native.control_scale, native.end_condition
+        return cls(g, native.end_sensitivity().reshape(g.size, scale.size) * scale, 1.0 / scale)
+
+    def multiplier(self, h: Array) -> Array:
+        """The eta for which h + G' eta is smallest, shape (ng,)."""
+        root = np.sqrt(self.weight)
+        found: Array = np.linalg.lstsq((self.G * root).T, -h * root, rcond=_RANK)[0]
+        return found
+
+    def restoration(self) -> Array:
+        """Smallest change of the controls that makes the linearised end condition hold, shape (nu_total,)."""
+        root = np.sqrt(self.weight)
+        found: Array = np.linalg.lstsq(self.G * root, -self.g, rcond=_RANK)[0] / root
+        return found
+
+
+def end_multiplier(native: Any, *, auxiliary: bool = False) -> Any:
+    """Put the best eta into a swept kernel programme; returns the evaluation with it."""
+    if len(native.eta):
+        native.eta = native.eta + EndCondition.of(native).multiplier(native.control_gradient)
+    return native.gradient(auxiliary)

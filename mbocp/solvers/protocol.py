@@ -1,0 +1,71 @@
+"""What `run` asks of a solver and of its state."""
+
+from __future__ import annotations
+
+from typing import Any, Generic, Protocol, TypeVar
+
+from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.records import Status
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["Solver", "SolverState"]
+
+
+class SolverState(Protocol):
+    """Where a solver stands."""
+
+    @property
+    def native(self) -> Any:
+        """Kernel programme that holds the iterate."""
+
+    @property
+    def evaluation(self) -> Any:
+        """Residuals and cost at the iterate."""
+
+    @property
+    def iteration(self) -> int:
+        """Steps taken."""
+
+    @property
+    def increment(self) -> float:
+        """Norm of the last step."""
+
+    @property
+    def step_length(self) -> float:
+        """Fraction of it that was taken."""
+
+    @property
+    def regularisation(self) -> float:
+        """Shift of the Hessian in the last step."""
+
+    @property
+    def at_minimum(self) -> bool:
+        """Whether the inertia was a minimum's when it was last looked at."""
+
+    @property
+    def failure(self) -> Status | None:
+        """Why no step could be taken."""
+
+    @property
+    def failed_stage(self) -> int:
+        """In which step, counted from 0; num_steps: the end condition."""
+
+
+State = TypeVar("State", bound=SolverState)
+
+
+class Solver(Protocol, Generic[State]):
+    """A method as three steps on an explicit state."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in output."""
+
+    def init(self, programme: StagewiseProgramme, iterate: Iterate) -> State:
+        """State at an iterate."""
+
+    def step(self, state: State) -> State:
+        """One iteration further."""
+
+    def terminate(self, state: State) -> Status | None:
+        """How it ended, or None to go on."""

@@ -1,0 +1,26 @@
+"""The multiple of the identity that a Newton method adds to its Hessian in the states, by control weight."""
+
+from __future__ import annotations
+
+__all__ = ["LARGEST_SHIFT", "larger_shift", "next_shift"]
+
+LARGEST_SHIFT = 1e10
+
+_FIRST_SHIFT = 1e-3
+_GROWTH, _SHRINKAGE = 8.0, 5.0
+_GOOD_STEP = 0.2  # step length after which the shift shrinks
+_FAST_CONTRACTION = 0.1  # of the residual in one full step
+
+
+def larger_shift(shift: float) -> float:
+    """Next one to try where a shift did not do."""
+    return max(_GROWTH * shift, _FIRST_SHIFT)
+
+
+def next_shift(shift: float, length: float, contraction: float) -> float:
+    """Where the next iteration begins, after a step of this length and contraction of the residual."""
+    if length < _GOOD_STEP:
+        return 2.0 * max(shift, _FIRST_SHIFT)
+    if length == 1.0 and contraction < _FAST_CONTRACTION:
+        return 0.0  # Newton's own convergence has set in
+    return shift / _SHRINKAGE if shift / _SHRINKAGE > _FIRST_SHIFT else 0.0

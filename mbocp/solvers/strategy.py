@@ -1,0 +1,245 @@
+"""From the name of a method to its phases: one solver, a gradient phase and a Newton phase, or `auto`."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
+from mbocp.solvers.fbsm_newton import FBSMNewton
+from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
+from mbocp.solvers.protocol import Solver
+from mbocp.solvers.records import IterationRecord, Phase, Status
+from mbocp.solvers.run import Callback, SolverResult, run
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["Methods", "Outcome", "pursue"]
+
+_WINDOW = 40  # iterations in which `auto` wants progress from Newton's method ...
+_PROGRESS = 0.5  # ... by this factor in the residual
+_GRADIENT_STEPS = 25  # of the gradient phases of `auto`, as in the paper's hybrids
+
+
+@dataclass(frozen=True)
+class Methods:
+    """The solvers with the options of one problem.
+
+    Attributes
+    ----------
+    method, globalisation, hessian, adjoint : str
+    tolerance, theta_max : float
+    newton_iterations, gradient_iterations : int
+    switch : Switch
+        See `mbocp.problem.SolverOptions`.
+    control_weight : float
+        Unit of the Hessian's shift, see `StagewiseProgramme`.
+    """
+
+    method: str
+    globalisation: str
+    tolerance: float
+    newton_iterations: int
+    gradient_iterations: int
+    hessian: str
+    adjoint: str
+    theta_max: float
+    switch: Switch
+    control_weight: float
+
+    @classmethod
+    def of(cls, options: Any, programme: StagewiseProgramme) -> Methods:
+        """Methods with the options of a problem."""
+        return cls(
+            method=options.method,
+            globalisation=options.globalisation,
+            tolerance=options.tolerance,
+            newton_iterations=options.newton_iterations,
+            gradient_iterations=options.gradient_iterations,
+            hessian=options.hessian,
+            adjoint=options.adjoint,
+            theta_max=options.theta_max,
+            switch=Switch(options.switch_residual, options.switch_cost, options.switch_iterations),
+            control_weight=programme.control_weight,
+        )
+
+    def solver(self, name: str, switch: Switch | None = None) -> Solver[Any]:
+        """Solver of one phase; `switch` only for the gradient phase of a hybrid."""
+        if name == "fbsm_bb":
+            return FBSMGradient(
+                self.tolerance,
+                self.gradient_iterations,
+                theta_max=self.theta_max,
+                auxiliary=self.adjoint == "auxiliary",
+                switch=switch,
+            )
+        if name == "fbsm_newton":
+            return FBSMNewton(
+                self.tolerance,
+                self.newton_iterations,
+                control_weight=self.control_weight,
+                globalised=self.globalisation == "default",
+                hessian=self.hessian,
+                auxiliary=self.adjoint == "auxiliary",
+            )
+        if self.globalisation == "none":
+            return PureNewton(self.tolerance, self.newton_iterations)
+        return GlobalisedNewton(self.tolerance, self.newton_iterations, control_weight=self.control_weight)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a strategy came to.
+
+    Attributes
+    ----------
+    result : SolverResult
+        Of the phase that gave the result, with the history of all phases.
+    phases : tuple of Phase
+        In the order of their runs.
+    solver : str
+        Name of the solver, or solvers, for output.
+    """
+
+    result: SolverResult
+    phases: tuple[Phase, ...]
+    solver: str
+
+
+class _Runs:
+    """Collects the runs of a strategy."""
+
+    def __init__(
+        self, programme: StagewiseProgramme, callback: Callback | None, first: int, label: str
+    ) -> None:
+        self.programme, self.callback, self.first, self.label = programme, callback, first, label
+        self.history: list[IterationRecord] = []
+        self.phases: list[Phase] = []
+
+    def run(
+        self, solver: Solver[Any], name: str, iterate: Iterate, *, is_watched: bool = False
+    ) -> SolverResult:
+        """Run one phase."""
+        clock = time.perf_counter()
+        result = run(
+            solver,
+            self.programme,
+            iterate,
+            self.callback,
+            name + self.label,
+            first=self.first,
+            watch=_has_stalled if is_watched else None,
+        )
+        taken = sum(not record.is_guess for record in result.history)
+        self.history += result.history
+        self.first += taken
+        self.phases.append(Phase(name + self.label, taken, time.perf_counter() - clock))
+        return result
+
+    def outcome(self, result: SolverResult, solver: str, told: str = "") -> Outcome:
+        """Result with the history of all runs."""
+        advice = f"{result.advice}; {told}" if told else result.advice
+        whole = replace(result, advice=advice, history=tuple(self.history))
+        return Outcome(whole, tuple(self.phases), solver)
+
+
+def pursue(
+    methods: Methods,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    callback: Callback | None = None,
+    *,
+    first: int = 0,
+    label: str = "",
+) -> Outcome:
+    """Solve from one iterate, phase after phase.
+
+    Parameters
+    ----------
+    methods : Methods
+    first : int
+        Iterations before, where the records go on counting.
+    label : str
+        Put behind the phases' names.
+    """
+    runs = _Runs(programme, callback, first, label)
+    if methods.method == "auto":
+        return _auto(methods, iterate, runs)
+    names = methods.method.split("+")
+    if len(names) == 1:
+        solver = methods.solver(names[0])
+        return runs.outcome(runs.run(solver, names[0], iterate), solver.name)
+    gradient, newton = methods.solver(names[0], methods.switch), methods.solver(names[1])
+    return _hybrid(gradient, newton, names, iterate, runs)
+
+
+def _hybrid(
+    gradient: Solver[Any], newton: Solver[Any], names: Sequence[str], iterate: Iterate, runs: _Runs
+) -> Outcome:
+    """Gradient steps, then Newton's method from where they came to, section 5.3."""
+    solver = f"{gradient.name}, then {newton.name}"
+    begun = runs.run(gradient, names[0], iterate)
+    if begun.status is Status.INTERRUPTED:
+        return runs.outcome(begun, solver)
+    told = "" if begun.status in (Status.SWITCHED, Status.CONVERGED) else f"{names[0]}: {begun.advice}"
+    start = iterate if begun.status is Status.SWEEP_FAILED else begun.iterate
+    return runs.outcome(runs.run(newton, names[1], start), solver, told)
+
+
+def _has_stalled(history: Sequence[IterationRecord]) -> bool:
+    """Whether the residual has not halved over the last iterations: contraction is lost."""
+    if len(history) <= _WINDOW:
+        return False
+    residuals = [r.residual if math.isfinite(r.residual) else math.inf for r in history]
+    return min(residuals[-_WINDOW:]) > _PROGRESS * min(residuals[:-_WINDOW])
+
+
+def _auto(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
+    """Monolithic Newton while it makes progress; else the hybrids; at last what had been broken off.
+
+    Every phase says in the advice why it ended. Nothing is given up for good: where no other strategy
+    succeeds, the first goes on from its best iterate with the iterations that it has left.
+    """
+    newton = methods.solver("monolithic")
+    results = [runs.run(newton, "monolithic", iterate, is_watched=True)]
+    told = [f"monolithic {_ended(results[0])}"]
+    if results[0].status in (Status.CONVERGED, Status.INTERRUPTED):
+        return runs.outcome(results[0], f"auto: {newton.name}")
+    gradient = methods.solver("fbsm_bb", Switch(0.0, 0.0, _GRADIENT_STEPS))
+    begun = runs.run(gradient, "fbsm_bb", iterate)
+    told.append(f"fbsm_bb {_ended(begun)}")
+    chain = []
+    if begun.status is not Status.SWEEP_FAILED:
+        chain += [("fbsm_newton", begun.iterate), ("monolithic", begun.iterate)]
+    if results[0].status is Status.STAGNATED:
+        chain.append(("monolithic", results[0].iterate))
+    results.append(begun)
+    for name, start in chain:
+        if results[-1].status in (Status.CONVERGED, Status.INTERRUPTED):
+            break
+        is_last = start is chain[-1][1] and name == chain[-1][0]
+        results.append(runs.run(methods.solver(name), name, start, is_watched=not is_last))
+        told.append(f"{name} {_ended(results[-1])}")
+    best = results[-1]
+    if best.status not in (Status.CONVERGED, Status.INTERRUPTED):
+        best = min(results, key=lambda r: r.record.residual if math.isfinite(r.record.residual) else math.inf)
+    return runs.outcome(best, "auto: " + " > ".join(_names(runs.phases)), "auto: " + ", ".join(told))
+
+
+def _names(phases: Sequence[Phase]) -> list[str]:
+    return [phase.name for phase in phases]
+
+
+def _ended(result: SolverResult) -> str:
+    taken = sum(not record.is_guess for record in result.history)
+    after = f"after {taken} iterations (residual {result.record.residual:.1e})"
+    words = {
+        Status.CONVERGED: "converged",
+        Status.SWITCHED: "handed over",
+        Status.INTERRUPTED: "was interrupted",
+        Status.STAGNATED: "made no progress any more",
+    }
+    return f"{words.get(result.status, f'ended as {result.status}')} {after}"
