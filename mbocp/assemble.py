@@ -6,16 +6,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.integrators import TAU, evaluation_points
+from mbocp.mechanics import dual_of_momentum
 from mbocp.problem import Problem
+from mbocp.robot import Robot
 from mbocp.solution.diagnostics import constraint_violation, control_momenta
 from mbocp.solvers import Iterate
+from mbocp.solvers.native import kernel_programme
 from mbocp.transcription import StagewiseProgramme
-from mbocp.transcription.goal import end_condition_rows
 
-__all__ = ["Trajectory", "assemble"]
+__all__ = ["Trajectory", "assemble", "boundary_duals"]
 
 
 @dataclass(frozen=True)
@@ -46,33 +48,55 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
     nq, nv = robot.nq, robot.nv
     qs, vs = iterate.xs[:, :nq], iterate.xs[:, nq:]
-    ps, inertial = _momenta(problem, qs, vs)
     lams, zetas = iterate.ys / dt, iterate.ms[:, 2 * nv :] / dt**2
-    mus = np.vstack([iterate.ms[:, : 2 * nv], _final_adjoint(problem, qs[-1], vs[-1], ps[-1], iterate.eta)])
-    momenta, names = control_momenta(robot, qs, vs, mus, tracked=_weighed(problem))
-    # Eq. (11): H = L + mu . f + zeta . Phi, with f_p = M a, which is the rate of p for constant M.
-    hamiltonians = (
-        _running_cost(problem, qs, vs, ps, iterate.us)
-        + np.einsum("ni,ni->n", mus[:-1, :nv], vs[1:])
-        + np.einsum("ni,ni->n", mus[:-1, nv:], inertial)
-    )
-    if robot.nc:
-        hamiltonians += np.einsum("ni,ni->n", zetas, np.array([robot.constraint_residual(q) for q in qs[1:]]))
+    costates = boundary_duals(programme, iterate)
+    momenta, names = control_momenta(robot, qs, vs, costates, tracked=_weighed(problem))
     return Trajectory(
         t=np.arange(N + 1, dtype=np.float64) * dt,
         qs=qs,
         vs=vs,
-        ps=ps,
+        ps=_momenta(robot, qs, vs),
         us=iterate.us,
         lams=lams,
-        mus=mus,
+        mus=_adjoints(problem, iterate, costates),
         zetas=zetas,
         eta=iterate.eta,
-        control_hamiltonians=hamiltonians,
+        control_hamiltonians=_control_hamiltonians(problem, iterate, costates, zetas),
         control_momenta=momenta,
         control_momentum_names=names,
         constraint_violation=constraint_violation(robot, qs, vs).position,
     )
+
+
+def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
+    """Derivatives of the Lagrangian of what follows each node in (q_n, v_n), shape (N + 1, 2 nv)."""
+    native = kernel_programme(programme)
+    iterate.load_into(native)
+    native.evaluate()
+    costates: Array = native.costates.reshape(programme.num_steps + 1, -1)
+    return costates
+
+
+def _control_hamiltonians(problem: Problem, iterate: Iterate, costates: Array, zetas: Array) -> Array:
+    """H = L + mu . f + zeta . Phi at (y_tau, mu_{1 - tau}, u) of every step, eq. (11) and Appendix B.
+
+    In (q, v) and its duals mu . f is c_q . v + mu_p . M a, with the multiplier of the momentum row for mu_p;
+    for constant M that is mu_q . v + mu_p . dp/dt.
+    """
+    robot, nq, nv, tau = problem.robot, problem.robot.nq, problem.robot.nv, TAU[problem.scheme]
+    qs, vs = iterate.xs[:, :nq], iterate.xs[:, nq:]
+    q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, problem.dt)
+    duals = tau * costates[:-1, :nv] + (1.0 - tau) * costates[1:, :nv]
+    inertial = _momenta(robot, q_taus, np.diff(vs, axis=0) / problem.dt)
+    hamiltonians: Array = (
+        _running_cost(problem, q_taus, v_taus, iterate.us)
+        + np.einsum("ni,ni->n", duals, v_taus)
+        + np.einsum("ni,ni->n", iterate.ms[:, nv : 2 * nv], inertial)
+    )
+    if robot.nc:
+        residuals = np.array([robot.constraint_residual(q) for q in qs[1:]])
+        hamiltonians += np.einsum("ni,ni->n", zetas, residuals)
+    return hamiltonians
 
 
 def _weighed(problem: Problem) -> Array | None:
@@ -83,46 +107,34 @@ def _weighed(problem: Problem) -> Array | None:
     return weights if weights.any() else None
 
 
-def _momenta(problem: Problem, qs: Array, vs: Array) -> tuple[Array, Array]:
-    """p_n = M(q_n) v_n at all nodes, and M(q_n) (v_n - v_{n-1}) / dt of all steps."""
-    model = problem.robot.model
-    data = model.createData()
-    ps, inertial = np.empty_like(vs), np.empty_like(vs[1:])
-    for n, (q, v) in enumerate(zip(qs, vs, strict=True)):  # once a solve, on Pinocchio's own algorithm
-        upper = np.triu(pin.crba(model, data, q))
-        M = upper + np.triu(upper, 1).T
-        ps[n] = M @ v
-        if n:
-            inertial[n - 1] = M @ (v - vs[n - 1]) / problem.dt
-    return ps, inertial
+def _momenta(robot: Robot, qs: Array, vs: Array) -> Array:
+    """M(q) v of each row, once a solve on Pinocchio's own algorithm."""
+    return np.array([robot.mass_matrix(q) @ v for q, v in zip(qs, vs, strict=True)])
 
 
-def _running_cost(problem: Problem, qs: Array, vs: Array, ps: Array, us: Array) -> Array:
-    """Eq. (8) at every step."""
+def _running_cost(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
+    """Eq. (8) of every step, at the states at which it is evaluated."""
     cost, robot, N = problem.cost, problem.robot, problem.num_steps
     values: Array = 0.5 * np.einsum("ni,ni->n", cost.effort * us, us)
-    values = values + 0.5 * np.einsum("ni,i,ni->n", vs[1:], cost.velocity, vs[1:])
+    values = values + 0.5 * np.einsum("ni,i,ni->n", vs, cost.velocity, vs)
     if cost.tracking:
         weights = cost.tracking * np.asarray(cost.tracking_weights)
         target_q = np.broadcast_to(cost.target_q, (N, robot.nq))
         target_p = np.broadcast_to(cost.target_p, (N, robot.nv))
-        error_q = np.array([robot.difference(d, q) for d, q in zip(target_q, qs[1:], strict=True)])
-        errors = np.hstack([error_q, ps[1:] - target_p])
+        error_q = np.array([robot.difference(d, q) for d, q in zip(target_q, qs, strict=True)])
+        errors = np.hstack([error_q, _momenta(robot, qs, vs) - target_p])
         values = values + 0.5 * np.einsum("ni,i,ni->n", errors, weights, errors)
     return values
 
 
-def _final_adjoint(problem: Problem, q: Array, v: Array, p: Array, eta: Array) -> Array:
-    """Transversality condition of Box 1: mu_N = grad psi + grad g_T' eta with respect to (q, p)."""
-    robot, goal = problem.robot, problem.goal
-    D_q, D_rate = end_condition_rows(robot, goal)
-    dual_q, dual_rate = D_q.T @ eta[: D_q.shape[0]], D_rate.T @ eta[D_q.shape[0] :]
-    if goal.is_penalised:
-        rate = p if goal.rate == "p" else v
-        weights = problem.cost.terminal * np.asarray(problem.cost.terminal_weights)
-        dual_q = dual_q + weights[: robot.nv] * robot.difference(goal.q, q)
-        dual_rate = dual_rate + weights[robot.nv :] * (rate - goal.value)
-    along_q = pin.dDifference(robot.model, goal.q, q, pin.ArgumentPosition.ARG1).T @ dual_q
-    if goal.rate == "v":
-        dual_rate = np.linalg.solve(robot.mass_matrix(q), dual_rate)
-    return np.concatenate([along_q, dual_rate])
+def _adjoints(problem: Problem, iterate: Iterate, costates: Array) -> Array:
+    """mu_0 ... mu_N: for SE1 the multipliers of the steps' rows (Box 1), else the boundary duals in (q, p).
+
+    For a constant mass matrix both are the adjoint of Box 1 and of Appendix B.
+    """
+    robot, nq, nv = problem.robot, problem.robot.nq, problem.robot.nv
+    if problem.scheme == "se1":
+        end = dual_of_momentum(robot, iterate.xs[-1, :nq], iterate.xs[-1, nq:], costates[-1])
+        return np.vstack([iterate.ms[:, : 2 * nv], end])
+    rows = [dual_of_momentum(robot, x[:nq], x[nq:], c) for x, c in zip(iterate.xs, costates, strict=True)]
+    return np.array(rows)

@@ -6,11 +6,15 @@ hot path.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
+from mbocp.integrators import TAU, evaluation_points
+from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
 from mbocp.problem.consistency import project_on_constraints
 from mbocp.robot import Robot
@@ -77,7 +81,7 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
     DimensionMismatch
         If the solution belongs to a robot of other dimensions.
     """
-    robot, N = problem.robot, problem.num_steps
+    robot, N, dt = problem.robot, problem.num_steps, programme.dt
     got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], saved.lams.shape[1])
     if got != (robot.nq, robot.nv, robot.nu, robot.nc):
         raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, robot.nc))
@@ -90,11 +94,10 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
             for i, s in zip(left, share, strict=True)
         ]
     )
-    vs = saved.vs[left] + share[:, None] * (saved.vs[left + 1] - saved.vs[left])
-    qs[0], vs[0] = problem.q_start, problem.v_start
+    vs = _between(saved.vs, left, share)
+    qs[0], vs[0] = problem.q_start, programme.x_start[robot.nq :]
     middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
-    mus = saved.mus[left[:-1]] + share[:-1, None] * (saved.mus[left[:-1] + 1] - saved.mus[left[:-1]])
-    dt = programme.dt
+    mus = _row_multipliers(saved, problem, left, share)
     return Iterate(
         xs=np.hstack([qs, vs]),
         ys=dt * saved.lams[middle],
@@ -102,6 +105,27 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
         ms=np.hstack([mus, dt**2 * saved.zetas[middle]]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
     )
+
+
+def _between(values: Array, left: Any, share: Array) -> Array:
+    out: Array = values[left] + share[:, None] * (values[left + 1] - values[left])
+    return out
+
+
+def _row_multipliers(saved: Solution, problem: Problem, left: Any, share: Array) -> Array:
+    """Multipliers of kinematic and momentum rows from the adjoints of a solution by any scheme.
+
+    The kinematic row's is the dual of q at one end of the step, the momentum row's that of p at 1 - tau (to
+    first order in dt where the mass matrix varies, which the first Newton step mends).
+    """
+    robot, nv, tau = problem.robot, problem.robot.nv, TAU[problem.scheme]
+    duals_q, duals_p = saved.mus[:, :nv].copy(), saved.mus[:, nv:]
+    # SE1 reports multipliers of rows already, but for the last node.
+    for n in range(saved.num_steps + 1) if saved.scheme in ("se2", "midpoint") else [-1]:
+        duals_q[n] = dual_of_velocity(robot, saved.qs[n], saved.vs[n], saved.mus[n])[:nv]
+    duals_q, duals_p = _between(duals_q, left, share), _between(duals_p, left, share)
+    along_q = duals_q[:-1] if tau == 1.0 else duals_q[1:]
+    return np.hstack([along_q, tau * duals_p[:-1] + (1.0 - tau) * duals_p[1:]])
 
 
 def _simulated(problem: Problem, programme: StagewiseProgramme, u: Array) -> Iterate:
@@ -131,19 +155,38 @@ def _hold(problem: Problem, programme: StagewiseProgramme) -> Iterate:
 
 
 def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
-    robot, N, dt = problem.robot, problem.num_steps, problem.dt
+    robot, dt = problem.robot, problem.dt
+    qs, vs = _line_states(problem, programme)
+    q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, dt)
+    accelerations = np.diff(vs, axis=0) / dt
+    balanced = [_balance(robot, q, v, a) for q, v, a in zip(q_taus, v_taus, accelerations, strict=True)]
+    us, lams = np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
+    return zero_multipliers(programme, np.hstack([qs, vs]), dt * lams, us)
+
+
+def _line_states(problem: Problem, programme: StagewiseProgramme) -> tuple[Array, Array]:
+    """Nodes on the straight line from start to goal, with velocities that the scheme's kinematics ask for."""
+    robot, N, dt, tau = problem.robot, problem.num_steps, problem.dt, TAU[problem.scheme]
+    model, q_start, v_start = robot.model, problem.q_start, programme.x_start[robot.nq :]
     s = np.linspace(0.0, 1.0, N + 1)
+    if tau == 0.0:  # the first step goes where the start velocity says, whatever the controls
+        s = np.append(0.0, np.linspace(0.0, 1.0, N))
+        q_start = pin.integrate(model, q_start, dt * v_start)
     blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
-    model = robot.model
-    qs = np.array([pin.interpolate(model, problem.q_start, problem.goal.q, b) for b in blend])
+    qs = np.array([pin.interpolate(model, q_start, problem.goal.q, b) for b in blend])
     if robot.nc:
         qs = np.array([project_on_constraints(robot, q, np.arange(robot.nv)) for q in qs])
     qs[0] = problem.q_start
-    steps = [pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)]
-    vs = np.vstack([problem.v_start, *steps])
-    balanced = [_balance(robot, qs[n + 1], vs[n + 1], (vs[n + 1] - vs[n]) / dt) for n in range(N)]
-    us, lams = np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
-    return zero_multipliers(programme, np.hstack([qs, vs]), dt * lams, us)
+    steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)])
+    if tau == 1.0:
+        return qs, np.vstack([v_start, steps])
+    if tau == 0.0:
+        return qs, np.vstack([v_start, steps[1:], np.zeros(robot.nv)])
+    vs = np.zeros((N + 1, robot.nv))
+    for n in range(N):  # from rest: beginning with the start velocity they would swing about the line's
+        vs[n + 1] = 2 * steps[n] - vs[n]
+    vs[0] = v_start
+    return qs, vs
 
 
 def _required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:

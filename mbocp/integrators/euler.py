@@ -1,21 +1,46 @@
-r"""Symplectic Euler schemes for the state-adjoint system.
+r"""The tau family of one-step schemes: SE1, SE2 and the midpoint rule.
 
-SE1 (Box 1, eqs. (24), (25) of [Bijalwan2025]_): forces, constraints and cost are evaluated at the new state
-and the control of the step, which makes the discrete optimality conditions symplectic and keeps the control
-momentum.
+Forces and running cost are evaluated between the ends of the step (Appendices B and C of [Bijalwan2025]_),
+
+.. math:: v_\tau = (1 - \tau)\,v_{n-1} + \tau\,v_n, \qquad q_\tau = q_{n-1} \exp(\tau\,\Delta t\,v_\tau),
+
+with the control of the step. The discrete optimality conditions then evaluate the adjoint at 1 - tau
+(eq. (C6)), and the map from one state and adjoint to the next is symplectic for every tau: in Appendix B the
+terms that do not cancel have the factor :math:`1 - \tau_y - \tau_\mu`. So control momenta are kept to
+round-off. SE1 (tau = 1, Box 1) and SE2 (tau = 0) are of first order, the midpoint rule of second.
+
+Constraints hold at the nodes, not at :math:`q_\tau` as in Appendix C:
+
+- SE1 and midpoint: :math:`\Phi(q_n) = 0` determines the multiplier. The midpoint rule pushes along the
+  gradient at :math:`q_\tau`, which keeps it symmetric in time. :math:`\Phi(q_\tau) = 0` would let the nodes
+  leave the constraint, and the end q_N with them, by O(dt^2).
+- SE2: :math:`q_n` is there before the step's forces act, so that its multiplier :math:`\lambda_n` can only
+  answer for the position after, :math:`\Phi(q_n \exp(\Delta t\,v_n)) = \Phi(q_{n+1}) = 0`: the half-explicit
+  Euler method for index 3. The start velocity has to agree with that, see `mbocp.transcription.start`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import casadi as ca
 
 from mbocp.mechanics import JointMechanics
 
-__all__ = ["SCHEMES", "StepRows", "step_rows"]
+__all__ = ["SCHEMES", "TAU", "State", "StepRows", "evaluation_point", "step_rows"]
 
-SCHEMES = ("se1",)
+# Appendix B: where in its step a scheme looks at state and forces.
+TAU: Mapping[str, float] = MappingProxyType({"se1": 1.0, "se2": 0.0, "midpoint": 0.5})
+SCHEMES = tuple(TAU)
+
+
+class State(NamedTuple):
+    """Configuration and velocity."""
+
+    q: ca.SX  # (nq,) [m, rad, quaternion xyzw]
+    v: ca.SX  # (nv,) [m/s, rad/s]
 
 
 class StepRows(NamedTuple):
@@ -23,7 +48,12 @@ class StepRows(NamedTuple):
 
     The rows are scaled such that the step's Jacobian stays well conditioned for any step length although the
     system has index 3: constraints by 1/dt, multipliers as impulses. In this scaling the block that has to be
-    inverted tends to [[-1, dt, 0], [., -M, -Phi_q'], [Phi_q/dt, 0, 0]], whose Schur complement is free of dt.
+    inverted, in the order (q_n, v_n, impulse), tends to
+
+        [-1, tau dt, 0], [O(dt), -M, -Phi_q'], [Phi_q/dt, 0, 0]       for SE1 and midpoint,
+        [-1, 0, 0],      [0, -M, -Phi_q'],     [Phi_q/dt, Phi_q, 0]   for SE2.
+
+    Eliminating q_n leaves [-M, -Phi_q'], [theta Phi_q, 0] with theta = tau, or 1 for SE2: free of dt.
     """
 
     kinematic: ca.SX  # (nv,) [m, rad]
@@ -31,17 +61,43 @@ class StepRows(NamedTuple):
     constraint: ca.SX  # (nc,) Phi / dt
 
 
+def evaluation_point(mechanics: JointMechanics, scheme: str, before: State, after: State, dt: ca.SX) -> State:
+    """State at which forces and running cost of the step are evaluated.
+
+    It is an end of the step itself where tau is 0 or 1: the kinematic row makes both the same, and this is
+    the simpler expression.
+    """
+    tau = TAU[scheme]
+    if tau == 1.0:
+        return after
+    if tau == 0.0:
+        return before
+    v = (1.0 - tau) * before.v + tau * after.v
+    return State(mechanics.integrate(before.q, tau * dt * v), v)
+
+
 def step_rows(
-    mechanics: JointMechanics, q0: ca.SX, v0: ca.SX, q1: ca.SX, v1: ca.SX, impulse: ca.SX, u: ca.SX, dt: ca.SX
+    mechanics: JointMechanics,
+    scheme: str,
+    before: State,
+    after: State,
+    at: State,
+    impulse: ca.SX,
+    u: ca.SX,
+    dt: ca.SX,
 ) -> StepRows:
-    r"""SE1: :math:`q_n = q_{n-1}\exp(\Delta t\,v_n)`, momentum balance and constraints at :math:`q_n`.
+    r"""Kinematics :math:`q_n = q_{n-1}\exp(\Delta t\,v_\tau)`, momentum balance and constraints of one step.
 
     Parameters
     ----------
     mechanics : JointMechanics
         Equations of motion.
-    q0, v0, q1, v1 : casadi.SX
-        State before and after the step.
+    scheme : str
+        One of `SCHEMES`.
+    before, after : State
+        State at both ends of the step.
+    at : State
+        Their `evaluation_point`.
     impulse : casadi.SX
         Constraint impulse dt * lambda_n, shape (nc,).
     u : casadi.SX
@@ -54,11 +110,12 @@ def step_rows(
     StepRows
         With the signs of eq. (24): dt f - (y_n - y_{n-1}).
     """
-    kinematic = mechanics.difference(q1, mechanics.integrate(q0, dt * v1))  # Eq. (24), q
-    acceleration = (v1 - v0) / dt
+    kinematic = mechanics.difference(after.q, mechanics.integrate(before.q, dt * at.v))  # Eq. (24), q
+    acceleration = (after.v - before.v) / dt
     momentum = dt * (
-        mechanics.force(q1, v1, u) - mechanics.inverse_dynamics(q1, v1, acceleration)
+        mechanics.force(at.q, at.v, u) - mechanics.inverse_dynamics(at.q, at.v, acceleration)
     )  # Eq. (24), p
     if mechanics.nc:
-        momentum -= mechanics.constraint_jacobian(q1).T @ impulse
-    return StepRows(kinematic, momentum, mechanics.constraints(q1) / dt)  # Eq. (25)
+        momentum -= mechanics.constraint_jacobian(at.q).T @ impulse
+    position = mechanics.integrate(after.q, dt * after.v) if TAU[scheme] == 0.0 else after.q
+    return StepRows(kinematic, momentum, mechanics.constraints(position) / dt)  # Eq. (25)

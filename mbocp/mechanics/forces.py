@@ -28,12 +28,18 @@ def force_element_force(
     q, v : casadi.SX
         Configuration (nq,), velocity (nv,).
     """
-    d = mechanics.frame_position(element.frame_a, q) - mechanics.frame_position(element.frame_b, q)
-    tangent = mechanics.tangent_map(q)
+
+    def span(at: ca.SX) -> ca.SX:
+        return mechanics.frame_position(element.frame_a, at) - mechanics.frame_position(element.frame_b, at)
+
     if isinstance(element, QuarticSpring):  # V = c/4 (|d|^2 - l^2)^2, before eq. (45) and in section 6.3.2
-        stretch = ca.dot(d, d) - element.length**2
-        return -(ca.jacobian(element.coefficient / 4 * stretch**2, q) @ tangent).T
-    dd_dq = ca.jacobian(d, q) @ tangent  # (3, nv)
+
+        def potential(at: ca.SX) -> ca.SX:
+            stretch = ca.dot(span(at), span(at)) - element.length**2
+            return element.coefficient / 4 * stretch**2
+
+        return -mechanics.derivative(potential, q).T
+    d, dd_dq = span(q), mechanics.derivative(span, q)  # (3, nv)
     if element.length == 0.0:  # no direction needed, and none defined where the ends meet
         return -dd_dq.T @ (element.stiffness * d + element.damping * (dd_dq @ v))
     distance = ca.norm_2(d)

@@ -6,6 +6,8 @@ equations are the paper's (1)-(3) with p = M(q) v; the inverse-dynamics form nee
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 
@@ -53,6 +55,12 @@ class JointMechanics:
         jacobian = ca.jacobian(self.integrate(q, dv), dv)
         return ca.Function("tangent_map", [q, dv], [jacobian])(q, ca.SX.zeros(self.nv))
 
+    def derivative(self, function: Callable[[ca.SX], ca.SX], q: ca.SX) -> ca.SX:
+        """Derivative of `function` along the tangent space of q, which may be any expression."""
+        at = ca.SX.sym("q", self.nq)
+        jacobian = ca.jacobian(function(at), at) @ self.tangent_map(at)
+        return ca.Function("derivative", [at], [jacobian])(q)
+
     def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Canonical momentum p = M(q) v, shape (nv,) [kg m/s, N m s]."""
         return self._functions.crba(q) @ v
@@ -90,4 +98,4 @@ class JointMechanics:
         """Derivative of Phi in tangent coordinates, shape (nc, nv)."""
         if self.nc == 0:
             return ca.SX.zeros(0, self.nv)
-        return ca.jacobian(self.constraints(q), q) @ self.tangent_map(q)
+        return self.derivative(self.constraints, q)

@@ -64,12 +64,14 @@ def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
     )
 
 
-def momentum_map(robot: Robot, symmetry: Symmetry, qs: Array, vs: Array, mus: Array) -> Array:
+def momentum_map(symmetry: Symmetry, qs: Array, vs: Array, costates: Array) -> Array:
     r"""Control momentum of a symmetry, eq. (15), in the form that the discrete equations conserve.
 
     By Noether's theorem :math:`J_n = \partial_{x_n} S_{n+1} \cdot (X, X_v)(x_n)`, where :math:`S_{n+1}` is
-    the part of the Lagrangian, eq. (22), that belongs to the step from n to n + 1. For a constant mass
-    matrix and prismatic joints that is :math:`n \cdot (q \times \mu^q + p \times \mu^p)`.
+    the part of the Lagrangian, eq. (22), that belongs to the step from n to n + 1: along the symmetry it does
+    not change, so what it gains at its start it loses at its end, and there stationarity in x makes that the
+    gain of the next step. No scheme enters but through its boundary duals. For a constant mass matrix and
+    prismatic joints J is :math:`n \cdot (q \times \mu^q + p \times \mu^p)`.
 
     Parameters
     ----------
@@ -77,35 +79,17 @@ def momentum_map(robot: Robot, symmetry: Symmetry, qs: Array, vs: Array, mus: Ar
         Configurations [m, rad, quaternion xyzw].
     vs : ndarray, shape (N + 1, nv)
         Velocities [m/s, rad/s].
-    mus : ndarray, shape (N + 1, 2 nv)
-        Multipliers of the rows of each step: of the kinematic row, in the tangent space of q_{n+1}, and of
-        the momentum row, dual to p; the last are those of the final state, in the tangent space of q_N.
+    costates : ndarray, shape (N + 1, 2 nv)
+        Derivatives of the Lagrangian of what follows each node (for the last one: of terminal cost and end
+        condition) in the tangent space of (q_n, v_n).
 
     Returns
     -------
     momentum : ndarray, shape (N + 1,)
     """
-    nv = robot.nv
-    end = np.minimum(np.arange(len(qs)) + 1, len(qs) - 1)  # where the rows of each step stand
-    # The derivative of q_n exp(dt v_{n+1}) with respect to q_n carries X(q_n) into X(q_{n+1}) on a Lie group,
-    # and is the identity on plain coordinates.
-    fields = symmetry.vector_generator(qs)
-    for block in symmetry.blocks:
-        fields[:, block.idx_v : block.idx_v + len(block.sigma)] = block.generator(qs[end])
-    momentum: Array = np.einsum("ni,ni->n", mus[:, :nv], fields)
-    if symmetry.linear.any():  # momentum row: M(q_{n+1}) (v_n - v_{n+1}) + ...
-        rates = symmetry.velocity_generator(vs)
-        masses = _mass_matrices(robot, qs[end])
-        momentum += np.einsum("ni,nij,nj->n", mus[:, nv:], masses, rates)
+    fields = np.hstack([symmetry.generator(qs), symmetry.velocity_generator(vs)])
+    momentum: Array = np.einsum("ni,ni->n", costates, fields)
     return momentum
-
-
-def _mass_matrices(robot: Robot, qs: Array) -> Array:
-    data, out = robot.model.createData(), np.empty((len(qs), robot.nv, robot.nv))
-    for n, q in enumerate(qs):
-        upper = np.triu(pin.crba(robot.model, data, q))
-        out[n] = upper + np.triu(upper, 1).T
-    return out
 
 
 def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:

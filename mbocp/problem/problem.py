@@ -12,6 +12,7 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, ProblemError
+from mbocp.integrators import SCHEMES
 from mbocp.problem._checks import check_choice, check_finite, check_integer, check_positive
 from mbocp.problem.consistency import (
     check_end_conditions,
@@ -26,10 +27,9 @@ from mbocp.problem.guess import Guess
 from mbocp.problem.options import SolverOptions
 from mbocp.robot import Robot
 
-__all__ = ["COORDINATES", "SCHEMES", "Problem", "ProblemWarning"]
+__all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
 COORDINATES: tuple[str, ...] = ("joint",)
-SCHEMES: tuple[str, ...] = ("se1",)
 
 
 class ProblemWarning(UserWarning):
@@ -68,8 +68,8 @@ class Problem:
         The mechanics f, and the holonomic constraints Phi.
     coordinates : {"joint"}
         In which coordinates the mechanics are written.
-    scheme : {"se1"}
-        How time is discretised.
+    scheme : {"se1", "se2", "midpoint"}
+        How time is discretised, see `mbocp.integrators`.
     goal : Goal
         g_T and gamma.
     q_start : ndarray, shape (nq,)
@@ -100,7 +100,7 @@ class Problem:
     num_steps: int
     robot: Robot
     coordinates: Literal["joint"] = "joint"
-    scheme: Literal["se1"] = "se1"
+    scheme: Literal["se1", "se2", "midpoint"] = "se1"
     goal: Goal
     q_start: Array
     v_start: Array

@@ -17,7 +17,7 @@ __all__ = ["ConstraintViolation", "constraint_violation", "control_momenta", "ma
 
 
 def control_momenta(
-    robot: Robot, qs: Array, vs: Array, mus: Array, *, tracked: Any = None
+    robot: Robot, qs: Array, vs: Array, costates: Array, *, tracked: Any = None
 ) -> tuple[Array, tuple[str, ...]]:
     r"""Control momenta, eq. (15), in the directions that are symmetries of the robot.
 
@@ -31,8 +31,8 @@ def control_momenta(
         Configurations [m, rad, quaternion xyzw].
     vs : ndarray, shape (N + 1, nv)
         Velocities [m/s, rad/s].
-    mus : ndarray, shape (N + 1, 2 nv)
-        Multipliers of the rows of each step, see `mbocp.mechanics.symmetry.momentum_map`.
+    costates : ndarray, shape (N + 1, 2 nv)
+        Boundary duals of the nodes, see `mbocp.mechanics.symmetry.momentum_map`.
     tracked : array_like of bool, shape (2 nv,), optional
         Components of (q, p) that the running cost weighs.
 
@@ -48,14 +48,15 @@ def control_momenta(
         If the shapes do not fit the robot.
     """
     nodes = len(qs)
-    for name, array, width in (("qs", qs, robot.nq), ("vs", vs, robot.nv), ("mus", mus, 2 * robot.nv)):
+    widths = (("qs", qs, robot.nq), ("vs", vs, robot.nv), ("costates", costates, 2 * robot.nv))
+    for name, array, width in widths:
         if array.shape != (nodes, width):
             raise DimensionMismatch(name, array.shape, (nodes, width))
     mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
     if mask.shape != (2 * robot.nv,):
         raise DimensionMismatch("tracked", mask.shape, (2 * robot.nv,))
     symmetries = [s for s in find_symmetries(robot) if not s.touches(mask)]
-    columns = [momentum_map(robot, s, qs, vs, mus) for s in symmetries]
+    columns = [momentum_map(s, qs, vs, costates) for s in symmetries]
     momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
     return momenta, tuple(s.name for s in symmetries)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,11 @@ from mbocp.solution._values import checked_arrays, json_copy, same
 from mbocp.solution.export import solution_dict, write_csv
 from mbocp.solution.files import FileContent, read_content, write_content
 from mbocp.solution.records import Column, IterationRecord, Labels, Phase, Status
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 __all__ = ["Solution"]
 
@@ -170,6 +176,15 @@ class Solution:
     def num_steps(self) -> int:
         """Number of steps N."""
         return len(self.t) - 1
+
+    @property
+    def scheme(self) -> str:
+        """Scheme of the problem that was solved: "se1", "se2" or "midpoint"; "" if its text is not TOML."""
+        try:
+            problem = tomllib.loads(self.problem_text)
+        except tomllib.TOMLDecodeError:
+            return ""
+        return str(problem.get("integrator", {}).get("scheme", "se1"))
 
     @property
     def nq(self) -> int:

@@ -19,6 +19,7 @@ from mbocp.transcription.compilation import CompiledFunctions, load_functions
 from mbocp.transcription.goal import end_condition_rows
 from mbocp.transcription.shape import Shape
 from mbocp.transcription.stage import ParameterLayout, build_functions, parameter_layout
+from mbocp.transcription.start import start_state
 
 __all__ = ["StageKind", "StagewiseProgramme", "transcribe"]
 
@@ -71,7 +72,7 @@ class StagewiseProgramme:
     theta, rho, rho_terminal : ndarray
         Parameters: of the horizon, stage after stage, of the end.
     x_start : ndarray, shape (nx,)
-        The given state x_0.
+        The given state x_0, as the scheme takes it.
     dt : float
         Step length [s].
     control_weight : float
@@ -110,6 +111,8 @@ def transcribe(problem: Problem) -> StagewiseProgramme:
     ------
     TranscriptionError
         If the stage functions cannot be compiled.
+    InconsistentStart
+        If the scheme cannot begin with the start velocity in steps of this length.
     """
     robot = problem.robot
     D_q, D_rate = end_condition_rows(robot, problem.goal)
@@ -138,7 +141,7 @@ def transcribe(problem: Problem) -> StagewiseProgramme:
         theta=theta,
         rho=rho,
         rho_terminal=rho_terminal,
-        x_start=np.concatenate([problem.q_start, problem.v_start]),
+        x_start=start_state(problem),
         dt=dt,
         control_weight=dt * float(np.min(problem.cost.effort)),
         describe_row=_row_describer(problem),

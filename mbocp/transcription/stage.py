@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from mbocp.integrators import step_rows
+from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.mechanics import JointMechanics
 from mbocp.transcription.shape import Shape
 
@@ -129,9 +129,11 @@ def _stage_functions(
         d0, d1 = ca.SX.sym("d0", 2 * nv), ca.SX.sym("d1", 2 * nv)
         at0, at1 = _retract(mechanics, x0, d0), _retract(mechanics, x1, d1)
     parameters = _pieces(theta, layout.theta)
-    rows = step_rows(mechanics, at0[:nq], at0[nq:], at1[:nq], at1[nq:], y, u, parameters["dt"])
+    dt, before, after = parameters["dt"], State(at0[:nq], at0[nq:]), State(at1[:nq], at1[nq:])
+    at = evaluation_point(mechanics, shape.scheme, before, after, dt)
+    rows = step_rows(mechanics, shape.scheme, before, after, at, y, u, dt)
     c = ca.densify(ca.vertcat(*rows))
-    cost = _running_cost(mechanics, shape, at1[:nq], at1[nq:], u, parameters, _pieces(rho, layout.stage))
+    cost = _running_cost(mechanics, shape, at.q, at.v, u, parameters, _pieces(rho, layout.stage))
 
     z = ca.vertcat(d1, y, d0, u)
     dc_dz = ca.jacobian(c, z)

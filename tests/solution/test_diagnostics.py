@@ -38,46 +38,45 @@ def trajectory(robot: Robot, nodes: int = 5) -> tuple[Array, Array, Array]:
 )
 def test_control_momenta_of_known_robots(name: str, expected: list[str]) -> None:
     robot = load_robot(name)
-    qs, vs, mus = trajectory(robot)
-    momenta, names = control_momenta(robot, qs, vs, mus)
+    qs, vs, costates = trajectory(robot)
+    momenta, names = control_momenta(robot, qs, vs, costates)
     assert list(names) == expected
     assert momenta.shape == (5, len(expected))
 
 
 def test_an_arms_momentum_is_the_first_joints_adjoint() -> None:
     robot = load_robot("ur5")
-    qs, vs, mus = trajectory(robot)
-    momenta, _ = control_momenta(robot, qs, vs, mus)
-    np.testing.assert_allclose(momenta[:, 0], mus[:, 0], atol=1e-14)
+    qs, vs, costates = trajectory(robot)
+    momenta, _ = control_momenta(robot, qs, vs, costates)
+    np.testing.assert_allclose(momenta[:, 0], costates[:, 0], atol=1e-14)
 
 
 def test_a_drones_momentum_is_the_spatial_covector() -> None:
-    """Adjoint wrench about the origin of the world; the rows of a step stand at its end."""
+    """Adjoint wrench about the origin of the world."""
     robot = load_robot("hector")
-    qs, vs, mus = trajectory(robot)
-    momenta, _ = control_momenta(robot, qs, vs, mus)
+    qs, vs, costates = trajectory(robot)
+    momenta, _ = control_momenta(robot, qs, vs, costates)
     for n in range(5):
-        q = qs[min(n + 1, 4)]
-        placement = pin.SE3(pin.Quaternion(q[3:]).toRotationMatrix(), q[:3])
-        wrench = placement.act(pin.Force(mus[n, :6])).vector
+        placement = pin.SE3(pin.Quaternion(qs[n, 3:]).toRotationMatrix(), qs[n, :3])
+        wrench = placement.act(pin.Force(costates[n, :6])).vector
         np.testing.assert_allclose(momenta[n], wrench[[0, 1, 2, 5]], atol=1e-12)
 
 
 def test_tracking_keeps_the_momenta_that_it_does_not_see() -> None:
     robot = load_robot("hector")
-    qs, vs, mus = trajectory(robot)
+    qs, vs, costates = trajectory(robot)
     velocity_only = np.arange(12) >= 6
-    assert list(control_momenta(robot, qs, vs, mus, tracked=velocity_only)[1]) == FLYING
-    assert control_momenta(robot, qs, vs, mus, tracked=~velocity_only)[1] == ()
+    assert list(control_momenta(robot, qs, vs, costates, tracked=velocity_only)[1]) == FLYING
+    assert control_momenta(robot, qs, vs, costates, tracked=~velocity_only)[1] == ()
 
 
 def test_momenta_of_shapes_that_do_not_fit() -> None:
     robot = load_robot("ur5")
-    qs, vs, mus = trajectory(robot)
-    with pytest.raises(DimensionMismatch, match="mus"):
-        control_momenta(robot, qs, vs, mus[:, :6])
+    qs, vs, costates = trajectory(robot)
+    with pytest.raises(DimensionMismatch, match="costates"):
+        control_momenta(robot, qs, vs, costates[:, :6])
     with pytest.raises(DimensionMismatch, match="tracked"):
-        control_momenta(robot, qs, vs, mus, tracked=np.zeros(6, dtype=bool))
+        control_momenta(robot, qs, vs, costates, tracked=np.zeros(6, dtype=bool))
 
 
 def test_many_nodes_take_no_time() -> None:

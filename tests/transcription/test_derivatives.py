@@ -4,32 +4,52 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from mbocp.mechanics import JointMechanics
-from mbocp.robot import load_robot
+from mbocp.robot import Robot, Rod, SpringDamper, load_robot
 from mbocp.transcription.shape import Shape
 from mbocp.transcription.stage import build_functions, parameter_layout
+from tests.mechanics.models import POINT, chain
+from tests.mechanics.models import robot as robot_of
 
-ROBOTS = {
-    "ur5": {},
-    "kinova": {},
-    "double_pendulum": {},
-    "hector": {},
-    "rigid_pendulum": {},
-    "elastic_pendulum": {},
-    "cart_pendulum_rigid": {},
-    "cart_pendulum_elastic": {},
-}
+ROBOTS = (
+    "ur5",
+    "kinova",
+    "double_pendulum",
+    "hector",
+    "rigid_pendulum",
+    "elastic_pendulum",
+    "cart_pendulum_rigid",
+    "cart_pendulum_elastic",
+)
+# What a scheme does with forces, constraints and groups shows on the small ones.
+CASES = [(name, "se1") for name in (*ROBOTS, "towed body")] + [
+    (name, scheme)
+    for scheme in ("se2", "midpoint")
+    for name in ("double_pendulum", "hector", "rigid_pendulum", "cart_pendulum_elastic", "towed body")
+]
+
+
+def towed_body() -> Robot:
+    """Free body on a spring, and a point mass on a rod to it: force and constraint on a Lie group."""
+    model, body = chain("FreeFlyer")
+    hook = model.addFrame(
+        pin.Frame("hook", 1, body, pin.SE3(np.eye(3), np.array([0.2, 0, 0.1])), pin.FrameType.OP_FRAME)
+    )
+    model, bob = chain("PX PY PZ", POINT, model=model, prefix="bob_")
+    spring = SpringDamper("spring", hook, 0, 3.0, damping=0.4, length=0.5)
+    return robot_of(model, constraints=(Rod("rod", hook, bob, 1.5),), forces=(spring,))
 
 
 class Stage:
     """Stage and terminal functions of a robot at a random point, in the programme's order of unknowns."""
 
-    def __init__(self, name: str) -> None:
-        robot = load_robot(name)
+    def __init__(self, name: str, scheme: str) -> None:
+        robot = towed_body() if name == "towed body" else load_robot(name)
         self.robot, nv, nq = robot, robot.nv, robot.nq
-        shape = Shape(robot.fingerprint, "joint", "se1", True, True, True, True, True, "p", nv, nv)
+        shape = Shape(robot.fingerprint, "joint", scheme, True, True, True, True, True, "p", nv, nv)
         self.functions = build_functions(JointMechanics(robot), shape)
         layout = parameter_layout(shape, nq, nv, robot.nu)
         rng = np.random.default_rng(7)
@@ -68,9 +88,9 @@ class Stage:
         return float(psi), np.asarray(g).ravel()
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: "-".join(case))
 def stage(request: pytest.FixtureRequest) -> Stage:
-    return Stage(request.param)
+    return Stage(*request.param)
 
 
 def symmetric(upper: np.ndarray) -> np.ndarray:
@@ -111,13 +131,15 @@ def test_each_row_of_the_jacobian(stage: Stage) -> None:
     assert np.allclose(dc_dz @ direction, difference, atol=1e-7 * (1 + np.abs(difference).max()))
 
 
-def test_step_jacobian_is_the_leading_block(stage: Stage) -> None:
-    c, jacobian = stage.functions["jacobian"](stage.x0, stage.x1, stage.y, stage.u, stage.theta, stage.rho)
+def test_first_order_functions_agree(stage: Stage) -> None:
+    """The function jacobian is complete without the Hessian, values that without derivatives."""
+    out = stage.functions["jacobian"](stage.x0, stage.x1, stage.y, stage.u, stage.theta, stage.rho)
     whole = stage.complete()
-    assert np.array_equal(np.asarray(c), whole[0])
-    assert np.allclose(
-        np.asarray(ca.DM(jacobian)), whole[2][:, : stage.ndx + stage.ny], rtol=1e-13, atol=1e-13
-    )
+    for first, second in zip(out, whole[:4], strict=True):
+        assert np.allclose(np.asarray(ca.DM(first)), second, rtol=1e-13, atol=1e-13)
+    c, cost = stage.values(np.zeros(whole[2].shape[1]))
+    assert np.allclose(c, whole[0].ravel(), rtol=1e-13, atol=1e-13)
+    assert cost == pytest.approx(float(whole[1].item()), rel=1e-13)
 
 
 def test_terminal_derivatives_match_differences_on_the_manifold(stage: Stage) -> None:

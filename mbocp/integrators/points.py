@@ -1,0 +1,39 @@
+"""Where the steps of a trajectory were evaluated, as numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.integrators.euler import TAU
+from mbocp.robot import Robot
+
+__all__ = ["evaluation_points"]
+
+
+def evaluation_points(robot: Robot, scheme: str, qs: Array, vs: Array, dt: float) -> tuple[Array, Array]:
+    """States (q_tau, v_tau) of all steps, see `mbocp.integrators.evaluation_point`.
+
+    Parameters
+    ----------
+    qs : ndarray, shape (N + 1, nq)
+        Configurations at the nodes [m, rad, quaternion xyzw].
+    vs : ndarray, shape (N + 1, nv)
+        Velocities at the nodes [m/s, rad/s].
+    dt : float
+        Step length [s].
+
+    Returns
+    -------
+    q_taus : ndarray, shape (N, nq)
+    v_taus : ndarray, shape (N, nv)
+    """
+    tau = TAU[scheme]
+    if tau in (0.0, 1.0):
+        at = slice(1, None) if tau else slice(None, -1)
+        return qs[at], vs[at]
+    v_taus: Array = (1.0 - tau) * vs[:-1] + tau * vs[1:]
+    steps = tau * dt * v_taus
+    q_taus = [pin.integrate(robot.model, q, step) for q, step in zip(qs[:-1], steps, strict=True)]
+    return np.array(q_taus), v_taus

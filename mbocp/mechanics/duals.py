@@ -1,0 +1,42 @@
+r"""Adjoints in the two coordinates of a state: (q, v), in which steps are written, and (q, p) of the paper.
+
+With :math:`p = M(q)\,v` a covector is :math:`c_q \cdot dq + c_v \cdot dv = \mu_q \cdot dq + \mu_p \cdot dp`:
+
+.. math:: c_v = M\,\mu_p, \qquad c_q = \mu_q + \left(\frac{\partial (M v)}{\partial q}\right)^T \mu_p.
+
+dq is a tangent vector at q throughout, and dp belongs to the body-fixed components of p.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.robot import Robot
+
+__all__ = ["dual_of_momentum", "dual_of_velocity", "momentum_derivative"]
+
+
+def momentum_derivative(robot: Robot, q: Array, v: Array) -> Array:
+    """Derivative of M(q) v along the tangent space of q, shape (nv, nv)."""
+    model, zero = robot.model, np.zeros(robot.nv)
+    data = model.createData()  # what Pinocchio returns points into it
+    # M(q) v is what an acceleration v takes at rest, less gravity.
+    derivative: Array = pin.computeRNEADerivatives(model, data, q, zero, np.asarray(v))[0].copy()
+    derivative -= pin.computeGeneralizedGravityDerivatives(model, data, q)
+    return derivative
+
+
+def dual_of_momentum(robot: Robot, q: Array, v: Array, costate: Array) -> Array:
+    """From the dual of (q, v) to mu = (mu_q, mu_p), shape (2 nv,)."""
+    nv = robot.nv
+    mu_p = robot.velocity_from_momentum(q, costate[nv:])
+    return np.concatenate([costate[:nv] - momentum_derivative(robot, q, v).T @ mu_p, mu_p])
+
+
+def dual_of_velocity(robot: Robot, q: Array, v: Array, mu: Array) -> Array:
+    """From mu = (mu_q, mu_p) to the dual of (q, v), shape (2 nv,)."""
+    nv = robot.nv
+    along_q = mu[:nv] + momentum_derivative(robot, q, v).T @ mu[nv:]
+    return np.concatenate([along_q, robot.mass_matrix(q) @ mu[nv:]])
