@@ -12,6 +12,7 @@ __all__ = [
     "ADJOINTS",
     "GLOBALISATIONS",
     "HESSIANS",
+    "LOOPS",
     "METHODS",
     "Globalisation",
     "SolverOptions",
@@ -30,6 +31,7 @@ METHODS: tuple[str, ...] = (
 GLOBALISATIONS: tuple[Globalisation, ...] = ("default", "none")
 HESSIANS: tuple[str, ...] = ("structured", "dense", "finite-difference")
 ADJOINTS: tuple[str, ...] = ("direct", "auxiliary")
+LOOPS: tuple[str, ...] = ("auto", "open", "closed")
 
 _NEWTON_ITERATIONS, _GRADIENT_ITERATIONS = 200, 5000
 
@@ -61,6 +63,10 @@ class SolverOptions:
     adjoint : {"direct", "auxiliary"}
         How the backward sweep gets the adjoint: with the end condition's multiplier, eq. (30), or as
         :math:`\mu = \sigma + A\eta`, eqs. (33) to (44).
+    loop : {"auto", "open", "closed"}
+        Whether the sweeps of the staggered solvers run in open loop, the paper's, or in closed loop: with
+        controls that answer deviations from the states of the iterate before, without which the sweeps of an
+        unstable robot explode. ``auto`` closes it where it has to be. (``globalisation = "none"``: open.)
     theta_max : float
         :math:`\theta_{max}`, the longest gradient step of ``fbsm_bb`` (Euclidean norm over all controls
         [N, N m]): the stabilisation of the Barzilai-Borwein step.
@@ -75,6 +81,7 @@ class SolverOptions:
     max_iterations: int | None = None
     hessian: str = "structured"
     adjoint: str = "direct"
+    loop: str = "auto"
     theta_max: float = 1.0
     switch_residual: float = 10.0
     switch_cost: float = 0.5
@@ -85,6 +92,7 @@ class SolverOptions:
         check_choice("solver.globalisation", self.globalisation, GLOBALISATIONS)
         check_choice("solver.hessian", self.hessian, HESSIANS)
         check_choice("solver.adjoint", self.adjoint, ADJOINTS)
+        check_choice("solver.loop", self.loop, LOOPS)
         for key in ("tolerance", "theta_max"):
             object.__setattr__(self, key, check_positive(f"solver.{key}", getattr(self, key)))
         if self.max_iterations is not None:

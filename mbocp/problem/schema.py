@@ -198,6 +198,7 @@ class SolverTable(_Table):
     max_iterations: int | None = None
     hessian: str = "structured"
     adjoint: str = "direct"
+    loop: str = "auto"
     theta_max: Finite = 1.0
     switch_residual: Finite = 10.0
     switch_cost: Finite = 0.5

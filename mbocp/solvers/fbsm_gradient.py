@@ -30,7 +30,7 @@ from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.multiplier import EndCondition
 from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import Status
-from mbocp.solvers.sweep import Kept, sweep
+from mbocp.solvers.sweep import Kept, Sweeps, begin
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["FBSMGradient", "GradientState", "Switch"]
@@ -74,8 +74,10 @@ class GradientState:
     end : EndCondition
     eta : ndarray, shape (ng,)
         Multiplier that belongs to `gradient`.
+    sweeps : Sweeps
+        How to sweep.
     before : tuple of ndarray
-        Controls, plain gradient and end condition's sensitivities of the iterate before.
+        Step that led here, and plain gradient and end condition's sensitivities of the iterate before.
     merits : tuple of (float, float)
         Cost and violation of the last iterates.
     penalty : float
@@ -92,6 +94,7 @@ class GradientState:
     plain: Array
     end: EndCondition
     eta: Array
+    sweeps: Sweeps
     before: tuple[Array, Array, Array] | None = None
     merits: tuple[tuple[float, float], ...] = ()
     penalty: float = 0.0
@@ -142,6 +145,8 @@ class FBSMGradient:
         Longest step, Euclidean norm over all controls.
     auxiliary : bool
         Sweep backward with the auxiliary adjoint, section 5.2.2.
+    loop : {"auto", "open", "closed"}
+        See `mbocp.solvers.sweep`.
     switch : Switch or None
         As the first phase of a hybrid: when to end.
     """
@@ -150,6 +155,7 @@ class FBSMGradient:
     max_iterations: int = 5000
     theta_max: float = 1.0
     auxiliary: bool = False
+    loop: str = "auto"
     switch: Switch | None = None
 
     @property
@@ -163,18 +169,15 @@ class FBSMGradient:
         native = kernel_programme(programme)
         iterate.load_into(native)
         native.eta = np.zeros(programme.ng)
-        outcome = sweep(native, auxiliary=self.auxiliary)
+        sweeps, outcome = begin(native, programme, loop=self.loop, auxiliary=self.auxiliary)
         if outcome.evaluation is None:
             none = np.zeros(0)
-            failed = GradientState(
-                native, native.evaluate(), none, none, EndCondition(none, none, none), none
-            )
+            nowhere = EndCondition(none, none, none)
+            failed = GradientState(native, native.evaluate(), none, none, nowhere, none, sweeps)
             return replace(failed, failure=Status.SWEEP_FAILED, failed_stage=outcome.failed_stage)
-        state = self._at(native, outcome.evaluation)
-        state = replace(
-            state, first_cost=state.evaluation.cost, best=(state.evaluation.residual, math.inf, 0)
-        )
-        return self._finished(state)
+        state = self._at(native, outcome.evaluation, sweeps)
+        e = state.evaluation
+        return self._finished(replace(state, first_cost=e.cost, best=(e.residual, math.inf, 0)))
 
     def step(self, state: GradientState) -> GradientState:
         """One accepted step."""
@@ -189,9 +192,9 @@ class FBSMGradient:
         length = 1.0
         for _ in range(_HALVINGS):
             kept.restore(native)
-            native.u = kept.parts[2] + length * direction
+            native.u = kept.u + length * direction
             native.eta = state.eta
-            outcome = sweep(native, auxiliary=self.auxiliary)
+            outcome = state.sweeps.run(native)
             if outcome.evaluation is not None:
                 merit = outcome.evaluation.cost + penalty * float(np.linalg.norm(native.end_condition))
                 if merit <= reference + _ARMIJO * length * min(slope, 0.0) + _ROUND_OFF * abs(reference):
@@ -199,16 +202,16 @@ class FBSMGradient:
             length *= 0.5
         else:
             kept.restore(native)
-            sweep(native, auxiliary=self.auxiliary)
+            state.sweeps.run(native)
             return replace(state, failure=Status.LINE_SEARCH_FAILED)
-        after = self._at(native, outcome.evaluation)
+        after = self._at(native, outcome.evaluation, state.sweeps)
         iteration = state.iteration + 1
         residual, least, since = state.best
         if after.evaluation.residual < residual or merit < least - 1e-10 * abs(least):
             since = iteration
         after = replace(
             after,
-            before=(kept.parts[2], state.plain, end.G),
+            before=(length * direction, state.plain, end.G),
             merits=merits,
             penalty=penalty,
             first_cost=state.first_cost,
@@ -236,14 +239,15 @@ class FBSMGradient:
             return Status.STAGNATED
         return Status.MAX_ITERATIONS if state.iteration >= self.max_iterations else None
 
-    def _at(self, native: Any, evaluation: Any) -> GradientState:
+    def _at(self, native: Any, evaluation: Any, sweeps: Sweeps) -> GradientState:
         """State at a swept iterate, with the eta that suits its controls."""
-        end, gradient, eta = EndCondition.of(native), native.control_gradient, native.eta
+        end = EndCondition.of(native, feedback=sweeps.feedback)
+        gradient, eta = native.control_gradient, native.eta
         plain = gradient - end.G.T @ eta
         if eta.size:
             eta = end.multiplier(plain)
             gradient = plain + end.G.T @ eta
-        return GradientState(native, _Residual.of(evaluation, gradient), gradient, plain, end, eta)
+        return GradientState(native, _Residual.of(evaluation, gradient), gradient, plain, end, eta, sweeps)
 
     def _finished(self, state: GradientState) -> GradientState:
         """At the end the kernel's iterate gets the eta of its controls, and says whether it is a minimum."""
@@ -251,7 +255,7 @@ class FBSMGradient:
             return state
         native = state.native
         native.eta = state.eta
-        native.gradient(self.auxiliary)
+        state.sweeps.backward(native)
         native.evaluate()
         factorisation = native.factorise()
         is_minimum = factorisation.ok and factorisation.negative == state.eta.size
@@ -263,8 +267,7 @@ class FBSMGradient:
         longest = self.theta_max / max(size, 1e-300)
         if state.before is None:
             return longest
-        u, plain, G = state.before
-        s = state.native.u - u
+        s, plain, G = state.before
         y = state.gradient - (plain + G.T @ state.eta)
         sy, yy = abs(float(s @ y)), float(y @ y)
         if not (sy > 0.0 and yy > 0.0):

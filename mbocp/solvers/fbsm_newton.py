@@ -25,7 +25,7 @@ from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.newton import NewtonState, advanced, end_of, factorise, fresh
 from mbocp.solvers.records import Status
 from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
-from mbocp.solvers.sweep import Kept, sweep
+from mbocp.solvers.sweep import Kept, Sweeps, begin
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["FBSMNewton"]
@@ -55,6 +55,8 @@ class FBSMNewton:
     hessian : {"structured", "dense", "finite-difference"}
     auxiliary : bool
         Sweep backward with the auxiliary adjoint, section 5.2.2.
+    loop : {"auto", "open", "closed"}
+        See `mbocp.solvers.sweep`.
     """
 
     tolerance: float = 1e-9
@@ -63,6 +65,7 @@ class FBSMNewton:
     globalised: bool = True
     hessian: str = "structured"
     auxiliary: bool = False
+    loop: str = "auto"
 
     @property
     def name(self) -> str:
@@ -88,14 +91,14 @@ class FBSMNewton:
             )
         native = kernel_programme(programme)
         iterate.load_into(native)
-        outcome = sweep(native, auxiliary=self.auxiliary)
-        if outcome.evaluation is None:
+        sweeps, outcome = begin(native, programme, loop=self.loop, auxiliary=self.auxiliary)
+        evaluation = outcome.evaluation
+        if evaluation is None:
             state = fresh(programme, native, native.evaluate())
             return replace(state, failure=Status.SWEEP_FAILED, failed_stage=outcome.failed_stage)
-        evaluation = outcome.evaluation
         if self.globalised and not iterate.eta.any():
-            evaluation = end_multiplier(native, auxiliary=self.auxiliary)
-        return fresh(programme, native, evaluation)
+            evaluation = end_multiplier(native, sweeps)
+        return replace(fresh(programme, native, evaluation), sweeps=sweeps)
 
     def step(self, state: NewtonState) -> NewtonState:
         """One accepted step."""
@@ -105,33 +108,28 @@ class FBSMNewton:
             native.evaluate()
             factorisation, augmentation = factorise(state, shift * self.control_weight)
             is_minimum = factorisation.ok and factorisation.negative == len(native.eta)
-            direction = None
             if factorisation.ok and (is_minimum or not self.globalised):
                 direction = native.solve()
-            if direction is not None and direction.finite:
-                slope = direction.cost_slope
-                step = self._omega_step(state, shift * self.control_weight, kept)
-                if step is not None:
-                    taken = self._search(state, kept, step, slope, shift)
-                    if taken is not None:
-                        evaluation, length, by_cost = taken
-                        return advanced(
-                            state,
-                            evaluation,
-                            float(np.linalg.norm(step)),
-                            length,
-                            augmentation=augmentation,
-                            regularisation=shift,
-                            shift=self._next_shift(state, shift, length, evaluation),
-                            filter=state.filter if by_cost else state.filter.grown(state.evaluation),
-                            at_minimum=is_minimum and shift == 0.0,
-                        )
-            if not self.globalised:
-                failure = Status.SWEEP_FAILED if factorisation.ok else Status.SINGULAR
-                return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
+                step = (
+                    self._omega_step(state, shift * self.control_weight, kept) if direction.finite else None
+                )
+                taken = None if step is None else self._search(state, kept, step, direction.cost_slope, shift)
+                if step is not None and taken is not None:
+                    return advanced(
+                        state,
+                        taken.evaluation,
+                        float(np.linalg.norm(step)),
+                        taken.length,
+                        augmentation=augmentation,
+                        regularisation=shift,
+                        shift=self._next_shift(state, shift, taken),
+                        filter=state.filter if taken.keeps_filter else state.filter.grown(state.evaluation),
+                        at_minimum=is_minimum and shift == 0.0,
+                    )
             shift = larger_shift(shift)
-            if shift > LARGEST_SHIFT:
-                failure = Status.LINE_SEARCH_FAILED if factorisation.ok else Status.SINGULAR
+            if shift > LARGEST_SHIFT or not self.globalised:
+                stuck = Status.LINE_SEARCH_FAILED if self.globalised else Status.SWEEP_FAILED
+                failure = stuck if factorisation.ok else Status.SINGULAR
                 return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
 
     def terminate(self, state: NewtonState) -> Status | None:
@@ -144,8 +142,9 @@ class FBSMNewton:
         if self.hessian == "structured":
             return np.concatenate([native.deta, native.du])
         size = len(native.eta) + len(native.u)
-        rhs = _reduced_residual(native)
         K = native.reduced_hessian(shift).reshape(size, size)
+        native.gradient()  # the right-hand side is the open loop's, whichever multipliers the Hessian has
+        rhs = _reduced_residual(native)
         if self.hessian == "finite-difference":
             shifted = K - native.reduced_hessian(0.0).reshape(size, size) if shift else 0.0
             K = _differences(native, kept, rhs, auxiliary=self.auxiliary) + shifted
@@ -159,69 +158,68 @@ class FBSMNewton:
 
     def _search(
         self, state: NewtonState, kept: Kept, step: Array, slope: float, shift: float
-    ) -> tuple[Any, float, bool] | None:
-        """Swept evaluation, step length and whether it was accepted for its cost; None with the start back.
+    ) -> _Taken | None:
+        """Sweep with ever shorter steps until one is accepted; None with the start back if none is.
 
         A sweep that fails shortens the step as one that makes nothing better does.
         """
-        native, before = state.native, state.evaluation
+        native, before, sweeps = state.native, state.evaluation, state.sweeps or Sweeps()
         ng, length = len(native.eta), 1.0
-        evaluation = None
         for halving in range(_HALVINGS + 1):
             kept.restore(native)
-            if self.hessian == "structured":  # the kernel's step also says where the states will be
-                native.move(length)
-                native.accept(length)
-            native.eta = kept.parts[4] + length * step[:ng]
-            native.u = kept.parts[2] + length * step[ng:]
-            evaluation = sweep(native, auxiliary=self.auxiliary).evaluation
-            if evaluation is not None:
-                if self._smaller(evaluation, before, shift):
-                    return evaluation, length, True
+            native.move(
+                length
+            )  # where the states will be to first order: that is where the sweep starts from
+            native.accept(length)
+            native.eta = kept.eta + length * step[:ng]
+            native.u = kept.u + length * step[ng:]
+            trial = sweeps.run(native).evaluation
+            if trial is not None:
+                # Algorithm 2's rule, which says little of a shifted step
+                if trial.residual < before.residual and (shift == 0.0 or not self.globalised):
+                    return _Taken(trial, length)
                 if self.globalised:
-                    accepted, by_cost = state.filter.accepts(before, evaluation, slope, length)
+                    accepted, by_cost = state.filter.accepts(before, trial, slope, length)
                     if accepted:
-                        return evaluation, length, by_cost
+                        return _Taken(trial, length, keeps_filter=by_cost)
                 elif halving == _HALVINGS:
-                    return evaluation, length, True
+                    return _Taken(trial, length)
             length *= 0.5
         kept.restore(native)
-        if self._is_round_off(state, step):
-            return sweep(native, auxiliary=self.auxiliary).evaluation, 0.0, True
+        if float(np.linalg.norm(step)) <= self.tolerance and before.residual <= self.tolerance:
+            return _Taken(sweeps.run(native).evaluation, 0.0)  # round-off hides any decrease
         return None
 
-    def _next_shift(self, state: NewtonState, shift: float, length: float, after: Any) -> float:
+    def _next_shift(self, state: NewtonState, shift: float, taken: _Taken) -> float:
         if not self.globalised:
             return 0.0
-        return next_shift(shift, length, after.residual / state.evaluation.residual)
+        return next_shift(shift, taken.length, taken.evaluation.residual / state.evaluation.residual)
 
-    def _smaller(self, trial: Any, before: Any, shift: float) -> bool:
-        """Whether the residual fell: Algorithm 2's rule, which says little of a shifted step."""
-        return bool(trial.residual < before.residual and (shift == 0.0 or not self.globalised))
 
-    def _is_round_off(self, state: NewtonState, step: Array) -> bool:
-        """Whether the step is too small for any measure to fall."""
-        return float(np.linalg.norm(step)) <= self.tolerance and state.evaluation.residual <= self.tolerance
+@dataclass(frozen=True)
+class _Taken:
+    """An accepted step: the swept evaluation, the step length, and whether the filter stays as it is."""
+
+    evaluation: Any
+    length: float
+    keeps_filter: bool = True
 
 
 def _reduced_residual(native: Any) -> Array:
-    """Derivative of the Lagrangian in (eta, u): r_u with its control rows times dt."""
-    native.gradient()
-    scale = native.control_scale
-    return np.concatenate([native.end_condition, native.control_gradient / scale])
+    """Derivative of the Lagrangian in (eta, u) after an open sweep: r_u with its control rows times dt."""
+    return np.concatenate([native.end_condition, native.control_gradient / native.control_scale])
 
 
 def _differences(native: Any, kept: Kept, rhs: Array, *, auxiliary: bool) -> Array:
-    """K by forward differences of the reduced residual, one pair of sweeps a column."""
+    """K by forward differences of the reduced residual, one pair of open sweeps a column."""
     K = np.empty((rhs.size, rhs.size))
-    eta, u = kept.parts[4], kept.parts[2]
-    omega = np.concatenate([eta, u])
+    ng, omega = kept.eta.size, np.concatenate([kept.eta, kept.u])
     for j in range(omega.size):
         kept.restore(native)
         moved = omega.copy()
         moved[j] += _DIFFERENCE * max(1.0, abs(omega[j]))
-        native.eta, native.u = moved[: eta.size], moved[eta.size :]
-        if sweep(native, auxiliary=auxiliary).evaluation is None:
+        native.eta, native.u = moved[:ng], moved[ng:]
+        if Sweeps(auxiliary).run(native).evaluation is None:
             return np.full_like(K, np.nan)
         K[:, j] = (_reduced_residual(native) - rhs) / (moved[j] - omega[j])
     kept.restore(native)

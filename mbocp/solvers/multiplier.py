@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.solvers.sweep import Sweeps
 
 __all__ = ["EndCondition", "end_multiplier"]
 
@@ -38,10 +39,10 @@ class EndCondition:
     weight: Array
 
     @classmethod
-    def of(cls, native: Any) -> EndCondition:
-        """At the last `gradient` of the kernel programme."""
+    def of(cls, native: Any, *, feedback: bool = False) -> EndCondition:
+        """At the last `gradient` of the kernel programme, in open or closed loop as that was."""
         scale, g = native.control_scale, native.end_condition
-        return cls(g, native.end_sensitivity().reshape(g.size, scale.size) * scale, 1.0 / scale)
+        return cls(g, native.end_sensitivity(feedback).reshape(g.size, scale.size) * scale, 1.0 / scale)
 
     def multiplier(self, h: Array) -> Array:
         """The eta for which h + G' eta is smallest, shape (ng,)."""
@@ -56,8 +57,9 @@ class EndCondition:
         return found
 
 
-def end_multiplier(native: Any, *, auxiliary: bool = False) -> Any:
+def end_multiplier(native: Any, sweeps: Sweeps) -> Any:
     """Put the best eta into a swept kernel programme; returns the evaluation with it."""
     if len(native.eta):
-        native.eta = native.eta + EndCondition.of(native).multiplier(native.control_gradient)
-    return native.gradient(auxiliary)
+        end = EndCondition.of(native, feedback=sweeps.feedback)
+        native.eta = native.eta + end.multiplier(native.control_gradient)
+    return sweeps.backward(native)

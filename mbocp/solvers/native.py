@@ -69,7 +69,9 @@ def kernel_programme(programme: StagewiseProgramme) -> Any:
     terminal = native.Terminal(
         ng=programme.ng, values=function("terminal_values"), complete=function("terminal_complete")
     )
-    made = native.Programme(kinds, list(programme.stage_kind), terminal, function("retract"))
+    made = native.Programme(
+        kinds, list(programme.stage_kind), terminal, function("retract"), function("difference")
+    )
     made.set_parameters(programme.theta, programme.rho, programme.rho_terminal)
     return made
 

@@ -11,6 +11,7 @@ from mbocp.solvers.filter import Filter
 from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import Status
+from mbocp.solvers.sweep import Sweeps
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["NewtonState", "Reference", "advanced", "end_of", "factorise", "fresh", "start"]
@@ -77,6 +78,8 @@ class NewtonState:
         Why no step could be taken.
     failed_stage : int
         Where, for a singular system; num_steps: the end condition.
+    sweeps : Sweeps or None
+        How a staggered solver sweeps.
     """
 
     native: Any
@@ -93,6 +96,7 @@ class NewtonState:
     at_minimum: bool = False
     failure: Status | None = None
     failed_stage: int = -1
+    sweeps: Sweeps | None = None
 
 
 def start(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:

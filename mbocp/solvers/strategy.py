@@ -30,7 +30,7 @@ class Methods:
 
     Attributes
     ----------
-    method, globalisation, hessian, adjoint : str
+    method, globalisation, hessian, adjoint, loop : str
     tolerance, theta_max : float
     newton_iterations, gradient_iterations : int
     switch : Switch
@@ -46,6 +46,7 @@ class Methods:
     gradient_iterations: int
     hessian: str
     adjoint: str
+    loop: str
     theta_max: float
     switch: Switch
     control_weight: float
@@ -61,6 +62,7 @@ class Methods:
             gradient_iterations=options.gradient_iterations,
             hessian=options.hessian,
             adjoint=options.adjoint,
+            loop=options.loop,
             theta_max=options.theta_max,
             switch=Switch(options.switch_residual, options.switch_cost, options.switch_iterations),
             control_weight=programme.control_weight,
@@ -74,6 +76,7 @@ class Methods:
                 self.gradient_iterations,
                 theta_max=self.theta_max,
                 auxiliary=self.adjoint == "auxiliary",
+                loop=self.loop,
                 switch=switch,
             )
         if name == "fbsm_newton":
@@ -84,6 +87,7 @@ class Methods:
                 globalised=self.globalisation == "default",
                 hessian=self.hessian,
                 auxiliary=self.adjoint == "auxiliary",
+                loop=self.loop if self.globalisation == "default" else "open",
             )
         if self.globalisation == "none":
             return PureNewton(self.tolerance, self.newton_iterations)

@@ -1,7 +1,18 @@
-"""The sweeps that every staggered solver makes: state forward, eq. (29), adjoint backward, eq. (30).
+r"""The sweeps that every staggered solver makes: state forward, eq. (29), adjoint backward, eq. (30).
 
 After them only r_u, eq. (31), is left: the end condition and the gradient of the control Hamiltonian in the
 controls.
+
+*Open and closed loop.* The paper's sweeps run in open loop. On a robot that is unstable, as an arm that holds
+its links up or a wrist of little inertia, both of them grow exponentially: in a second or two by factors of
+1e5 and, on some arms, 1e50, and no step of the controls survives that. A sweep in closed loop has the
+controls answer what the states deviate from those that were planned,
+
+.. math:: u_n = \bar u_n + K_n (x_n - \bar x_n),
+
+with the gains of the structured factorisation. This is another coordinate on the same controls: the result
+is an ordinary pair of controls and states, and the adjoint of the closed loop equals that of the open one
+where :math:`\nabla_u H = 0`. So both have the same solutions; in closed loop they can be found.
 """
 
 from __future__ import annotations
@@ -9,12 +20,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from mbocp._arrays import Array
+import numpy as np
 
-__all__ = ["Kept", "Sweep", "sweep"]
+from mbocp._arrays import Array
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["Kept", "Sweep", "Sweeps", "begin"]
 
 _TOLERANCE = 1e-13  # of a step's equations in the programme's scaling: round-off
 _ITERATIONS = 50
+_AMPLIFICATION = 100.0  # of the sensitivities by opening the loop, above which it is closed
+_GAIN_WEIGHT = (
+    100.0  # of states against controls for the gains of the first sweep, in units of a control's weight
+)
 
 
 @dataclass(frozen=True)
@@ -33,34 +51,112 @@ class Sweep:
     failed_stage: int = -1
 
 
-def sweep(native: Any, *, auxiliary: bool = False, warm: bool = True) -> Sweep:
-    """State and adjoint for the controls and the multiplier eta that `native` holds.
+@dataclass(frozen=True)
+class Sweeps:
+    """How to sweep.
 
-    Parameters
+    Attributes
     ----------
-    native : kernel programme
-        Its x, y and m are replaced; a warm sweep starts each step from its x and y.
     auxiliary : bool
         Take the adjoint as sigma + A eta, eqs. (42) to (44).
+    feedback : bool
+        In closed loop, with the gains of the kernel programme's last factorisation.
     """
-    forward = native.simulate(_TOLERANCE, _ITERATIONS, warm)
-    if not forward.ok:
-        return Sweep(None, forward.failed_stage)
-    evaluation = native.gradient(auxiliary)
-    return Sweep(evaluation if evaluation.finite else None)
+
+    auxiliary: bool = False
+    feedback: bool = False
+
+    def run(self, native: Any) -> Sweep:
+        """State and adjoint for the controls and eta that `native` holds; its x, y and m are replaced.
+
+        Each step starts from the state and the impulses that `native` holds.
+        """
+        forward = native.simulate(_TOLERANCE, _ITERATIONS, True, self.feedback)
+        if not forward.ok:
+            return Sweep(None, forward.failed_stage)
+        evaluation = self.backward(native)
+        return Sweep(evaluation if evaluation.finite else None)
+
+    def backward(self, native: Any) -> Any:
+        """Adjoint alone; the evaluation that goes with it."""
+        return native.gradient(self.auxiliary, self.feedback)
 
 
 @dataclass(frozen=True)
 class Kept:
     """An iterate of the kernel programme, to go back to."""
 
-    parts: tuple[Array, ...]
+    x: Array
+    y: Array
+    u: Array
+    m: Array
+    eta: Array
 
     @classmethod
     def of(cls, native: Any) -> Kept:
         """Remember the iterate."""
-        return cls((native.x, native.y, native.u, native.m, native.eta))
+        return cls(native.x, native.y, native.u, native.m, native.eta)
 
     def restore(self, native: Any) -> None:
         """Put it back."""
-        native.x, native.y, native.u, native.m, native.eta = self.parts
+        native.x, native.y, native.u, native.m, native.eta = self.x, self.y, self.u, self.m, self.eta
+
+
+def begin(native: Any, programme: StagewiseProgramme, *, loop: str, auxiliary: bool) -> tuple[Sweeps, Sweep]:
+    """Make the first sweep, and with it decide between open and closed loop.
+
+    Parameters
+    ----------
+    native : kernel programme
+        Holds the guess. In closed loop its states are what is planned.
+    loop : {"auto", "open", "closed"}
+        ``auto``: closed where opening it amplifies the gradient or the end condition's sensitivities a
+        hundredfold, or where the open sweep fails.
+    auxiliary : bool
+        See `Sweeps`.
+
+    Returns
+    -------
+    sweeps : Sweeps
+        How to go on.
+    outcome : Sweep
+        Of the first one; `native` is left with it.
+    """
+    opened = Sweeps(auxiliary)
+    if loop == "open":
+        return opened, opened.run(native)
+    closed = Sweeps(auxiliary, feedback=True)
+    guess = Kept.of(native)
+    if not _find_gains(native, programme):
+        guess.restore(native)
+        return opened, opened.run(native)
+    guess.restore(native)
+    if loop == "closed":
+        return closed, closed.run(native)
+    outcome = opened.run(native)
+    reached = Kept.of(native)
+    amplified = _sensitivity(native, opened) if outcome.evaluation is not None else np.inf
+    guess.restore(native)
+    stable = closed.run(native)
+    if stable.evaluation is not None and amplified > _AMPLIFICATION * _sensitivity(native, closed):
+        return closed, stable
+    reached.restore(native)
+    if outcome.evaluation is not None:
+        opened.backward(native)
+    return opened, outcome
+
+
+def _find_gains(native: Any, programme: StagewiseProgramme) -> bool:
+    """Gains that hold the guess's states, from the Hessian of the cost alone with a weight on the states."""
+    native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
+    if not native.evaluate().finite:
+        return False
+    weight = programme.control_weight
+    augmentation = 10.0 * weight / programme.dt if programme.ng else 0.0
+    return bool(native.factorise(_GAIN_WEIGHT * weight, augmentation).ok)
+
+
+def _sensitivity(native: Any, sweeps: Sweeps) -> float:
+    """Size of what a control does to the cost and to the end condition."""
+    G = native.end_sensitivity(sweeps.feedback) * np.tile(native.control_scale, len(native.eta))
+    return float(np.hypot(np.linalg.norm(G), np.linalg.norm(native.control_gradient)))

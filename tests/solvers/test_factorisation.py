@@ -29,7 +29,9 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
     jacobian = ca.jacobian(rows, z)
     functions = {
         "values": ca.Function("values", [*args, theta, rho], [rows, cost]),
-        "jacobian": ca.Function("jacobian", [*args, theta, rho], [rows, cost, jacobian, ca.jacobian(cost, z)]),
+        "jacobian": ca.Function(
+            "jacobian", [*args, theta, rho], [rows, cost, jacobian, ca.jacobian(cost, z)]
+        ),
         "complete": ca.Function(
             "complete", [*args, m, theta, rho], [rows, cost, jacobian, ca.jacobian(cost, z), ca.triu(hessian)]
         ),
@@ -47,6 +49,7 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
     )
     dx = ca.SX.sym("dx", ndx)
     functions["retract"] = ca.Function("retract", [x, dx], [x + dx])
+    functions["difference"] = ca.Function("difference", [x, dx], [dx - x])
     native = kernel()
     load = {name: native.StageFunction.from_string(f.serialize()) for name, f in functions.items()}
     ones = np.ones
@@ -55,7 +58,7 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
         complete=load["complete"], scale_c=ones(nc), scale_y=ones(ny), scale_m=ones(nc), scale_ru=ones(nu),
     )  # fmt: skip
     terminal = native.Terminal(ng=ng, values=load["terminal_values"], complete=load["terminal_complete"])
-    programme = native.Programme([kind], [0] * num_stages, terminal, load["retract"])
+    programme = native.Programme([kind], [0] * num_stages, terminal, load["retract"], load["difference"])
     programme.set_parameters(np.array([0.7]), rng.standard_normal(num_stages), np.zeros(0))
     for name in ("x", "y", "u", "m", "eta"):
         setattr(programme, name, 0.3 * rng.standard_normal(getattr(programme, name).size))
@@ -217,7 +220,8 @@ def test_dependent_end_conditions_are_called_singular() -> None:
         jacobian=of(functions["jacobian"].serialize()), complete=of(functions["complete"].serialize()),
         scale_c=np.ones(3), scale_y=np.ones(0), scale_m=np.ones(3), scale_ru=np.ones(2),
     )  # fmt: skip
-    programme = native.Programme([kind], [0] * 4, terminal, of(functions["retract"].serialize()))
+    moves = [of(functions[name].serialize()) for name in ("retract", "difference")]
+    programme = native.Programme([kind], [0] * 4, terminal, *moves)
     programme.set_parameters(np.array([0.7]), np.zeros(4), np.zeros(0))
     programme.evaluate()
     for augment in (0.0, 10.0):

@@ -121,8 +121,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_ro("residual", &Sweep::residual);
 
     nb::class_<Programme> programme(module, "Programme");
-    programme.def(nb::init<std::vector<Kind>, std::vector<int>, Terminal, Function>(), nb::arg("kinds"),
-                  nb::arg("stage_kind"), nb::arg("terminal"), nb::arg("retract"));
+    programme.def(nb::init<std::vector<Kind>, std::vector<int>, Terminal, Function, Function>(), nb::arg("kinds"),
+                  nb::arg("stage_kind"), nb::arg("terminal"), nb::arg("retract"), nb::arg("difference"));
     vector_property<&Programme::x>(programme, "x", "States, node after node.");
     vector_property<&Programme::y>(programme, "y", "Algebraic unknowns, stage after stage.");
     vector_property<&Programme::u>(programme, "u", "Controls, stage after stage.");
@@ -141,9 +141,13 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("move", &Programme::move, nb::arg("alpha"))
         .def("trial", &Programme::trial, nb::arg("alpha"))
         .def("accept", &Programme::accept, nb::arg("alpha_dual"))
-        .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false)
-        .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false)
-        .def("end_sensitivity", [](Programme& p) { return to_array(p.end_sensitivity()); }, nb::rv_policy::move)
+        .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false,
+             nb::arg("feedback") = false)
+        .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false,
+             nb::arg("feedback") = false)
+        .def("end_sensitivity",
+             [](Programme& p, bool feedback) { return to_array(p.end_sensitivity(feedback)); },
+             nb::arg("feedback") = false, nb::rv_policy::move)
         .def("reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
              nb::arg("shift") = 0.0, nb::rv_policy::move)
         .def_prop_ro("num_stages", &Programme::num_stages)

@@ -53,9 +53,10 @@ void Kind::prepare() {
     }
 }
 
-Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract)
+Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract,
+                     Function difference)
     : kinds_(std::move(kinds)), stage_kind_(std::move(stage_kind)), terminal_(std::move(terminal)),
-      retract_(std::move(retract)), N(static_cast<int>(stage_kind_.size())) {
+      retract_(std::move(retract)), difference_(std::move(difference)), N(static_cast<int>(stage_kind_.size())) {
     if (N < 1 || kinds_.empty()) throw std::invalid_argument("a programme needs at least one stage and one kind");
     nx_ = kinds_[0].nx, ndx_ = kinds_[0].ndx, ng_ = terminal_.ng;
     for (auto& kind : kinds_) {
@@ -65,6 +66,7 @@ Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Termi
     check_output(terminal_.values, 1, ng_, 1, "terminal values");
     check_output(terminal_.complete, 2, ng_, ndx_, "terminal complete");
     check_output(retract_, 0, nx_, 1, "retract");
+    check_output(difference_, 0, ndx_, 1, "difference");
     allocate();
 }
 
@@ -140,7 +142,7 @@ void Programme::allocate() {
     scratch_.assign(largest + 64, 0.0);
     scaled_m_.assign(nm, 0.0);
     sweep_c_.assign(2 * static_cast<std::size_t>(max_nw_), 0.0);
-    sweep_dx_.assign(ndx_, 0.0), sweep_before_.assign(static_cast<std::size_t>(nx_) + max_nw_, 0.0);
+    sweep_dx_.assign(ndx_, 0.0), planned_.assign(2 * static_cast<std::size_t>(nx_), 0.0), sweep_before_.assign(static_cast<std::size_t>(nx_) + max_nw_, 0.0);
 }
 
 void Programme::set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal) {

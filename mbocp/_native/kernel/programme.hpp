@@ -82,7 +82,9 @@ struct Sweep {
 
 class Programme {
 public:
-    Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract);
+    // `retract` is (x, dx) -> x, `difference` its inverse, (x, x_moved) -> dx.
+    Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract,
+              Function difference);
 
     int num_stages() const { return N; }
     void set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal);
@@ -102,13 +104,15 @@ public:
     // Take the moved iterate over; multipliers go alpha_dual of their way.
     void accept(double alpha_dual);
     // States and algebraic unknowns from x[0] and u, stage by stage (eq. 29). A warm sweep starts each step from the
-    // iterate, a cold one from the state before.
-    Sweep simulate(double tolerance, int max_iterations, bool warm);
+    // iterate, a cold one from the state before. With `feedback` the controls answer deviations from the iterate's
+    // states with the gains of the last factorisation, which keeps a sweep of an unstable system near them.
+    Sweep simulate(double tolerance, int max_iterations, bool warm, bool feedback);
     // Cost, first derivatives, and multipliers from eta by the backward sweep (eq. 30), or by that of the auxiliary
-    // adjoint, m = sigma + A eta (eqs. 42-44). The residual is r_u (eq. 31): end condition and control gradients.
-    Evaluation gradient(bool auxiliary);
-    // Derivative of the end condition in all controls after a `gradient`, (ng, nu_total).
-    Numbers end_sensitivity();
+    // adjoint, m = sigma + A eta (eqs. 42-44). The residual is r_u (eq. 31): end condition and control gradients. With
+    // `feedback` it is the adjoint of the sweep in closed loop, u + K (x - x_planned); the two agree where r_u vanishes.
+    Evaluation gradient(bool auxiliary, bool feedback);
+    // Derivative of the end condition in all controls after a `gradient`, (ng, nu_total); likewise.
+    Numbers end_sensitivity(bool feedback);
     // Hessian of the reduced problem in (eta, u) at the last `evaluate`, with `shift` on every state's diagonal: dense,
     // symmetric, (ng + nu_total)^2 entries. Quadratic work in the number of stages: the reference for `factorise`.
     Numbers reduced_hessian(double shift);
@@ -148,6 +152,7 @@ private:
     bool evaluate_terminal(Evaluation& e);
     bool evaluate_first(int n, Evaluation& e);
     bool adjoint_stage(int n, const double* after, bool auxiliary);
+    void close_loop(int n, const double* du, double* dx) const;
     bool simulate_stage(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep);
     double stationarity() const;
     void allocate();
@@ -161,7 +166,7 @@ private:
     std::vector<Kind> kinds_;
     std::vector<int> stage_kind_;
     Terminal terminal_;
-    Function retract_;
+    Function retract_, difference_;
     int N, nx_, ndx_, ng_;
     Numbers theta_, rho_, rho_terminal_;
     Numbers pool_;
@@ -178,7 +183,7 @@ private:
     Numbers scratch_, scaled_m_, diagonal_;
     double shift_ = 0, augment_ = 0;                  // of the last factorisation
     bool factorised_ = false;
-    Numbers sweep_c_, sweep_dx_, sweep_before_;       // workspace of the sweeps
+    Numbers sweep_c_, sweep_dx_, sweep_before_, planned_;       // workspace of the sweeps
     int max_nw_ = 0, max_ns_ = 0;
 };
 

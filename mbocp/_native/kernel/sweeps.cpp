@@ -67,12 +67,31 @@ bool Programme::simulate_stage(int n, double tolerance, int max_iterations, bool
     return false;
 }
 
-Sweep Programme::simulate(double tolerance, int max_iterations, bool warm) {
+Sweep Programme::simulate(double tolerance, int max_iterations, bool warm, bool feedback) {
     Sweep sweep;
     double largest = 0;
     factorised_ = false;
+    double* planned = planned_.data();  // x_n before it is swept, and x_{n+1} likewise
+    double* next = planned + nx_;
     for (int n = 0; n < N; ++n) {
         sweep.residual = 0;
+        if (feedback) {
+            const double* now = x.data() + static_cast<std::size_t>(n) * nx_;
+            if (n > 0) {
+                difference_->arg[0] = planned, difference_->arg[1] = now;
+                if (!difference_->call()) {
+                    sweep.failed_stage = n;
+                    return sweep;
+                }
+                std::fill(sweep_dx_.begin(), sweep_dx_.end(), 0.0);
+                const Pattern& pattern = difference_->outputs[0];
+                for (int i = 0; i < pattern.nnz(); ++i) sweep_dx_[pattern.row[i]] = difference_->res[0][i];
+                const Stage& s = stages_[n];
+                dense::gemv(s.kind->nu, ndx_, s.K, padded(ndx_), sweep_dx_.data(), u.data() + u_offset[n]);
+            }
+            std::copy(now + nx_, now + 2 * nx_, next);
+            std::swap(planned, next);
+        }
         bool ok = simulate_stage(n, tolerance, max_iterations, warm, sweep);
         if (!ok && warm) ok = simulate_stage(n, tolerance, max_iterations, false, sweep);
         if (!ok) {
@@ -150,7 +169,12 @@ bool Programme::adjoint_stage(int n, const double* after, bool auxiliary) {
     return true;
 }
 
-Evaluation Programme::gradient(bool auxiliary) {
+// What a change of the state means through the feedback: dx += K' du.
+void Programme::close_loop(int n, const double* du, double* dx) const {
+    dense::gemv_t(stages_[n].kind->nu, ndx_, stages_[n].K, padded(ndx_), du, dx);
+}
+
+Evaluation Programme::gradient(bool auxiliary, bool feedback) {
     Evaluation e;
     factorised_ = false;
     bool ok = evaluate_terminal(e);
@@ -169,6 +193,7 @@ Evaluation Programme::gradient(bool auxiliary) {
         dense::copy(s.gs, after.data(), ndx_);
         if (auxiliary && n > 0)
             dense::gemv(ndx_, ng_, stages_[n - 1].S, padded(ng_), eta.data(), after.data(), -1.0);
+        if (feedback) close_loop(n, s.gs + ndx_, after.data());
         for (int i = 0; i < k.nu; ++i) {
             const double v = s.gs[ndx_ + i] * k.scale_ru[i];
             squared += v * v;
@@ -186,7 +211,7 @@ Evaluation Programme::gradient(bool auxiliary) {
     return e;
 }
 
-Numbers Programme::end_sensitivity() {
+Numbers Programme::end_sensitivity(bool feedback) {
     const int nd = ndx_, pg = padded(ng_), total = u_offset[N];
     Numbers out(static_cast<std::size_t>(ng_) * total, 0.0);
     Numbers p(nd), column(max_nw_);
@@ -204,6 +229,7 @@ Numbers Programme::end_sensitivity() {
                 dense::axpy(nd, column[i], s.Js + i * ps, p.data());
                 dense::axpy(k.nu, column[i], s.Js + i * ps + nd, du);
             }
+            if (feedback) close_loop(n, du, p.data());
         }
     }
     return out;
