@@ -9,7 +9,7 @@ Inputs and outputs (see `mbocp/_native/kernel/programme.hpp`):
 - jacobian  (x0, x1, y, u, theta, rho)      -> c, l, dc_dz, dl_dz; z = (x1, y, x0, u)
 - complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
 - terminal_values (x, rho), terminal_complete (x, eta, rho): likewise for psi and g_T
-- retract   (x, dx) -> x
+- retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mbocp.transcription.shape import Shape
 
 __all__ = ["FUNCTION_NAMES", "ParameterLayout", "build_functions", "parameter_layout"]
 
-FUNCTION_NAMES = ("values", "jacobian", "complete", "terminal_values", "terminal_complete", "retract")
+FUNCTION_NAMES = ("values", "jacobian", "complete", "terminal_values", "terminal_complete", "retract", "difference")
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,20 @@ def build_functions(mechanics: JointMechanics, shape: Shape) -> dict[str, ca.Fun
     functions.update(_terminal_functions(mechanics, shape, layout))
     x, dx = ca.SX.sym("x", mechanics.nq + mechanics.nv), ca.SX.sym("dx", 2 * mechanics.nv)
     functions["retract"] = ca.Function("retract", [x, dx], [ca.densify(_retract(mechanics, x, dx))])
+    moved = ca.SX.sym("x_moved", x.shape[0])
+    gap = _difference(mechanics, x, moved)
+    functions["difference"] = ca.Function("difference", [x, moved], [ca.densify(gap)])
     return functions
 
 
 def _retract(mechanics: JointMechanics, x: ca.SX, dx: ca.SX) -> ca.SX:
     nq, nv = mechanics.nq, mechanics.nv
     return ca.vertcat(mechanics.integrate(x[:nq], dx[:nv]), x[nq:] + dx[nv:])
+
+
+def _difference(mechanics: JointMechanics, x: ca.SX, moved: ca.SX) -> ca.SX:
+    nq = mechanics.nq
+    return ca.vertcat(mechanics.difference(x[:nq], moved[:nq]), moved[nq:] - x[nq:])
 
 
 def _pieces(vector: ca.SX, sizes: Mapping[str, int]) -> dict[str, ca.SX]:
