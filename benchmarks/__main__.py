@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: everything but the paper's systems, in less than three minutes."""
+"""`python -m benchmarks`: everything but the paper's tables, in less than three minutes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print_table(stage_table())
     print_table(rival_table())
     if not options.markdown:
-        print(f"{time.perf_counter() - clock:.0f} s; the paper's systems: python -m benchmarks.paper_systems")
+        print(f"{time.perf_counter() - clock:.0f} s; the paper's tables: python -m benchmarks.paper")
 
 
 if __name__ == "__main__":

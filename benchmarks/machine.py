@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import platform
-import re
 from importlib.metadata import version
-from pathlib import Path
 
 from benchmarks.tables import Table
+from mbocp.paper.machine import processor
 from mbocp.solvers.native import kernel
 
 __all__ = ["header", "one_core"]
@@ -24,18 +23,10 @@ def header() -> Table:
     """Machine, versions, and how busy the machine is."""
     packages = ("mbocp", "pin", "casadi", "numpy")
     rows = [
-        ("processor", f"{_processor()}, {os.cpu_count()} cores, one used"),
+        ("processor", f"{processor()}, {os.cpu_count()} cores, one used"),
         ("system", f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"),
         ("packages", ", ".join(f"{name} {version(name)}" for name in packages)),
         ("kernel", kernel().__name__.rpartition(".")[2]),
         ("load", f"{os.getloadavg()[0]:.2f} (one-minute average at the start)"),
     ]
     return Table("Machine", ("", "found"), rows)
-
-
-def _processor() -> str:
-    try:
-        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))
-    except OSError:
-        found = None
-    return found.group(1).strip() if found else platform.processor() or "unknown"

@@ -85,7 +85,7 @@ def warm_guess(problem: mbocp.Problem) -> tuple[StagewiseProgramme, Iterate]:
 def newton(problem: mbocp.Problem, programme: StagewiseProgramme) -> GlobalisedNewton:
     """Return the default solver of a problem."""
     options = problem.solver
-    return GlobalisedNewton(options.tolerance, options.max_iterations, programme.control_weight)
+    return GlobalisedNewton(options.tolerance, options.newton_iterations, programme.control_weight)
 
 
 class Stepper:

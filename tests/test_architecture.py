@@ -30,6 +30,7 @@ LAYERS = (
     "guess",
     "api",
     "study",
+    "paper",
     "cli",
 )
 SCRIPTS = {"__main__.py", "locate.py"}  # run, not imported

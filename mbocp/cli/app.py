@@ -146,6 +146,44 @@ def robots(
 
 @app.command()
 @reporting
+def paper(
+    table: Annotated[
+        list[int] | None, typer.Option("--table", metavar="N", help="Table 1 to 7. Repeatable.")
+    ] = None,
+    figure: Annotated[
+        list[int] | None,
+        typer.Option("--figure", metavar="N", help="Figure 2, 3, 4, 6, 7 or 8. Repeatable."),
+    ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the figures.")
+    ] = Path("paper"),
+    pdf: Annotated[bool, typer.Option("--pdf", help="Figures as PDF, too, besides PNG.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only the two coarsest step sizes, each solved once.")
+    ] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Reproduce the first paper: its tables beside mbocp's numbers, and its figures.
+
+    Without options, say what there is.
+    """
+    from mbocp.cli.paper import print_overview, reproduce
+
+    if everything:
+        from mbocp.paper.figures import FIGURES
+        from mbocp.paper.tables import TITLES
+
+        table, figure = list(TITLES), list(FIGURES)
+    if not (table or figure):
+        print_overview()
+        return
+    reproduce(table or [], figure or [], output, pdf=pdf, quick=quick, as_json=as_json, quiet=quiet)
+
+
+@app.command()
+@reporting
 def doctor(as_json: Json = False) -> None:
     """Say what works on this machine, and what to do about what does not.
 

@@ -12,10 +12,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the 
 
 from benchmarks.machine import header
 from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
-from benchmarks.paper_systems import SYSTEMS, table
+from benchmarks.paper.__main__ import PAGE, replaced
 from benchmarks.rivals import compare, reach
 from benchmarks.stages import stage_table, time_stages
 from benchmarks.tables import Table, show
+from mbocp.paper.tables import TITLES
 
 PENDULUM = next(case for case in CASES if case.label == "rigid_pendulum")
 
@@ -63,19 +64,6 @@ def test_the_rival_finds_the_same_optimum() -> None:
     assert c.functions < c.rival
 
 
-@pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.title.partition(",")[0])
-def test_the_paper_s_degrees_of_freedom(system: object) -> None:
-    """The paper also counts a last control, and mu_N where the end condition is exact."""
-    made = table(system, repetitions=1, most_steps=20)  # type: ignore[arg-type]
-    assert made.rows
-    columns = {name: i for i, name in enumerate(made.columns)}
-    for row in made.rows:
-        assert row[columns["default"]].isdigit()
-        if row[columns["paper: DOF"]] != "-":
-            more = int(row[columns["paper: DOF"]]) - int(row[columns["unknowns"]])
-            assert more == {"Table 2": 9, "Table 4": 3, "Table 6": 1, "Table 7": 1}[system.title[:7]]  # type: ignore[attr-defined]
-
-
 def test_tables_print_in_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
     made = Table("Time [ms]", ("name", "time [ms]"), [("a [b]", "1.0")], "A note.")
     show(made)
@@ -87,3 +75,16 @@ def test_tables_print_in_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_header_names_versions() -> None:
     assert any("casadi" in row[1] for row in header().rows)
+
+
+def test_text_is_put_between_markers() -> None:
+    page = "a\n<!-- x: begin -->\nold\n<!-- x: end -->\nb"
+    assert replaced(page, "x", "new") == "a\n<!-- x: begin -->\n\nnew\n<!-- x: end -->\nb"
+    with pytest.raises(SystemExit, match="markers of 'y' 0 times"):
+        replaced(page, "y", "new")
+
+
+@pytest.mark.parametrize("name", ["machine", *(f"table {number}" for number in TITLES)])
+def test_the_documentation_has_a_place_for_every_table(name: str) -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert "new\n" in replaced(page, name, "new\n")

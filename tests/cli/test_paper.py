@@ -1,0 +1,58 @@
+"""`mbocp paper`: exit status, what goes where, bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from .conftest import Run
+
+
+def test_without_options_it_says_what_there_is(run: Run) -> None:
+    done = run("paper")
+    assert done.exit_code == 0
+    assert "--table 7  2D elastic pendulum" in done.stdout
+    assert "--figure 2  3D elastic pendulum" in done.stdout
+
+
+def test_a_table(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run("paper", "--table", "2", "--quick")
+    assert done.exit_code == 0, done.output
+    assert "FBSM-BB + FBSM-Newton" in done.stdout
+    assert "56.29 s" in done.stdout
+    assert "casadi" in done.stdout.splitlines()[0]
+    assert "Table 2" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_json_is_alone_on_stdout(run: Run, tmp_path: Path) -> None:
+    done = run("paper", "--table", "7", "--figure", "7", "--quick", "--json", "-o", str(tmp_path / "new"))
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["tables"]["7"]["forms"]["tracking"][0]["dof"] == 261
+    assert [Path(name).exists() for name in found["figures"]["7"]] == [True]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--table", "8"), "--table: got 8, expected one of 1, 2, 3, 4, 5, 6, 7"),
+        (("--table", "1", "--figure", "1"), "figure 1 is a sketch"),
+        (("--table", "two"), "Invalid value for '--table'"),
+    ],
+)
+def test_unknown_numbers(run: Run, arguments: tuple[str, ...], message: str) -> None:
+    done = run("paper", *arguments)
+    assert done.exit_code == 2
+    assert message in done.stderr
+    assert not done.stdout
+
+
+def test_a_folder_that_is_a_file(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    done = run("paper", "--figure", "7", "-o", str(tmp_path / "taken"))
+    assert done.exit_code == 2
+    assert "--output is a file" in done.stderr

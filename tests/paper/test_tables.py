@@ -1,0 +1,138 @@
+"""Tables with the paper's numbers and mbocp's, on the coarsest steps."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+
+import pytest
+from rich.console import Console
+
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.paper import measure as measuring
+from mbocp.paper.cases import paper_problem
+from mbocp.paper.data import COMPARISONS, STRATEGIES
+from mbocp.paper.layout import WIDTH, milliseconds, ratio
+from mbocp.paper.measure import run_strategy
+from mbocp.paper.norms import newton_norms
+from mbocp.paper.tables import TITLES, make_table
+
+
+def printed(table) -> str:
+    console = Console(width=WIDTH, file=io.StringIO())
+    table.print(console)
+    return console.file.getvalue()  # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope="module", params=[c.number for c in COMPARISONS])
+def comparison(request: pytest.FixtureRequest):
+    return make_table(request.param, quick=True)
+
+
+def test_comparison_has_the_paper_s_numbers(comparison) -> None:
+    rows = next(c for c in COMPARISONS if c.number == comparison.number).rows[:2]
+    text, markdown = printed(comparison), comparison.markdown()
+    for row in rows:
+        for strategy, paper in zip(STRATEGIES, row.printed, strict=True):
+            for words in (text, markdown):
+                assert strategy.label in words
+                assert "+".join(map(str, paper.iterations)) in words
+                assert f"{paper.seconds:g} s" in words
+        assert str(row.dof) in text
+
+
+def test_comparison_fits_the_width(comparison) -> None:
+    assert all(len(line.rstrip()) <= WIDTH for line in printed(comparison).splitlines())
+    assert "…" not in printed(comparison)  # nothing cut off
+
+
+def test_comparison_measures_every_strategy(comparison) -> None:
+    data = json.loads(json.dumps(comparison.data, allow_nan=False))
+    for rows in data["forms"].values():
+        assert len(rows) == 2
+        for row in rows:
+            assert set(row["strategies"]) == {s.method for s in STRATEGIES}
+            assert all(m["default"]["status"] == "converged" for m in row["strategies"].values())
+            assert row["strategies"]["monolithic"]["default"]["is_minimum"]
+            for method, found in row["strategies"].items():
+                if "+" in method:
+                    assert len(found["default"]["iterations"]) == 2
+
+
+def test_all_strategies_find_the_same_optimum_of_the_elastic_pendulum() -> None:
+    (rows,) = make_table(2, quick=True).data["forms"].values()
+    for row in rows:
+        costs = [m[g]["cost"] for m in row["strategies"].values() for g in ("none", "default")]
+        assert costs == pytest.approx([costs[0]] * 8, rel=1e-8)
+
+
+def test_first_iteration_of_table_1_is_met_to_all_digits() -> None:
+    """In the paper's unknowns and scaling; from the second digits on only with a = 9.8 m/s^2."""
+    data = make_table(1).data
+    first = data["rows"][0]
+    assert first["iteration"] == 1
+    paper, ours = first["monolithic"]["paper"], first["monolithic"]["mbocp"]
+    assert ours == pytest.approx(paper, rel=2e-7)
+    assert data["runs"]["monolithic"]["iterations"] == [15]
+
+
+def test_norms_of_the_paper_converge_quadratically() -> None:
+    problem = paper_problem("elastic_pendulum", "lagrange", 50, {"solver.method": "monolithic"})
+    norms = newton_norms(problem)
+    assert norms[-1].residual < 1e-9
+    assert norms[-2].increment < 10 * norms[-3].increment ** 1.6
+
+
+@pytest.mark.parametrize("number", [3, 5])
+def test_histories_of_the_constrained_pendulums(number: int) -> None:
+    table = make_table(number)
+    text = printed(table)
+    assert "paper" in text
+    assert "…" not in text
+    json.dumps(table.data, allow_nan=False)
+    assert {row["iteration"] for row in table.data["rows"]} >= {1, 4, 5, 6}
+    for row in table.data["rows"]:
+        for name in ("monolithic", "fbsm_newton"):
+            assert row[name]["mbocp"] is None or all(v is None or v >= 0.0 for v in row[name]["mbocp"])
+
+
+def test_a_strategy_that_fails_is_shown_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that does not converge, and one that mbocp refuses."""
+    honest = measuring.solve
+
+    def failing(problem):
+        if problem.solver.method == "fbsm_newton":
+            raise ProblemError("guess: the forward simulation fails")
+        if problem.solver.method == "fbsm_bb+monolithic":
+            return honest(problem.with_(solver=type(problem.solver)(max_iterations=1, method="monolithic")))
+        return honest(problem)
+
+    monkeypatch.setattr(measuring, "solve", failing)
+    text = printed(make_table(7, quick=True))
+    assert "no (ProblemError)" in text
+    assert "the forward simulation fails" in text
+    assert "no (max_iterations)" in text
+
+
+def test_pure_newton_on_the_elastic_cart_fails_honestly() -> None:
+    """From zero adjoints, at a small step."""
+    run = run_strategy("cart_pendulum_elastic", "tracking", 200, STRATEGIES[0], globalisation="none")
+    assert not run.converged
+    assert run.solution is not None
+    assert math.isfinite(run.seconds)
+
+
+def test_unknown_tables_are_refused() -> None:
+    assert list(TITLES) == [1, 2, 3, 4, 5, 6, 7]
+    with pytest.raises(InvalidValue, match="--table: got 8, expected one of 1, 2"):
+        make_table(8)
+
+
+def test_formats() -> None:
+    assert milliseconds(0.00123) == "1.23 ms"
+    assert milliseconds(0.123) == "123 ms"
+    assert milliseconds(1.5) == "1.50 s"
+    assert milliseconds(math.nan) == "-"
+    assert ratio(192966.0) == "193,000"
+    assert ratio(3.14) == "3.1"
