@@ -50,8 +50,8 @@ class FBSMNewton:
     globalised : bool
         False: Algorithm 2. The step is halved until :math:`\|r_u\|` falls, at most ten times, and then taken.
         True: the Hessian is shifted until the step leads towards a minimum, and a step is also good if the
-        filter of the monolithic solver takes it, for its cost or its end condition. Where eta is not given
-        it starts from the value for which r_u is smallest instead of from zero.
+        filter of the monolithic solver takes it, for its cost or its end condition. Where eta is not given,
+        and after a shortened or shifted step, it is the one for which r_u is smallest.
     hessian : {"structured", "dense", "finite-difference"}
     auxiliary : bool
         Sweep backward with the auxiliary adjoint, section 5.2.2.
@@ -181,6 +181,10 @@ class FBSMNewton:
                 if self.globalised:
                     accepted, by_cost = state.filter.accepts(before, trial, slope, length)
                     if accepted:
+                        if (
+                            length < 1.0 or shift > 0.0
+                        ):  # far from Newton's own region the step's eta is a poor one
+                            trial = end_multiplier(native, sweeps)
                         return _Taken(trial, length, keeps_filter=by_cost)
                 elif halving == _HALVINGS:
                     return _Taken(trial, length)
