@@ -80,13 +80,14 @@ def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
 def _control_hamiltonians(problem: Problem, iterate: Iterate, costates: Array, zetas: Array) -> Array:
     """H = L + mu . f + zeta . Phi at (y_tau, mu_{1 - tau}, u) of every step, eq. (11) and Appendix B.
 
-    In (q, v) and its duals mu . f is c_q . v + mu_p . M a, with the multiplier of the momentum row for mu_p;
-    for constant M that is mu_q . v + mu_p . dp/dt.
+    In (q, v) and its duals mu . f is c_q . v + mu_p . M a; for constant M that is mu_q . v + mu_p . dp/dt.
+    The momentum row's multiplier is mu_p at 1 - tau; c_q is the boundary dual before the step and the
+    kinematic row's multiplier after it, before the constraint at the node acts on it.
     """
     robot, nq, nv, tau = problem.robot, problem.robot.nq, problem.robot.nv, TAU[problem.scheme]
     qs, vs = iterate.xs[:, :nq], iterate.xs[:, nq:]
     q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, problem.dt)
-    duals = tau * costates[:-1, :nv] + (1.0 - tau) * costates[1:, :nv]
+    duals = tau * costates[:-1, :nv] + (1.0 - tau) * iterate.ms[:, :nv]
     inertial = _momenta(robot, q_taus, np.diff(vs, axis=0) / problem.dt)
     hamiltonians: Array = (
         _running_cost(problem, q_taus, v_taus, iterate.us)
