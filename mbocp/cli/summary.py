@@ -52,7 +52,10 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         verdict.append(f": {solution.advice}", style="not bold default")
     return [
         ("robot", robot),
-        ("horizon", f"{solution.duration:g} s in {solution.num_steps} steps of {dt:.4g} s"),
+        (
+            "horizon",
+            f"{solution.duration:g} s in {solution.num_steps} steps of {dt:.4g} s{_scheme(solution)}",
+        ),
         ("guess", solution.guess_used or "not recorded"),
         ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
         ("status", verdict),
@@ -83,6 +86,10 @@ def goal_error(solution: Solution, problem: Problem) -> str:
         word = "momentum" if goal.rate == "p" else "velocity"
         parts.append(f"{word} by {abs(error[worst]):.2e} {labels[worst].unit} at {labels[worst].name}")
     return ", ".join(parts)
+
+
+def _scheme(solution: Solution) -> str:
+    return f" by scheme {solution.scheme}" if solution.scheme else ""
 
 
 def _robot_words(problem: Problem) -> str:

@@ -47,7 +47,7 @@ _ENTRIES: dict[str, _Entry] = {
     "vs": _Entry("v", "velocity in the tangent space of the joints", _NODES),
     "ps": _Entry("p", "momentum M(q) v", _NODES),
     "us": _Entry("u", "control, constant over its step", _STEPS),
-    "lams": _Entry("lambda", "multiplier of the holonomic constraints at the end of the step", _STEPS),
+    "lams": _Entry("lambda", "multiplier of the holonomic constraints in the step", _STEPS),
     "mus": _Entry("mu", "adjoint of the state: first of q, then of p", _NODES),
     "zetas": _Entry("zeta", "adjoint of the holonomic constraints", _STEPS),
     "eta": _Entry("eta", "multiplier of the exact end condition", "end conditions"),

@@ -90,7 +90,8 @@ class Solution:
         Multipliers of the constraints and their adjoints; `lams[n]` is :math:`\lambda_{n+1}`, `zetas[n]` is
         :math:`\zeta_n`.
     mus : ndarray, shape (N + 1, 2 nv)
-        Adjoint of the state, :math:`\mu_n = (\mu^q_n, \mu^p_n)`.
+        Adjoint of the state, :math:`\mu_n = (\mu^q_n, \mu^p_n)`; for scheme SE1 the multipliers of the
+        step from node n to n + 1.
     eta : ndarray, shape (ng,)
         Multiplier of the exact end condition.
     control_hamiltonians : ndarray, shape (N,)
