@@ -24,9 +24,11 @@ TABLES = {  # steps of Tables 2, 4, 6, 7
 }
 
 
-def solve(name: str, *settings: str, globalisation: str = "default") -> mbocp.Solution:
+def solve(
+    name: str, *settings: str, globalisation: str = "default", method: str = "monolithic"
+) -> mbocp.Solution:
     settings = (*settings, f'solver.globalisation="{globalisation}"')
-    return mbocp.solve(mbocp.load_problem(EXAMPLES / f"{name}.toml", settings))
+    return mbocp.solve(mbocp.load_problem(EXAMPLES / f"{name}.toml", settings), solver=method)
 
 
 def name_of(case: dict[str, Any]) -> str:

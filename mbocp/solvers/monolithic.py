@@ -10,6 +10,8 @@ makes sure that it gets there:
   worse in both. A full step that is refused is given one second-order correction. Where halving does not
   help, the shift grows instead, which bends the step towards one that changes the states least; after a good
   step it shrinks again.
+- *Adjoint of the guess.* Where the multipliers start from zero and the first step is short, they are taken
+  from a backward sweep along the guess instead, eq. (30), and the step is tried again.
 - *Relaxed steps.* Linearised constraints bend away quickly (a rod, a rotation), and a full Newton step then
   violates them more than any line search accepts, though the next steps make up for it. Where the line
   search shortens the step to less than a tenth, up to six full steps are taken without judging them; if none
@@ -26,10 +28,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.multiplier import end_multiplier
 from mbocp.solvers.newton import NewtonState, Reference, advanced, end_of, factorise, start
 from mbocp.solvers.records import Status
 from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
+from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
@@ -40,6 +46,7 @@ _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
 _PAUSE = 10  # steps after a run that led nowhere, before the next
+_LARGEST_ADJOINT = 1e8  # of a backward sweep that is worth starting from
 _FEASIBLE = 1e-9  # violation below which there is nothing to be relaxed about
 
 
@@ -123,6 +130,9 @@ class GlobalisedNewton:
                     state, direction, _SHORTEST_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP
                 )
                 is_short = found is None or found[0] < _RELAXED_STEP
+                swept = _with_adjoint(state) if is_short else None
+                if swept is not None:
+                    return self.step(swept)
                 if is_short and state.patience == 0 and state.evaluation.violation > _FEASIBLE:
                     return self._relaxed(
                         replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
@@ -200,6 +210,26 @@ class GlobalisedNewton:
             reference=None,
             patience=_PAUSE,
         )
+
+
+def _with_adjoint(state: NewtonState) -> NewtonState | None:
+    """First iterate with the multipliers of a backward sweep; None where it has some, or the sweep explodes.
+
+    With multipliers zero the first Hessian knows nothing of the dynamics' curvature. Often that is the better
+    start; where it leads to a short step, it is not.
+    """
+    native = state.native
+    if state.iteration or native.m.any() or native.eta.any():
+        return None
+    kept = Kept.of(native)
+    evaluation = native.gradient()
+    if evaluation.finite:
+        evaluation = end_multiplier(native, Sweeps())
+    if evaluation.finite and 0.0 < np.abs(native.m).max() < _LARGEST_ADJOINT:
+        return replace(state, evaluation=native.evaluate())
+    kept.restore(native)
+    native.evaluate()
+    return None
 
 
 def _search(state: NewtonState, direction: Any, shortest: float) -> tuple[float, bool] | None:
