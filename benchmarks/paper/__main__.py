@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from PIL import Image  # comes with matplotlib
+
 from benchmarks.machine import header, one_core
 from benchmarks.tables import show
 from mbocp.cli.console import output
@@ -19,7 +21,7 @@ __all__ = ["PAGE", "main", "replaced"]
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "paper.md"
-_DPI = 80  # pictures of some 100 kB
+_DPI, _COLORS = 120, 256  # pictures of some 100 kB
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -53,7 +55,10 @@ def rewrite(numbers: Sequence[int], *, quick: bool, figures: bool) -> None:
         page = replaced(page, f"table {number}", make_table(number, quick=quick, say=_say).markdown())
     PAGE.write_text(page, encoding="utf-8")
     for number in FIGURES if figures else ():
-        write_figure(number, DOCS / "images", dpi=_DPI, say=_say)
+        for path in write_figure(number, DOCS / "images", dpi=_DPI, say=_say):
+            with Image.open(path) as picture:
+                small = picture.convert("RGB").quantize(_COLORS, kmeans=5, dither=Image.Dither.NONE)
+            small.save(path, optimize=True)
 
 
 def replaced(page: str, name: str, text: str) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 from rich.console import Console
@@ -16,9 +16,6 @@ from rich.text import Text
 
 from mbocp.cli.console import output
 from mbocp.exceptions import ResultFileError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 __all__ = ["print_overview", "reproduce"]
 
@@ -67,18 +64,18 @@ def reproduce(
     if shown:
         console.print(Text(found["machine"], style="dim"), soft_wrap=True)
         console.print()
-    with _progress(quiet=quiet or as_json) as say:
-        for number in dict.fromkeys(tables):
+    for number in dict.fromkeys(tables):
+        with _progress(quiet=not shown) as say:
             table = make_table(number, quick=quick, say=say)
-            found["tables"][str(number)] = table.data
-            if shown:
-                table.print(console)
-        for number in dict.fromkeys(figures):
-            suffixes = (".png", ".pdf") if pdf else (".png",)
-            paths = write_figure(number, folder, suffixes=suffixes, say=say)
-            found["figures"][str(number)] = [str(path) for path in paths]
-            if shown:
-                console.print(f"figure {number}: {', '.join(map(str, paths))}", soft_wrap=True)
+        found["tables"][str(number)] = table.data
+        if shown:
+            table.print(console)
+    for number in dict.fromkeys(figures):
+        with _progress(quiet=not shown) as say:
+            paths = write_figure(number, folder, suffixes=(".png", ".pdf") if pdf else (".png",), say=say)
+        found["figures"][str(number)] = [str(path) for path in paths]
+        if shown:
+            console.print(f"figure {number}: {', '.join(map(str, paths))}", soft_wrap=True)
     if as_json:
         typer.echo(json.dumps(found, indent=2, allow_nan=False))
 

@@ -104,7 +104,11 @@ def strategy_settings(
     The hybrids switch after a fixed number of gradient iterations, as in the paper's tables, and not where
     section 5.3 would let them.
     """
-    settings: dict[str, Any] = {"solver.method": strategy.method, "solver.globalisation": globalisation}
+    settings: dict[str, Any] = {
+        "solver.method": strategy.method,
+        "solver.globalisation": globalisation,
+        "solver.adjoint": strategy.adjoint,
+    }
     if strategy.is_hybrid:
         settings |= {
             "solver.switch_residual": 0.0,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mbocp.paper.cases import SYSTEMS, Form
-from mbocp.paper.data import STRATEGIES, Comparison, Printed, PrintedRow, Strategy
+from mbocp.paper.data import Comparison, Printed, PrintedRow, Strategy
 from mbocp.paper.layout import Column, PaperTable, Section, milliseconds, ratio
 from mbocp.paper.measure import Run, run_strategy
 
@@ -57,9 +57,10 @@ class _Remarks:
 
 @dataclass(frozen=True)
 class _Measured:
-    """A strategy at a step size, with both globalisations."""
+    """A strategy at a step size, with both globalisations, and what the paper prints of it."""
 
     strategy: Strategy
+    paper: Printed | None
     none: Run
     default: Run
 
@@ -73,11 +74,14 @@ def comparison_table(
         remarks, blocks, entries, costs = _Remarks(), [], [], []
         for row in comparison.rows[:most_rows]:
             say(f"Table {comparison.number}, {_FORMS[form].partition(' (')[0]}, dt = {row.dt:g} s")
-            measured = [_measure(comparison, form, row.steps, s, repetitions) for s in STRATEGIES]
+            is_printed = number == 0  # the paper prints one form of each table
+            measured = [
+                _measure(comparison, form, row.steps, strategy, printed if is_printed else None, repetitions)
+                for strategy, printed in row.measured()
+            ]
             reference = measured[0].default
-            printed = row.printed if number == 0 else None  # the paper prints one form of each table
-            blocks.append(_block(row, measured, reference, printed, remarks))
-            entries.append(_entry(row, measured, printed))
+            blocks.append(_block(row, measured, reference, remarks))
+            entries.append(_entry(row, measured, is_printed))
             costs.append(f"{reference.cost:.9g}")
         found = f"J = {', '.join(costs)}, found by all that converge and bear no mark"
         sections.append(
@@ -95,7 +99,12 @@ def comparison_table(
 
 
 def _measure(
-    comparison: Comparison, form: Form, steps: int, strategy: Strategy, repetitions: int
+    comparison: Comparison,
+    form: Form,
+    steps: int,
+    strategy: Strategy,
+    paper: Printed | None,
+    repetitions: int,
 ) -> _Measured:
     runs = [
         run_strategy(
@@ -109,34 +118,27 @@ def _measure(
         )
         for globalisation in ("none", "default")
     ]
-    return _Measured(strategy, *runs)
+    return _Measured(strategy, paper, *runs)
 
 
 def _block(
-    row: PrintedRow,
-    measured: list[_Measured],
-    reference: Run,
-    printed: tuple[Printed, ...] | None,
-    remarks: _Remarks,
+    row: PrintedRow, measured: list[_Measured], reference: Run, remarks: _Remarks
 ) -> list[tuple[str, ...]]:
     """Return the lines of one step size, one for each strategy."""
     lines: list[tuple[str, ...]] = []
-    for i, m in enumerate(measured):
-        first = i == 0
-        unknowns = reference.solution.unknowns if reference.solution is not None else "-"
-        paper = printed[i] if printed is not None else None
-        gain, chosen = _gain(paper, m)
+    unknowns = str(reference.solution.unknowns) if reference.solution is not None else "-"
+    dof = str(row.dof) if measured[0].paper else "-"
+    for m in measured:
+        gain, chosen = _gain(m)
         mark = remarks.mark("ratio with default: none does not converge") if chosen is m.default else ""
         lines.append(
             (
-                f"{row.dt:g}" if first else "",
-                (str(row.dof) if printed is not None else "-") if first else "",
-                str(unknowns) if first else "",
+                *((f"{row.dt:g}", dof, unknowns) if not lines else ("", "", "")),
                 m.strategy.label,
-                "+".join(map(str, paper.iterations)) if paper else "-",
+                "+".join(map(str, m.paper.iterations)) if m.paper else "-",
                 _count(m.none, reference, remarks),
                 _count(m.default, reference, remarks),
-                f"{paper.seconds:g} s" if paper else "-",
+                f"{m.paper.seconds:g} s" if m.paper else "-",
                 milliseconds(m.none.seconds) if m.none.converged else "-",
                 milliseconds(m.default.seconds) if m.default.converged else "-",
                 ratio(gain) + mark,
@@ -145,12 +147,12 @@ def _block(
     return lines
 
 
-def _gain(paper: Printed | None, m: _Measured) -> tuple[float, Run | None]:
+def _gain(m: _Measured) -> tuple[float, Run | None]:
     """Ratio of the CPU times, and the run that it is about if it is not that of the paper's algorithm."""
-    if paper is None or not (m.none.converged or m.default.converged):
+    if m.paper is None or not (m.none.converged or m.default.converged):
         return math.nan, None
     run = m.none if m.none.converged else m.default
-    return paper.seconds / run.seconds, run
+    return m.paper.seconds / run.seconds, run
 
 
 def _count(run: Run, reference: Run, remarks: _Remarks) -> str:
@@ -164,12 +166,12 @@ def _count(run: Run, reference: Run, remarks: _Remarks) -> str:
     return run.count
 
 
-def _entry(row: PrintedRow, measured: list[_Measured], printed: tuple[Printed, ...] | None) -> dict[str, Any]:
+def _entry(row: PrintedRow, measured: list[_Measured], is_printed: bool) -> dict[str, Any]:
     strategies: dict[str, Any] = {}
-    for i, m in enumerate(measured):
-        paper = printed[i] if printed is not None else None
-        strategies[m.strategy.method] = {
-            "paper": paper and {"iterations": list(paper.iterations), "seconds": paper.seconds},
+    for m in measured:
+        suffix = "" if m.strategy.adjoint == "direct" else f", {m.strategy.adjoint}"
+        strategies[m.strategy.method + suffix] = {
+            "paper": m.paper and {"iterations": list(m.paper.iterations), "seconds": m.paper.seconds},
             "none": m.none.to_dict(),
             "default": m.default.to_dict(),
         }
@@ -177,7 +179,7 @@ def _entry(row: PrintedRow, measured: list[_Measured], printed: tuple[Printed, .
     return {
         "dt": row.dt,
         "steps": row.steps,
-        "dof": row.dof if printed is not None else None,
+        "dof": row.dof if is_printed else None,
         "unknowns": solution.unknowns if solution is not None else None,
         "strategies": strategies,
     }

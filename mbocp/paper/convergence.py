@@ -9,8 +9,9 @@ from mbocp.exceptions import MbocpError
 from mbocp.paper.cases import SYSTEMS, paper_problem, strategy_settings
 from mbocp.paper.data import STRATEGIES, Convergence, Strategy
 from mbocp.paper.layout import Column, PaperTable, Section, norm
-from mbocp.paper.measure import Run, finite, run_strategy
-from mbocp.paper.norms import newton_norms
+from mbocp.paper.measure import finite
+from mbocp.paper.norms import History, newton_history
+from mbocp.solution import Status
 
 __all__ = ["convergence_table"]
 
@@ -42,8 +43,8 @@ def convergence_table(convergence: Convergence, say: Callable[[str], object]) ->
     """Lay out the histories of both Newton methods, without globalisation as in the paper."""
     say(f"Table {convergence.number}")
     pair = STRATEGIES[2:] if convergence.gradient_iterations else STRATEGIES[:2]
-    runs = [_run(convergence, strategy) for strategy in pair]
-    histories = [_history(convergence, strategy) for strategy in pair]
+    found = [_history(convergence, strategy) for strategy in pair]
+    histories = [_norms(history) for history in found]
     shown = {step.iteration: (step.monolithic, step.fbsm_newton) for step in convergence.printed}
     for history in histories:
         if history:
@@ -55,7 +56,7 @@ def convergence_table(convergence: Convergence, say: Callable[[str], object]) ->
             cells += [paper, history.get(k)]
         rows.append((str(k), *_columns(cells)))
         entries.append(_entry(k, cells))
-    outcomes = [_outcome(s, run) for s, run in zip(pair, runs, strict=True)]
+    outcomes = [_outcome(strategy, history) for strategy, history in zip(pair, found, strict=True)]
     remarks = [_REMARKS[convergence.number]] if convergence.number in _REMARKS else []
     system = SYSTEMS[convergence.system]
     return PaperTable(
@@ -69,32 +70,25 @@ def convergence_table(convergence: Convergence, say: Callable[[str], object]) ->
             "title": convergence.title,
             "system": system.name,
             "rows": entries,
-            "runs": {s.method: run.to_dict() for s, run in zip(pair, runs, strict=True)},
+            "runs": {s.method: _summary(history) for s, history in zip(pair, found, strict=True)},
         },
     )
 
 
-def _run(convergence: Convergence, strategy: Strategy) -> Run:
-    form = SYSTEMS[convergence.system].forms[0]
-    return run_strategy(
-        convergence.system,
-        form,
-        convergence.steps,
-        strategy,
-        globalisation="none",
-        gradient_iterations=convergence.gradient_iterations,
-    )
-
-
-def _history(convergence: Convergence, strategy: Strategy) -> _Norms:
-    """Norms in the paper's scaling; none where mbocp refuses the problem, which the run itself reports."""
+def _history(convergence: Convergence, strategy: Strategy) -> History | MbocpError:
+    """Norms in the paper's scaling; or the error with which mbocp refuses the problem."""
     form = SYSTEMS[convergence.system].forms[0]
     settings = strategy_settings(strategy, "none", convergence.gradient_iterations or 25)
     try:
-        problem = paper_problem(convergence.system, form, convergence.steps, settings)
-        return {n.iteration: (n.increment, n.residual) for n in newton_norms(problem)}
-    except MbocpError:
+        return newton_history(paper_problem(convergence.system, form, convergence.steps, settings))
+    except MbocpError as error:
+        return error
+
+
+def _norms(history: History | MbocpError) -> _Norms:
+    if isinstance(history, MbocpError):
         return {}
+    return {n.iteration: (n.increment, n.residual) for n in history.norms}
 
 
 def _columns(cells: list[tuple[float, float] | None]) -> list[str]:
@@ -114,8 +108,19 @@ def _entry(iteration: int, cells: list[tuple[float, float] | None]) -> dict[str,
     return entry
 
 
-def _outcome(strategy: Strategy, run: Run) -> str:
-    if run.solution is None:
-        return f"{strategy.label}: no ({run.status}): {run.advice}"
-    verdict = "converged" if run.converged else f"no ({run.status})"
-    return f"{strategy.label}: {verdict} after {run.count} iterations, J = {run.cost:.9g}"
+def _outcome(strategy: Strategy, history: History | MbocpError) -> str:
+    if isinstance(history, MbocpError):
+        return f"{strategy.label}: no ({type(history).__name__}): {history}"
+    verdict = "converged" if history.status is Status.CONVERGED else f"no ({history.status})"
+    count = "+".join(map(str, history.iterations))
+    return f"{strategy.label}: {verdict} after {count} iterations, J = {history.cost:.9g}"
+
+
+def _summary(history: History | MbocpError) -> dict[str, Any]:
+    if isinstance(history, MbocpError):
+        return {"status": type(history).__name__, "iterations": [], "cost": None}
+    return {
+        "status": str(history.status),
+        "iterations": list(history.iterations),
+        "cost": finite(history.cost),
+    }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 __all__ = [
+    "AUXILIARY",
     "COMPARISONS",
     "CONVERGENCES",
     "STRATEGIES",
@@ -27,10 +28,13 @@ class Strategy:
         As in the tables' heads.
     method : str
         `solver.method` of mbocp.
+    adjoint : str
+        `solver.adjoint`: "auxiliary" for section 5.2.2.
     """
 
     label: str
     method: str
+    adjoint: str = "direct"
 
     @property
     def is_hybrid(self) -> bool:
@@ -44,6 +48,7 @@ STRATEGIES = (
     Strategy("FBSM-BB + Monolithic", "fbsm_bb+monolithic"),
     Strategy("FBSM-BB + FBSM-Newton", "fbsm_bb+fbsm_newton"),
 )
+AUXILIARY = Strategy("FBSM-Newton, auxiliary", "fbsm_newton", "auxiliary")
 
 
 @dataclass(frozen=True)
@@ -68,12 +73,20 @@ class PrintedRow:
         The column "DOF".
     printed : tuple of Printed
         In the order of `STRATEGIES`.
+    auxiliary : Printed or None
+        Of `AUXILIARY`, where the text has it.
     """
 
     dt: float
     steps: int
     dof: int
     printed: tuple[Printed, ...]
+    auxiliary: Printed | None = None
+
+    def measured(self) -> list[tuple[Strategy, Printed]]:
+        """Strategies with what is printed of them."""
+        pairs = list(zip(STRATEGIES, self.printed, strict=True))
+        return pairs if self.auxiliary is None else [*pairs, (AUXILIARY, self.auxiliary)]
 
 
 @dataclass(frozen=True)
@@ -131,13 +144,13 @@ class Convergence:
     printed: tuple[PrintedStep, ...]
 
 
-def _row(dt: float, steps: int, dof: int, *columns: object) -> PrintedRow:
+def _row(dt: float, steps: int, dof: int, *columns: object, auxiliary: Printed | None = None) -> PrintedRow:
     """Row as it stands in the paper: iterations and CPU time, in turn."""
     printed = []
     for iterations, seconds in zip(columns[::2], columns[1::2], strict=True):
         phases = tuple(int(k) for k in str(iterations).split("+"))
         printed.append(Printed(phases, float(str(seconds))))
-    return PrintedRow(dt, steps, dof, tuple(printed))
+    return PrintedRow(dt, steps, dof, tuple(printed), auxiliary)
 
 
 COMPARISONS = (
@@ -150,7 +163,13 @@ COMPARISONS = (
             _row(0.5, 10, 165, 7, 2.57, 9, 2.25, "25+6", 2.24, "25+6", 2.07),
             _row(0.1, 50, 765, 9, 56.29, 9, 34.08, "25+6", 35.78, "25+6", 25.68),
             _row(0.05, 100, 1515, 11, 250.67, 9, 111.58, "25+6", 136.95, "25+6", 84.44),
-            _row(0.01, 500, 7515, 15, 8080.22, 15, 4516.84, "25+6", 3251.7, "25+6", 2010.23),
+            _row(
+                0.01,
+                500,
+                7515,
+                *(15, 8080.22, 15, 4516.84, "25+6", 3251.7, "25+6", 2010.23),
+                auxiliary=Printed((15,), 4786.9),  # in the text of section 6.1
+            ),
         ),
     ),
     Comparison(

@@ -152,9 +152,9 @@ def _paths_on_sphere(axes: Any, gravity: Motion, free: Pair) -> None:
     radius = float(np.linalg.norm(gravity.solution.qs[0]))
     space.sphere(axes, radius)
     handles = []
-    for motion, color in ((gravity, LINES[0]), (free.monolithic, LINES[1])):
+    for motion, color, width in ((gravity, LINES[0], 4.0), (free.monolithic, LINES[1], 1.6)):
         s = motion.solution
-        handles.append(space.draw_path(axes, s.qs, s.ps, color, 0.5 * radius, num=7))
+        handles.append(space.draw_path(axes, s.qs, s.ps, color, 0.5 * radius, num=7, width=width))
         space.draw_ends(axes, s.qs, color)
     if free.fbsm is not None:
         space.draw_markers(axes, free.fbsm.solution.qs, LINES[1])

@@ -41,7 +41,9 @@ class _Arrow(FancyArrowPatch):
         return float(np.min(zs))
 
 
-def draw_path(axes: Any, path: Array, arrows: Array, color: str, size: float, num: int = _ARROWS) -> Any:
+def draw_path(
+    axes: Any, path: Array, arrows: Array, color: str, size: float, num: int = _ARROWS, width: float = 1.6
+) -> Any:
     """Draw a path and, evenly along it, arrows in proportion to `arrows`, the longest `size` [m] long.
 
     Parameters
@@ -49,7 +51,7 @@ def draw_path(axes: Any, path: Array, arrows: Array, color: str, size: float, nu
     axes : 3-D axes
     path, arrows : ndarray, shape (n, 3)
     """
-    (line,) = axes.plot(*path.T, color=color, linewidth=1.6, zorder=5)
+    (line,) = axes.plot(*path.T, color=color, linewidth=width, zorder=5)
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     at = np.unique(np.searchsorted(gone, gone[-1] * np.linspace(0.0, 1.0, num, endpoint=False)))
     lengths = np.linalg.norm(arrows, axis=1)

@@ -13,12 +13,12 @@ from mbocp.exceptions import MbocpError
 from mbocp.paper.cases import Form, paper_problem, strategy_settings
 from mbocp.paper.data import Strategy
 from mbocp.problem import Problem
-from mbocp.solution import Solution
+from mbocp.solution import Solution, Status
 
-__all__ = ["Run", "finite", "measure", "run_strategy"]
+__all__ = ["Run", "finite", "measure", "run_strategy", "solved"]
 
 _NO_SOLVER = ("compile", "guess", "diagnostics")  # phases of a solve in which no solver works
-_LONG_ENOUGH = 0.5  # [s] of repeated runs; longer ones need no median
+_LONG_ENOUGH = 0.3  # [s] of repeated runs; longer ones need no median
 _SAME_COST = 1e-8  # relative: the optimum is flat, and both runs end within 1e-9 of it
 
 
@@ -105,12 +105,12 @@ def measure(problem: Problem, repetitions: int = 1) -> Run:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a table has its own way to say that a run went wrong
-        solution = solve(problem)
+        solution = solved(problem)
         times = [_solver_seconds(solution)]
         if repetitions > 1 and times[0] < _LONG_ENOUGH:
             times = []
             while len(times) < repetitions and sum(times) < _LONG_ENOUGH:
-                times.append(_solver_seconds(solve(problem)))
+                times.append(_solver_seconds(solved(problem)))
     return Run(
         status=str(solution.status),
         advice=solution.advice,
@@ -118,6 +118,14 @@ def measure(problem: Problem, repetitions: int = 1) -> Run:
         seconds=median(times),
         solution=solution,
     )
+
+
+def solved(problem: Problem, **how: Any) -> Solution:
+    """Solve, but let Ctrl-C end all of it: `solve` itself returns the best iterate."""
+    solution = solve(problem, **how)
+    if solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    return solution
 
 
 def finite(value: float) -> float | None:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.api import solve
-from mbocp.exceptions import MbocpError
+from mbocp.exceptions import MbocpError, NotConverged
 from mbocp.paper.cases import Form, paper_problem, strategy_settings
 from mbocp.paper.data import STRATEGIES
+from mbocp.paper.measure import solved
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 
@@ -87,16 +87,16 @@ def motion_pair(system: str, form: Form, say: Callable[[str], object] = str) -> 
     """Solve a system at dt = 0.01 s by both Newton methods, each with its default globalisation."""
     say(f"{system}, {form}: monolithic")
     problem = paper_problem(system, form, settings=strategy_settings(STRATEGIES[0]))
-    monolithic = Motion.of(problem, solve(problem, check=True))
+    monolithic = Motion.of(problem, _optimum(problem))
     say(f"{system}, {form}: FBSM-Newton")
-    return _with_fbsm(monolithic, lambda p: solve(p, check=True), system, form, {})
+    return _with_fbsm(monolithic, _optimum, system, form, {})
 
 
 def penalty_or_lagrange(system: str, form: Form, say: Callable[[str], object] = str) -> Motion:
     """Solve a system at dt = 0.01 s by the monolithic solver."""
     say(f"{system}, {form}: monolithic")
     problem = paper_problem(system, form, settings=strategy_settings(STRATEGIES[0]))
-    return Motion.of(problem, solve(problem, check=True))
+    return Motion.of(problem, _optimum(problem))
 
 
 def free_space(say: Callable[[str], object] = str) -> Pair:
@@ -116,19 +116,27 @@ def free_space(say: Callable[[str], object] = str) -> Pair:
     ]
     start: Solution | None = None
     for problem in problems[:-1]:
-        start = solve(problem, warm_start=start, check=True)
+        start = _optimum(problem, start)
     return _with_fbsm(
-        Motion.of(problems[-1], solve(problems[-1], warm_start=start, check=True)),
-        lambda p: solve(p, warm_start=start, check=True),
+        Motion.of(problems[-1], _optimum(problems[-1], start)),
+        lambda p: _optimum(p, start),
         "rigid_pendulum",
         "lagrange",
         {"robot.gravity": [0.0, 0.0, 0.0]},
     )
 
 
+def _optimum(problem: Problem, warm_start: Solution | None = None) -> Solution:
+    """Solve, and refuse anything but a converged solution."""
+    solution = solved(problem, warm_start=warm_start)
+    if not solution.converged:
+        raise NotConverged(solution)
+    return solution
+
+
 def _with_fbsm(
     monolithic: Motion,
-    solved: Callable[[Problem], Solution],
+    optimum: Callable[[Problem], Solution],
     system: str,
     form: Form,
     settings: Mapping[str, Any],
@@ -136,7 +144,7 @@ def _with_fbsm(
     """Add the motion of FBSM-Newton, or the reason why there is none."""
     try:
         problem = paper_problem(system, form, settings={**settings, **strategy_settings(STRATEGIES[1])})
-        solution = solved(problem)
+        solution = optimum(problem)
     except MbocpError as error:
         return Pair(monolithic, None, f"FBSM-Newton: {str(error).partition(';')[0]}")
     apart = float(np.abs(solution.us - monolithic.solution.us).max())

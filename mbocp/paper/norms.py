@@ -9,7 +9,7 @@ first iteration of Table 1 is met to all digits for both solvers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,11 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.guess import guess_candidates, make_guess
 from mbocp.problem import Problem
-from mbocp.solvers import Iterate, Methods, run
+from mbocp.solvers import Iterate, Methods, Status, run
 from mbocp.transcription import StagewiseProgramme, transcribe
 from mbocp.transcription.goal import end_condition_rows
 
-__all__ = ["Norms", "newton_norms"]
+__all__ = ["History", "Norms", "newton_history"]
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,26 @@ class Norms:
     iteration: int
     increment: float
     residual: float
+
+
+@dataclass(frozen=True)
+class History:
+    """What became of a strategy.
+
+    Attributes
+    ----------
+    status : Status
+    iterations : tuple of int
+        Of each phase.
+    cost : float
+    norms : tuple of Norms
+        Of the Newton phase.
+    """
+
+    status: Status
+    iterations: tuple[int, ...]
+    cost: float
+    norms: tuple[Norms, ...]
 
 
 @dataclass(frozen=True)
@@ -63,36 +83,40 @@ class _Values:
         )
 
 
-def newton_norms(problem: Problem) -> list[Norms]:
-    """Run the Newton phase of the problem's solver, with the paper's norms after each step.
+def newton_history(problem: Problem) -> History:
+    """Solve with one of the paper's four strategies, and take the paper's norms after each Newton step.
 
-    `solver.method` names one of the paper's four strategies. Gradient iterations of a hybrid come first and
-    are left out; so is u_N in the staggered solver with a penalised end. The norms of the monolithic solver
-    are exact for robots whose mass matrix is the identity; otherwise the adjoint rows of the momentum are
-    still multiplied by M, as mbocp has velocities for unknowns.
+    In the staggered solver with a penalised end u_N is left out. The norms of the monolithic solver are exact
+    for robots whose mass matrix is the identity; otherwise the adjoint rows of the momentum are still
+    multiplied by M, as mbocp has velocities for unknowns.
     """
     programme = transcribe(problem)
     iterate, _ = make_guess(guess_candidates(problem)[0], problem, programme)
     *first, last = problem.solver.method.split("+")
     methods = Methods.of(problem.solver, programme)
+    counts = []
     for name in first:
-        iterate = run(methods.solver(name, methods.switch), programme, iterate).iterate
-    return _steps(problem, programme, methods.solver(last), iterate, is_staggered=last == "fbsm_newton")
+        result = run(methods.solver(name, methods.switch), programme, iterate)
+        iterate = result.iterate
+        counts.append(result.history[-1].iteration)
+    solver = methods.solver(last)
+    history = _steps(problem, programme, solver, iterate, is_staggered=last == "fbsm_newton")
+    return replace(history, iterations=(*counts, *history.iterations))
 
 
 def _steps(
     problem: Problem, programme: StagewiseProgramme, solver: Any, iterate: Iterate, *, is_staggered: bool
-) -> list[Norms]:
+) -> History:
     state = solver.init(programme, iterate)
     values = _Values.of(problem, programme, state.native)
     # Between sweeps a penalised end makes mu_N nonlinear in the controls: then u_N cannot be followed.
     is_followed = not (is_staggered and problem.goal.is_penalised)
     u_last, wanted = values.us[-1], _last_control(problem, values)
     before, norms = _unknowns(values, u_last if is_followed else None, is_staggered), []
-    while solver.terminate(state) is None:
+    while (status := solver.terminate(state)) is None:
         state = solver.step(state)
         if state.failure is not None:
-            break
+            continue  # `terminate` says so
         values = _Values.of(problem, programme, state.native)
         target = _last_control(problem, values)
         # The row of u_N is linear in u_N and mu_N: a share of the step leaves the rest of its residual.
@@ -103,7 +127,7 @@ def _steps(
             residual = _paper_residual(problem, values, residual)
         norms.append(Norms(state.iteration, float(np.linalg.norm(after - before)), residual))
         before = after
-    return norms
+    return History(status, (state.iteration,), state.evaluation.cost, tuple(norms))
 
 
 def _final_adjoint(problem: Problem, q: Array, p: Array, eta: Array) -> Array:

@@ -27,7 +27,7 @@ def check_table(number: int) -> None:
 
 
 def make_table(
-    number: int, *, quick: bool = False, repetitions: int = 7, say: Callable[[str], object] = str
+    number: int, *, quick: bool = False, repetitions: int = 5, say: Callable[[str], object] = str
 ) -> PaperTable:
     """Measure and lay out a table.
 

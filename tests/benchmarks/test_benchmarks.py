@@ -16,6 +16,7 @@ from benchmarks.paper.__main__ import PAGE, replaced
 from benchmarks.rivals import compare, reach
 from benchmarks.stages import stage_table, time_stages
 from benchmarks.tables import Table, show
+from mbocp.paper.figures import FIGURES
 from mbocp.paper.tables import TITLES
 
 PENDULUM = next(case for case in CASES if case.label == "rigid_pendulum")
@@ -88,3 +89,10 @@ def test_text_is_put_between_markers() -> None:
 def test_the_documentation_has_a_place_for_every_table(name: str) -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert "new\n" in replaced(page, name, "new\n")
+
+
+@pytest.mark.parametrize("number", FIGURES)
+def test_the_documentation_s_figures_are_small(number: int) -> None:
+    picture = PAGE.parent / "images" / f"paper_fig{number}.png"
+    assert picture.stat().st_size < 200_000
+    assert picture.name in PAGE.read_text(encoding="utf-8")

@@ -6,6 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
+
+from mbocp.paper import figures
 
 from .conftest import Run
 
@@ -28,12 +31,15 @@ def test_a_table(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert not list(tmp_path.iterdir())
 
 
-def test_json_is_alone_on_stdout(run: Run, tmp_path: Path) -> None:
+def test_json_is_alone_on_stdout(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    empty = figures.FigureSpec("empty", lambda _say: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(figures, "FIGURES", {7: empty})
     done = run("paper", "--table", "7", "--figure", "7", "--quick", "--json", "-o", str(tmp_path / "new"))
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
     assert found["tables"]["7"]["forms"]["tracking"][0]["dof"] == 261
-    assert [Path(name).exists() for name in found["figures"]["7"]] == [True]
+    assert found["figures"]["7"] == [str(tmp_path / "new" / "paper_fig7.png")]
+    assert (tmp_path / "new" / "paper_fig7.png").exists()
 
 
 @pytest.mark.parametrize(

@@ -6,18 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from mbocp.exceptions import InvalidValue
+from mbocp.paper import figures
 from mbocp.paper.figure_cart import _planar_momenta
-from mbocp.paper.figures import FIGURES, draw_figure, write_figure
+from mbocp.paper.figures import FIGURES, FigureSpec, draw_figure, write_figure
 from mbocp.paper.motions import free_space, motion_pair, penalty_or_lagrange
+from mbocp.view.plots_style import save_figure
 
 PANELS = {2: "abcdefgh", 3: "abcdefgh", 4: "ab", 6: "abcdefgh", 7: "abcdef", 8: "abcdef"}
 
 
 @pytest.mark.parametrize("number", FIGURES)
-def test_figure_has_the_paper_s_panels(number: int) -> None:
+def test_figure_has_the_paper_s_panels(number: int, tmp_path: Path) -> None:
     figure = draw_figure(number)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert [title[1] for title in sorted(titles)] == list(PANELS[number])
@@ -25,13 +28,16 @@ def test_figure_has_the_paper_s_panels(number: int) -> None:
         for line in axes.get_lines():
             assert np.isfinite(np.asarray(line.get_ydata(), dtype=float)).all()
     assert not any("another optimum" in text.get_text() for text in figure.texts)
+    pixels = imread(save_figure(figure, tmp_path / "figure.png", dpi=40))
+    assert pixels[..., :3].min() < 0.5
 
 
-def test_figure_is_written(tmp_path: Path) -> None:
-    png, pdf = write_figure(8, tmp_path / "new", suffixes=(".png", ".pdf"), dpi=60)
-    assert (png.name, pdf.name) == ("paper_fig8.png", "paper_fig8.pdf")
-    pixels = imread(png)
-    assert pixels.min() < 0.5
+def test_figures_are_written_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    empty = FigureSpec("empty", lambda _say: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(figures, "FIGURES", {4: empty})
+    png, pdf = write_figure(4, tmp_path / "new", suffixes=(".png", ".pdf"), dpi=60)
+    assert (png.name, pdf.name) == ("paper_fig4.png", "paper_fig4.pdf")
+    assert imread(png).shape[:2] == (60, 60)
     assert pdf.read_bytes().startswith(b"%PDF")
 
 

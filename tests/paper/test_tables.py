@@ -5,17 +5,20 @@ from __future__ import annotations
 import io
 import json
 import math
+from functools import cache
 
 import pytest
 from rich.console import Console
 
+from mbocp.api import solve
 from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.paper import convergence
 from mbocp.paper import measure as measuring
-from mbocp.paper.cases import paper_problem
+from mbocp.paper.cases import paper_problem, strategy_settings
 from mbocp.paper.data import COMPARISONS, STRATEGIES
 from mbocp.paper.layout import WIDTH, milliseconds, ratio
 from mbocp.paper.measure import run_strategy
-from mbocp.paper.norms import newton_norms
+from mbocp.paper.norms import newton_history
 from mbocp.paper.tables import TITLES, make_table
 
 
@@ -25,9 +28,14 @@ def printed(table) -> str:
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
-@pytest.fixture(scope="module", params=[c.number for c in COMPARISONS])
+@cache
+def quick_table(number: int):
+    return make_table(number, quick=True)
+
+
+@pytest.fixture(params=[c.number for c in COMPARISONS])
 def comparison(request: pytest.FixtureRequest):
-    return make_table(request.param, quick=True)
+    return quick_table(request.param)
 
 
 def test_comparison_has_the_paper_s_numbers(comparison) -> None:
@@ -61,7 +69,7 @@ def test_comparison_measures_every_strategy(comparison) -> None:
 
 
 def test_all_strategies_find_the_same_optimum_of_the_elastic_pendulum() -> None:
-    (rows,) = make_table(2, quick=True).data["forms"].values()
+    (rows,) = quick_table(2).data["forms"].values()
     for row in rows:
         costs = [m[g]["cost"] for m in row["strategies"].values() for g in ("none", "default")]
         assert costs == pytest.approx([costs[0]] * 8, rel=1e-8)
@@ -79,9 +87,29 @@ def test_first_iteration_of_table_1_is_met_to_all_digits() -> None:
 
 def test_norms_of_the_paper_converge_quadratically() -> None:
     problem = paper_problem("elastic_pendulum", "lagrange", 50, {"solver.method": "monolithic"})
-    norms = newton_norms(problem)
+    norms = newton_history(problem).norms
     assert norms[-1].residual < 1e-9
     assert norms[-2].increment < 10 * norms[-3].increment ** 1.6
+
+
+def test_a_history_that_is_refused_is_shown_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refusing(problem):
+        raise ProblemError(f"no {problem.solver.method}")
+
+    monkeypatch.setattr(convergence, "newton_history", refusing)
+    table = make_table(1)
+    assert "FBSM-Newton: no (ProblemError): no fbsm_newton" in printed(table)
+    assert table.data["runs"]["monolithic"] == {"status": "ProblemError", "iterations": [], "cost": None}
+
+
+def test_histories_agree_with_solve() -> None:
+    """They drive the solvers themselves: the end must be the same."""
+    settings = strategy_settings(STRATEGIES[3], "none", 25)
+    problem = paper_problem("cart_pendulum_rigid", "tracking", 20, settings)
+    history, solution = newton_history(problem), solve(problem)
+    assert str(history.status) == str(solution.status)
+    assert history.iterations == tuple(p.iterations for p in solution.phases if p.iterations)
+    assert history.cost == pytest.approx(solution.cost, rel=1e-12)
 
 
 @pytest.mark.parametrize("number", [3, 5])
@@ -113,6 +141,20 @@ def test_a_strategy_that_fails_is_shown_as_such(monkeypatch: pytest.MonkeyPatch)
     assert "no (ProblemError)" in text
     assert "the forward simulation fails" in text
     assert "no (max_iterations)" in text
+
+
+def test_an_interruption_ends_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`solve` returns its best iterate then, which is no reason to go on to the next strategy."""
+
+    def interrupted(problem):
+        def press(_record):
+            raise KeyboardInterrupt
+
+        return solve(problem, callback=press)
+
+    monkeypatch.setattr(measuring, "solve", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        make_table(2, quick=True)
 
 
 def test_pure_newton_on_the_elastic_cart_fails_honestly() -> None:
