@@ -33,6 +33,8 @@ class Methods:
     method, globalisation, hessian, adjoint, loop : str
     tolerance, theta_max : float
     newton_iterations, gradient_iterations : int
+    budget : int or None
+        Of all phases of `auto` together.
     switch : Switch
         See `mbocp.problem.SolverOptions`.
     control_weight : float
@@ -44,6 +46,7 @@ class Methods:
     tolerance: float
     newton_iterations: int
     gradient_iterations: int
+    budget: int | None
     hessian: str
     adjoint: str
     loop: str
@@ -60,6 +63,7 @@ class Methods:
             tolerance=options.tolerance,
             newton_iterations=options.newton_iterations,
             gradient_iterations=options.gradient_iterations,
+            budget=options.max_iterations,
             hessian=options.hessian,
             adjoint=options.adjoint,
             loop=options.loop,
@@ -67,6 +71,13 @@ class Methods:
             switch=Switch(options.switch_residual, options.switch_cost, options.switch_iterations),
             control_weight=programme.control_weight,
         )
+
+    def within(self, taken: int) -> Methods:
+        """Methods with what is left of the budget."""
+        if self.budget is None:
+            return self
+        left = max(1, self.budget - taken)
+        return replace(self, newton_iterations=left, gradient_iterations=left)
 
     def solver(self, name: str, switch: Switch | None = None) -> Solver[Any]:
         """Solver of one phase; `switch` only for the gradient phase of a hybrid."""
@@ -122,6 +133,11 @@ class _Runs:
         self.programme, self.callback, self.first, self.label = programme, callback, first, label
         self.history: list[IterationRecord] = []
         self.phases: list[Phase] = []
+
+    @property
+    def taken(self) -> int:
+        """Iterations so far."""
+        return sum(phase.iterations for phase in self.phases)
 
     def run(
         self, solver: Solver[Any], name: str, iterate: Iterate, *, is_watched: bool = False
@@ -205,31 +221,37 @@ def _auto(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
     """Monolithic Newton while it makes progress; else the hybrids; at last what had been broken off.
 
     Every phase says in the advice why it ended. Nothing is given up for good: where no other strategy
-    succeeds, the first goes on from its best iterate with the iterations that it has left.
+    succeeds, the first goes on from its best iterate.
     """
-    newton = methods.solver("monolithic")
-    results = [runs.run(newton, "monolithic", iterate, is_watched=True)]
-    told = [f"monolithic {_ended(results[0])}"]
-    if results[0].status in (Status.CONVERGED, Status.INTERRUPTED):
-        return runs.outcome(results[0], f"auto: {newton.name}")
-    gradient = methods.solver("fbsm_bb", Switch(0.0, 0.0, _GRADIENT_STEPS))
-    begun = runs.run(gradient, "fbsm_bb", iterate)
-    told.append(f"fbsm_bb {_ended(begun)}")
-    chain = []
-    if begun.status is not Status.SWEEP_FAILED:
-        chain += [("fbsm_newton", begun.iterate), ("monolithic", begun.iterate)]
-    if results[0].status is Status.STAGNATED:
-        chain.append(("monolithic", results[0].iterate))
-    results.append(begun)
-    for name, start in chain:
-        if results[-1].status in (Status.CONVERGED, Status.INTERRUPTED):
-            break
-        is_last = start is chain[-1][1] and name == chain[-1][0]
-        results.append(runs.run(methods.solver(name), name, start, is_watched=not is_last))
+    results: list[SolverResult] = []
+    told: list[str] = []
+
+    def is_over() -> bool:
+        spent = methods.budget is not None and runs.taken >= methods.budget
+        return bool(results) and (spent or results[-1].status in (Status.CONVERGED, Status.INTERRUPTED))
+
+    def attempt(name: str, start: Iterate, *, is_watched: bool = True) -> None:
+        if is_over():
+            return
+        switch = Switch(0.0, 0.0, _GRADIENT_STEPS) if name == "fbsm_bb" else None
+        solver = methods.within(runs.taken).solver(name, switch)
+        results.append(runs.run(solver, name, start, is_watched=is_watched and switch is None))
         told.append(f"{name} {_ended(results[-1])}")
+
+    attempt("monolithic", iterate)
+    first = results[0]
+    attempt("fbsm_bb", iterate)
+    if not is_over() and results[-1].status is not Status.SWEEP_FAILED:
+        reached = results[-1].iterate
+        attempt("fbsm_newton", reached)
+        attempt("monolithic", reached)
+    if first.status is Status.STAGNATED:
+        attempt("monolithic", first.iterate, is_watched=False)
     best = results[-1]
     if best.status not in (Status.CONVERGED, Status.INTERRUPTED):
         best = min(results, key=lambda r: r.record.residual if math.isfinite(r.record.residual) else math.inf)
+    if len(results) == 1:
+        return runs.outcome(best, f"auto: {methods.solver('monolithic').name}")
     return runs.outcome(best, "auto: " + " > ".join(_names(runs.phases)), "auto: " + ", ".join(told))
 
 

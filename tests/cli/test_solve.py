@@ -119,7 +119,7 @@ def test_all_outputs(folder: Path, run: Run, solver: FakeSolver) -> None:
         (["arm.toml", "--set", "robot.lock=['elbow']"], "no joint 'elbow'"),
         (["arm.toml", "--set", "horizon.steps=1"], "12 independent exact end conditions"),
         (["arm.toml", "--set", "horizon.steps"], "--set: expected key.path=value"),
-        (["arm.toml", "--solver", "magic"], "solver.method: got 'magic', expected \"monolithic\""),
+        (["arm.toml", "--solver", "magic"], "solver.method: got 'magic', expected \"auto\""),
         (["arm.toml", "-o", "nowhere/a.h5"], "nowhere/a.h5: -o: there is no folder 'nowhere'"),
         (["arm.toml", "-o", "."], "-o is a folder"),
         (["arm.toml", "-o", "a.json"], "-o must end in .h5 or .hdf5, got .json"),

@@ -130,7 +130,7 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
             "integrator.scheme",
             r"""got 'rk4', expected "se1" \| "se2" \| "midpoint\"""",
         ),
-        ("solver.method='magic'", "solver.method", """got 'magic', expected "monolithic\""""),
+        ("solver.method='magic'", "solver.method", """got 'magic', expected "auto\""""),
         (
             "solver.globalisation='some'",
             "solver.globalisation",
