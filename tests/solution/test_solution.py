@@ -116,3 +116,15 @@ def test_options_are_copied() -> None:
     solution = pendulum(options=options)
     options["nested"]["tolerance"] = 1.0
     assert solution.options["nested"]["tolerance"] == 1e-9
+
+
+@pytest.mark.parametrize(
+    ("text", "scheme"),
+    [
+        ('[integrator]\nscheme = "midpoint"\n', "midpoint"),
+        ('robot = "ur5"\n', "se1"),  # the default of a problem file
+        ("not a problem file", ""),
+    ],
+)
+def test_scheme_is_that_of_the_problem(text: str, scheme: str) -> None:
+    assert arm(problem_text=text).scheme == scheme
