@@ -16,6 +16,8 @@ makes sure that it gets there:
   violates them more than any line search accepts, though the next steps make up for it. Where the line
   search shortens the step to less than a tenth, up to six full steps are taken without judging them; if none
   of them is closer to feasible than the start of the run, the start is restored.
+- *Restoration.* Where none of this allows a step of a fiftieth, a forward sweep in closed loop makes
+  the state equations hold along nearly the same motion.
 
 On random rest-to-rest motions of arms without a velocity weight, where pure Newton fails, alternatives did
 worse: shifting controls instead of states, Gauss-Newton in place of a shift, an l1 merit function instead of
@@ -46,6 +48,7 @@ _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
 _PAUSE = 10  # steps after a run that led nowhere, before the next
+_RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
 _LARGEST_ADJOINT = 1e8  # of a backward sweep that is worth starting from
 _FEASIBLE = 1e-9  # violation below which there is nothing to be relaxed about
 
@@ -137,6 +140,10 @@ class GlobalisedNewton:
                     return self._relaxed(
                         replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
                     )
+                if is_short and attempts >= _PATIENCE:
+                    restored = self._restored(state, shift)
+                    if restored is not None:
+                        return restored
                 if found is not None:
                     break
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
@@ -172,6 +179,33 @@ class GlobalisedNewton:
         admissible = factorisation.ok and factorisation.negative == len(state.native.eta)
         direction = state.native.solve() if admissible else None
         return factorisation, augmentation, direction if direction is not None and direction.finite else None
+
+    def _restored(self, state: NewtonState, shift: float) -> NewtonState | None:
+        """Feasibility by a sweep along the iterate; None with the iterate back if that is no gain.
+
+        What remains of the violation is the end condition's.
+        """
+        if state.evaluation.violation <= _FEASIBLE:
+            return None
+        native, kept = state.native, Kept.of(state.native)
+        swept = Sweeps(feedback=True).run(native).evaluation
+        if swept is not None and swept.violation < _RESTORATION * state.evaluation.violation:
+            evaluation = native.evaluate()
+            if state.filter.accepts_after_relaxation(state.evaluation, evaluation):
+                return advanced(
+                    state,
+                    evaluation,
+                    math.inf,
+                    0.0,
+                    regularisation=shift,
+                    shift=0.0,
+                    filter=state.filter.grown(state.evaluation),
+                    patience=_PAUSE,
+                )
+        kept.restore(native)
+        native.evaluate()
+        self._direction(state, shift)
+        return None
 
     def _relaxed(self, state: NewtonState) -> NewtonState:
         """One full step that nobody judges; the run of them ends with progress, or where it began."""

@@ -37,7 +37,8 @@ class StageKind:
     scale_y : ndarray, shape (ny,)
         From impulses to the multipliers lambda [1/s].
     scale_m : ndarray, shape (ndx + ny,)
-        From the rows' multipliers to (mu, zeta).
+        From the rows' multipliers to (mu, dt zeta): zeta itself carries round-off of the size 1e-16 / dt^2,
+        which no step can bring down.
     scale_ru : ndarray, shape (nu,)
         From the gradient in u to grad_u H of eq. (28) [1/s].
     """
@@ -128,7 +129,7 @@ def transcribe(problem: Problem) -> StagewiseProgramme:
         nr=sum(layout.stage.values()),
         scale_c=np.concatenate([np.ones(2 * nv), np.full(nc, dt)]),
         scale_y=np.full(nc, 1 / dt),
-        scale_m=np.concatenate([np.ones(2 * nv), np.full(nc, 1 / dt**2)]),
+        scale_m=np.concatenate([np.ones(2 * nv), np.full(nc, 1 / dt)]),
         scale_ru=np.full(robot.nu, 1 / dt),
     )
     theta, rho, rho_terminal = _parameters(problem, shape, layout, D_q, D_rate)
