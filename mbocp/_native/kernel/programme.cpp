@@ -102,10 +102,9 @@ void Programme::allocate() {
         y_offset.push_back(ny += k.ny), u_offset.push_back(nu += k.nu);
         m_offset.push_back(nm += k.nc()), r_offset.push_back(nr += k.nr);
     }
-    pool_.assign(total + 8, 0.0);
     pivots_.assign(pivots, 0);
     stages_.resize(static_cast<std::size_t>(N));
-    double* base = pool_.data();
+    double* base = pool_.allocate(total + 8);
     int* pivot = pivots_.data();
     std::size_t largest = 0;
     for (int n = 0; n < N; ++n) {
@@ -242,6 +241,7 @@ double Programme::stationarity() const {
 
 Evaluation Programme::evaluate(double share) {
     Evaluation e;
+    backward_done_ = false;
     const double* multipliers = m.data();
     if (share != 1.0) {
         for (std::size_t i = 0; i < m.size(); ++i) scaled_m_[i] = share * m[i];

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "dense.hpp"
+#include "pool.hpp"
 #include "stage_function.hpp"
 
 namespace mbocp {
@@ -157,8 +158,16 @@ private:
     double stationarity() const;
     void allocate();
     bool condense(int n, Factorisation& result);
-    void solve_linear(const Residual& rhs, Step& out);
-    double residual_linear(const Residual& rhs, const Step& d, Residual& out, double* curvature);
+    struct Check {  // rhs + KKT d, its largest entry, and d'Hd
+        Residual& left;
+        double largest = 0, curvature = 0;
+    };
+    void backward_start(const Residual& rhs, Numbers& r);
+    void backward_stage(int n, const Residual& rhs, Numbers& r);
+    void backward(const Residual& rhs, Numbers& r);
+    void forward(const Residual& rhs, const Numbers& r, Step& out, Check* check);
+    void check_stage(int n, const Residual& rhs, const Step& d, Check& check);
+    void check_end(const Residual& rhs, const Step& d, Check& check);
     void gather_residual(Residual& out) const;
     Direction finish_direction(const Residual& rhs, int refinements);
     bool retract_into(const double* x_now, const double* dx, double alpha, double* x_next);
@@ -169,7 +178,7 @@ private:
     Function retract_, difference_;
     int N, nx_, ndx_, ng_;
     Numbers theta_, rho_, rho_terminal_;
-    Numbers pool_;
+    Pool pool_;
     std::vector<int> pivots_;
     std::vector<Stage> stages_;
     Numbers Hterm_, Sterm_, gterm_, psix_, rterm_;   // terminal Hessian, Jacobian transposed, g, gradients
@@ -182,7 +191,8 @@ private:
     Numbers c_trial_, g_trial_;
     Numbers scratch_, scaled_m_, diagonal_;
     double shift_ = 0, augment_ = 0;                  // of the last factorisation
-    bool factorised_ = false;
+    bool factorised_ = false, backward_done_ = false;  // the latter: for the residual of the last evaluation
+    Numbers eta_rhs_;
     Numbers sweep_c_, sweep_dx_, sweep_before_, planned_;       // workspace of the sweeps
     int max_nw_ = 0, max_ns_ = 0;
 };

@@ -141,11 +141,16 @@ Factorisation Programme::factorise(double shift, double augment) {
                 last.P[i * padded(ndx_) + j] += augment * Sterm_[i * padded(ng_) + g] * Sterm_[j * padded(ng_) + g];
     if (ng_) dense::copy(Sterm_.data(), last.S, ndx_ * padded(ng_));
     std::fill(R_.begin(), R_.end(), 0.0);
-    for (int n = N - 1; n >= 0; --n)
+    gather_residual(rhs_);
+    backward_done_ = false;
+    backward_start(rhs_, eta_rhs_);
+    for (int n = N - 1; n >= 0; --n) {
         if (!condense(n, f)) {
             f.bad_stage = n;
             return f;
         }
+        backward_stage(n, rhs_, eta_rhs_);  // a right-hand side at hand costs little while the blocks are in the cache
+    }
     if (ng_) {  // eigenvectors of the equilibrated Schur complement: ng is small, and inertia comes for free
         const int pg = padded(ng_);
         RowMatrix R = MatrixMap(R_.data(), ng_, ng_, Eigen::OuterStride<>(pg));
@@ -165,7 +170,7 @@ Factorisation Programme::factorise(double shift, double augment) {
                                   scale.asDiagonal();
         R_factor_.assign(inverse.data(), inverse.data() + inverse.size());
     }
-    f.bad_stage = -1, f.ok = factorised_ = true;
+    f.bad_stage = -1, f.ok = factorised_ = backward_done_ = true;
     return f;
 }
 
@@ -181,47 +186,59 @@ void Programme::gather_residual(Residual& out) const {
     out.g = gterm_;
 }
 
-// KKT * out = -rhs with the blocks of the last factorisation.
-void Programme::solve_linear(const Residual& rhs, Step& out) {
+// The backward half of KKT * d = -rhs at stage n: t0, k and p from the right-hand side, and its share of r (eta's).
+void Programme::backward_stage(int n, const Residual& rhs, Numbers& r) {
+    Stage& s = stages_[n];
+    const Kind& k = *s.kind;
+    const int nd = ndx_, px = padded(nd), pg = padded(ng_);
+    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns), pu = padded(nu);
+    double* h = scratch_.data();
+    double* q = h + padded(max_nw_);
+    for (int i = 0; i < nc; ++i) s.t0[i] = -rhs.c[m_offset[n] + i];
+    dense::lu_solve_vector(nc, s.LU, pw, s.pivot, s.t0);
+    dense::copy(rhs.w.data() + m_offset[n], h, nw);
+    for (int i = 0; i < nd; ++i) h[i] += s.p[i];
+    dense::gemv(nw, nw, s.Hww, pw, s.t0, h);
+    dense::gemv(nd, nd, s.P, px, s.t0, h);
+    for (int i = 0; i < nd; ++i) h[i] += shift_ * s.t0[i];
+    dense::copy(rhs.s.data() + u_offset[n] + n * nd, q, ns);
+    dense::gemv_t(nw, ns, s.T, ps, h, q);
+    dense::gemv_t(nw, ns, s.Hws, ps, s.t0, q);
+    for (int i = 0; i < nu; ++i) s.k[i] = -q[nd + i];
+    if (s.definite) {
+        dense::cholesky_solve_vector(nu, s.Quu, pu, s.k);
+    } else {
+        dense::lu_solve_vector(nu, s.Quu, pu, s.pivot + nc, s.k);
+    }
+    if (ng_) {
+        dense::gemv_t(nd, ng_, s.S, pg, s.t0, r.data());
+        dense::gemv_t(nu, ng_, s.Keta, pg, q + nd, r.data());
+    }
+    if (n > 0) {
+        double* p = stages_[n - 1].p;
+        dense::copy(q, p, nd);
+        dense::gemv_t(nu, nd, s.K, px, q + nd, p);
+    }
+}
+
+void Programme::backward_start(const Residual& rhs, Numbers& r) {
+    r = rhs.g;
+    std::copy(rhs.x_terminal.begin(), rhs.x_terminal.end(), stages_.back().p);
+    dense::gemv(ndx_, ng_, Sterm_.data(), padded(ng_), rhs.g.data(), stages_.back().p, augment_);
+}
+
+void Programme::backward(const Residual& rhs, Numbers& r) {
+    backward_start(rhs, r);
+    for (int n = N - 1; n >= 0; --n) backward_stage(n, rhs, r);
+}
+
+// The forward half; with `check` also rhs + KKT d, stage after stage while its blocks are in the cache.
+void Programme::forward(const Residual& rhs, const Numbers& r, Step& out, Check* check) {
     const int nd = ndx_, px = padded(nd), pg = padded(ng_);
     double* h = scratch_.data();
     double* q = h + padded(max_nw_);
-    Numbers r = rhs.g;
-    std::copy(rhs.x_terminal.begin(), rhs.x_terminal.end(), stages_.back().p);
-    dense::gemv(nd, ng_, Sterm_.data(), pg, rhs.g.data(), stages_.back().p, augment_);
-    for (int n = N - 1; n >= 0; --n) {
-        Stage& s = stages_[n];
-        const Kind& k = *s.kind;
-        const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns), pu = padded(nu);
-        for (int i = 0; i < nc; ++i) s.t0[i] = -rhs.c[m_offset[n] + i];
-        dense::lu_solve_vector(nc, s.LU, pw, s.pivot, s.t0);
-        dense::copy(rhs.w.data() + m_offset[n], h, nw);
-        for (int i = 0; i < nd; ++i) h[i] += s.p[i];
-        dense::gemv(nw, nw, s.Hww, pw, s.t0, h);
-        dense::gemv(nd, nd, s.P, px, s.t0, h);
-        for (int i = 0; i < nd; ++i) h[i] += shift_ * s.t0[i];
-        dense::copy(rhs.s.data() + u_offset[n] + n * nd, q, ns);
-        dense::gemv_t(nw, ns, s.T, ps, h, q);
-        dense::gemv_t(nw, ns, s.Hws, ps, s.t0, q);
-        for (int i = 0; i < nu; ++i) s.k[i] = -q[nd + i];
-        if (s.definite) {
-            dense::cholesky_solve_vector(nu, s.Quu, pu, s.k);
-        } else {
-            dense::lu_solve_vector(nu, s.Quu, pu, s.pivot + nc, s.k);
-        }
-        if (ng_) {
-            dense::gemv_t(nd, ng_, s.S, pg, s.t0, r.data());
-            dense::gemv_t(nu, ng_, s.Keta, pg, q + nd, r.data());
-        }
-        if (n > 0) {
-            double* p = stages_[n - 1].p;
-            dense::copy(q, p, nd);
-            dense::gemv_t(nu, nd, s.K, px, q + nd, p);
-        }
-    }
     std::fill(out.deta.begin(), out.deta.end(), 0.0);
     if (ng_) dense::gemv(ng_, ng_, R_factor_.data(), ng_, r.data(), out.deta.data(), -1.0);
-
     std::fill(out.dx.begin(), out.dx.begin() + nd, 0.0);
     for (int n = 0; n < N; ++n) {
         Stage& s = stages_[n];
@@ -250,84 +267,95 @@ void Programme::solve_linear(const Residual& rhs, Step& out) {
         dense::gemv(nd, ng_, s.S, pg, out.deta.data(), dm);
         for (int i = 0; i < nc; ++i) dm[i] = -dm[i];
         dense::lu_solve_transposed(nc, s.LU, pw, s.pivot, dm);
+        if (check) check_stage(n, rhs, out, *check);
     }
+    if (check) check_end(rhs, out, *check);
 }
 
-// out = rhs + KKT d; returns its largest entry, and d'Hd when asked.
-double Programme::residual_linear(const Residual& rhs, const Step& d, Residual& out, double* curvature) {
-    const int nd = ndx_, px = padded(nd), pg = padded(ng_);
-    double* Hw = scratch_.data();
-    double* ds = Hw + padded(std::max(max_nw_, max_ns_));
+// Rows of stage n in rhs + KKT d, into `left`; and d'Hd.
+void Programme::check_stage(int n, const Residual& rhs, const Step& d, Check& check) {
+    const int nd = ndx_;
+    Stage& s = stages_[n];
+    const Kind& k = *s.kind;
+    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns);
+    double* ds = scratch_.data() + padded(max_nw_) + padded(max_ns_);
     double* dw = ds + padded(max_ns_);
-    double largest = 0, quadratic = 0;
-    out = rhs;
-    for (int n = 0; n < N; ++n) {
-        Stage& s = stages_[n];
-        const Kind& k = *s.kind;
-        const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns);
-        dense::copy(d.dx.data() + static_cast<std::size_t>(n) * nd, ds, nd);
-        dense::copy(d.du.data() + u_offset[n], ds + nd, nu);
-        dense::copy(d.dx.data() + static_cast<std::size_t>(n + 1) * nd, dw, nd);
-        dense::copy(d.dy.data() + y_offset[n], dw + nd, k.ny);
-        double* c = out.c.data() + m_offset[n];
-        dense::gemv(nc, nw, s.Jw, pw, dw, c);
-        dense::gemv(nc, ns, s.Js, ps, ds, c);
-        dense::zero(Hw, nw);
-        dense::gemv(nw, nw, s.Hww, pw, dw, Hw);
-        dense::gemv(nw, ns, s.Hws, ps, ds, Hw);
-        for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
-        for (int i = 0; i < nw; ++i) quadratic += dw[i] * Hw[i];
-        double* w = out.w.data() + m_offset[n];
-        for (int i = 0; i < nw; ++i) w[i] += Hw[i];
-        const double* dm = d.dm.data() + m_offset[n];
-        dense::gemv_t(nc, nw, s.Jw, pw, dm, w);
-        double* Hs = Hw;
-        dense::zero(Hs, ns);
-        dense::gemv(ns, ns, s.Hss, ps, ds, Hs);
-        dense::gemv_t(nw, ns, s.Hws, ps, dw, Hs);
-        for (int i = 0; i < ns; ++i) quadratic += ds[i] * Hs[i];
-        double* r = out.s.data() + u_offset[n] + n * nd;
-        for (int i = 0; i < ns; ++i) r[i] += Hs[i];
-        dense::gemv_t(nc, ns, s.Js, ps, dm, r);
-        if (n > 0) {  // both contributions to x_{n-1} belong to one row
-            double* before = out.w.data() + m_offset[n - 1];
-            for (int i = 0; i < nd; ++i) before[i] += r[i];
-        }
-        std::fill(r, r + nd, 0.0);
-        for (int i = 0; i < nc; ++i) largest = std::max(largest, std::abs(c[i]));
-        for (int i = 0; i < nu; ++i) largest = std::max(largest, std::abs(r[nd + i]));
+    double* Hw = dw + padded(max_nw_);
+    Residual& out = check.left;
+    dense::copy(d.dx.data() + static_cast<std::size_t>(n) * nd, ds, nd);
+    dense::copy(d.du.data() + u_offset[n], ds + nd, nu);
+    dense::copy(d.dx.data() + static_cast<std::size_t>(n + 1) * nd, dw, nd);
+    dense::copy(d.dy.data() + y_offset[n], dw + nd, k.ny);
+    double* c = out.c.data() + m_offset[n];
+    dense::copy(rhs.c.data() + m_offset[n], c, nc);
+    dense::gemv(nc, nw, s.Jw, pw, dw, c);
+    dense::gemv(nc, ns, s.Js, ps, ds, c);
+    dense::zero(Hw, nw);
+    dense::gemv(nw, nw, s.Hww, pw, dw, Hw);
+    dense::gemv(nw, ns, s.Hws, ps, ds, Hw);
+    for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
+    for (int i = 0; i < nw; ++i) check.curvature += dw[i] * Hw[i];
+    double* w = out.w.data() + m_offset[n];
+    for (int i = 0; i < nw; ++i) w[i] = rhs.w[m_offset[n] + i] + Hw[i];
+    const double* dm = d.dm.data() + m_offset[n];
+    dense::gemv_t(nc, nw, s.Jw, pw, dm, w);
+    double* Hs = Hw;
+    dense::zero(Hs, ns);
+    dense::gemv(ns, ns, s.Hss, ps, ds, Hs);
+    dense::gemv_t(nw, ns, s.Hws, ps, dw, Hs);
+    for (int i = 0; i < ns; ++i) check.curvature += ds[i] * Hs[i];
+    double* r = out.s.data() + u_offset[n] + n * nd;
+    for (int i = 0; i < ns; ++i) r[i] = rhs.s[u_offset[n] + n * nd + i] + Hs[i];
+    dense::gemv_t(nc, ns, s.Js, ps, dm, r);
+    if (n > 0) {  // both contributions to x_{n-1} belong to one row
+        double* before = out.w.data() + m_offset[n - 1];
+        for (int i = 0; i < nd; ++i) before[i] += r[i];
+        for (int i = 0; i < nd; ++i) check.largest = std::max(check.largest, std::abs(before[i]));
     }
+    std::fill(r, r + nd, 0.0);
+    for (int i = nd; i < nw; ++i) check.largest = std::max(check.largest, std::abs(w[i]));
+    for (int i = 0; i < nc; ++i) check.largest = std::max(check.largest, std::abs(c[i]));
+    for (int i = 0; i < nu; ++i) check.largest = std::max(check.largest, std::abs(r[nd + i]));
+}
+
+void Programme::check_end(const Residual& rhs, const Step& d, Check& check) {
+    const int nd = ndx_, px = padded(nd), pg = padded(ng_);
     const double* dx = d.dx.data() + static_cast<std::size_t>(N) * nd;
-    double* last = out.w.data() + m_offset[N - 1];
-    double* Hx = Hw;
+    double* last = check.left.w.data() + m_offset[N - 1];
+    double* Hx = scratch_.data();
     dense::zero(Hx, nd);
     dense::gemv(nd, nd, Hterm_.data(), px, dx, Hx);
-    for (int i = 0; i < nd; ++i) quadratic += dx[i] * Hx[i], last[i] += Hx[i] + out.x_terminal[i];
+    for (int i = 0; i < nd; ++i) check.curvature += dx[i] * Hx[i], last[i] += Hx[i] + rhs.x_terminal[i];
     dense::gemv(nd, ng_, Sterm_.data(), pg, d.deta.data(), last);
-    std::fill(out.x_terminal.begin(), out.x_terminal.end(), 0.0);
-    dense::gemv_t(nd, ng_, Sterm_.data(), pg, dx, out.g.data());
-    for (const double v : out.w) largest = std::max(largest, std::abs(v));
-    for (const double v : out.g) largest = std::max(largest, std::abs(v));
-    if (curvature) *curvature = quadratic;
-    return largest;
+    std::fill(check.left.x_terminal.begin(), check.left.x_terminal.end(), 0.0);
+    check.left.g = rhs.g;
+    dense::gemv_t(nd, ng_, Sterm_.data(), pg, dx, check.left.g.data());
+    for (int i = 0; i < nd; ++i) check.largest = std::max(check.largest, std::abs(last[i]));
+    for (const double v : check.left.g) check.largest = std::max(check.largest, std::abs(v));
 }
 
 Direction Programme::finish_direction(const Residual& rhs, int refinements) {
     Direction d;
-    solve_linear(rhs, step_);
+    Check check{work_};
+    if (!backward_done_) backward(rhs, eta_rhs_);
+    backward_done_ = false;
+    forward(rhs, eta_rhs_, step_, &check);
     double scale = 0;
     for (const Numbers* part : {&rhs.c, &rhs.w, &rhs.s, &rhs.g})
         for (const double v : *part) scale = std::max(scale, std::abs(v));
     for (int pass = 0;; ++pass) {
-        const double largest = residual_linear(rhs, step_, work_, &d.curvature);
-        d.linear_residual = scale > 0 ? largest / scale : largest;
-        if (pass >= refinements || !(largest > 1e-11 * scale)) break;
-        solve_linear(work_, correction_);
+        d.linear_residual = scale > 0 ? check.largest / scale : check.largest, d.curvature = check.curvature;
+        if (pass >= refinements || !(check.largest > 1e-11 * scale)) break;
+        backward(work_, eta_rhs_);
+        forward(work_, eta_rhs_, correction_, nullptr);
         const auto add = [](Numbers& to, const Numbers& from) {
             for (std::size_t i = 0; i < to.size(); ++i) to[i] += from[i];
         };
         add(step_.dx, correction_.dx), add(step_.dy, correction_.dy), add(step_.du, correction_.du);
         add(step_.dm, correction_.dm), add(step_.deta, correction_.deta);
+        check.largest = check.curvature = 0;
+        for (int n = 0; n < N; ++n) check_stage(n, rhs, step_, check);
+        check_end(rhs, step_, check);
     }
     double squared = 0;
     for (int n = 0; n < N; ++n) {
@@ -363,12 +391,13 @@ Direction Programme::finish_direction(const Residual& rhs, int refinements) {
 
 Direction Programme::solve(int refinements) {
     if (!factorised_) throw std::logic_error("solve: the last factorisation failed or is missing");
-    gather_residual(rhs_);
+    if (!backward_done_) gather_residual(rhs_);
     return finish_direction(rhs_, refinements);
 }
 
 Direction Programme::correct(double alpha) {
     if (!factorised_) throw std::logic_error("correct: the last factorisation failed or is missing");
+    backward_done_ = false;
     gather_residual(rhs_);
     for (std::size_t i = 0; i < rhs_.c.size(); ++i) rhs_.c[i] = alpha * rhs_.c[i] + c_trial_[i];
     for (std::size_t i = 0; i < rhs_.g.size(); ++i) rhs_.g[i] = alpha * rhs_.g[i] + g_trial_[i];
