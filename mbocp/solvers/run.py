@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mbocp.solvers.iterate import Iterate
@@ -43,6 +43,11 @@ class SolverResult:
     iterate: Iterate
     record: IterationRecord
     history: tuple[IterationRecord, ...]
+
+    def interrupted(self) -> SolverResult:
+        """Return the same end of a run, after which somebody pressed Ctrl-C."""
+        advice = f"interrupted later; the best iterate so far (residual {self.record.residual:.1e})"
+        return replace(self, status=Status.INTERRUPTED, advice=advice)
 
 
 def run(

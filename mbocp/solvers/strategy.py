@@ -133,6 +133,7 @@ class _Runs:
         self.programme, self.callback, self.first, self.label = programme, callback, first, label
         self.history: list[IterationRecord] = []
         self.phases: list[Phase] = []
+        self.last: SolverResult | None = None
 
     @property
     def taken(self) -> int:
@@ -142,21 +143,27 @@ class _Runs:
     def run(
         self, solver: Solver[Any], name: str, iterate: Iterate, *, is_watched: bool = False
     ) -> SolverResult:
-        """Run one phase."""
+        """Run one phase; Ctrl-C before its first iterate ends it with what the phase before came to."""
         clock = time.perf_counter()
-        result = run(
-            solver,
-            self.programme,
-            iterate,
-            self.callback,
-            name + self.label,
-            first=self.first,
-            watch=_has_stalled if is_watched else None,
-        )
+        try:
+            result = run(
+                solver,
+                self.programme,
+                iterate,
+                self.callback,
+                name + self.label,
+                first=self.first,
+                watch=_has_stalled if is_watched else None,
+            )
+        except KeyboardInterrupt:
+            if self.last is None:
+                raise
+            result = replace(self.last.interrupted(), history=())
         taken = sum(not record.is_guess for record in result.history)
         self.history += result.history
         self.first += taken
         self.phases.append(Phase(name + self.label, taken, time.perf_counter() - clock))
+        self.last = result
         return result
 
     def outcome(self, result: SolverResult, solver: str, told: str = "") -> Outcome:
@@ -247,12 +254,26 @@ def _auto(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
         attempt("monolithic", reached)
     if first.status is Status.STAGNATED:
         attempt("monolithic", first.iterate, is_watched=False)
-    best = results[-1]
-    if best.status not in (Status.CONVERGED, Status.INTERRUPTED):
-        best = min(results, key=lambda r: r.record.residual if math.isfinite(r.record.residual) else math.inf)
+    best = _best(results)
     if len(results) == 1:
         return runs.outcome(best, f"auto: {methods.solver('monolithic').name}")
     return runs.outcome(best, "auto: " + " > ".join(_names(runs.phases)), "auto: " + ", ".join(told))
+
+
+def _best(results: Sequence[SolverResult]) -> SolverResult:
+    """The converged one, which is the last; else that with the smallest residual, ended as the last was."""
+    last = results[-1]
+    if last.status is Status.CONVERGED:
+        return last
+    best = min(results, key=lambda r: r.record.residual if math.isfinite(r.record.residual) else math.inf)
+    if last.status is Status.INTERRUPTED:
+        return last if best is last else best.interrupted()
+    if best.status is not Status.SWITCHED:
+        return best
+    if last.status is not Status.SWITCHED:
+        return replace(best, status=last.status, advice=last.advice)
+    reached = f"not converged within solver.max_iterations (residual {best.record.residual:.1e}); raise it"
+    return replace(best, status=Status.MAX_ITERATIONS, advice=reached)
 
 
 def _names(phases: Sequence[Phase]) -> list[str]:
