@@ -17,8 +17,11 @@ from mbocp._arrays import Array
 from mbocp.assemble import Trajectory, assemble
 from mbocp.exceptions import NotConverged, ProblemError
 from mbocp.guess import guess_candidates, iterate_from_solution, make_guess
+from mbocp.mechanics.symmetry import find_symmetries
+from mbocp.mechanics.symmetry_words import momentum_words
 from mbocp.problem import Problem, load_problem
 from mbocp.problem.write import problem_to_toml
+from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solution.records import Labels
 from mbocp.solvers import IterationRecord, Methods, Outcome, Phase, SolverResult, Status, pursue
@@ -76,8 +79,9 @@ def solve(
     outcome, guess_used = _solve_programme(problem, programme, warm_start, callback, phases)
     with _timed(phases, "diagnostics"):
         trajectory = assemble(problem, programme, outcome.result.iterate)
+        meanings = _meanings(problem.robot, trajectory.control_momentum_names)
     solution = _solution(
-        problem, programme, outcome, trajectory, phases, guess_used, time.perf_counter() - clock
+        problem, programme, outcome, trajectory, meanings, phases, guess_used, time.perf_counter() - clock
     )
     if check and not solution.converged:
         raise NotConverged(solution)
@@ -114,6 +118,11 @@ def _solve_programme(
             if attempt + 1 < len(kinds) or best is not None:
                 continue  # an automatic guess that cannot be made is no reason to give up on the others
             raise
+        except KeyboardInterrupt:
+            if best is None:
+                raise  # there is nothing to return yet
+            best = (_interrupted(best[0]), best[1])
+            break
         outcome = pursue(
             methods,
             programme,
@@ -127,12 +136,19 @@ def _solve_programme(
         result = outcome.result
         if best is None or result.status is Status.CONVERGED or _is_better(result, best[0].result):
             best = (outcome, words)
+        elif result.status is Status.INTERRUPTED:
+            best = (_interrupted(best[0]), best[1])
         if result.status in (Status.CONVERGED, Status.INTERRUPTED):
             break
     if best is None:
         raise ProblemError("no initial guess could be made; give guess.kind and guess.u")
     outcome, words = best
     return replace(outcome, result=replace(outcome.result, history=tuple(history))), words
+
+
+def _interrupted(outcome: Outcome) -> Outcome:
+    """Outcome of an earlier guess, returned because a later one was interrupted."""
+    return replace(outcome, result=outcome.result.interrupted())
 
 
 def _is_better(new: SolverResult, old: SolverResult) -> bool:
@@ -144,6 +160,7 @@ def _solution(
     programme: StagewiseProgramme,
     outcome: Outcome,
     trajectory: Trajectory,
+    meanings: tuple[str, ...],
     phases: list[Phase],
     guess_used: str,
     seconds: float,
@@ -172,8 +189,17 @@ def _solution(
         options=asdict(problem.solver),
         versions=_versions(),
         labels=Labels.of_robot(problem.robot),
+        control_momentum_meanings=meanings,
         **trajectory.fields(),
     )
+
+
+def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
+    """What the control momenta of the named symmetries are, in words."""
+    if not names:
+        return ()
+    words = {s.name: momentum_words(s, robot) for s in find_symmetries(robot)}
+    return tuple(words[name] for name in names)
 
 
 def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:

@@ -57,7 +57,13 @@ def solve(
         ),
     ] = None,
     solver: Annotated[
-        str | None, typer.Option("--solver", metavar="NAME", help="Short for --set solver.method=NAME.")
+        str | None,
+        typer.Option(
+            "--solver",
+            metavar="NAME",
+            help="auto, monolithic, fbsm_newton, fbsm_bb, fbsm_bb+monolithic or fbsm_bb+fbsm_newton; "
+            "short for --set solver.method=NAME.",
+        ),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="RESULT.h5", help="Save the solution.")

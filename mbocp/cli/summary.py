@@ -27,7 +27,7 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
     rows = solution_rows(solution, _robot_words(problem))
     error = goal_error(solution, problem)
     if error:
-        rows.insert(-1, ("goal", error))
+        rows.insert([name for name, _ in rows].index("constraints"), ("goal", error))
     rows += [(kind, str(path)) for kind, path in written]
     print_rows(solution.problem_name or problem.name, rows)
 
@@ -63,6 +63,8 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
         ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
         ("constraints", _violation(solution)),
+        ("conserved", _conserved(solution)),
+        *_hamiltonian(solution),
     ]
 
 
@@ -105,8 +107,36 @@ def _violation(solution: Solution) -> str:
     return f"violated by {solution.constraint_violation:.2e} at most ({names})"
 
 
+def _conserved(solution: Solution) -> str | Text:
+    """Control momenta, each with what it is on a line of its own."""
+    if not solution.conserved:
+        return "none: robot and running cost have no symmetry"
+    text = Text()
+    for quantity in solution.conserved:
+        kept = f"{quantity.value:.9g}, drift {quantity.drift:.1e}, relative {quantity.relative_drift:.1e}"
+        if quantity.vanishes:
+            kept = f"0 (drift {quantity.drift:.1e})"
+        text.append(f"{quantity.name}: {kept}\n")
+        if quantity.meaning:
+            text.append(f"  {quantity.meaning}\n", style="dim")
+    text.rstrip()
+    return text
+
+
+def _hamiltonian(solution: Solution) -> _Rows:
+    values = solution.control_hamiltonian
+    if math.isnan(values["mean"]):
+        return []
+    words = f"mean {values['mean']:.6g}, from {values['min']:.6g} to {values['max']:.6g}"
+    return [("Hamiltonian", words)]
+
+
 def _phases(solution: Solution) -> str:
-    named = [f"{phase.name} {_seconds(phase.wall_time_s)}" for phase in solution.phases]
+    """Time of each phase, and iterations where it has any."""
+    named = [
+        f"{phase.name} {f'{phase.iterations} in ' if phase.iterations else ''}{_seconds(phase.wall_time_s)}"
+        for phase in solution.phases
+    ]
     return f" ({', '.join(named)})" if named else ""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,6 +89,7 @@ def solution_dict(solution: Solution) -> dict[str, Any]:
         ],
         "control_hamiltonian": solution.control_hamiltonian,
         "control_momentum_drift": solution.control_momentum_drift,
+        "conserved": [dataclasses.asdict(quantity) for quantity in solution.conserved],
         "q_final": solution.q_final.tolist(),
         "p_final": solution.p_final.tolist(),
         "u_first": solution.u_first.tolist(),

@@ -57,13 +57,17 @@ _ENTRIES: dict[str, _Entry] = {
 
 
 class FileContent(NamedTuple):
-    """What goes into a result file and comes back: arrays and their columns, values, structures, text."""
+    """What goes into a result file and comes back.
+
+    Arrays and their columns, values, structures, texts; and for some arrays a line on each column.
+    """
 
     arrays: Mapping[str, Array]
     columns: Mapping[str, tuple[Column, ...]]
     summary: Mapping[str, str | int | float]
     structures: Mapping[str, Any]
     texts: Mapping[str, str]
+    meanings: Mapping[str, tuple[str, ...]]
 
 
 def write_content(path: str | Path, content: FileContent) -> Path:
@@ -98,6 +102,8 @@ def _write(file: h5py.File, content: FileContent) -> None:
         data.attrs["symbol"], data.attrs["description"], data.attrs["rows"] = entry
         data.attrs["columns"] = _strings([c.name for c in columns])
         data.attrs["units"] = _strings([c.unit for c in columns])
+        if name in content.meanings:
+            data.attrs["meanings"] = _strings(list(content.meanings[name]))
     text = file.create_group("text")
     for name, structure in content.structures.items():
         _write_text(text, name, json.dumps(_pack(structure), allow_nan=False), "JSON")
@@ -164,11 +170,13 @@ def _check_format(path: str | Path, file: h5py.File) -> None:
 def _read(file: h5py.File) -> FileContent:
     arrays: dict[str, Array] = {}
     columns: dict[str, tuple[Column, ...]] = {}
+    meanings: dict[str, tuple[str, ...]] = {}
     for name in _ENTRIES:
         data = file["trajectories"][name]
         arrays[name] = data[()]
         names, units = (data.attrs[key] for key in ("columns", "units"))
         columns[name] = tuple(Column(str(n), str(u)) for n, u in zip(names, units, strict=True))
+        meanings[name] = tuple(map(str, data.attrs.get("meanings", ())))  # files of 0.1.0 have none
     structures: dict[str, Any] = {}
     texts: dict[str, str] = {}
     for name, data in file["text"].items():
@@ -178,7 +186,7 @@ def _read(file: h5py.File) -> FileContent:
         else:
             texts[name] = words
     summary = {name: _plain(value) for name, value in file["summary"].attrs.items()}
-    return FileContent(arrays, columns, summary, structures, texts)
+    return FileContent(arrays, columns, summary, structures, texts, meanings)
 
 
 def _plain(value: Any) -> Any:

@@ -16,6 +16,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, ResultFileError
 from mbocp.solution._values import checked_arrays, json_copy, same
+from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
 from mbocp.solution.export import solution_dict, write_csv
 from mbocp.solution.files import FileContent, read_content, write_content
 from mbocp.solution.records import Column, IterationRecord, Labels, Phase, Status
@@ -98,6 +99,8 @@ class Solution:
         Eq. (11); NaN if nobody evaluated it.
     control_momenta : ndarray, shape (N + 1, k)
         Eq. (15), a column for each symmetry in `control_momentum_names`.
+    control_momentum_names, control_momentum_meanings : tuple of str
+        Symmetry of each control momentum, and what it is in terms of the adjoints; "" if nobody says.
     problem_name, robot_name : str
     robot_spec : dict
         Arguments with which `load_robot` loads the robot again.
@@ -141,6 +144,7 @@ class Solution:
     control_hamiltonians: Array = field(default_factory=_absent)
     control_momenta: Array = field(default_factory=_absent)
     control_momentum_names: tuple[str, ...] = ()
+    control_momentum_meanings: tuple[str, ...] = ()
 
     problem_name: str = ""
     robot_name: str = ""
@@ -157,6 +161,7 @@ class Solution:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "status", Status(self.status))
         object.__setattr__(self, "control_momentum_names", tuple(map(str, self.control_momentum_names)))
+        object.__setattr__(self, "control_momentum_meanings", self._meanings())
         object.__setattr__(self, "phases", tuple(self.phases))
         object.__setattr__(self, "history", tuple(self.history))
         for name in _NUMBERS:
@@ -214,11 +219,18 @@ class Solution:
 
     @property
     def control_hamiltonian(self) -> dict[str, float]:
-        """Least and greatest control Hamiltonian along the trajectory, eq. (11)."""
+        """Least, greatest and mean control Hamiltonian along the trajectory, eq. (11)."""
         values = self.control_hamiltonians[np.isfinite(self.control_hamiltonians)]
         if not values.size:
-            return {"min": math.nan, "max": math.nan}
-        return {"min": float(values.min()), "max": float(values.max())}
+            return {"min": math.nan, "max": math.nan, "mean": math.nan}
+        return {"min": float(values.min()), "max": float(values.max()), "mean": float(values.mean())}
+
+    @property
+    def conserved(self) -> tuple[ConservedQuantity, ...]:
+        """Control momenta, eq. (15), one for each symmetry of the robot that the running cost respects."""
+        return conserved_quantities(
+            self.control_momenta, self.control_momentum_names, self.control_momentum_meanings, self.mus
+        )
 
     @property
     def control_momentum_drift(self) -> float:
@@ -250,6 +262,12 @@ class Solution:
         """Control of the last step, shape (nu,)."""
         u_last: Array = self.us[-1]
         return u_last
+
+    def _meanings(self) -> tuple[str, ...]:
+        names, meanings = self.control_momentum_names, tuple(map(str, self.control_momentum_meanings))
+        if meanings and len(meanings) != len(names):
+            raise DimensionMismatch("control_momentum_meanings", len(meanings), len(names))
+        return meanings or ("",) * len(names)
 
     def __repr__(self) -> str:
         name = self.problem_name or self.robot_name or "unnamed"
@@ -304,7 +322,8 @@ class Solution:
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         summary["status"] = str(self.status)
         texts = {"problem_text": self.problem_text}
-        return write_content(path, FileContent(arrays, columns, summary, structures, texts))
+        meanings = {"control_momenta": self.control_momentum_meanings}
+        return write_content(path, FileContent(arrays, columns, summary, structures, texts, meanings))
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
@@ -324,6 +343,7 @@ class Solution:
                 **{name: content.columns[f"{name}s"] for name in ("q", "v", "p", "u", "lam", "mu", "zeta")}
             )
             fields["control_momentum_names"] = tuple(c.name for c in content.columns["control_momenta"])
+            fields["control_momentum_meanings"] = content.meanings.get("control_momenta", ())
             return cls(**fields)
         except (KeyError, TypeError, ValueError, DimensionMismatch) as error:
             raise ResultFileError(path, f"is damaged: its parts do not fit together ({error})") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 
 from rich.console import Console
 
@@ -11,6 +12,7 @@ from mbocp.solution import IterationRecord
 
 
 def _drive(console: Console, count: int, *, quiet: bool = False) -> None:
+    """One run without a name, as of a solver that has no phases."""
     with Progress("arm", quiet=quiet, console=console) as progress:
         progress.say("loading the robot")
         for k in range(count):
@@ -40,3 +42,45 @@ def test_quiet() -> None:
     out = io.StringIO()
     _drive(Console(file=out, width=100, force_terminal=True), 3, quiet=True)
     assert out.getvalue() == ""
+
+
+def _drive_phases(console: Console) -> None:
+    """A hybrid that begins with a gradient method, and a second run of the same name."""
+    with Progress("arm", console=console) as progress:
+        for phase, first, count in (("fbsm_bb", 0, 30), ("monolithic", 30, 3), ("monolithic", 33, 2)):
+            for k in range(count + 1):
+                length = float("nan") if k == 0 else 1.0
+                progress(IterationRecord(first + k, residual=1.0, step_length=length, phase=phase))
+
+
+def test_phases_are_apart_in_a_log() -> None:
+    out = io.StringIO()
+    _drive_phases(Console(file=out, width=100))
+    lines = [line.split() for line in out.getvalue().splitlines()]
+    assert [line[0] for line in lines if len(line) == 1] == ["fbsm_bb", "monolithic", "monolithic"]
+    newton = lines.index(["monolithic"])
+    assert [int(line[0]) for line in lines[2:newton]] == [*range(20), 29, 30]  # its last one, too
+    assert [int(line[0]) for line in lines[newton + 1 : newton + 5]] == [30, 31, 32, 33]
+    assert [int(line[0]) for line in lines[-3:]] == [33, 34, 35]
+
+
+def test_long_phases_thin_out_in_a_log() -> None:
+    out = io.StringIO()
+    _drive(Console(file=out, width=100), 1234)
+    shown = [int(line.split()[0]) for line in out.getvalue().splitlines()[1:]]
+    assert shown == [*range(20), *range(29, 200, 10), *range(299, 1234, 100), 1233]
+
+
+def test_phases_are_apart_on_a_terminal() -> None:
+    out = io.StringIO()
+    _drive_phases(Console(file=out, width=80, force_terminal=True, no_color=True, highlight=False))
+    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", out.getvalue())
+    lines = text[text.rindex("iteration ") :].replace("\r", "").splitlines()
+    heads = [i for i, line in enumerate(lines) if line.strip() in ("fbsm_bb", "monolithic")]
+    assert [lines[i].strip() for i in heads] == ["fbsm_bb", "monolithic", "monolithic"]
+    gradient = [line.split() for line in lines[heads[0] + 1 : heads[1]]]
+    assert [row[0] for row in gradient] == ["0", "...", "30"]  # where it began and where it came to
+    assert gradient[1] == ["...", "29", "more"]
+    last = [line.split()[0] for line in lines[heads[2] + 1 :] if line.strip()]
+    assert last == ["33", "34", "35"]
+    assert max(map(len, lines)) <= 80

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from pathlib import Path
 
 import pytest
 
 from mbocp.exceptions import SingularSystem
+from mbocp.problem.options import METHODS
 from mbocp.solution import Solution, Status
 
 from .conftest import FakeSolver, Run
@@ -65,6 +67,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "history",
         "control_hamiltonian",
         "control_momentum_drift",
+        "conserved",
         "q_final",
         "p_final",
         "u_first",
@@ -185,3 +188,28 @@ def test_warnings_are_one_line(folder: Path, run: Run, solver: FakeSolver) -> No
     assert done.exit_code == 0
     assert "warning: the problem asks for nothing" in done.stderr
     assert "ProblemWarning" not in done.stderr
+
+
+def test_help_names_every_method(run: Run) -> None:
+    words = " ".join(run("solve", "--help").stdout.split())
+    for method in METHODS:
+        assert re.search(rf"(^|[ ,]){re.escape(method)}([ ,;])", words), method
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("fbsm", "'fbsm_bb'"), ("fbsm_nweton", "'fbsm_newton'"), ("Monolithic", "'monolithic'")],
+)
+def test_a_misspelt_method_gets_a_hint(folder: Path, run: Run, name: str, hint: str) -> None:
+    done = run("solve", "arm.toml", "--solver", name)
+    assert done.exit_code == 2
+    assert f"did you mean {hint}" in done.stderr.replace("\n", " ")
+    assert all(f'"{method}"' in done.stderr for method in METHODS)
+
+
+def test_summary_says_what_is_conserved(folder: Path, run: Run, solver: FakeSolver) -> None:
+    words = " ".join(run("solve", "arm.toml").stdout.split())
+    assert "rotation about z: -2.5, drift 0.0e+00, relative 0.0e+00" in words
+    assert "adjoint mu_q of shoulder_pan_joint, a cyclic coordinate" in words
+    assert "Hamiltonian mean 3, from 3 to 3" in words
+    assert "monolithic 3 in 50 ms" in words

@@ -70,6 +70,7 @@ def fabricate(
         "control_hamiltonians": 0.37 + 0.01 * np.sin(3 * t[:-1]),
         "control_momenta": 1.5 + 1e-14 * np.sin(40 * t)[:, None],
         "control_momentum_names": ("rotation about z",),
+        "control_momentum_meanings": ("adjoint mu_q of a joint, a cyclic coordinate",),
         "problem_name": "fabricated",
         "robot_name": "wavy",
         "robot_spec": {"spec": "wavy", "lock": ["finger"]},

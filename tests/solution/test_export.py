@@ -18,7 +18,8 @@ from .fabricated import pendulum
 KEYS = [
     "status", "converged", "advice", "solver", "iterations", "cost", "residual", "increment",
     "constraint_violation", "unknowns", "num_steps", "wall_time_s", "phases", "history",
-    "control_hamiltonian", "control_momentum_drift", "q_final", "p_final", "u_first", "u_last", "eta",
+    "control_hamiltonian", "control_momentum_drift", "conserved", "q_final", "p_final", "u_first", "u_last",
+    "eta",
 ]  # fmt: skip
 
 
@@ -29,7 +30,10 @@ def test_json_has_the_keys_of_the_contract_in_order() -> None:
     assert summary["converged"] is True
     assert summary["phases"][1] == {"name": "newton", "iterations": 9, "wall_time_s": 0.05}
     assert list(summary["history"][0]) == ["residual", "increment", "cost", "step_length"]
-    assert list(summary["control_hamiltonian"]) == ["min", "max"]
+    assert list(summary["control_hamiltonian"]) == ["min", "max", "mean"]
+    (conserved,) = summary["conserved"]
+    assert list(conserved) == ["name", "meaning", "value", "drift", "relative_drift"]
+    assert (conserved["name"], conserved["value"]) == ("rotation about z", 1.5)
     assert summary["q_final"] == pendulum().qs[-1].tolist()
 
 

@@ -37,6 +37,15 @@ def test_round_trip_of_odd_numbers(tmp_path: Path) -> None:
     assert Solution.load(tmp_path / "result.h5") == saved
 
 
+def test_files_without_meanings_of_the_control_momenta_load(tmp_path: Path) -> None:
+    pendulum().save(tmp_path / "result.h5")
+    with h5py.File(tmp_path / "result.h5", "r+") as file:  # as 0.1.0 wrote it
+        del file["trajectories/control_momenta"].attrs["meanings"]
+    old = Solution.load(tmp_path / "result.h5")
+    assert old == pendulum(control_momentum_meanings=())
+    assert [quantity.name for quantity in old.conserved] == ["rotation about z"]
+
+
 def test_every_dataset_describes_itself(tmp_path: Path) -> None:
     pendulum().save(tmp_path / "result.h5")
     with h5py.File(tmp_path / "result.h5") as file:

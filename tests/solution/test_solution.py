@@ -59,24 +59,54 @@ def test_what_is_absent_has_no_columns() -> None:
     solution = arm(lams=np.zeros(0), zetas=np.zeros(0), control_hamiltonians=np.zeros(0))
     assert solution.lams.shape == solution.zetas.shape == (100, 0)
     assert np.isnan(solution.control_hamiltonian["min"])
-    quiet = arm(control_momenta=np.zeros(0), control_momentum_names=())
+    quiet = arm(control_momenta=np.zeros(0), control_momentum_names=(), control_momentum_meanings=())
     assert np.isnan(quiet.control_momentum_drift)
+    assert quiet.conserved == ()
 
 
 def test_derived_values() -> None:
     momenta = np.zeros((101, 2))
     momenta[7, 1], momenta[0, 1] = -3.0, 1.0
     solution = pendulum(
-        control_momenta=momenta, control_momentum_names=("translation along x", "rotation about z")
+        control_momenta=momenta,
+        control_momentum_names=("translation along x", "rotation about z"),
+        control_momentum_meanings=(),
     )
     assert (solution.num_steps, solution.nq, solution.nv, solution.nu, solution.nc) == (100, 3, 3, 3, 1)
     assert solution.control_momentum_drift == 4.0
     assert solution.control_hamiltonian["max"] == np.max(solution.control_hamiltonians)
+    assert solution.control_hamiltonian["mean"] == np.mean(solution.control_hamiltonians)
     assert np.array_equal(solution.q_final, solution.qs[-1])
     assert np.array_equal(solution.p_final, solution.ps[-1])
     assert np.array_equal(solution.u_first, solution.us[0])
     assert np.array_equal(solution.u_last, solution.us[-1])
     assert solution.duration == 1.5
+
+
+def test_conserved_quantities_sum_up_the_control_momenta() -> None:
+    momenta = np.tile([2.0, -4.0, 1e-12], (101, 1))
+    momenta[50] += [1e-3, -2e-3, 3e-12]
+    names, meanings = ("translation along x", "translation along y", "rotation about z"), ("a", "", "c")
+    solution = pendulum(
+        control_momenta=momenta, control_momentum_names=names, control_momentum_meanings=meanings
+    )
+    along_x, along_y, about_z = solution.conserved
+    assert (along_x.name, along_x.meaning, along_x.value) == ("translation along x", "a", 2.0)
+    assert along_x.drift == pytest.approx(1e-3)
+    assert along_x.relative_drift == pytest.approx(5e-4)
+    assert along_y.value == -4.0
+    assert along_y.relative_drift == pytest.approx(5e-4)
+    assert not along_y.vanishes
+    # Beside adjoints of about 3 that is round-off, and a drift relative to it says nothing.
+    assert about_z.vanishes
+    assert np.isnan(about_z.relative_drift)
+    assert about_z.drift == pytest.approx(3e-12)
+
+
+def test_meanings_belong_to_names() -> None:
+    with pytest.raises(DimensionMismatch, match="control_momentum_meanings"):
+        pendulum(control_momentum_meanings=("one", "two"))
+    assert pendulum(control_momentum_meanings=()).control_momentum_meanings == ("",)
 
 
 def test_only_one_status_is_converged() -> None:
