@@ -40,9 +40,12 @@ def momentum_words(symmetry: Symmetry, robot: Robot) -> str:
 
 
 def _of_coordinates(constant: Array, robot: Robot) -> str:
-    moved = np.flatnonzero(constant)
-    terms = [f"{_factor(constant[i])}mu_q of {robot.v_labels[i].name}" for i in moved]
-    return f"adjoint {terms[0]}, a cyclic coordinate" if len(terms) == 1 else f"adjoints {' + '.join(terms)}"
+    moved = [int(i) for i in np.flatnonzero(constant)]
+    factors, names = [_factor(constant[i]) for i in moved], [robot.v_labels[i].name for i in moved]
+    if len(moved) == 1:
+        return f"{factors[0]}adjoint mu_q of {names[0]}, a cyclic coordinate"
+    terms = [f"{factor}mu_q of {name}" for factor, name in zip(factors, names, strict=True)]
+    return f"adjoints {' + '.join(terms)}"
 
 
 def _of_joint(block: LieBlock, robot: Robot) -> str:
