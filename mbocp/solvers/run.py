@@ -16,6 +16,7 @@ from mbocp.transcription import StagewiseProgramme
 __all__ = ["Callback", "SolverResult", "run"]
 
 _KEEP_EVERY = 10  # iterations: how often a better iterate is copied, in case that the last one is worse
+_HOLDS = 1e-6  # violation of steps and end condition beside which a larger residual is one of stationarity
 
 Callback = Callable[[IterationRecord], object]
 Watch = Callable[[Sequence[IterationRecord]], bool]
@@ -90,12 +91,14 @@ def run(
                 break
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    last = history[-1]
+    last, advice = history[-1], _advice(status, state, programme)
     if status in (Status.CONVERGED, Status.SWITCHED) or (
         math.isfinite(last.residual) and last.residual <= best_record.residual
     ):
         best, best_record = Iterate.read_from(state.native, programme), last
-    return SolverResult(status, _advice(status, state, programme), best, best_record, tuple(history))
+    else:
+        advice += f"; returned is the better iterate {best_record.iteration} ({best_record.residual:.1e})"
+    return SolverResult(status, advice, best, best_record, tuple(history))
 
 
 def _record(state: SolverState, phase: str, first: int, seconds: float) -> IterationRecord:
@@ -115,8 +118,8 @@ def _record(state: SolverState, phase: str, first: int, seconds: float) -> Itera
 
 
 def _advice(status: Status, state: SolverState, programme: StagewiseProgramme) -> str:
-    e = state.evaluation
-    worst = f"largest violation: {programme.describe_row(e.worst_stage, e.worst_row)} ({e.worst:.1e})"
+    e, worst = state.evaluation, _worst(state, programme)
+    taken = f"{state.iteration} iteration{'' if state.iteration == 1 else 's'}"
     if status is Status.CONVERGED:
         if state.at_minimum:
             return "a strict local minimum: residual and increment are below the tolerance"
@@ -128,21 +131,29 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme) -
         return f"the linear system is singular {_place(state, programme)}; {worst}"
     reached = f"(residual {e.residual:.1e})"
     texts = {
-        Status.MAX_ITERATIONS: f"not converged in {state.iteration} iterations {reached}; raise "
+        Status.MAX_ITERATIONS: f"not converged in {taken} {reached}; raise "
         "solver.max_iterations, take more steps or a longer duration, or start from a better guess",
         Status.LINE_SEARCH_FAILED: f"no step makes progress any more {reached}: the goal may be out of reach "
         "in this time, or the guess too far; try a longer duration, another guess, or goal.enforce = "
         '"penalty"',
-        Status.STAGNATED: f"no progress any more after {state.iteration} iterations {reached}; try another "
+        Status.STAGNATED: f"no progress any more after {taken} {reached}; try another "
         'solver ("auto" goes over to one by itself), another guess or a longer duration',
         Status.SWEEP_FAILED: f"the forward sweep fails {_place(state, programme)}: the guess's controls lead "
         'where no step can be solved; take more steps, another guess, or "monolithic", which needs no sweep',
-        Status.SWITCHED: f"handed over after {state.iteration} iterations",
+        Status.SWITCHED: f"handed over after {taken}",
         Status.DIVERGED: 'the iterates left the finite numbers; use globalisation = "default", a shorter '
         "step or a better guess",
-        Status.INTERRUPTED: f"interrupted after {state.iteration} iterations; the best iterate so far",
+        Status.INTERRUPTED: f"interrupted after {taken}; the best iterate so far",
     }
     return f"{texts[status]}; {worst}"
+
+
+def _worst(state: SolverState, programme: StagewiseProgramme) -> str:
+    """Which row of the steps or of the end condition is worst; or that they hold, and what is left then."""
+    e = state.evaluation
+    if e.worst <= min(_HOLDS, 1e-3 * e.residual):
+        return f"steps and end condition hold to {e.worst:.1e}, what is left is stationarity ({e.dual:.1e})"
+    return f"largest violation: {programme.describe_row(e.worst_stage, e.worst_row)} ({e.worst:.1e})"
 
 
 def _place(state: SolverState, programme: StagewiseProgramme) -> str:

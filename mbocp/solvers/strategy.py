@@ -211,7 +211,7 @@ def _hybrid(
     begun = runs.run(gradient, names[0], iterate)
     if begun.status is Status.INTERRUPTED:
         return runs.outcome(begun, solver)
-    told = "" if begun.status in (Status.SWITCHED, Status.CONVERGED) else f"{names[0]}: {begun.advice}"
+    told = "" if begun.status in (Status.SWITCHED, Status.CONVERGED) else f"{names[0]} {_ended(begun)}"
     start = iterate if begun.status is Status.SWEEP_FAILED else begun.iterate
     return runs.outcome(runs.run(newton, names[1], start), solver, told)
 
@@ -282,7 +282,7 @@ def _names(phases: Sequence[Phase]) -> list[str]:
 
 def _ended(result: SolverResult) -> str:
     taken = sum(not record.is_guess for record in result.history)
-    after = f"after {taken} iterations (residual {result.record.residual:.1e})"
+    after = f"after {taken} iteration{'' if taken == 1 else 's'} (residual {result.record.residual:.1e})"
     words = {
         Status.CONVERGED: "converged",
         Status.SWITCHED: "handed over",
