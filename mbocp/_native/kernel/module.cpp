@@ -151,6 +151,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
              nb::arg("shift") = 0.0, nb::rv_policy::move)
         .def_prop_ro("num_stages", &Programme::num_stages)
+        .def_prop_ro("num_bytes", &Programme::num_bytes)
         .def_prop_ro("dx", [](const Programme& p) { return to_array(p.direction().dx); }, nb::rv_policy::move)
         .def_prop_ro("dy", [](const Programme& p) { return to_array(p.direction().dy); }, nb::rv_policy::move)
         .def_prop_ro("du", [](const Programme& p) { return to_array(p.direction().du); }, nb::rv_policy::move)

@@ -26,14 +26,18 @@ public:
         if (page == huge) madvise(block, bytes, MADV_HUGEPAGE);  // advice only: without it all works, if slower
 #endif
         std::memset(block, 0, bytes);
+        bytes_ = bytes;
         return block_.get();
     }
+
+    std::size_t bytes() const { return bytes_; }
 
 private:
     struct Free {
         void operator()(double* p) const { std::free(p); }
     };
     std::unique_ptr<double, Free> block_;
+    std::size_t bytes_ = 0;
 };
 
 }  // namespace mbocp

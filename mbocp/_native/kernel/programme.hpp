@@ -88,6 +88,7 @@ public:
               Function difference);
 
     int num_stages() const { return N; }
+    std::size_t num_bytes() const { return pool_.bytes(); }  // of the stages' blocks
     void set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal);
 
     Numbers x, y, u, m, eta;  // the iterate: (N+1) nx, then stage after stage

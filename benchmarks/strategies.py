@@ -1,0 +1,151 @@
+"""One iteration of each solver over the number of steps, in time and memory; and what robots need."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+import mbocp
+from benchmarks.newton import Case, exponent, load
+from benchmarks.tables import Table
+from mbocp.guess import iterate_from_solution
+from mbocp.solvers import Iterate
+from mbocp.solvers.multiplier import EndCondition
+from mbocp.solvers.native import kernel_programme
+from mbocp.solvers.sweep import Sweeps
+from mbocp.transcription import StagewiseProgramme, transcribe
+
+__all__ = ["GROWTH", "STEPS", "growth_table", "robot_table"]
+
+STEPS = (500, 2000, 6000, 20_000)
+GROWTH = (
+    Case("elastic_pendulum", "paper/elastic_pendulum.toml"),
+    Case("rigid_pendulum", "paper/rigid_pendulum.toml"),
+    Case("cart_pendulum_rigid", "paper/cart_pendulum_rigid.toml"),
+    Case("cart_pendulum_elastic", "paper/cart_pendulum_elastic.toml"),
+    Case("ur5_reach", "arms/ur5_reach.toml"),
+)
+ROBOTS = (
+    Case("ur5_reach", "arms/ur5_reach.toml"),
+    Case("panda_reach", "arms/panda_reach.toml"),
+    Case("kinova_reach", "arms/kinova_reach.toml"),
+    Case("drone_flip", "free_flyer/drone_flip.toml"),
+)
+_DISTURBANCE = 1e-6  # relative
+METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "fbsm_bb+monolithic", "fbsm_bb+fbsm_newton", "auto")
+_DISTURBANCE = (
+    1e-5  # relative, of the controls of an optimum: far enough for a step, near enough for a full one
+)
+
+
+def growth_table(
+    case: Case, steps: Sequence[int] = STEPS, repetitions: int = 9
+) -> tuple[Table, dict[str, float]]:
+    """Time of one iteration of each solver, memory of the stages, and the fitted exponents."""
+    seconds: dict[str, list[float]] = {name: [] for name in ("monolithic", "fbsm_newton", "fbsm_bb")}
+    memory = []
+    optimum = mbocp.solve(load(case, f"horizon.steps={steps[0]}"), check=True)
+    for n in steps:
+        problem = load(case, f"horizon.steps={n}")
+        programme = transcribe(problem)
+        native = kernel_programme(programme)
+        near = _swept_near(iterate_from_solution(optimum, problem, programme), native, programme)
+        memory.append(float(native.num_bytes))
+        for name, iteration in _ITERATIONS.items():
+            seconds[name].append(_median(native, near, iteration, repetitions))
+    rows = []
+    for i, n in enumerate(steps):
+        times = [f"{1e3 * seconds[name][i]:.3g}" for name in seconds]
+        rows.append((str(n), *times, f"{memory[i] / 1e6:.1f}"))
+    found = {name: exponent(steps, values) for name, values in seconds.items()}
+    found["memory"] = exponent(steps, memory)
+    rows.append(("exponent", *(f"{value:.3f}" for value in found.values())))
+    columns = ("N", *(f"{name} [ms]" for name in seconds), "memory [MB]")
+    note = f"Medians of {repetitions} full steps near an optimum, with their sweeps; memory: the stages'."
+    return Table(f"One iteration of each solver: {case.label}", columns, rows, note), found
+
+
+def _swept_near(iterate: Iterate, native: Any, programme: StagewiseProgramme) -> Iterate:
+    """Swept trajectory with controls a little off it, so that a sweep has the same to do for every N."""
+    iterate.load_into(native)
+    _swept(native)
+    swept = Iterate.read_from(native, programme)
+    scale = _DISTURBANCE * np.abs(swept.us).max()
+    return replace(swept, us=swept.us + scale * np.random.default_rng(0).standard_normal(swept.us.shape))
+
+
+def _newton(native: Any) -> None:
+    native.evaluate()
+    if not native.factorise().ok or not native.solve().finite:
+        raise RuntimeError("no Newton step from a coarser optimum")
+    native.move(1.0)
+    native.accept(1.0)
+
+
+def _swept(native: Any) -> None:
+    if Sweeps().run(native).evaluation is None:
+        raise RuntimeError("no sweep from a coarser optimum")
+
+
+def _fbsm_newton(native: Any) -> None:
+    _swept(native)
+    _newton(native)
+
+
+def _fbsm_bb(native: Any) -> None:
+    _swept(native)
+    end, gradient = EndCondition.of(native), native.control_gradient
+    eta = end.multiplier(gradient)
+    native.u = native.u - 1e-6 * (gradient + end.G.T @ eta) + end.restoration()
+
+
+_ITERATIONS: dict[str, Callable[[Any], None]] = {
+    "monolithic": _newton,
+    "fbsm_newton": _fbsm_newton,
+    "fbsm_bb": _fbsm_bb,
+}
+
+
+def _median(native: Any, iterate: Iterate, iteration: Callable[[Any], None], repetitions: int) -> float:
+    """Time of a full step, sweeps included, without the trials of a line search."""
+    seconds = []
+    for _ in range(repetitions):
+        iterate.load_into(native)
+        clock = time.perf_counter()
+        iteration(native)
+        seconds.append(time.perf_counter() - clock)
+    return median(seconds)
+
+
+def robot_table(cases: Sequence[Case] = ROBOTS, methods: Sequence[str] = METHODS) -> Table:
+    """What each strategy needs on robots: iterations and wall time of its phases, from the default guess."""
+    rows = []
+    for case in cases:
+        for method in methods:
+            limit = ("solver.max_iterations=300",) if method == "fbsm_bb" else ()
+            problem = load(case, 'guess.kind="line"', f'solver.method="{method}"', *limit)
+            solution = min((mbocp.solve(problem) for _ in range(2)), key=_seconds)
+            counts = "+".join(str(p.iterations) for p in solution.phases if p.iterations)
+            verdict = "converged" if solution.converged else f"no ({solution.status})"
+            cells = (
+                case.label,
+                method,
+                verdict,
+                counts,
+                f"{1e3 * _seconds(solution):.3g}",
+                f"{solution.cost:.9g}",
+            )
+            rows.append(cells)
+    columns = ("problem", "strategy", "outcome", "iterations", "solver [ms]", "cost")
+    note = "From the straight line; iterations by phase; the lesser of two runs; fbsm_bb is given 300."
+    return Table("Strategies on robots", columns, rows, note)
+
+
+def _seconds(solution: mbocp.Solution) -> float:
+    others = ("compile", "guess", "diagnostics")
+    return sum(p.wall_time_s for p in solution.phases if p.name not in others)
