@@ -22,6 +22,7 @@ generate the motion of configurations and velocities, with constants c, A and si
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -40,10 +41,12 @@ _STENCIL = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 _STEP = 0.02
 
 
+@lru_cache(maxsize=64)
 def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
     """Find the rigid motions that leave the robot's equations and the cost |u|^2 invariant.
 
     Limits are not looked at: a bound on a coordinate that the symmetry moves breaks it where it is active.
+    Found once for a robot object, which never changes.
 
     Returns
     -------

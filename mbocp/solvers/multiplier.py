@@ -52,6 +52,8 @@ class EndCondition:
 
     def restoration(self) -> Array:
         """Smallest change of the controls that makes the linearised end condition hold, shape (nu_total,)."""
+        if not self.g.size:
+            return np.zeros_like(self.weight)
         root = np.sqrt(self.weight)
         found: Array = np.linalg.lstsq(self.G * root, -self.g, rcond=_RANK)[0] / root
         return found
