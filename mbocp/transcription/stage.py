@@ -25,7 +25,15 @@ from mbocp.transcription.shape import Shape
 
 __all__ = ["FUNCTION_NAMES", "ParameterLayout", "build_functions", "parameter_layout"]
 
-FUNCTION_NAMES = ("values", "jacobian", "complete", "terminal_values", "terminal_complete", "retract", "difference")
+FUNCTION_NAMES = (
+    "values",
+    "jacobian",
+    "complete",
+    "terminal_values",
+    "terminal_complete",
+    "retract",
+    "difference",
+)
 
 
 @dataclass(frozen=True)
