@@ -254,26 +254,29 @@ def _auto(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
         attempt("monolithic", reached)
     if first.status is Status.STAGNATED:
         attempt("monolithic", first.iterate, is_watched=False)
-    best = _best(results)
+    best = _best(results, spent=methods.budget is not None and runs.taken >= methods.budget)
     if len(results) == 1:
         return runs.outcome(best, f"auto: {methods.solver('monolithic').name}")
     return runs.outcome(best, "auto: " + " > ".join(_names(runs.phases)), "auto: " + ", ".join(told))
 
 
-def _best(results: Sequence[SolverResult]) -> SolverResult:
-    """The converged one, which is the last; else that with the smallest residual, ended as the last was."""
+def _best(results: Sequence[SolverResult], *, spent: bool) -> SolverResult:
+    """The converged one, which is the last; else that with the smallest residual, and why there is no better.
+
+    `spent`: the limit of iterations is used up.
+    """
     last = results[-1]
     if last.status is Status.CONVERGED:
         return last
     best = min(results, key=lambda r: r.record.residual if math.isfinite(r.record.residual) else math.inf)
     if last.status is Status.INTERRUPTED:
         return last if best is last else best.interrupted()
-    if best.status is not Status.SWITCHED:
-        return best
-    if last.status is not Status.SWITCHED:
-        return replace(best, status=last.status, advice=last.advice)
-    reached = f"not converged within solver.max_iterations (residual {best.record.residual:.1e}); raise it"
-    return replace(best, status=Status.MAX_ITERATIONS, advice=reached)
+    if spent and best.status is not Status.MAX_ITERATIONS:
+        reached = (
+            f"not converged within solver.max_iterations (residual {best.record.residual:.1e}); raise it"
+        )
+        return replace(best, status=Status.MAX_ITERATIONS, advice=reached)
+    return replace(best, status=last.status, advice=last.advice) if best.status is Status.SWITCHED else best
 
 
 def _names(phases: Sequence[Phase]) -> list[str]:
