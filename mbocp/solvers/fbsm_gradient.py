@@ -84,6 +84,8 @@ class GradientState:
         rho of the merit.
     first_cost : float
         Of the guess.
+    effort : float
+        Weight of a control in the running cost.
     best : tuple of (float, float, int)
         Smallest residual and merit so far, and the iteration that last lowered one of them.
     """
@@ -99,6 +101,7 @@ class GradientState:
     merits: tuple[tuple[float, float], ...] = ()
     penalty: float = 0.0
     first_cost: float = math.nan
+    effort: float = 0.0
     best: tuple[float, float, int] = (math.inf, math.inf, 0)
     iteration: int = 0
     increment: float = math.inf
@@ -177,16 +180,19 @@ class FBSMGradient:
             return replace(failed, failure=Status.SWEEP_FAILED, failed_stage=outcome.failed_stage)
         state = self._at(native, outcome.evaluation, sweeps)
         e = state.evaluation
-        return self._finished(replace(state, first_cost=e.cost, best=(e.residual, math.inf, 0)))
+        effort = programme.control_weight / programme.dt
+        return self._finished(
+            replace(state, first_cost=e.cost, effort=effort, best=(e.residual, math.inf, 0))
+        )
 
     def step(self, state: GradientState) -> GradientState:
         """One accepted step."""
         native, end = state.native, state.end
         kept = Kept.of(native)
-        penalty = max(state.penalty, 2.0 * float(np.linalg.norm(state.eta)))
+        restoration, share = _bounded(end.restoration(), self.theta_max)
+        penalty = max(state.penalty, 2.0 * self._largest_eta(state, restoration))
         merits = (*state.merits, (state.evaluation.cost, float(np.linalg.norm(end.g))))[-_MEMORY:]
         reference = max(cost + penalty * violation for cost, violation in merits)
-        restoration, share = _bounded(end.restoration(), self.theta_max)
         direction = restoration - self._length(state) * state.gradient
         slope = float(end.weight @ (state.plain * direction)) - penalty * share * merits[-1][1]
         length = 1.0
@@ -215,6 +221,7 @@ class FBSMGradient:
             merits=merits,
             penalty=penalty,
             first_cost=state.first_cost,
+            effort=state.effort,
             best=(min(residual, after.evaluation.residual), min(least, merit), since),
             iteration=iteration,
             increment=float(np.linalg.norm(length * direction)),
@@ -260,6 +267,13 @@ class FBSMGradient:
         factorisation = native.factorise()
         is_minimum = factorisation.ok and factorisation.negative == state.eta.size
         return replace(state, at_minimum=is_minimum)
+
+    def _largest_eta(self, state: GradientState, restoration: Array) -> float:
+        """Size of eta here, or after the restoring step: at controls zero, eta is zero however far the goal."""
+        if not state.eta.size:
+            return 0.0
+        ahead = state.end.multiplier(state.plain + state.effort * restoration)
+        return float(max(np.linalg.norm(state.eta), np.linalg.norm(ahead)))
 
     def _length(self, state: GradientState) -> float:
         """Stabilised Barzilai-Borwein length."""

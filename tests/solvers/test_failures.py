@@ -236,3 +236,13 @@ def cost(s: Solution, problem: Problem) -> float:
     effort = 0.5 * problem.cost.effort * s.duration / s.num_steps * np.sum(s.us**2)
     miss = norm(s.qs[-1] - problem.goal.q, s.ps[-1] - problem.goal.value)
     return float(effort + 0.5 * problem.cost.terminal * miss**2)
+
+
+@pytest.mark.parametrize("name", ["elastic_pendulum", "rigid_pendulum"])
+def test_gradient_steps_begin_from_controls_zero(name: str) -> None:
+    """There cost, gradient and eta are zero: only the end condition says where to go."""
+    problem = load(name, "horizon.steps=20", "guess.u=[0, 0, 0]")
+    s = mbocp.solve(problem, solver="fbsm_bb")
+    assert s.converged, s.advice
+    assert s.history[0].cost == 0.0
+    assert s.cost == pytest.approx(mbocp.solve(problem, solver="monolithic").cost, rel=1e-9)
