@@ -269,7 +269,7 @@ class FBSMGradient:
         return replace(state, at_minimum=is_minimum)
 
     def _largest_eta(self, state: GradientState, restoration: Array) -> float:
-        """Size of eta here, or after the restoring step: at controls zero, eta is zero however far the goal."""
+        """Size of eta here and after the restoring step; at controls zero eta is zero, whatever the goal."""
         if not state.eta.size:
             return 0.0
         ahead = state.end.multiplier(state.plain + state.effort * restoration)
