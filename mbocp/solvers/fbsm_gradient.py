@@ -4,9 +4,9 @@ With s and y the last changes of the controls and of the gradient, the step leng
 
 .. math:: \theta_1 = \frac{s\cdot s}{|s\cdot y|}, \qquad \theta_2 = \frac{|s\cdot y|}{y\cdot y}
 
-of [Barzilai1988]_ take turns, none longer than :math:`\theta_{max} / \|\nabla_u H\|`: the stabilisation of
-[Burdakov2019]_, which the paper uses with :math:`\theta_{max} = 1`. Taking turns converges about as fast as
-the first alone on the paper's systems, and never much slower.
+of [Barzilai1988]_ take turns, as in [Dai2005]_, none longer than :math:`\theta_{max} / \|\nabla_u H\|`: the
+stabilisation of [Burdakov2019]_, which the paper uses with :math:`\theta_{max} = 1`. Taking turns converges
+about as fast as the first alone on the paper's systems, and never much slower.
 
 *Exact end condition.* Towards a saddle point the plain gradient would have u descend and eta ascend, which
 circles around it for thousands of iterations. Here eta follows from u: it makes :math:`\nabla_u H` orthogonal
