@@ -26,6 +26,7 @@ __all__ = [
     "in_rounds",
     "iteration_table",
     "load",
+    "median_time",
     "newton",
     "scaling_table",
     "warm_guess",
@@ -113,13 +114,13 @@ class Stepper:
         return StepTime(
             num_steps=self.problem.num_steps,
             unknowns=self.programme.num_unknowns,
-            step=_median(lambda: self.solver.step(self.state), self._reset, repetitions),
-            evaluate=_median(native.evaluate, self._reset, repetitions),
-            factorise=_median(lambda: native.factorise(0.0, rho), self._reset, repetitions),
-            solve=_median(native.solve, ready, repetitions),
-            trial=_median(lambda: native.trial(1.0), directed, repetitions),
+            step=median_time(lambda: self.solver.step(self.state), self._reset, repetitions),
+            evaluate=median_time(native.evaluate, self._reset, repetitions),
+            factorise=median_time(lambda: native.factorise(0.0, rho), self._reset, repetitions),
+            solve=median_time(native.solve, ready, repetitions),
+            trial=median_time(lambda: native.trial(1.0), directed, repetitions),
             iterations=self.iterations,
-            whole=_median(self._solve, lambda: None, max(1, repetitions // 20)),
+            whole=median_time(self._solve, lambda: None, max(1, repetitions // 20)),
         )
 
     def _reset(self) -> None:
@@ -163,7 +164,7 @@ def _before_a_full_step(
     raise RuntimeError("no plain Newton step among the last ones of this solve: nothing to measure")
 
 
-def _median(work: Callable[[], object], prepare: Callable[[], object], repetitions: int) -> float:
+def median_time(work: Callable[[], object], prepare: Callable[[], object], repetitions: int) -> float:
     seconds = []
     for _ in range(repetitions):
         prepare()

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from statistics import median
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import mbocp
-from benchmarks.newton import Case, exponent, load
+from benchmarks.newton import Case, exponent, load, median_time
 from benchmarks.tables import Table
 from mbocp.guess import iterate_from_solution
 from mbocp.solvers import Iterate
@@ -20,7 +19,7 @@ from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.sweep import Sweeps
 from mbocp.transcription import StagewiseProgramme, transcribe
 
-__all__ = ["GROWTH", "STEPS", "growth_table", "robot_table"]
+__all__ = ["GROWTH", "METHODS", "STEPS", "growth_table", "robot_table", "seconds_of"]
 
 STEPS = (500, 2000, 6000, 20_000)
 GROWTH = (
@@ -36,11 +35,8 @@ ROBOTS = (
     Case("kinova_reach", "arms/kinova_reach.toml"),
     Case("drone_flip", "free_flyer/drone_flip.toml"),
 )
-_DISTURBANCE = 1e-6  # relative
+_DISTURBANCE = 1e-6  # relative, of the controls of an optimum: near enough for a full step
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "fbsm_bb+monolithic", "fbsm_bb+fbsm_newton", "auto")
-_DISTURBANCE = (
-    1e-5  # relative, of the controls of an optimum: far enough for a step, near enough for a full one
-)
 
 
 def growth_table(
@@ -57,7 +53,8 @@ def growth_table(
         near = _swept_near(iterate_from_solution(optimum, problem, programme), native, programme)
         memory.append(float(native.num_bytes))
         for name, iteration in _ITERATIONS.items():
-            seconds[name].append(_median(native, near, iteration, repetitions))
+            work, reset = partial(iteration, native), partial(near.load_into, native)
+            seconds[name].append(median_time(work, reset, repetitions))
     rows = []
     for i, n in enumerate(steps):
         times = [f"{1e3 * seconds[name][i]:.3g}" for name in seconds]
@@ -111,17 +108,6 @@ _ITERATIONS: dict[str, Callable[[Any], None]] = {
 }
 
 
-def _median(native: Any, iterate: Iterate, iteration: Callable[[Any], None], repetitions: int) -> float:
-    """Time of a full step, sweeps included, without the trials of a line search."""
-    seconds = []
-    for _ in range(repetitions):
-        iterate.load_into(native)
-        clock = time.perf_counter()
-        iteration(native)
-        seconds.append(time.perf_counter() - clock)
-    return median(seconds)
-
-
 def robot_table(cases: Sequence[Case] = ROBOTS, methods: Sequence[str] = METHODS) -> Table:
     """What each strategy needs on robots: iterations and wall time of its phases, from the default guess."""
     rows = []
@@ -129,7 +115,7 @@ def robot_table(cases: Sequence[Case] = ROBOTS, methods: Sequence[str] = METHODS
         for method in methods:
             limit = ("solver.max_iterations=300",) if method == "fbsm_bb" else ()
             problem = load(case, 'guess.kind="line"', f'solver.method="{method}"', *limit)
-            solution = min((mbocp.solve(problem) for _ in range(2)), key=_seconds)
+            solution = min((mbocp.solve(problem) for _ in range(2)), key=seconds_of)
             counts = "+".join(str(p.iterations) for p in solution.phases if p.iterations)
             verdict = "converged" if solution.converged else f"no ({solution.status})"
             cells = (
@@ -137,7 +123,7 @@ def robot_table(cases: Sequence[Case] = ROBOTS, methods: Sequence[str] = METHODS
                 method,
                 verdict,
                 counts,
-                f"{1e3 * _seconds(solution):.3g}",
+                f"{1e3 * seconds_of(solution):.3g}",
                 f"{solution.cost:.9g}",
             )
             rows.append(cells)
@@ -146,6 +132,7 @@ def robot_table(cases: Sequence[Case] = ROBOTS, methods: Sequence[str] = METHODS
     return Table("Strategies on robots", columns, rows, note)
 
 
-def _seconds(solution: mbocp.Solution) -> float:
+def seconds_of(solution: mbocp.Solution) -> float:
+    """Wall time of the solver's phases."""
     others = ("compile", "guess", "diagnostics")
     return sum(p.wall_time_s for p in solution.phases if p.name not in others)

@@ -15,7 +15,7 @@ import pinocchio as pin
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
-from benchmarks.strategies import METHODS
+from benchmarks.strategies import METHODS, seconds_of
 from benchmarks.tables import Table, show
 
 __all__ = ["success_table", "tasks"]
@@ -90,17 +90,13 @@ def success_table(number: int = 12, methods: Sequence[str] = METHODS) -> Table:
             converged = sum(s.converged for s in found[group, method])
             total += converged
             cells.append(f"{converged} / {size}")
-        times = [_seconds(s) for group in groups for s in found[group, method] if s.converged]
+        times = [seconds_of(s) for group in groups for s in found[group, method] if s.converged]
         rows.append((method, *cells, f"{total} / {sum(groups.values())}", f"{1e3 * median(times):.3g}"))
     note = (
         "Converged to 1e-9, from the default guesses. "
         f"fbsm_bb is given {_GRADIENT_LIMIT} iterations. Time: median of the successes, solver alone."
     )
     return Table("Successes", ("strategy", *groups, "all", "time [ms]"), rows, note)
-
-
-def _seconds(solution: mbocp.Solution) -> float:
-    return sum(p.wall_time_s for p in solution.phases if p.name not in ("compile", "guess", "diagnostics"))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -234,7 +234,7 @@ class GlobalisedNewton:
                 return replace(after, reference=None, filter=state.filter.grown(reference.evaluation))
             if after.failure is None and reference.steps_left > 1:
                 return after
-        reference.restore(native)
+        reference.iterate.restore(native)
         return replace(
             state,
             evaluation=native.evaluate(),

@@ -6,12 +6,11 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mbocp._arrays import Array
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import Status
-from mbocp.solvers.sweep import Sweeps
+from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["NewtonState", "Reference", "advanced", "end_of", "factorise", "fresh", "start"]
@@ -26,26 +25,20 @@ class Reference:
 
     Attributes
     ----------
-    iterate : tuple of ndarray
-        The kernel's x, y, u, m, eta.
+    iterate : Kept
     evaluation : kernel Evaluation
     steps_left : int
         Relaxed steps that may still be taken.
     """
 
-    iterate: tuple[Array, ...]
+    iterate: Kept
     evaluation: Any
     steps_left: int
 
     @classmethod
     def of(cls, state: NewtonState, steps: int) -> Reference:
         """Remember the state's iterate."""
-        native = state.native
-        return cls((native.x, native.y, native.u, native.m, native.eta), state.evaluation, steps)
-
-    def restore(self, native: Any) -> None:
-        """Put the iterate back."""
-        native.x, native.y, native.u, native.m, native.eta = self.iterate
+        return cls(Kept.of(state.native), state.evaluation, steps)
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme) -
         "in this time, or the guess too far; try a longer duration, another guess, or goal.enforce = "
         '"penalty"',
         Status.STAGNATED: f"no progress any more after {taken} {reached}; try another "
-        'solver ("auto" goes over to one by itself), another guess or a longer duration',
+        "solver, another guess or a longer duration",
         Status.SWEEP_FAILED: f"the forward sweep fails {_place(state, programme)}: the guess's controls lead "
         'where no step can be solved; take more steps, another guess, or "monolithic", which needs no sweep',
         Status.SWITCHED: f"handed over after {taken}",
