@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).parents[1] / "mbocp"
 LAYERS = (
     "exceptions",
     "_arrays",
+    "_linear",
     "_native",
     "symbolic",
     "lie",

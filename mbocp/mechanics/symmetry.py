@@ -29,6 +29,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._linear import null_space
 from mbocp.mechanics.symmetry_fields import Ansatz, Symmetry, skew
 from mbocp.robot import Robot, SpringDamper
 
@@ -59,7 +60,7 @@ def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
     rows = list(ansatz.static_rows())
     for q in _random_configurations(robot, ansatz.size + 8):
         rows += _motion_rows(robot, q, ansatz.features(q))
-    basis = _null_space(np.vstack(rows))
+    basis = null_space(np.vstack(rows), _TOLERANCE)
     basis, omegas = _with_actuation(robot, ansatz, basis)
     return tuple(
         ansatz.symmetry(name, basis @ weights, np.tensordot(weights, omegas, 1))
@@ -99,15 +100,6 @@ def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
     rng = np.random.default_rng(20250521)  # any seed: what holds at random configurations holds everywhere
     for _ in range(count):
         yield pin.integrate(robot.model, pin.neutral(robot.model), rng.uniform(-1.2, 1.2, robot.nv))
-
-
-def _null_space(matrix: Array, tolerance: float = _TOLERANCE) -> Array:
-    """Orthonormal basis of the null space in columns."""
-    triangle = np.linalg.qr(matrix, mode="r")  # tall matrices: no large left factor
-    _, singular, vt = np.linalg.svd(triangle)
-    rank = int(np.count_nonzero(singular > tolerance * max(singular.max(initial=0.0), 1.0)))
-    basis: Array = vt[rank:].T
-    return basis
 
 
 def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
@@ -156,7 +148,7 @@ def _support(robot: Robot) -> Any:
     """Velocity components that can take part in a rigid motion of all bodies, at some configuration."""
     eye, moving = np.eye(robot.nv), np.zeros(robot.nv, dtype=bool)
     for q in _random_configurations(robot, 3):
-        null = _null_space(np.vstack(list(_body_rows(robot, q, eye))))
+        null = null_space(np.vstack(list(_body_rows(robot, q, eye))), _TOLERANCE)
         # Massless joints move nothing: only what goes along with a twist s counts.
         null = null @ np.linalg.pinv(null[-6:], rcond=_TOLERANCE)
         moving |= np.abs(null[:-6]).max(axis=1, initial=0.0) > _TOLERANCE
@@ -183,7 +175,7 @@ def _with_actuation(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Array, 
         product = np.zeros_like(matrix)
         product[:, j], product[:, i] = matrix[:, i], -matrix[:, j]
         columns.append(product.ravel())
-    null = _null_space(np.array(columns).T)
+    null = null_space(np.array(columns).T, _TOLERANCE)
     # Combinations of the basis that are attainable, each with its smallest Omega.
     u, singular, _ = np.linalg.svd(null[:count], full_matrices=False)
     attainable = u[:, singular > _TOLERANCE]
@@ -230,7 +222,7 @@ def _actuation_rate(robot: Robot, q: Array, direction: Array) -> Array:
 
 def _named_basis(twists: Array) -> Iterator[tuple[str, Array]]:
     """Combinations of the columns of `twists` (6, k) that a person would choose, with names."""
-    pure = _null_space(twists[3:]) if twists.shape[1] else twists[:0].T
+    pure = null_space(twists[3:], _TOLERANCE) if twists.shape[1] else twists[:0].T
     for axis in _axes(twists[:3] @ pure):
         yield (
             f"translation along {_direction(axis)}",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._linear import null_space
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
 from mbocp.problem.goal import Goal
 from mbocp.robot import Robot
@@ -19,8 +20,8 @@ __all__ = [
     "check_position",
     "check_velocity",
     "complete_goal",
-    "null_space",
     "project_on_constraints",
+    "tangent_space",
 ]
 
 # A start typed with nine digits is accepted; one that is off by what a person can measure is not. The first
@@ -94,7 +95,7 @@ def check_goal_rate(robot: Robot, goal: Goal) -> None:
         return
     wanted = np.flatnonzero(goal.rate_active)
     value = goal.value[wanted]
-    reachable = (_rate_matrix(robot, goal) @ null_space(robot.constraint_jacobian(goal.q)))[wanted]
+    reachable = (_rate_matrix(robot, goal) @ tangent_space(robot, goal.q))[wanted]
     nearest = reachable @ np.linalg.lstsq(reachable, value, rcond=_RANK_TOLERANCE)[0]
     error = np.abs(nearest - value)
     worst = int(error.argmax())
@@ -117,7 +118,7 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
     """
     if not goal.is_exact:
         return 0
-    P = null_space(robot.constraint_jacobian(goal.q)) if robot.nc else np.eye(robot.nv)
+    P = tangent_space(robot, goal.q)
     count = _rank(P[goal.q_active]) + _rank((_rate_matrix(robot, goal) @ P)[goal.rate_active])
     available = num_steps * robot.nu
     if count > available:
@@ -145,15 +146,14 @@ def _refuse_residual(robot: Robot, residual: Array, key: str, unit: str, advice:
     )
 
 
-def null_space(matrix: Array) -> Array:
-    """Return an orthonormal basis of the null space, as columns.
+def tangent_space(robot: Robot, q: Array) -> Array:
+    """Orthonormal basis of the velocities that the constraints allow at q, shape (nv, nv - rank).
 
     From an SVD, for any constraint: the closed form (46) of the paper is singular where q_x = q_z = 0.
     """
-    _, singular, Vt = np.linalg.svd(matrix)
-    rank = int((singular > _RANK_TOLERANCE * max(1.0, singular.max(initial=0.0))).sum())
-    basis: Array = Vt[rank:].T
-    return basis
+    if not robot.nc:
+        return np.eye(robot.nv)
+    return null_space(robot.constraint_jacobian(q), _RANK_TOLERANCE)
 
 
 def _rank(matrix: Array) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._linear import null_space
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
 from mbocp.robot.notices import InitialPoseWarning
@@ -56,7 +57,7 @@ def check_mechanics(robot: Robot) -> None:
     mass = robot.mass_matrix(robot.q0)
     if not kinematics.is_singular(mass):
         return
-    basis = _null_space(jacobian)
+    basis = null_space(jacobian, _RANK)
     if kinematics.is_singular(basis.T @ mass @ basis):
         raise _singular(robot, mass)
 
@@ -96,12 +97,6 @@ def _check_rank(robot: Robot, jacobian: Array) -> None:
             f"that moves (rank {len(kept)} of {robot.nc}): {', '.join(map(repr, dependent))}; take out "
             "what is redundant or choose another initial pose"
         )
-
-
-def _null_space(jacobian: Array) -> Array:
-    _, values, rows = np.linalg.svd(jacobian)
-    basis: Array = rows[int((values > _RANK * values.max(initial=1.0)).sum()) :].T
-    return basis
 
 
 def _singular(robot: Robot, mass: Array) -> SingularMassMatrix:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.problem import Goal
-from mbocp.problem.consistency import null_space
+from mbocp.problem.consistency import tangent_space
 from mbocp.robot import Robot
 
 __all__ = ["end_condition_rows"]
@@ -39,7 +39,7 @@ def end_condition_rows(robot: Robot, goal: Goal) -> tuple[Array, Array]:
     """
     if goal.enforce not in ("exact", "both"):
         return np.zeros((0, robot.nv)), np.zeros((0, robot.nv))
-    basis = null_space(robot.constraint_jacobian(goal.q))
+    basis = tangent_space(robot, goal.q)
     moment_basis = robot.mass_matrix(goal.q) @ basis if goal.rate == "p" else basis
     return _project(goal.q_active, basis, basis), _project(goal.rate_active, moment_basis, basis)
 
