@@ -39,6 +39,7 @@ _MEMORY = 10  # iterations that the merit is compared with
 _HALVINGS = 40
 _ARMIJO = 1e-4
 _ROUND_OFF = 1e-13  # of the merit
+_CONTROL_ERROR = 1e3  # tolerances: what the controls may be off by, ||r_u|| / alpha at most
 _STAGNATION = 500  # iterations without any better residual or merit
 
 
@@ -141,7 +142,8 @@ class FBSMGradient:
     Attributes
     ----------
     tolerance : float
-        Of :math:`\|r_u\|`. The length of a step says nothing of a gradient method's error.
+        Of :math:`\|r_u\|`, and a thousandth of what :math:`\|r_u\| / \alpha` may be: a bound of the controls'
+        error [N, N m]. The length of a step says nothing of a gradient method's error.
     max_iterations : int
         Steps before it gives up.
     theta_max : float
@@ -234,7 +236,7 @@ class FBSMGradient:
         if state.failure is not None:
             return state.failure
         residual, cost, switch = state.evaluation.residual, state.evaluation.cost, self.switch
-        if residual <= self.tolerance:
+        if residual <= self.tolerance * min(1.0, _CONTROL_ERROR * state.effort):
             return Status.CONVERGED
         if switch is not None and (
             residual < switch.residual
