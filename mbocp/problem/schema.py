@@ -13,6 +13,8 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from mbocp.problem.options import SolverOptions
+
 __all__ = [
     "CostTable",
     "GoalTable",
@@ -190,19 +192,19 @@ class IntegratorTable(_Table):
 
 
 class SolverTable(_Table):
-    """How the problem is solved."""
+    """How the problem is solved; the defaults are those of `SolverOptions`."""
 
-    method: str = "auto"
-    globalisation: str = "default"
-    tolerance: Finite = 1e-9
-    max_iterations: int | None = None
-    hessian: str = "structured"
-    adjoint: str = "direct"
-    loop: str = "auto"
-    theta_max: Finite = 1.0
-    switch_residual: Finite = 10.0
-    switch_cost: Finite = 0.5
-    switch_iterations: int = 25
+    method: str = SolverOptions.method
+    globalisation: str = SolverOptions.globalisation
+    tolerance: Finite = SolverOptions.tolerance
+    max_iterations: int | None = SolverOptions.max_iterations
+    hessian: str = SolverOptions.hessian
+    adjoint: str = SolverOptions.adjoint
+    loop: str = SolverOptions.loop
+    theta_max: Finite = SolverOptions.theta_max
+    switch_residual: Finite = SolverOptions.switch_residual
+    switch_cost: Finite = SolverOptions.switch_cost
+    switch_iterations: int = SolverOptions.switch_iterations
 
 
 class ProblemTable(_Table):
