@@ -14,8 +14,9 @@ from mbocp._arrays import Array
 from mbocp.paper import figure_space as space
 from mbocp.paper.cart_pictures import draw_manoeuvre, draw_snapshot
 from mbocp.paper.figure_parts import (
+    FBSM,
     LINES,
-    Look,
+    MONOLITHIC,
     components,
     finish_panel,
     look_legend,
@@ -23,16 +24,12 @@ from mbocp.paper.figure_parts import (
     remark,
     round_off,
 )
-from mbocp.paper.motions import Motion, Pair, motion_pair, penalty_or_lagrange
+from mbocp.paper.motions import Motion, Pair, Say, motion_pair, penalty_or_lagrange
 
 __all__ = ["figure_6", "figure_7", "figure_8"]
 
-_MONOLITHIC = Look("Monolithic", "lines")
-_FBSM = Look("FBSM-Newton", "fbsm")
 _COORDINATES = ("1", "3", "4")  # q_1: cart, (q_3, q_4): bob; q_2 = 0 is the rail
 _SNAPSHOTS = (0.0, 0.2, 0.5, 1.0, 2.0)  # [s]
-
-Say = Callable[[str], object]
 
 
 def figure_6(say: Say = str) -> Figure:
@@ -43,7 +40,7 @@ def figure_6(say: Say = str) -> Figure:
     _violation(figure.add_subplot(grid[2, 1]), pair)
     _hamiltonian(figure.add_subplot(grid[3, 0]), "g", pair)
     _momenta(figure.add_subplot(grid[3, 1]), pair)
-    look_legend(figure, [_MONOLITHIC, _FBSM])
+    look_legend(figure, [MONOLITHIC, FBSM])
     remark(figure, "Fig. 6   2D rigid pendulum on a cart: optimal trajectories", [pair.remark])
     return figure
 
@@ -66,7 +63,7 @@ def figure_8(say: Say = str) -> Figure:
     figure, grid = page((2.4, 2.4, 2.5))
     _common_panels(figure, grid, pair)
     _hamiltonian(figure.add_subplot(grid[2, 1]), "f", pair)
-    look_legend(figure, [_MONOLITHIC, _FBSM])
+    look_legend(figure, [MONOLITHIC, FBSM])
     remark(figure, "Fig. 8   2D elastic pendulum on a cart: optimal trajectories", [pair.remark])
     return figure
 
@@ -107,9 +104,9 @@ def _common_panels(figure: Figure, grid: Any, pair: Pair) -> None:
 def _curves(
     axes: Axes, pair: Pair, times: Callable[[Motion], Array], values: Callable[[Motion], Array]
 ) -> list[Line2D]:
-    handles = components(axes, times(pair.monolithic), values(pair.monolithic), _MONOLITHIC)
+    handles = components(axes, times(pair.monolithic), values(pair.monolithic), MONOLITHIC)
     if pair.fbsm is not None:
-        components(axes, times(pair.fbsm), values(pair.fbsm), _FBSM)
+        components(axes, times(pair.fbsm), values(pair.fbsm), FBSM)
     return handles
 
 

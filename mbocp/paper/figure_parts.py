@@ -18,7 +18,9 @@ from mbocp._arrays import Array
 from mbocp.view.plots_style import GREY, PALETTE, calm_limits, finish_axes, mark_time, strip_legend
 
 __all__ = [
+    "FBSM",
     "LINES",
+    "MONOLITHIC",
     "Look",
     "components",
     "finish_panel",
@@ -43,6 +45,10 @@ class Look:
 
     name: str
     kind: str
+
+
+MONOLITHIC = Look("Monolithic", "lines")
+FBSM = Look("FBSM-Newton", "fbsm")
 
 
 def components(

@@ -12,7 +12,9 @@ from matplotlib.lines import Line2D
 from mbocp._arrays import Array
 from mbocp.paper import figure_space as space
 from mbocp.paper.figure_parts import (
+    FBSM,
     LINES,
+    MONOLITHIC,
     Look,
     components,
     finish_panel,
@@ -21,15 +23,11 @@ from mbocp.paper.figure_parts import (
     remark,
     round_off,
 )
-from mbocp.paper.motions import Motion, Pair, free_space, motion_pair, penalty_or_lagrange
+from mbocp.paper.motions import Motion, Pair, Say, free_space, motion_pair, penalty_or_lagrange
 
 __all__ = ["figure_2", "figure_3", "figure_4"]
 
-_MONOLITHIC = Look("Monolithic", "lines")
-_FBSM = Look("FBSM-Newton", "fbsm")
 _SPACE = ("$x$ [m]", "$y$ [m]", "$z$ [m]")
-
-Say = Callable[[str], object]
 
 
 def figure_2(say: Say = str) -> Figure:
@@ -39,7 +37,7 @@ def figure_2(say: Say = str) -> Figure:
     figure, grid = page((2.3, 2.3, 3.3, 2.1))
     _time_panels(figure, grid, pair, penalty)
     _path_in_space(figure.add_subplot(grid[2, 1], projection="3d"), pair)
-    looks = [_MONOLITHIC, _FBSM, Look("penalty form, scaled with $1/\\alpha$", "other")]
+    looks = [MONOLITHIC, FBSM, Look("penalty form, scaled with $1/\\alpha$", "other")]
     look_legend(figure, looks)
     remark(figure, "Fig. 2   Minimal effort manoeuvring of the 3D elastic pendulum", [pair.remark])
     return figure
@@ -52,7 +50,7 @@ def figure_3(say: Say = str) -> Figure:
     figure, grid = page((2.4, 2.4, 2.4, 2.2))
     _time_panels(figure, grid, pair, lagrange)
     _violation(figure.add_subplot(grid[2, 1]), pair, lagrange)
-    looks = [_MONOLITHIC, _FBSM, Look("Lagrange form", "other")]
+    looks = [MONOLITHIC, FBSM, Look("Lagrange form", "other")]
     look_legend(figure, looks)
     remark(figure, "Fig. 3   Minimal effort manoeuvring of the 3D rigid pendulum", [pair.remark])
     return figure
@@ -74,7 +72,7 @@ def figure_4(say: Say = str) -> Figure:
         f"largest change {drift:.0e}", (0.97, 0.66), xycoords="axes fraction", ha="right", fontsize=8
     )
     _paths_on_sphere(figure.add_subplot(grid[1], projection="3d"), gravity, free)
-    look_legend(figure, [_MONOLITHIC, _FBSM])
+    look_legend(figure, [MONOLITHIC, FBSM])
     remark(figure, "Fig. 4   The 3D rigid pendulum in free space", [free.remark])
     return figure
 
@@ -126,9 +124,9 @@ def _curves(
     values: Callable[[Motion], Array],
 ) -> list[Line2D]:
     """Lines for the monolithic solver, open markers for FBSM-Newton, filled ones for the other form."""
-    handles = components(axes, times(pair.monolithic), values(pair.monolithic), _MONOLITHIC)
+    handles = components(axes, times(pair.monolithic), values(pair.monolithic), MONOLITHIC)
     if pair.fbsm is not None:
-        components(axes, times(pair.fbsm), values(pair.fbsm), _FBSM)
+        components(axes, times(pair.fbsm), values(pair.fbsm), FBSM)
     if other is not None:
         components(axes, times(other), values(other), Look("", "other"))
     return handles

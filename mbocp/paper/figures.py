@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from mbocp.exceptions import InvalidValue
 from mbocp.paper.figure_cart import figure_6, figure_7, figure_8
 from mbocp.paper.figure_pendulum import figure_2, figure_3, figure_4
+from mbocp.paper.motions import Say
 from mbocp.view.plots_style import house_style, save_figure
 
 __all__ = ["FIGURES", "FigureSpec", "check_figure", "draw_figure", "write_figure"]
@@ -21,7 +22,7 @@ class FigureSpec:
     """A figure: what it shows, and the function that solves and draws it."""
 
     title: str
-    draw: Callable[[Callable[[str], object]], Figure]
+    draw: Callable[[Say], Figure]
 
 
 FIGURES: Mapping[int, FigureSpec] = {
@@ -48,7 +49,7 @@ def check_figure(number: int) -> None:
         raise InvalidValue("--figure", number, hint)
 
 
-def draw_figure(number: int, say: Callable[[str], object] = str) -> Figure:
+def draw_figure(number: int, say: Say = str) -> Figure:
     """Solve what a figure needs, and draw it.
 
     Parameters
@@ -68,7 +69,7 @@ def write_figure(
     *,
     suffixes: Sequence[str] = (".png",),
     dpi: int = 160,
-    say: Callable[[str], object] = str,
+    say: Say = str,
 ) -> list[Path]:
     """Draw a figure and write it as paper_fig<number> into a folder, which is made if need be."""
     figure = draw_figure(number, say)

@@ -16,7 +16,9 @@ from mbocp.paper.measure import solved
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 
-__all__ = ["Motion", "Pair", "free_space", "motion_pair", "penalty_or_lagrange"]
+__all__ = ["Motion", "Pair", "Say", "free_space", "motion_pair", "penalty_or_lagrange"]
+
+Say = Callable[[str], object]  # told what is being solved
 
 _CONTINUATION = (9.81, 4.0, 0.0)  # [m/s^2]: gravity, down to free space
 
@@ -83,7 +85,7 @@ class Pair:
     remark: str = ""
 
 
-def motion_pair(system: str, form: Form, say: Callable[[str], object] = str) -> Pair:
+def motion_pair(system: str, form: Form, say: Say = str) -> Pair:
     """Solve a system at dt = 0.01 s by both Newton methods, each with its default globalisation."""
     say(f"{system}, {form}: monolithic")
     problem = paper_problem(system, form, settings=strategy_settings(STRATEGIES[0]))
@@ -92,14 +94,14 @@ def motion_pair(system: str, form: Form, say: Callable[[str], object] = str) -> 
     return _with_fbsm(monolithic, _optimum, system, form, {})
 
 
-def penalty_or_lagrange(system: str, form: Form, say: Callable[[str], object] = str) -> Motion:
+def penalty_or_lagrange(system: str, form: Form, say: Say = str) -> Motion:
     """Solve a system at dt = 0.01 s by the monolithic solver."""
     say(f"{system}, {form}: monolithic")
     problem = paper_problem(system, form, settings=strategy_settings(STRATEGIES[0]))
     return Motion.of(problem, _optimum(problem))
 
 
-def free_space(say: Callable[[str], object] = str) -> Pair:
+def free_space(say: Say = str) -> Pair:
     """Solve the rigid pendulum without gravity, from the paper's start to its goal.
 
     From the paper's constant control the motion without gravity stays on the equator, where the end condition
