@@ -29,11 +29,11 @@ import casadi as ca
 
 from mbocp.mechanics import JointMechanics
 
-__all__ = ["SCHEMES", "TAU", "State", "StepRows", "evaluation_point", "step_rows"]
+__all__ = ["EULER_SCHEMES", "TAU", "State", "StepRows", "evaluation_point", "step_rows"]
 
 # Appendix B: where in its step a scheme looks at state and forces.
 TAU: Mapping[str, float] = MappingProxyType({"se1": 1.0, "se2": 0.0, "midpoint": 0.5})
-SCHEMES = tuple(TAU)
+EULER_SCHEMES = tuple(TAU)
 
 
 class State(NamedTuple):
@@ -93,7 +93,7 @@ def step_rows(
     mechanics : JointMechanics
         Equations of motion.
     scheme : str
-        One of `SCHEMES`.
+        One of `EULER_SCHEMES`.
     before, after : State
         State at both ends of the step.
     at : State

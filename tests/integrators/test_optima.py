@@ -11,7 +11,7 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.integrators import SCHEMES, TAU
+from mbocp.integrators import EULER_SCHEMES, TAU
 from mbocp.problem import Problem
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -53,7 +53,7 @@ def check_steps(problem: Problem, s: mbocp.Solution) -> None:
         assert np.abs(needed - applied).max() < 1e-8 * (1 + np.abs(needed).max())
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", EULER_SCHEMES)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_example_problems(name: str, scheme: str) -> None:
     settings = ["horizon.steps=100"] if "paper" in name else []
@@ -67,7 +67,7 @@ def test_example_problems(name: str, scheme: str) -> None:
     assert s.control_momentum_drift < 1e-9 * (1 + np.abs(s.control_momenta).max())
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", EULER_SCHEMES)
 @pytest.mark.parametrize("name", ["elastic_pendulum", "rigid_pendulum"])
 def test_the_papers_control_momentum(name: str, scheme: str) -> None:
     """Eq. (15) with the reported adjoints."""
@@ -107,7 +107,7 @@ def test_costs_of_an_arm_converge_at_the_order_of_the_scheme() -> None:
     assert ratio(costs("arms/ur5_reach", "midpoint", steps)) == pytest.approx(4.0, abs=0.4)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", EULER_SCHEMES)
 def test_control_hamiltonian_varies_at_the_order_of_the_scheme(scheme: str) -> None:
     for name, steps in (("paper/elastic_pendulum", (160, 320)), ("paper/rigid_pendulum", (40, 80))):
         solutions = [solve(name, scheme, f"horizon.steps={n}") for n in steps]
@@ -138,11 +138,11 @@ def test_adjoint_at_the_start_is_the_sensitivity_of_the_cost(name: str, scheme: 
     assert best.mus[0] @ direction == pytest.approx(slope, rel=1e-6)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", EULER_SCHEMES)
 def test_warm_starts_from_every_scheme(scheme: str) -> None:
     name = "arms/ur5_reach"
     cold = solve(name, scheme)
-    for other in SCHEMES:
+    for other in EULER_SCHEMES:
         warm = mbocp.solve(load(name, scheme), warm_start=solve(name, other))
         assert warm.converged
         assert warm.cost == pytest.approx(cold.cost, rel=1e-12)

@@ -16,7 +16,7 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.integrators import SCHEMES, TAU
+from mbocp.integrators import EULER_SCHEMES, TAU
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, load_robot
 from mbocp.transcription.shape import Shape
@@ -182,7 +182,7 @@ def solved(name: str, scheme: str) -> tuple[mbocp.Solution, ca.Function]:
     return solution, ControlHamiltonian(name).residual((tau, 1.0 - tau), dt)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", EULER_SCHEMES)
 def test_solutions_are_steps_of_appendix_b(scheme: str) -> None:
     solution, residual = solved("elastic_pendulum", scheme)
     zs = np.hstack([solution.qs, solution.ps, solution.mus])
@@ -190,7 +190,7 @@ def test_solutions_are_steps_of_appendix_b(scheme: str) -> None:
         assert np.abs(np.asarray(residual(z0, z1, u))).max() < 1e-9
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", EULER_SCHEMES)
 def test_solutions_on_a_constraint(scheme: str) -> None:
     """The constraint kicks the adjoint where it is asked for, at the node; else (B2) as it stands.
 
@@ -298,7 +298,7 @@ def two_form(robot: Robot, dual: Array) -> Array:
     return form
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", EULER_SCHEMES)
 @pytest.mark.parametrize("name", ["ur5", "hector", "rigid_pendulum", "cart_pendulum_rigid"])
 def test_stages_of_any_robot(name: str, scheme: str) -> None:
     robot = load_robot(name)
