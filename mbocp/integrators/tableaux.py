@@ -2,7 +2,7 @@
 
 Each is a table: nodes c, matrix a and weights b of
 
-    k_i = f(t + c_i h, y + h sum_j a_ij k_j),    y_next = y + h sum_i b_i k_i        section 4.1 of [Manara2017]_
+    k_i = f(t + c_i h, y + h sum_j a_ij k_j),    y_next = y + h sum_i b_i k_i    (4.1 of [Manara2017]_)
 """
 
 from __future__ import annotations
