@@ -80,7 +80,7 @@ def _joints(facts: Mapping[str, Any]) -> Table:
         table.add_row(
             joint["name"],
             joint["type"],
-            "yes" if joint["actuated"] else "no",
+            "prescribed" if joint["driven"] else "yes" if joint["actuated"] else "no",
             _limit(joint["lower"][0]) if one else "",
             _limit(joint["upper"][0]) if one else "",
             _limit(joint["velocity"][0]) if joint["nv"] == 1 else "",

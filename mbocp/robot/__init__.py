@@ -13,6 +13,7 @@ from mbocp.robot.notices import InitialPoseWarning, MissingMeshWarning, Normalis
 from mbocp.robot.parts import (
     Actuation,
     Connector,
+    Drive,
     FrameActuator,
     Label,
     Limits,
@@ -26,6 +27,7 @@ from mbocp.robot.sources import RobotEntry, list_robots
 __all__ = [
     "Actuation",
     "Connector",
+    "Drive",
     "FrameActuator",
     "InitialPoseWarning",
     "Label",

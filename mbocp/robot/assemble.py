@@ -12,6 +12,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import joints, kinematics
+from mbocp.robot.drive_tables import DriveReader
 from mbocp.robot.locking import refuse_follower
 from mbocp.robot.parts import (
     Actuation,
@@ -74,34 +75,42 @@ class Assembly:
     # Actuation
 
     def actuation(self, actuated: Sequence[str] | None) -> tuple[Actuation, Array]:
-        """B, and the effort limit of each control [N m, N].
+        """B and the drives, and the limit of each control [N m, N; m/s, m/s^2, ... of drives].
 
         Parameters
         ----------
         actuated : sequence of str or None
-            Joints with motors; None: those of the table; if that names none, all that the URDF actuates.
+            Joints with motors; None: those of the table; if that names none, all that the URDF actuates and
+            that no drive moves.
         """
         columns = _Columns()
+        reader = DriveReader(self.model, self.locked, tuple(self.table.drives), self.robot, self.file)
         declared = {a.joint: a.effort for a in self.table.actuators if isinstance(a, JointActuator)}
         named = self.table.actuation.joints
         if actuated is not None:
             named = list(actuated)
         elif named is not None or declared:
             named = [*(named or []), *declared]
-        for joint in self._motors(named):
+        for joint in self._motors(named) if named is not None else self._default_motors(reader.driven()):
             self._add_joint(columns, joint, declared.get(self.model.names[joint]))
         for number, table in enumerate(self.table.actuators):
             if isinstance(table, Wrench | Thruster):
                 self._add_wrench(columns, table, number)
         selection = np.column_stack(columns.fixed) if columns.fixed else np.zeros((self.model.nv, 0))
-        labels = (*columns.fixed_labels, *(Label(a.name, a.unit) for a in columns.frames))
-        self._refuse_repeated("actuator", [label.name for label in labels])
-        actuation = Actuation(selection, labels, tuple(columns.frames))
-        return actuation, np.array(columns.fixed_efforts + columns.frame_efforts)
+        pairs = reader.drives(selection)
+        drives = tuple(drive for drive, _ in pairs)
+        named_units = [(a.name, a.unit) for a in columns.frames] + [(d.name, d.unit) for d in drives]
+        labels = (*columns.fixed_labels, *(Label(*pair) for pair in named_units))
+        self._refuse_repeated("actuator or drive" if drives else "actuator", [label.name for label in labels])
+        actuation = Actuation(selection, labels, tuple(columns.frames), drives)
+        limits = [*columns.fixed_efforts, *columns.frame_efforts, *(limit for _, limit in pairs)]
+        return actuation, np.array(limits)
 
-    def _motors(self, named: Sequence[str] | None) -> list[int]:
-        if named is None:
-            return [j for j in range(1, self.model.njoints) if joints.joint_kind(self.model, j).actuated]
+    def _default_motors(self, driven: frozenset[int]) -> list[int]:
+        count = range(1, self.model.njoints)
+        return [j for j in count if joints.joint_kind(self.model, j).actuated and j not in driven]
+
+    def _motors(self, named: Sequence[str]) -> list[int]:
         found = []
         for name in dict.fromkeys(named):
             if name in self.locked:

@@ -12,6 +12,7 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
+from mbocp.robot.drives import free_dofs
 from mbocp.robot.notices import InitialPoseWarning
 
 if TYPE_CHECKING:
@@ -54,12 +55,13 @@ def check_mechanics(robot: Robot) -> None:
     jacobian = robot.constraint_jacobian(robot.q0)
     if on_constraints:
         _check_rank(robot, jacobian)
-    mass = robot.mass_matrix(robot.q0)
+    free = free_dofs(robot)  # what drives move needs no mass
+    mass = robot.mass_matrix(robot.q0)[np.ix_(free, free)]
     if not kinematics.is_singular(mass):
         return
-    basis = null_space(jacobian, _RANK)
+    basis = null_space(jacobian[:, free], _RANK)
     if kinematics.is_singular(basis.T @ mass @ basis):
-        raise _singular(robot, mass)
+        raise _singular(robot, mass, free)
 
 
 def _check_pose(robot: Robot) -> bool:
@@ -99,9 +101,10 @@ def _check_rank(robot: Robot, jacobian: Array) -> None:
         )
 
 
-def _singular(robot: Robot, mass: Array) -> SingularMassMatrix:
+def _singular(robot: Robot, mass: Array, free: list[int]) -> SingularMassMatrix:
     values, vectors = kinematics.scaled_spectrum(mass)
     null = vectors[:, values < 10 * max(abs(values[0]), 1e-13)]
-    weight = np.linalg.norm(null, axis=1)
+    weight = np.zeros(robot.nv)
+    weight[free] = np.linalg.norm(null, axis=1)
     guilty = [n for n in robot.joint_names if weight[robot.velocity_indices(n)].max(initial=0.0) > _SHARE]
     return SingularMassMatrix(robot.name, guilty, float(values[0]))

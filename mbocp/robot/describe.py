@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from mbocp.robot import joints
-from mbocp.robot.parts import QuarticSpring
+from mbocp.robot.drives import moved_joints
+from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
 
 __all__ = ["describe"]
@@ -21,7 +22,8 @@ def describe(robot: Robot) -> dict[str, Any]:
     -------
     dict
         name, description, source, dimensions (nq, nv, nu, nc), dofs, mass [kg], gravity [m/s^2], joints,
-        actuators, constraints, forces, frames, trace_frames, q0 [rad, m], fingerprint.
+        actuators, drives, speeds, constraints, forces, frames, trace_frames, q0 [rad, m], rotations,
+        fingerprint. Drives are among the actuators, last.
     """
     return {
         "name": robot.name,
@@ -39,6 +41,8 @@ def describe(robot: Robot) -> dict[str, Any]:
             {"name": label.name, "unit": label.unit, "limit": _finite(limit)}
             for label, limit in zip(robot.u_labels, robot.limits.effort, strict=True)
         ],
+        "drives": [_drive(robot, drive) for drive in robot.drives],
+        "speeds": [{"name": label.name, "unit": label.unit} for label in robot.speed_labels],
         "constraints": [
             {"name": rod.name, "type": rod.kind, "frames": list(rod.frames), "length": rod.length}
             for rod in robot.constraints
@@ -47,6 +51,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "frames": list(robot.frame_names),
         "trace_frames": list(robot.trace_frames),
         "q0": robot.q0.tolist(),
+        "rotations": robot.rotations,
         "fingerprint": robot.fingerprint,
     }
 
@@ -61,10 +66,24 @@ def _joint(robot: Robot, joint: int) -> dict[str, Any]:
         "nq": len(kind.q),
         "nv": len(kind.v),
         "actuated": bool(np.any(robot.actuation.selection[v])),
+        "driven": any(v.start <= dof < v.stop for dof in robot.driven),
         "lower": [_finite(x) for x in limits.position_lower[q]],
         "upper": [_finite(x) for x in limits.position_upper[q]],
         "velocity": [_finite(x) for x in limits.velocity[v]],
         "units": [label.unit for label in robot.q_labels[q]],
+    }
+
+
+def _drive(robot: Robot, drive: Drive) -> dict[str, Any]:
+    frame = None if drive.frame_id is None else robot.frame_names[drive.frame_id]
+    direction = None if frame is None else drive.direction.tolist()
+    return {
+        "name": drive.name,
+        "control": drive.control,
+        "unit": drive.unit,
+        "joints": moved_joints(robot, drive.dofs),
+        "frame": frame,
+        "direction": direction,
     }
 
 

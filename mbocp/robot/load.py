@@ -23,6 +23,7 @@ from mbocp.exceptions import (
 from mbocp.robot import joints
 from mbocp.robot.assemble import Assembly
 from mbocp.robot.checks import check_mechanics
+from mbocp.robot.drives import check_drives
 from mbocp.robot.examples import load_example
 from mbocp.robot.locking import lock_joints, pose_by_joint
 from mbocp.robot.robot import Robot
@@ -64,6 +65,7 @@ def load_robot(
     mimic: bool | None = None,
     name: str | None = None,
     package_dirs: Sequence[str | Path] = (),
+    rotations: str | None = None,
     base: Path | None = None,
 ) -> Robot:
     """Load a robot.
@@ -95,6 +97,9 @@ def load_robot(
         What to call the robot. Default: the name that was given, or that robot.toml or the URDF gives.
     package_dirs : sequence of str or Path, optional
         Folders that hold the packages of ``package://`` addresses.
+    rotations : {"quaternion", "dcm"}, optional
+        How explicit schemes represent rotations in their state, see `Robot`. Default: what robot.toml says,
+        else "quaternion".
     base : Path, optional
         Folder that relative paths start from. Default: the working directory.
 
@@ -126,6 +131,7 @@ def load_robot(
         "mimic": mimic,
         "label": name,
         "package_dirs": [str(d) for d in dirs] or None,
+        "rotations": rotations,
     }
     body = _body(source, free_flyer, mimic, dirs)
     body = body if name is None else replace(body, name=name)
@@ -133,7 +139,7 @@ def load_robot(
         "name": source.address,
         **{key: value for key, value in options.items() if value is not None},
     }
-    return _assemble(body, lock, gravity, actuated, echo)
+    return _assemble(body, lock, gravity, actuated, rotations, echo)
 
 
 class _Spec(BaseModel):
@@ -149,6 +155,7 @@ class _Spec(BaseModel):
     mimic: bool | None = None
     label: str | None = None
     package_dirs: list[str] = []
+    rotations: str | None = None
 
 
 def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Robot:
@@ -158,7 +165,7 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        package_dirs, and ``label`` for what to call the robot.
+        package_dirs, rotations, and ``label`` for what to call the robot.
     base : Path, optional
         Folder that relative paths start from.
 
@@ -209,6 +216,7 @@ def _assemble(
     lock: Mapping[str, float | Sequence[float]] | Sequence[str] | None,
     gravity: Sequence[float] | None,
     actuated: Sequence[str] | None,
+    rotations: str | None,
     echo: dict[str, Any],
 ) -> Robot:
     joints.check_joints(body.model, body.name)
@@ -235,7 +243,9 @@ def _assemble(
         connectors=parts.connectors((*constraints, *forces)),
         spec=echo,
         description=body.table.description,
+        rotations=rotations or body.table.rotations or "quaternion",
     )
+    check_drives(robot)
     check_mechanics(robot)
     return robot
 

@@ -15,6 +15,7 @@ from mbocp.exceptions import InvalidValue
 __all__ = [
     "Actuation",
     "Connector",
+    "Drive",
     "FrameActuator",
     "Label",
     "Limits",
@@ -95,6 +96,58 @@ class FrameActuator:
 
 
 @dataclass(frozen=True, eq=False)
+class Drive:
+    r"""A motion that a control prescribes: velocity components that are given instead of driven by a force.
+
+    The components move by :math:`v_\mathrm{dofs} = S(q)\,w` with the drive's speed w. The control is w itself
+    ("velocity") or its rate ("acceleration"). For a joint S = 1; for a frame
+    :math:`S(q) = J(q)_\mathrm{dofs}^T R(q)\,d`, J the Jacobian of the frame's origin in world axes, R the
+    frame's rotation, d the direction: these components move the origin at w along d. One by one they must
+    move it at unit speed, along orthogonal directions.
+
+    Parameters
+    ----------
+    name : str
+        Name of the control.
+    control : {"velocity", "acceleration"}
+        What the control is.
+    dofs : tuple of int
+        Velocity components that it moves.
+    frame_id : int or None
+        The frame; None for a joint's own component (one dof).
+    direction : ndarray, shape (3,)
+        Unit vector d in the frame's own axes; of no meaning for a joint.
+    unit : str
+        Unit of the control.
+    speed_unit : str
+        Unit of w.
+    """
+
+    name: str
+    control: str
+    dofs: tuple[int, ...]
+    frame_id: int | None = None
+    direction: Array = field(default_factory=lambda: np.zeros(3))
+    unit: str = "rad/s"
+    speed_unit: str = "rad/s"
+
+    def __post_init__(self) -> None:
+        where = f"drive {self.name!r}"
+        if self.control not in ("velocity", "acceleration"):
+            raise InvalidValue(f"{where}: control", repr(self.control), "'velocity' or 'acceleration'")
+        if not self.dofs or (self.frame_id is None and len(self.dofs) != 1):
+            raise InvalidValue(f"{where}: dofs", self.dofs, "one for a joint, at least one for a frame")
+        object.__setattr__(
+            self, "direction", frozen_array(self.direction, shape=(3,), name=f"{where}: direction")
+        )
+
+    @property
+    def has_state(self) -> bool:
+        """Whether the speed is part of the state: the control is its rate."""
+        return self.control == "acceleration"
+
+
+@dataclass(frozen=True, eq=False)
 class Actuation:
     r"""How the controls act: :math:`\tau = B(q)\,u`, with columns in the order of `Robot.u_labels`.
 
@@ -104,17 +157,20 @@ class Actuation:
         The constant part of B: actuated joints, and wrenches that are constant in joint coordinates
         (a rotor on the free-flyer's own body, a force on a body that only slides).
     labels : tuple of Label
-        Name and unit of each control, constant part first.
+        Name and unit of each control: constant part, frame actuators, drives.
     frame_actuators : tuple of FrameActuator
         The columns that depend on q.
+    drives : tuple of Drive
+        Controls that prescribe a motion; their columns of B are zero.
     """
 
     selection: Array
     labels: tuple[Label, ...]
     frame_actuators: tuple[FrameActuator, ...] = ()
+    drives: tuple[Drive, ...] = ()
 
     def __post_init__(self) -> None:
-        expected = (None, len(self.labels) - len(self.frame_actuators))
+        expected = (None, len(self.labels) - len(self.frame_actuators) - len(self.drives))
         object.__setattr__(
             self, "selection", frozen_array(self.selection, shape=expected, name="actuation.selection")
         )

@@ -16,14 +16,15 @@ from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
-from mbocp.robot import joints, kinematics
+from mbocp.robot import drives, joints, kinematics
 from mbocp.robot.notices import NormalisationWarning
-from mbocp.robot.parts import Actuation, Connector, Label, Limits, QuarticSpring, Rod, SpringDamper
+from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, Rod, SpringDamper
 
 __all__ = ["Robot"]
 
 _VELOCITY_UNITS = {"m": "m/s", "rad": "rad/s"}
 _MOMENTUM_UNITS = {"m": "N s", "rad": "N m s"}
+_ROTATIONS = ("quaternion", "dcm")
 _ZERO_NORM = 1e-8  # below, the direction of a quaternion is noise
 _ROUND_OFF = 1e-9  # a norm this close to 1 is mended without a word
 
@@ -36,7 +37,8 @@ class Robot:
 
     q lives on the Lie group of the joints (free-flyer and spherical joints: unit quaternion xyzw; continuous
     joints: cos, sin; planar joints: x, y, cos, sin), v in its tangent space (free-flyer: twist of the body in
-    its own axes, linear before angular).
+    its own axes, linear before angular). Components of v that drives move are given:
+    :math:`v = V(q)\,s + U(q)\,u` with the speeds s, and only the rows of the other components stand above.
 
     Parameters
     ----------
@@ -66,6 +68,9 @@ class Robot:
         What `robot_from_spec` needs to load this robot again; JSON-able.
     description : str
         One line for a person.
+    rotations : {"quaternion", "dcm"}
+        How explicit schemes represent the rotations of free-flyers and ball joints in their state: four
+        numbers or the nine of a direction cosine matrix. q has the quaternion in either case.
     """
 
     name: str
@@ -81,8 +86,12 @@ class Robot:
     connectors: tuple[Connector, ...] = ()
     spec: Mapping[str, Any] = field(default_factory=dict)
     description: str = ""
+    rotations: str = "quaternion"
 
     def __post_init__(self) -> None:
+        if self.rotations not in _ROTATIONS:
+            allowed = " or ".join(map(repr, _ROTATIONS))
+            raise InvalidValue(f"robot {self.name!r}: rotations", repr(self.rotations), allowed)
         object.__setattr__(self, "q0", frozen_array(self.q0, shape=(self.nq,), name=f"{self.name}: q0"))
         frozen_array(
             self.actuation.selection, shape=(self.nv, None), name=f"{self.name}: actuation.selection"
@@ -143,6 +152,27 @@ class Robot:
         """Name and unit of each control."""
         return self.actuation.labels
 
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """Controls that prescribe a motion."""
+        return self.actuation.drives
+
+    @cached_property
+    def driven(self) -> tuple[int, ...]:
+        """Velocity components that drives move, in ascending order."""
+        return tuple(sorted(dof for drive in self.drives for dof in drive.dofs))
+
+    @property
+    def num_speeds(self) -> int:
+        """Number of speeds s: components that no drive moves, and drives whose control is an acceleration."""
+        return self.nv - len(self.driven) + sum(drive.has_state for drive in self.drives)
+
+    @cached_property
+    def speed_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each speed; those of v if there are no drives."""
+        stated = (Label(drive.name, drive.speed_unit) for drive in self.drives if drive.has_state)
+        return (*(self.v_labels[dof] for dof in drives.free_dofs(self)), *stated)
+
     @cached_property
     def constraint_labels(self) -> tuple[Label, ...]:
         """Name and unit of each constraint."""
@@ -166,6 +196,10 @@ class Robot:
         for actuator in self.actuation.frame_actuators:
             digest.update(repr(actuator.frame_id).encode() + actuator.direction.tobytes())
         digest.update(repr((self.actuation.labels, self.constraints, self.forces)).encode())
+        for drive in self.drives:
+            digest.update(
+                repr((drive.control, drive.dofs, drive.frame_id)).encode() + drive.direction.tobytes()
+            )
         return digest.hexdigest()
 
     def frame_id(self, name: str) -> int:
@@ -263,12 +297,13 @@ class Robot:
         return frozen_array(kinematics.velocity_from_momentum(mass, jacobian, p))
 
     def actuation_matrix(self, q: ArrayLike) -> Array:
-        """B(q), shape (nv, nu): generalised force for each control set to 1."""
+        """B(q), shape (nv, nu): generalised force for each control set to 1; zero for drives."""
         q = self._vector(q, self.nq, "q")
         columns = [self.actuation.selection]
         for actuator in self.actuation.frame_actuators:
             jacobian = kinematics.frame_jacobian(self.model, q, actuator.frame_id, pin.LOCAL)
             columns.append((jacobian.T @ actuator.direction)[:, None])
+        columns.append(np.zeros((self.nv, len(self.drives))))
         return frozen_array(np.hstack(columns))
 
     def constraint_residual(self, q: ArrayLike) -> Array:
@@ -295,6 +330,63 @@ class Robot:
         """Generalised force of springs and dampers, shape (nv,) [N, N m]; gravity is not among them."""
         q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
         return frozen_array(kinematics.force_elements(self.model, q, v, self.forces))
+
+    # Drives
+
+    def speed_map(self, q: ArrayLike) -> Array:
+        """V(q) of v = V s + U u, shape (nv, num_speeds); the identity without drives."""
+        return frozen_array(drives.speed_map(self, self._vector(q, self.nq, "q")))
+
+    def control_velocity_map(self, q: ArrayLike) -> Array:
+        """U(q) of v = V s + U u, shape (nv, nu); zero but for drives whose control is a velocity."""
+        return frozen_array(drives.control_velocity_map(self, self._vector(q, self.nq, "q")))
+
+    def speeds(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Speeds s of a velocity, shape (num_speeds,); v itself without drives.
+
+        Raises
+        ------
+        InvalidValue
+            If the drives do not allow this velocity, naming joints and drive.
+        """
+        q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
+        return frozen_array(drives.reduce_velocity(self, q, v) if self.drives else v)
+
+    def drive_forces(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        u: ArrayLike | None = None,
+        lam: ArrayLike | None = None,
+    ) -> Array:
+        r"""Generalised force that each drive must supply for a motion, by inverse dynamics.
+
+        .. math:: S(q)^T \left(M a + h - f - B u + \Phi_q^T \lambda\right)_\mathrm{dofs}
+
+        The force on the drive's speed: its product with the speed is the power that the drive supplies.
+
+        Parameters
+        ----------
+        q, v, a : array_like, shapes (nq,), (nv,), (nv,)
+            Configuration, velocity and acceleration (dv/dt) [m, rad, s].
+        u : array_like, shape (nu,), optional
+            Controls: motors and thrusters that act beside the drives; none act by default.
+        lam : array_like, shape (nc,), optional
+            Multipliers of the constraints; zero by default.
+
+        Returns
+        -------
+        forces : ndarray, shape (number of drives,)
+            [N, N m].
+        """
+        q, v, a = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v"), self._vector(a, self.nv, "a")
+        force = pin.rnea(self.model, self.model.createData(), q, v, a) - self.force_elements(q, v)
+        if u is not None:
+            force = force - self.actuation_matrix(q) @ self._vector(u, self.nu, "u")
+        if lam is not None:
+            force = force + self.constraint_jacobian(q).T @ self._vector(lam, self.nc, "lam")
+        return frozen_array([drives.drive_column(self.model, drive, q) @ force for drive in self.drives])
 
     def _vector(self, value: ArrayLike, size: int, name: str) -> Array:
         array = frozen_array(value, shape=(size,), name=f"robot {self.name!r}: {name}")

@@ -26,6 +26,7 @@ else:
 __all__ = [
     "TABLES",
     "ActuationTable",
+    "DriveTable",
     "InitialTable",
     "JointActuator",
     "QuarticSpringTable",
@@ -96,6 +97,30 @@ class Thruster(_Table):
     def _axis_has_a_direction(self) -> Thruster:
         if not any(self.axis):
             raise ValueError("axis must not be zero")
+        return self
+
+
+class DriveTable(_Table):
+    """A control that prescribes a joint's motion, or a frame's along a direction."""
+
+    name: str | None = None
+    joint: str | None = None
+    frame: str | None = None
+    direction: Vector3 | None = None
+    joints: Annotated[list[str], Field(min_length=1)] | None = None
+    control: Literal["velocity", "acceleration"]
+    limit: PositiveFloat | None = None
+
+    @model_validator(mode="after")
+    def _a_joint_or_a_frame(self) -> DriveTable:
+        if (self.joint is None) == (self.frame is None):
+            raise ValueError("give either joint, or frame with direction and joints")
+        if self.joint is not None and (self.direction, self.joints) != (None, None):
+            raise ValueError("direction and joints go with frame, not with joint")
+        if self.frame is not None and (self.direction is None or self.joints is None):
+            raise ValueError("frame needs direction (in its own axes) and joints (those that it is moved by)")
+        if self.direction is not None and not any(self.direction):
+            raise ValueError("direction must not be zero")
         return self
 
 
@@ -171,9 +196,11 @@ class RobotTable(_Table):
     gravity: Vector3 | None = None
     lock: list[str] | dict[str, Numbers] = []
     mimic: bool | None = None
+    rotations: Literal["quaternion", "dcm"] | None = None
     trace: list[str] | None = None
     actuation: ActuationTable = ActuationTable()
     actuators: list[Actuator] = Field(default=[], alias="actuator")
+    drives: list[DriveTable] = Field(default=[], alias="drive")
     constraints: list[RodTable] = Field(default=[], alias="constraint")
     springs: list[QuarticSpringTable] = Field(default=[], alias="spring")
     spring_dampers: list[SpringDamperTable] = Field(default=[], alias="spring_damper")
@@ -249,6 +276,7 @@ def _plain(text: str) -> str:
 TABLES: dict[str, tuple[type[_Table], ...]] = {
     "actuation": (ActuationTable,),
     "actuator": (JointActuator, Wrench, Thruster),
+    "drive": (DriveTable,),
     "constraint": (RodTable,),
     "spring": (QuarticSpringTable,),
     "spring_damper": (SpringDamperTable,),

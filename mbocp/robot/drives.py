@@ -1,0 +1,171 @@
+r"""Drives: how prescribed motions enter the velocities, and whether they are well posed.
+
+A robot with drives has :math:`v = V(q)\,s + U(q)\,u`. The speeds s are the velocity components that no drive
+moves, in order, then the speed of each drive whose control is an acceleration; controls that are velocities
+enter through U. Without drives V is the identity and s = v.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import InvalidValue, UnsupportedRobot
+from mbocp.robot import kinematics
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from mbocp.robot.parts import Drive
+    from mbocp.robot.robot import Robot
+
+__all__ = [
+    "check_drives",
+    "control_velocity_map",
+    "drive_column",
+    "free_dofs",
+    "moved_joints",
+    "reduce_velocity",
+    "speed_map",
+]
+
+_ROUND_OFF = 1e-9  # relative; the columns are sums of products of a few rotations
+_SAMPLES = 5  # random configurations at which a drive is checked
+_SEED = 20170
+
+
+def drive_column(model: pin.Model, drive: Drive, q: Array) -> Array:
+    """S(q) among all velocity components: v for a speed of 1, shape (nv,)."""
+    column = np.zeros(model.nv)
+    dofs = list(drive.dofs)
+    if drive.frame_id is None:
+        column[dofs] = 1.0
+    else:  # J^T R d with J = R J_local: the rotation cancels
+        jacobian = kinematics.frame_jacobian(model, q, drive.frame_id, pin.LOCAL)[:3]
+        column[dofs] = jacobian[:, dofs].T @ drive.direction
+    return column
+
+
+def free_dofs(robot: Robot) -> list[int]:
+    """Velocity components that no drive moves."""
+    driven = set(robot.driven)
+    return [dof for dof in range(robot.nv) if dof not in driven]
+
+
+def moved_joints(robot: Robot, dofs: Sequence[int]) -> list[str]:
+    """Names of the joints that velocity components belong to."""
+    parts = {name: robot.velocity_indices(name) for name in robot.joint_names}
+    return [name for name, part in parts.items() if any(part.start <= dof < part.stop for dof in dofs)]
+
+
+def speed_map(robot: Robot, q: Array) -> Array:
+    """V(q), shape (nv, ns)."""
+    identity = np.eye(robot.nv)[:, free_dofs(robot)]
+    columns = [drive_column(robot.model, drive, q) for drive in robot.drives if drive.has_state]
+    return np.column_stack([identity, *columns])
+
+
+def control_velocity_map(robot: Robot, q: Array) -> Array:
+    """U(q), shape (nv, nu)."""
+    out = np.zeros((robot.nv, robot.nu))
+    first = robot.nu - len(robot.drives)
+    for column, drive in enumerate(robot.drives, start=first):
+        if not drive.has_state:
+            out[:, column] = drive_column(robot.model, drive, q)
+    return out
+
+
+def reduce_velocity(robot: Robot, q: Array, v: Array) -> Array:
+    """Speeds s of a velocity: v = V s + U u for some u.
+
+    Raises
+    ------
+    InvalidValue
+        If there is no such s and u: the drives do not allow this velocity.
+    """
+    # Columns of V and U are unit vectors on different components: their transpose is their inverse.
+    V, U = speed_map(robot, q), control_velocity_map(robot, q)
+    left = v - V @ (V.T @ v) - U @ (U.T @ v)
+    if np.abs(left).max(initial=0.0) > _ROUND_OFF * (1.0 + np.abs(v).max(initial=0.0)):
+        (drive,) = [d for d in robot.drives if int(np.argmax(np.abs(left))) in d.dofs]
+        moved = ", ".join(f"{robot.v_labels[dof].name} = {v[dof]:.6g}" for dof in drive.dofs)
+        raise InvalidValue(
+            f"robot {robot.name!r}: v of {_joints(robot, drive.dofs)}",
+            moved,
+            f"a motion that drive {drive.name!r} allows, such as "
+            + ", ".join(f"{v[dof] - left[dof]:.6g}" for dof in drive.dofs),
+        )
+    return np.asarray(V.T @ v, dtype=np.float64)
+
+
+def check_drives(robot: Robot) -> None:
+    """Check at random configurations that drives move what they say, and nothing that they must not.
+
+    Raises
+    ------
+    UnsupportedRobot
+        If the joints of a drive do not move its frame along orthonormal directions, if they cannot move it
+        along its direction, or if the acceleration of a drive whose control is a velocity would act on
+        components that are not driven: that acceleration is an impulse wherever the control jumps.
+    """
+    for q in _random_configurations(robot):
+        for drive in robot.drives:
+            if drive.frame_id is not None:
+                _check_frame(robot, drive, drive.frame_id, q)
+            if not drive.has_state:
+                _check_impulse(robot, drive, q)
+
+
+def _check_frame(robot: Robot, drive: Drive, frame_id: int, q: Array) -> None:
+    jacobian = kinematics.frame_jacobian(robot.model, q, frame_id, pin.LOCAL)[:3, list(drive.dofs)]
+    frame = robot.frame_names[frame_id]
+    where = f"robot {robot.name!r}: drive {drive.name!r}"
+    gram = jacobian.T @ jacobian
+    if np.abs(gram - np.eye(len(gram))).max() > _ROUND_OFF:
+        raise UnsupportedRobot(
+            f"{where}: its joints must move frame {frame!r} along orthogonal directions, at unit speed each; "
+            f"{_joints(robot, drive.dofs)} do not at every configuration. Name the joints that slide, in a "
+            "row, before anything turns"
+        )
+    speed = float(np.linalg.norm(jacobian.T @ drive.direction))
+    if abs(speed - 1.0) > _ROUND_OFF:
+        raise UnsupportedRobot(
+            f"{where}: {_joints(robot, drive.dofs)} cannot always move frame {frame!r} along direction "
+            f"{drive.direction.tolist()} (only {speed:.3g} of it): name all joints that it takes, or another "
+            "direction"
+        )
+
+
+def _check_impulse(robot: Robot, drive: Drive, q: Array) -> None:
+    column, free = drive_column(robot.model, drive, q), free_dofs(robot)
+    mass = robot.mass_matrix(q)
+    momentum = np.abs((mass @ column)[free])
+    threshold = _ROUND_OFF * float(np.abs(mass).max())
+    remedy = 'Its control is a velocity, which may jump: an impulse. Use control = "acceleration"'
+    if momentum.max(initial=0.0) > threshold:
+        coupled = [free[i] for i in np.flatnonzero(momentum > threshold)]
+        raise UnsupportedRobot(
+            f"robot {robot.name!r}: the acceleration of drive {drive.name!r} acts on joint "
+            f"{_joints(robot, coupled)}. {remedy}"
+        )
+    rates = robot.constraint_jacobian(q) @ column
+    if np.abs(rates).max(initial=0.0) > _ROUND_OFF:
+        rod = robot.constraints[int(np.argmax(np.abs(rates)))]
+        raise UnsupportedRobot(
+            f"robot {robot.name!r}: the motion of drive {drive.name!r} pulls at constraint {rod.name!r}. "
+            f"{remedy}"
+        )
+
+
+def _random_configurations(robot: Robot) -> Iterator[Array]:
+    rng = np.random.default_rng(_SEED)
+    for _ in range(_SAMPLES):
+        step = rng.uniform(-np.pi, np.pi, robot.nv)
+        yield np.asarray(pin.integrate(robot.model, np.array(robot.q0), step), dtype=np.float64)
+
+
+def _joints(robot: Robot, dofs: Sequence[int]) -> str:
+    return ", ".join(map(repr, moved_joints(robot, dofs)))
