@@ -8,27 +8,55 @@ numbers at 1, whose derivatives are infinite in the branch that is not taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 import pinocchio as pin
 
+from mbocp._arrays import Array
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.lie.functions import half_angle_sinc, log_factor, one_minus_cos, sinc, theta_minus_sin, v_inverse
+from mbocp.lie.groups import Circle, Group, Plane, Quaternion, RigidBody, RotationMatrix, Vector
 
-__all__ = ["ConfigurationSpace"]
+__all__ = ["ConfigurationSpace", "Part"]
 
-_Integrate = Callable[[ca.SX, ca.SX], ca.SX]
-_Difference = Callable[[ca.SX, ca.SX], ca.SX]
+
+@dataclass(frozen=True)
+class Part:
+    """One joint: its group, and where its numbers are.
+
+    Attributes
+    ----------
+    group : Group
+    at_q, at_z, at_v : slice
+        In Pinocchio's configuration, in the coordinates z, in a tangent vector.
+    at_matrix : int
+        Where in z a rotation matrix begins; -1 if there is none.
+    """
+
+    group: Group
+    at_q: slice
+    at_z: slice
+    at_v: slice
+    at_matrix: int = -1
 
 
 class ConfigurationSpace:
-    """Symbolic retraction and tangent-space difference of a model's configurations.
+    """Symbolic maps of a model's configurations, in Pinocchio's coordinates or with rotation matrices.
 
     Parameters
     ----------
     model : pinocchio.Model
         Its joints' types decide the groups.
+    rotations : {"quaternion", "dcm"}
+        Coordinates of the attitudes of free-flyers and ball joints.
+
+    Attributes
+    ----------
+    nq, nz, nv : int
+        Sizes of Pinocchio's configuration, of the coordinates z, and of a tangent vector; nz = nq and z = q
+        with quaternions.
 
     Raises
     ------
@@ -36,131 +64,129 @@ class ConfigurationSpace:
         If a joint's group is not known here; the message names the joint.
     """
 
-    def __init__(self, model: pin.Model) -> None:
+    def __init__(self, model: pin.Model, rotations: str = "quaternion") -> None:
         self.nq, self.nv = model.nq, model.nv
-        self._parts = [_part(model, index) for index in range(1, model.njoints)]
+        self.parts: tuple[Part, ...] = tuple(_parts(model, rotations == "dcm"))
+        self.nz = sum(part.group.nz for part in self.parts)
 
-    def integrate(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """Configuration (nq,) reached from `q` along the tangent vector `v` (nv,)."""
-        moved = [part.integrate(q[part.at_q], v[part.at_v]) for part in self._parts if part.nv]
-        return ca.vertcat(*moved) if moved else ca.SX.zeros(0, 1)
+    @property
+    def is_vector(self) -> bool:
+        """Whether every configuration is a plain vector."""
+        return all(part.group.is_vector for part in self.parts)
 
-    def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
-        """Tangent vector (nv,) at `q0` that leads to `q1`."""
-        between = [part.difference(q0[part.at_q], q1[part.at_q]) for part in self._parts if part.nv]
-        return ca.vertcat(*between) if between else ca.SX.zeros(0, 1)
+    def integrate(self, z: ca.SX, v: ca.SX) -> ca.SX:
+        """Configuration (nz,) reached from `z` along the tangent vector `v` (nv,)."""
+        return self._join(lambda part: part.group.integrate(z[part.at_z], v[part.at_v]))
+
+    def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
+        """Tangent vector (nv,) at `z0` that leads to `z1`."""
+        return self._join(lambda part: part.group.difference(z0[part.at_z], z1[part.at_z]))
+
+    def rate(self, z: ca.SX, v: ca.SX) -> ca.SX:
+        """Derivative of the coordinates along the velocity v, shape (nz,)."""
+        return self._join(lambda part: part.group.rate(z[part.at_z], v[part.at_v]))
+
+    def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
+        """Lie bracket of two tangent vectors, shape (nv,)."""
+        return self._join(lambda part: part.group.bracket(a[part.at_v], b[part.at_v]))
+
+    def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
+        """Baumgarte's fictitious rate towards the groups, Eqs. (46), (47) of [Manara2017]_, shape (nz,)."""
+        return self._join(lambda part: part.group.attraction(z[part.at_z], gamma_quaternion, gamma_dcm))
+
+    def projection(self, goal: ca.SX, z: ca.SX) -> ca.SX:
+        """Difference from `goal`, null-space projected as in Eq. (37) of [Manara2017]_, shape (nv,)."""
+        return self._join(lambda part: part.group.projection(goal[part.at_z], z[part.at_z]))
+
+    def guards(self, goal: ca.SX, z: ca.SX) -> list[tuple[Part, ca.SX]]:
+        """What must not be negative for a vanishing `projection` to mean the goal, joint by joint."""
+        return [(p, g) for p in self.parts for g in p.group.guards(goal[p.at_z], z[p.at_z])]
+
+    def defects(self, z: ca.SX) -> ca.SX:
+        """What vanishes where z is a configuration, shape (number of circles and attitudes,)."""
+        found = [defect for part in self.parts for defect in part.group.defects(z[part.at_z])]
+        return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
+
+    def coordinates(self, qs: Array) -> Array:
+        """Coordinates z of Pinocchio's configurations, shape (n, nz) from (n, nq)."""
+        zs = np.empty((qs.shape[0], self.nz))
+        for part in self.parts:
+            zs[:, part.at_z] = _with_matrices(qs[:, part.at_q]) if part.at_matrix >= 0 else qs[:, part.at_q]
+        return zs
+
+    def configurations(self, zs: Array) -> Array:
+        """Pinocchio's configurations nearest to coordinates z, shape (n, nq) from (n, nz).
+
+        A rotation matrix that has left the group is taken to the rotation of its polar decomposition,
+        Eq. (54) of [Manara2017]_; quaternions and (cos, sin) are normalised.
+        """
+        qs = np.empty((zs.shape[0], self.nq))
+        for part in self.parts:
+            z = zs[:, part.at_z]
+            qs[:, part.at_q] = _with_quaternions(z) if part.at_matrix >= 0 else _normalised(part.group, z)
+        return qs
+
+    def _join(self, piece: Callable[[Part], ca.SX]) -> ca.SX:
+        pieces = [piece(part) for part in self.parts]
+        return ca.vertcat(*pieces) if pieces else ca.SX.zeros(0, 1)
 
 
-class _Part:
-    """One joint: where its numbers are, and its group's two maps."""
-
-    def __init__(self, joint: pin.JointModel, integrate: _Integrate, difference: _Difference) -> None:
-        self.nv = joint.nv
-        self.at_q = slice(joint.idx_q, joint.idx_q + joint.nq)
-        self.at_v = slice(joint.idx_v, joint.idx_v + joint.nv)
-        self.integrate, self.difference = integrate, difference
-
-
-def _part(model: pin.Model, index: int) -> _Part:
-    joint = model.joints[index]
-    kind = (joint.nq, joint.nv)
-    if joint.shortname() == "JointModelMimic":
-        return _Part(
-            joint, _vector_integrate, _vector_difference
-        )  # moves with another joint: no numbers of its own
-    if joint.nq == joint.nv and "Composite" not in joint.shortname():
-        return _Part(joint, _vector_integrate, _vector_difference)
-    known: dict[tuple[int, int], tuple[_Integrate, _Difference]] = {
-        (2, 1): (_circle_integrate, _circle_difference),
-        (4, 3): (_planar_integrate, _planar_difference),
-        (7, 6): (_free_integrate, _free_difference),
-    }
-    if "Spherical" in joint.shortname():
-        known[(4, 3)] = (_sphere_integrate, _sphere_difference)
-    if "Composite" in joint.shortname() or kind not in known:
-        raise UnsupportedRobot(
-            f"joint {model.names[index]!r} is of type {joint.shortname()}, whose configuration space is not "
-            "supported; split it into simple joints, or lock it"
+def _parts(model: pin.Model, with_matrices: bool) -> Iterator[Part]:
+    at_z = 0
+    for index in range(1, model.njoints):
+        joint = model.joints[index]
+        if joint.nv == 0 or joint.shortname() == "JointModelMimic":
+            continue  # moves with another joint: no numbers of its own
+        group = _group(model, index, with_matrices)
+        is_matrix = with_matrices and (group.nz, group.nv) in ((9, 3), (12, 6))
+        yield Part(
+            group,
+            slice(joint.idx_q, joint.idx_q + joint.nq),
+            slice(at_z, at_z + group.nz),
+            slice(joint.idx_v, joint.idx_v + joint.nv),
+            at_z + group.nz - 9 if is_matrix else -1,
         )
-    return _Part(joint, *known[kind])
+        at_z += group.nz
 
 
-def _vector_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    return q + v
+def _group(model: pin.Model, index: int, with_matrices: bool) -> Group:
+    joint = model.joints[index]
+    name, kind = joint.shortname(), (joint.nq, joint.nv)
+    if joint.nq == joint.nv and "Composite" not in name:
+        return Vector(joint.nv)
+    attitude = RotationMatrix() if with_matrices else Quaternion()
+    known: dict[tuple[int, int], Group] = {(2, 1): Circle(), (4, 3): Plane(), (7, 6): RigidBody(attitude)}
+    if "Spherical" in name:
+        known[(4, 3)] = attitude
+    if "Composite" in name or kind not in known:
+        raise UnsupportedRobot(
+            f"joint {model.names[index]!r} is of type {name}, whose configuration space is not supported; "
+            "split it into simple joints, or lock it"
+        )
+    return known[kind]
 
 
-def _vector_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    return q1 - q0
+def _with_matrices(qs: Array) -> Array:
+    """Position and quaternion, or quaternion alone, to position and matrix by columns."""
+    rotations = [pin.Quaternion(q[-4:].copy()).matrix().ravel(order="F") for q in qs]
+    return np.hstack([qs[:, :-4], np.array(rotations).reshape(-1, 9)])
 
 
-def _circle_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    c, s = ca.cos(v), ca.sin(v)
-    return ca.vertcat(q[0] * c - q[1] * s, q[1] * c + q[0] * s)
+def _with_quaternions(zs: Array) -> Array:
+    matrices = zs[:, -9:].reshape(-1, 3, 3).transpose(0, 2, 1)
+    left, _, right = np.linalg.svd(matrices)
+    turns = left @ right
+    turns[np.linalg.det(turns) < 0] *= -1.0  # a mirror image has no nearest rotation; any will do
+    quaternions = np.array([pin.Quaternion(R).coeffs() for R in turns]).reshape(-1, 4)
+    for n in range(1, len(quaternions)):  # q and -q are the same: without jumps along a trajectory
+        if quaternions[n] @ quaternions[n - 1] < 0.0:
+            quaternions[n] *= -1.0
+    return np.hstack([zs[:, :-9], quaternions])
 
 
-def _circle_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    return ca.atan2(q0[0] * q1[1] - q0[1] * q1[0], q0[0] * q1[0] + q0[1] * q1[1])
-
-
-def _planar_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    """SE(2): (x, y, cos, sin) with the tangent (v_x, v_y, omega) in the body."""
-    x = v[2] ** 2
-    a, b = sinc(x), v[2] * one_minus_cos(x)
-    moved = ca.vertcat(a * v[0] - b * v[1], b * v[0] + a * v[1])
-    rotated = ca.vertcat(q[2] * moved[0] - q[3] * moved[1], q[3] * moved[0] + q[2] * moved[1])
-    return ca.vertcat(q[:2] + rotated, _circle_integrate(q[2:], v[2]))
-
-
-def _planar_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    d = q1[:2] - q0[:2]
-    p = ca.vertcat(q0[2] * d[0] + q0[3] * d[1], -q0[3] * d[0] + q0[2] * d[1])
-    omega = _circle_difference(q0[2:], q1[2:])
-    half, a = omega / 2, 1 - omega**2 * v_inverse(omega**2)  # a = theta/2 cot(theta/2)
-    return ca.vertcat(a * p[0] + half * p[1], -half * p[0] + a * p[1], omega)
-
-
-def _sphere_integrate(q: ca.SX, w: ca.SX) -> ca.SX:
-    """SU(2): q exp(w) for a quaternion xyzw and the body-frame rotation vector w."""
-    x = ca.dot(w, w)
-    return _multiplied(q, ca.vertcat(half_angle_sinc(x) * w, _cos_half(x)))
-
-
-def _sphere_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    d = _multiplied(ca.vertcat(-q0[:3], q0[3]), q1)
-    sign = ca.if_else(d[3] < 0, -1, 1)  # q and -q are the same attitude
-    imaginary, w = sign * d[:3], sign * d[3]
-    return log_factor(ca.dot(imaginary, imaginary), w) * imaginary
-
-
-def _free_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    """SE(3): position and quaternion, the tangent (linear, angular) in the body."""
-    w = v[3:]
-    x = ca.dot(w, w)
-    moved = (
-        v[:3] + one_minus_cos(x) * ca.cross(w, v[:3]) + theta_minus_sin(x) * ca.cross(w, ca.cross(w, v[:3]))
-    )
-    return ca.vertcat(q[:3] + _rotated(q[3:], moved), _sphere_integrate(q[3:], w))
-
-
-def _free_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    w = _sphere_difference(q0[3:], q1[3:])
-    p = _rotated(ca.vertcat(-q0[3:6], q0[6]), q1[:3] - q0[:3])
-    linear = p - ca.cross(w, p) / 2 + v_inverse(ca.dot(w, w)) * ca.cross(w, ca.cross(w, p))
-    return ca.vertcat(linear, w)
-
-
-def _cos_half(x: ca.SX) -> ca.SX:
-    """cos(theta/2) = 1 - 2 sin^2(theta/4), smooth in x = theta^2."""
-    return 1 - x / 8 * sinc(x / 16) ** 2
-
-
-def _multiplied(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Product of quaternions xyzw."""
-    imaginary = a[3] * b[:3] + b[3] * a[:3] + ca.cross(a[:3], b[:3])
-    return ca.vertcat(imaginary, a[3] * b[3] - ca.dot(a[:3], b[:3]))
-
-
-def _rotated(q: ca.SX, p: ca.SX) -> ca.SX:
-    """Vector p turned by the unit quaternion q."""
-    t = 2 * ca.cross(q[:3], p)
-    return p + q[3] * t + ca.cross(q[:3], t)
+def _normalised(group: Group, zs: Array) -> Array:
+    if group.is_vector:
+        return zs
+    size = 2 if isinstance(group, (Circle, Plane)) else 4
+    norms = np.linalg.norm(zs[:, -size:], axis=1, keepdims=True)
+    return np.hstack([zs[:, :-size], zs[:, -size:] / norms])

@@ -1,4 +1,4 @@
-"""Generalised forces of the force elements between two frames."""
+"""Generalised forces and energies of the force elements between two frames."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mbocp.robot import QuarticSpring, SpringDamper
 if TYPE_CHECKING:
     from mbocp.mechanics.joint import JointMechanics
 
-__all__ = ["force_element_force"]
+__all__ = ["force_element_energy", "force_element_force"]
 
 
 def force_element_force(
@@ -28,17 +28,12 @@ def force_element_force(
     q, v : casadi.SX
         Configuration (nq,), velocity (nv,).
     """
+    if isinstance(element, QuarticSpring):
+        return -mechanics.derivative(lambda at: force_element_energy(element, mechanics, at), q).T
 
     def span(at: ca.SX) -> ca.SX:
-        return mechanics.frame_position(element.frame_a, at) - mechanics.frame_position(element.frame_b, at)
+        return _span(element, mechanics, at)
 
-    if isinstance(element, QuarticSpring):  # V = c/4 (|d|^2 - l^2)^2, before eq. (45) and in section 6.3.2
-
-        def potential(at: ca.SX) -> ca.SX:
-            stretch = ca.dot(span(at), span(at)) - element.length**2
-            return element.coefficient / 4 * stretch**2
-
-        return -mechanics.derivative(potential, q).T
     d, dd_dq = span(q), mechanics.derivative(span, q)  # (3, nv)
     if element.length == 0.0:  # no direction needed, and none defined where the ends meet
         return -dd_dq.T @ (element.stiffness * d + element.damping * (dd_dq @ v))
@@ -46,3 +41,17 @@ def force_element_force(
     direction = d / distance
     rate = ca.dot(direction, dd_dq @ v)
     return -dd_dq.T @ direction * (element.stiffness * (distance - element.length) + element.damping * rate)
+
+
+def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: JointMechanics, q: ca.SX) -> ca.SX:
+    """Potential energy of one element [J]."""
+    d = _span(element, mechanics, q)
+    if isinstance(element, QuarticSpring):  # V = c/4 (|d|^2 - l^2)^2, before eq. (45) and in section 6.3.2
+        return element.coefficient / 4 * (ca.dot(d, d) - element.length**2) ** 2
+    if element.length == 0.0:
+        return element.stiffness / 2 * ca.dot(d, d)
+    return element.stiffness / 2 * (ca.norm_2(d) - element.length) ** 2
+
+
+def _span(element: QuarticSpring | SpringDamper, mechanics: JointMechanics, q: ca.SX) -> ca.SX:
+    return mechanics.frame_position(element.frame_a, q) - mechanics.frame_position(element.frame_b, q)

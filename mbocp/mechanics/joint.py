@@ -12,9 +12,10 @@ import casadi as ca
 import numpy as np
 
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics.forces import force_element_force
+from mbocp.mechanics.forces import force_element_energy, force_element_force
 from mbocp.robot import Robot
 from mbocp.symbolic import model_functions
+from mbocp.symbolic.matrices import call_with_matrices
 
 __all__ = ["JointMechanics"]
 
@@ -24,28 +25,37 @@ class JointMechanics:
 
     Every method takes and returns `casadi.SX`; vectors are columns.
 
+    Parameters
+    ----------
+    robot : Robot
+    rotations : {"quaternion", "dcm"}
+        Coordinates of attitudes in q; with "quaternion" q is Pinocchio's configuration.
+
     Attributes
     ----------
     nq, nv, nu, nc : int
         Sizes of configuration, velocity, control and holonomic constraints.
+    space : ConfigurationSpace
+        The maps between configurations.
     is_vector_space : bool
         Whether a configuration is a plain vector, so that tangent and coordinate derivatives agree.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, rotations: str = "quaternion") -> None:
         self.robot = robot
-        self.nq, self.nv, self.nu, self.nc = robot.nq, robot.nv, robot.nu, robot.nc
+        self.space = ConfigurationSpace(robot.model, rotations)
+        self.nq, self.nv, self.nu, self.nc = self.space.nz, robot.nv, robot.nu, robot.nc
         self.is_vector_space = robot.is_vector_space
         self._functions = model_functions(robot.model)
-        self._space = ConfigurationSpace(robot.model)
+        self._dcm = [part for part in self.space.parts if part.at_matrix >= 0]
 
     def integrate(self, q: ca.SX, dv: ca.SX) -> ca.SX:
         """Configuration q moved along the tangent vector `dv`, shape (nq,)."""
-        return self._space.integrate(q, dv)
+        return self.space.integrate(q, dv)
 
     def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
         """Tangent vector at `q0` that leads to `q1`, shape (nv,)."""
-        return self._space.difference(q0, q1)
+        return self.space.difference(q0, q1)
 
     def tangent_map(self, q: ca.SX) -> ca.SX:
         """Derivative of q's coordinates along the tangent space, shape (nq, nv)."""
@@ -63,11 +73,23 @@ class JointMechanics:
 
     def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Canonical momentum p = M(q) v, shape (nv,) [kg m/s, N m s]."""
-        return self._functions.crba(q) @ v
+        return self.mass_matrix(q) @ v
+
+    def mass_matrix(self, q: ca.SX) -> ca.SX:
+        """Joint-space mass matrix M(q), shape (nv, nv)."""
+        return self._call(self._functions.crba, q)[0]
+
+    def forward_dynamics(self, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
+        """Acceleration under a generalised force, without constraints, shape (nv,) [m/s^2, rad/s^2]."""
+        return self._call(self._functions.aba, q, v, force)[0]
+
+    def inverse_mass_matrix(self, q: ca.SX) -> ca.SX:
+        """M(q)^-1, shape (nv, nv)."""
+        return self._call(self._functions.minverse, q)[0]
 
     def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         """Generalised force M(q) a + C(q, v) v + gravity, shape (nv,) [N, N m]."""
-        return self._functions.rnea(q, v, a)
+        return self._call(self._functions.rnea, q, v, a)[0]
 
     def force(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """Applied generalised force B(q) u plus the force elements', shape (nv,) [N, N m]."""
@@ -76,15 +98,30 @@ class JointMechanics:
         num_joint = selection.shape[1]
         total = selection @ u[:num_joint] if num_joint else ca.SX.zeros(self.nv)
         for k, actuator in enumerate(actuation.frame_actuators):
-            jacobian = self._functions.frame_jacobian(actuator.frame_id, "local")(q)
+            jacobian = self._call(self._functions.frame_jacobian(actuator.frame_id, "local"), q)[0]
             total += jacobian.T @ ca.DM(np.asarray(actuator.direction)) * u[num_joint + k]
         for element in self.robot.forces:
             total += force_element_force(element, self, q, v)
         return total
 
+    def potential_energy(self, q: ca.SX) -> ca.SX:
+        """Potential energy of gravity and of the force elements [J]."""
+        energy = self._call(self._functions.potential_energy, q)[0]
+        for element in self.robot.forces:
+            energy += force_element_energy(element, self, q)
+        return energy
+
+    def frame_rotation(self, frame_id: int, q: ca.SX) -> ca.SX:
+        """Axes of a frame in the world, shape (3, 3)."""
+        return self._call(self._functions.frame_placement(frame_id), q)[0]
+
+    def frame_translation_jacobian(self, frame_id: int, q: ca.SX) -> ca.SX:
+        """Velocity of a frame's origin in world axes per velocity, shape (3, nv)."""
+        return self._call(self._functions.frame_jacobian(frame_id, "local_world_aligned"), q)[0][:3, :]
+
     def frame_position(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Position of a frame's origin in the world, shape (3,) [m]."""
-        return self._functions.frame_placement(frame_id)(q)[1]
+        return self._call(self._functions.frame_placement(frame_id), q)[1]
 
     def constraints(self, q: ca.SX) -> ca.SX:
         """Holonomic constraints Phi(q), shape (nc,) [m^2 for rods]."""
@@ -99,3 +136,16 @@ class JointMechanics:
         if self.nc == 0:
             return ca.SX.zeros(0, self.nv)
         return self.derivative(self.constraints, q)
+
+    def _call(self, function: ca.Function, q: ca.SX, *others: ca.SX) -> list[ca.SX]:
+        """Outputs of one of Pinocchio's functions, whatever the coordinates of the attitudes are."""
+        matrices = [(p.at_q.stop - 4, ca.reshape(q[p.at_matrix : p.at_matrix + 9], 3, 3)) for p in self._dcm]
+        if not matrices:
+            return list(function.call([q, *others]))
+        configuration = ca.SX.zeros(self.robot.nq)
+        for part in self.space.parts:
+            size = part.at_q.stop - part.at_q.start - (4 if part.at_matrix >= 0 else 0)
+            if size:
+                start = part.at_q.start
+                configuration[start : start + size] = q[part.at_z][:size]
+        return call_with_matrices(function, configuration, matrices, others)
