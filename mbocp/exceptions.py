@@ -27,6 +27,8 @@ __all__ = [
     "RobotFileError",
     "SingularSystem",
     "SolverError",
+    "StudyError",
+    "StudyFileError",
     "TranscriptionError",
     "UnknownFrame",
     "UnknownJoint",
@@ -167,6 +169,18 @@ class ResultFileError(MbocpError):
     def __init__(self, path: Path | str, reason: str) -> None:
         self.path, self.reason = Path(path), reason
         super().__init__(f"{path}: {reason}")
+
+
+class StudyError(MbocpError):
+    """Something about many problems at once: their table, or the executor that runs them."""
+
+
+class StudyFileError(StudyError):
+    """A study file that is missing, malformed, or has a wrong key or value."""
+
+    def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
+        self.path, self.reason, self.key = Path(path), reason, key
+        super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
 
 
 class ReplayError(MbocpError):
