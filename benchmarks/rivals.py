@@ -100,7 +100,11 @@ def _nonlinear_programme(problem: mbocp.Problem, xs: Any, us: Any) -> tuple[ca.F
     q1, v1 = x1[:nv], x1[nv:]
     torque = rnea(q1, v1, (v1 - x0[nv:]) / dt)
     rows = ca.vertcat(x0[:nv] + dt * v1 - q1, dt * (u - torque))
-    running = dt / 2 * (cost.effort * ca.dot(u, u) + ca.dot(ca.DM(np.asarray(cost.velocity)) * v1, v1))
+    running = (
+        dt
+        / 2
+        * (ca.dot(ca.DM(np.asarray(cost.effort)) * u, u) + ca.dot(ca.DM(np.asarray(cost.velocity)) * v1, v1))
+    )
     step = ca.Function("step", [x0, x1, u], [rows, running])
 
     # Stage after stage: node n, control of the step to it. One flat graph of scalars takes seconds to set up,

@@ -42,7 +42,7 @@ class Motion:
     @classmethod
     def of(cls, problem: Problem, solution: Solution) -> Motion:
         """Take alpha from the problem's cost."""
-        return cls(problem, solution, problem.cost.effort)
+        return cls(problem, solution, float(problem.cost.effort[0]))
 
     @property
     def t(self) -> Array:

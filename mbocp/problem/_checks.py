@@ -13,6 +13,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, suggest
 
 __all__ = [
+    "check_bool",
     "check_choice",
     "check_finite",
     "check_integer",
@@ -20,6 +21,13 @@ __all__ = [
     "check_number",
     "check_positive",
 ]
+
+
+def check_bool(name: str, value: Any) -> bool:
+    """Return `value` if it is True or False."""
+    if not isinstance(value, bool):
+        raise InvalidValue(name, repr(value), "true or false")
+    return value
 
 
 def check_number(name: str, value: Any) -> float:

@@ -12,17 +12,24 @@ from pydantic import ValidationError
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.problem.cost import Cost
+from mbocp.problem.drives import without_driven_velocities
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
+from mbocp.problem.integration import Stabilisation
+from mbocp.problem.limits import Bounds
+from mbocp.problem.limits_table import bounds_from
 from mbocp.problem.messages import in_file, located, schema_error
 from mbocp.problem.named import configuration_from, control_from, tangent_from, weights_from
 from mbocp.problem.options import SolverOptions
 from mbocp.problem.overrides import plain
+from mbocp.problem.path_table import path_from
 from mbocp.problem.problem import Problem
 from mbocp.problem.schema import (
     CostTable,
     GoalTable,
     GuessTable,
+    IntegratorTable,
+    LimitsTable,
     ProblemTable,
     RobotTable,
     StartTable,
@@ -83,7 +90,12 @@ def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | Non
         robot=robot,
         coordinates=table.coordinates,  # type: ignore[arg-type]  # checked by the class
         scheme=table.integrator.scheme,  # type: ignore[arg-type]
+        lie=table.integrator.lie,  # type: ignore[arg-type]
+        substeps=table.integrator.substeps,
+        stabilisation=_stabilisation(table.integrator),
         goal=goal,
+        limits=_limits(table.limits, robot),
+        path=path_from(robot, table.path),
         q_start=q_start,
         v_start=v_start,
         guess=_guess(table.guess, robot, folder),
@@ -96,6 +108,19 @@ def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | Non
 def _robot(table: RobotTable, folder: Path | None) -> Robot:
     with located("robot"):
         return robot_from_spec(table.model_dump(exclude_none=True), base=folder)
+
+
+def _stabilisation(table: IntegratorTable) -> Stabilisation:
+    return Stabilisation(
+        gamma_quaternion=table.gamma_quaternion,
+        gamma_dcm=table.gamma_dcm,
+        gamma_constraint=table.gamma_constraint,
+    )
+
+
+def _limits(table: LimitsTable, robot: Robot) -> Bounds:
+    with located("limits"):
+        return bounds_from(robot, table.effort, table.velocity, table.position)
 
 
 def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
@@ -128,14 +153,17 @@ def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
         value, rate_active = _tangent(robot, written, f"goal.{rate}")
     given = table.q is not None or written is not None
     enforce = table.enforce if table.enforce is not None else ("exact" if given else "none")
-    return Goal(
+    goal = Goal(
         q=q,
         q_active=q_active,
         rate=rate,  # type: ignore[arg-type]
         value=value,
         rate_active=rate_active,
         enforce=enforce,  # type: ignore[arg-type]  # checked by the class
+        guard=table.guard,
+        redundant=table.redundant,  # type: ignore[arg-type]
     )
+    return without_driven_velocities(robot, goal)
 
 
 def _tangent(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
@@ -163,7 +191,7 @@ def _cost(table: CostTable, robot: Robot, goal: Goal, folder: Path, duration: fl
     if table.terminal > 0.0:
         _check_targets(robot, terminal_weights, asked, "cost.terminal_weights", "the goal")
     return Cost(
-        effort=table.effort,
+        effort=_control_weights(robot, table.effort, "effort"),
         tracking=table.tracking,
         tracking_weights=tracking_weights,
         target_q=target_q,
@@ -171,7 +199,16 @@ def _cost(table: CostTable, robot: Robot, goal: Goal, folder: Path, duration: fl
         terminal=table.terminal,
         terminal_weights=terminal_weights,
         velocity=_velocity_weights(robot, table),
+        control_rate=_control_weights(robot, table.control_rate, "control_rate"),
+        potential=table.potential,
     )
+
+
+def _control_weights(robot: Robot, written: Any, key: str) -> Any:
+    if isinstance(written, float):
+        return written  # one for all; errors name no control then
+    with located(f"cost.{key}"):
+        return control_from(robot, written, f"cost.{key}")
 
 
 def _velocity_weights(robot: Robot, table: CostTable) -> Array:

@@ -114,12 +114,14 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
 
     On a constrained system the conditions are projected on the null space P of dPhi_dq at the goal, Eq. (14),
     which drops those that the constraint already implies: what counts is the rank of S P for the selected
-    rows S, and of S M P where they are rows of the momentum.
+    rows S, and of S M P where they are rows of the momentum. Velocities lie in the directions of the drives
+    where there are any.
     """
     if not goal.is_exact:
         return 0
     P = tangent_space(robot, goal.q)
-    count = _rank(P[goal.q_active]) + _rank((_rate_matrix(robot, goal) @ P)[goal.rate_active])
+    rates = _rate_matrix(robot, goal) @ _velocities(robot, goal.q)
+    count = _rank(P[goal.q_active]) + _rank(rates[goal.rate_active])
     available = num_steps * robot.nu
     if count > available:
         raise OverdeterminedGoal(
@@ -154,6 +156,16 @@ def tangent_space(robot: Robot, q: Array) -> Array:
     if not robot.nc:
         return np.eye(robot.nv)
     return null_space(robot.constraint_jacobian(q), _RANK_TOLERANCE)
+
+
+def _velocities(robot: Robot, q: Array) -> Array:
+    """Directions that span the velocities which constraints and drives allow at q, shape (nv, any)."""
+    if not robot.drives:
+        return tangent_space(robot, q)
+    driven: Array = np.hstack([robot.speed_map(q), robot.control_velocity_map(q)])
+    if robot.nc:
+        driven = driven @ null_space(robot.constraint_jacobian(q) @ driven, _RANK_TOLERANCE)
+    return driven
 
 
 def _rank(matrix: Array) -> int:

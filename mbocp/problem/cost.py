@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
 
@@ -15,25 +17,28 @@ __all__ = ["Cost"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cost:
-    r"""Weights and targets of Eqs. (7) to (9) of [Bijalwan2025]_.
+    r"""Weights and targets of Eqs. (7) to (9) of [Bijalwan2025]_, and of eq. (33) of [Manara2017]_.
 
     .. math::
-        \mathcal{L}(y, u) &= \tfrac{\beta}{2} (y - y_d)^T Q (y - y_d) + \tfrac{\alpha}{2} u^T u
-            + \tfrac{1}{2} v^T W v   \\
+        \mathcal{L}(y, u) &= \tfrac{\beta}{2} (y - y_d)^T Q (y - y_d) + \tfrac{1}{2} u^T \alpha u
+            + \tfrac{1}{2} v^T W v + \tfrac{1}{2} \dot u^T C \dot u + \kappa V(q)   \\
         \psi(y_N) &= \tfrac{1}{2} (y_N - y_T)^T Q_T (y_N - y_T)
 
     Differences of configurations are taken in the tangent space of the robot's joints, so that every
     weight belongs to one of the `nv` directions of `q` or to one of the `nv` components of `p`. The terminal
     cost draws the end to the goal; if the goal is written with a velocity, its part of :math:`Q_T` is on `v`.
 
-    The last term of the running cost is not the paper's. It is customary for robots: links of little inertia
-    cost no effort to spin, and without it an optimum may turn them faster than the steps resolve.
+    The weight of the velocities is not in the papers. It is customary for robots: links of little inertia
+    cost no effort to spin, and without it an optimum may turn them faster than the steps resolve. The last
+    two terms are the second paper's, with :math:`C = 2 k_3` and :math:`\kappa = -k_2`. Controls are constant
+    in each step; their rate is the difference of two neighbours over the length of a step, at the N - 1 nodes
+    between steps.
 
     Attributes
     ----------
-    effort : float
-        :math:`\alpha` > 0, the weight of the controls. Nothing else depends on the controls, so that zero
-        would leave them undetermined.
+    effort : ndarray, shape (nu,)
+        :math:`\alpha` >= 0, the weight of each control, or one number for all. Zero leaves a control
+        undetermined unless it has a `control_rate` or limits.
     tracking : float
         :math:`\beta` >= 0, the weight of the running distance from the target.
     tracking_weights : ndarray, shape (2 nv,)
@@ -44,13 +49,18 @@ class Cost:
         Momentum to track [kg m/s, N m s].
     velocity : ndarray, shape (nv,)
         Diagonal of W >= 0 on the velocities v; zero by default.
+    control_rate : ndarray, shape (nu,)
+        Diagonal of C >= 0 on the rates of the controls, or one number for all; zero by default [s^2].
+    potential : float
+        :math:`\kappa`, of any sign: the weight of the potential energy V of gravity and force elements
+        [1/J].
     terminal : float
         :math:`\beta_T` >= 0, the weight of the terminal cost.
     terminal_weights : ndarray, shape (2 nv,)
         Diagonal of :math:`Q_T` on (q, p), or on (q, v) if the goal gives a velocity.
     """
 
-    effort: float
+    effort: Array
     tracking: float
     tracking_weights: Array
     target_q: Array
@@ -58,17 +68,12 @@ class Cost:
     terminal: float
     terminal_weights: Array
     velocity: Array = field(default_factory=lambda: frozen_array(np.zeros(0)))
+    control_rate: Array = field(default_factory=lambda: frozen_array(0.0))
+    potential: float = 0.0
 
     def __post_init__(self) -> None:
-        for key in ("effort", "tracking", "terminal"):
+        for key in ("tracking", "terminal", "potential"):
             object.__setattr__(self, key, check_number(f"cost.{key}", getattr(self, key)))
-        if self.effort <= 0.0:
-            raise InvalidValue(
-                "cost.effort",
-                self.effort,
-                "a positive number: nothing else in the cost depends on the controls, which would not be "
-                "determined; take a small one (1e-6) for nearly free controls",
-            )
         check_non_negative("cost.tracking", self.tracking)
         check_non_negative("cost.terminal", self.terminal)
         if self.velocity.size == 0:
@@ -79,7 +84,8 @@ class Cost:
             object.__setattr__(self, key, value)
         check_non_negative("cost.tracking_weights", self.tracking_weights)
         check_non_negative("cost.terminal_weights", self.terminal_weights)
-        check_non_negative("cost.velocity", self.velocity)
+        for key in ("velocity", *_ON_CONTROLS):
+            check_non_negative(f"cost.{key}", getattr(self, key))
 
     @property
     def is_trajectory(self) -> bool:
@@ -106,8 +112,33 @@ class Cost:
             np.broadcast_to(self.target_p, (num_steps, self.target_p.shape[-1])),
         )
 
+    def on_controls(self, nu: int) -> Cost:
+        """Return the same with a weight for each of `nu` controls where one number stood for all."""
+        spread: dict[str, Any] = {}
+        for key in _ON_CONTROLS:
+            value = getattr(self, key)
+            if value.shape not in ((), (nu,)):
+                raise DimensionMismatch(f"cost.{key}", value.shape, (nu,), "one weight for each control")
+            spread[key] = np.broadcast_to(value, (nu,))
+        return replace(self, **spread)
 
-_ARRAYS = ("tracking_weights", "target_q", "target_p", "terminal_weights", "velocity")
+    def check_controls(self, bounded: BoolArray, names: Sequence[str]) -> None:
+        """Refuse controls that nothing determines: without effort, rate and, as `bounded` says, limits."""
+        free = (self.effort == 0.0) & (self.control_rate == 0.0) & ~bounded
+        if not free.any():
+            return
+        listed = ", ".join(name for name, is_free in zip(names, free, strict=True) if is_free)
+        raise InvalidValue(
+            "cost.effort",
+            "0.0" if free.all() else f"0.0 for {listed}",
+            "a positive number: nothing else in the cost depends on the controls, which would not be "
+            "determined; take a small one (1e-6) for nearly free controls, or give cost.control_rate or "
+            "[limits]",
+        )
+
+
+_ON_CONTROLS = ("effort", "control_rate")
+_ARRAYS = ("tracking_weights", "target_q", "target_p", "terminal_weights", "velocity", *_ON_CONTROLS)
 
 
 def _file_key(name: str) -> str:

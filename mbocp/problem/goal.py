@@ -7,15 +7,17 @@ from typing import Literal
 
 from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
 from mbocp.exceptions import DimensionMismatch, ProblemError
-from mbocp.problem._checks import check_choice, check_finite
+from mbocp.problem._checks import check_bool, check_choice, check_finite
 
-__all__ = ["ENFORCE", "RATES", "Enforce", "Goal", "Rate"]
+__all__ = ["ENFORCE", "RATES", "REDUNDANT", "Enforce", "Goal", "Rate", "Redundant"]
 
 Enforce = Literal["exact", "penalty", "both", "none"]
 Rate = Literal["p", "v"]
+Redundant = Literal["drop", "keep"]
 
 ENFORCE: tuple[Enforce, ...] = ("exact", "penalty", "both", "none")
 RATES: tuple[Rate, ...] = ("p", "v")
+REDUNDANT: tuple[Redundant, ...] = ("drop", "keep")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,6 +43,12 @@ class Goal:
         ``exact``: gamma = 1, null-space projected where the system has constraints, Eq. (14);
         ``penalty``: gamma = 0, the terminal cost draws the end to the goal, Eq. (9); ``both``; or
         ``none``: the goal is at most the target of the tracking cost.
+    guard : bool
+        For explicit schemes: keep rotations at the end within a right angle of the goal,
+        tr(R_d^T R) >= 1 and cos >= 0. The projected end condition also admits half-turns.
+    redundant : {"drop", "keep"}
+        For explicit schemes: what becomes of end conditions that the dynamics meet by themselves, such as the
+        spin of a symmetric top about its axis. Kept ones make the constraints of the problem dependent.
     """
 
     q: Array
@@ -49,6 +57,8 @@ class Goal:
     value: Array
     rate_active: BoolArray
     enforce: Enforce = "exact"
+    guard: bool = True
+    redundant: Redundant = "drop"
 
     def __post_init__(self) -> None:
         for key, name in (("q", "goal.q"), ("value", f"goal.{self.rate}")):
@@ -62,6 +72,8 @@ class Goal:
         )
         check_choice("goal.enforce", self.enforce, ENFORCE)
         check_choice("goal.rate", self.rate, RATES)
+        check_choice("goal.redundant", self.redundant, REDUNDANT)
+        check_bool("goal.guard", self.guard)
         if self.enforce != "none" and self.is_empty:
             raise ProblemError(
                 f'goal: enforce = "{self.enforce}" needs something to enforce; give q, and v or p for the '

@@ -107,7 +107,7 @@ _EXPECTED = {
 
 def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
     """Say where a stray key belongs: near misses in its table, then the same word in another table."""
-    *above, name = (str(part) for part in loc)
+    *above, name = (str(part) for part in loc if not isinstance(part, int))  # path.0.x is in [[path]]
     tables = dict(_tables(model))
     valid = tables.get(".".join(above), [])
     where = f"allowed in [{'.'.join(above)}]" if above else "allowed here"
@@ -134,7 +134,7 @@ def _tables(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, lis
 def _model_in(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    if get_origin(annotation) in (Union, types.UnionType, Annotated):
+    if get_origin(annotation) in (Union, types.UnionType, Annotated, list):
         return next((m for m in map(_model_in, get_args(annotation)) if m is not None), None)
     return None
 

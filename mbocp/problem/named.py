@@ -17,7 +17,16 @@ from mbocp.exceptions import DimensionMismatch, ProblemError, UnknownJoint, sugg
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
-__all__ = ["Written", "configuration_from", "control_from", "joint_values", "tangent_from", "weights_from"]
+__all__ = [
+    "Written",
+    "configuration_from",
+    "control_from",
+    "coordinate_slots",
+    "joint_values",
+    "tangent_from",
+    "tangent_slots",
+    "weights_from",
+]
 
 Written: TypeAlias = Sequence[float] | Mapping[str, float | Sequence[float]]
 
@@ -95,7 +104,7 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
         value[:] = written
         active[:] = True
         return value, active
-    slots = _tangent_slots(robot)
+    slots = tangent_slots(robot)
     for name, entry in written.items():
         where = _find(slots, name, robot)
         numbers = _listed(entry)
@@ -112,7 +121,7 @@ def weights_from(robot: Robot, written: float | Written, key: str) -> Array:
         return np.full(robot.nv, float(written))
     if not isinstance(written, Mapping):
         return tangent_from(robot, written, key)[0]
-    slots = {name: where.stop - where.start for name, where in _tangent_slots(robot).items()}
+    slots = {name: where.stop - where.start for name, where in tangent_slots(robot).items()}
     spread = {name: _spread(entry, _find(slots, name, robot)) for name, entry in written.items()}
     return tangent_from(robot, spread, key)[0]
 
@@ -153,10 +162,16 @@ def joint_values(robot: Robot, value: Array, active: BoolArray) -> dict[str, Any
     return table
 
 
-def _tangent_slots(robot: Robot) -> dict[str, slice]:
-    """Names of whole joints, and of single components such as ``root_joint.wx``."""
+def tangent_slots(robot: Robot) -> dict[str, slice]:
+    """Names of whole joints, and of single components such as ``root_joint.wx``, and their places in v."""
     components = {label.name: slice(i, i + 1) for i, label in enumerate(robot.v_labels)}
     return components | {slot.name: slot.v for slot in _slots(robot)}
+
+
+def coordinate_slots(robot: Robot) -> dict[str, slice]:
+    """Names of whole joints, and of single numbers such as ``root_joint.x``, and their places in q."""
+    numbers = {label.name: slice(i, i + 1) for i, label in enumerate(robot.q_labels)}
+    return numbers | {slot.name: slot.q for slot in _slots(robot)}
 
 
 def _slots(robot: Robot) -> Iterator[_Slot]:

@@ -10,8 +10,10 @@ from mbocp.problem._checks import check_choice, check_integer, check_number, che
 
 __all__ = [
     "ADJOINTS",
+    "BOUNDED_METHODS",
     "GLOBALISATIONS",
     "HESSIANS",
+    "LINEAR_SOLVERS",
     "LOOPS",
     "METHODS",
     "Globalisation",
@@ -27,11 +29,15 @@ METHODS: tuple[str, ...] = (
     "fbsm_bb",
     "fbsm_bb+monolithic",
     "fbsm_bb+fbsm_newton",
+    "ipopt",
+    "fatrop",
 )
+BOUNDED_METHODS: tuple[str, ...] = ("auto", "ipopt", "fatrop")  # those that keep limits and path constraints
 GLOBALISATIONS: tuple[Globalisation, ...] = ("default", "none")
 HESSIANS: tuple[str, ...] = ("structured", "dense", "finite-difference")
 ADJOINTS: tuple[str, ...] = ("direct", "auxiliary")
 LOOPS: tuple[str, ...] = ("auto", "open", "closed")
+LINEAR_SOLVERS: tuple[str, ...] = ("auto", "mumps", "ma27")
 
 _NEWTON_ITERATIONS, _GRADIENT_ITERATIONS = 200, 5000
 
@@ -47,7 +53,9 @@ class SolverOptions:
         5.1). ``fbsm_newton``: Newton's method on the controls alone, with a forward sweep for the state and a
         backward sweep for the adjoint (5.2). ``fbsm_bb``: gradient steps of Barzilai-Borwein length between
         the same sweeps. ``fbsm_bb+monolithic``, ``fbsm_bb+fbsm_newton``: gradient steps first, then Newton's
-        (5.3). ``auto``: starts with ``monolithic`` and goes over to the others when it makes no progress.
+        (5.3). ``ipopt``, ``fatrop``: interior-point methods, the only ones that keep limits and path
+        constraints. ``auto``: with either of them an interior-point method; else it starts with
+        ``monolithic`` and goes over to the others when it makes no progress.
     globalisation : {"default", "none"}
         Of the Newton methods. ``none`` is the paper's: no safeguards for ``monolithic``, halving the step
         until :math:`\|r_u\|` falls for ``fbsm_newton``. ``default`` corrects the inertia and searches along
@@ -74,6 +82,10 @@ class SolverOptions:
     switch_residual, switch_cost, switch_iterations : float, float, int
         A hybrid goes over to Newton's method when the residual is below `switch_residual`, or the cost below
         this part of the guess's, or after so many gradient steps. 0 switches one of the first two off.
+    time_limit : float or None
+        Wall time after which the solver gives up [s]; None: never.
+    linear_solver : {"auto", "mumps", "ma27"}
+        Of ``ipopt``.
     """
 
     method: str = "auto"
@@ -87,6 +99,8 @@ class SolverOptions:
     switch_residual: float = 10.0
     switch_cost: float = 0.5
     switch_iterations: int = 25
+    time_limit: float | None = None
+    linear_solver: str = "auto"
 
     def __post_init__(self) -> None:
         check_choice("solver.method", self.method, METHODS)
@@ -94,11 +108,15 @@ class SolverOptions:
         check_choice("solver.hessian", self.hessian, HESSIANS)
         check_choice("solver.adjoint", self.adjoint, ADJOINTS)
         check_choice("solver.loop", self.loop, LOOPS)
+        check_choice("solver.linear_solver", self.linear_solver, LINEAR_SOLVERS)
         for key in ("tolerance", "theta_max"):
             object.__setattr__(self, key, check_positive(f"solver.{key}", getattr(self, key)))
         if self.max_iterations is not None:
             limit = check_integer("solver.max_iterations", self.max_iterations, minimum=1)
             object.__setattr__(self, "max_iterations", limit)
+        if self.time_limit is not None:
+            limit_s = check_positive("solver.time_limit", self.time_limit, "s")
+            object.__setattr__(self, "time_limit", limit_s)
         for key in ("switch_residual", "switch_cost"):
             value = check_number(f"solver.{key}", getattr(self, key))
             if value < 0.0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +12,6 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, ProblemError
-from mbocp.integrators import SCHEMES
 from mbocp.problem._checks import check_choice, check_finite, check_integer, check_positive
 from mbocp.problem.consistency import (
     check_end_conditions,
@@ -22,9 +21,13 @@ from mbocp.problem.consistency import (
     complete_goal,
 )
 from mbocp.problem.cost import Cost
+from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
-from mbocp.problem.options import SolverOptions
+from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator, check_unused
+from mbocp.problem.limits import Bounds, check_limits
+from mbocp.problem.options import BOUNDED_METHODS, SolverOptions
+from mbocp.problem.path import PathConstraint, check_path
 from mbocp.robot import Robot
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
@@ -47,14 +50,17 @@ class Problem:
         \text{s.t.} \quad
         & \dot{y} = f(y, \lambda, u), \qquad \Phi(q) = 0                                            & (6) \\
         & \gamma\, g_T(y(T)) = 0                                                                      \\
+        & \underline{u} \le u \le \overline{u}, \quad \underline{y} \le y \le \overline{y}, \quad
+            \underline{h} \le h(q, v) \le \overline{h}                                                \\
         & y(0) = y_0
 
     with the state y = (q, p), the momentum p = M(q) v, and the time [0, T] in N steps of length dt. The
-    fields follow the formula: what is minimised and over which time, which mechanics, which end, which start;
-    then how to begin and how to solve. `Problem.create` takes the same words as a problem file.
+    fields follow the formula: what is minimised and over which time, which mechanics, which end, which
+    limits, which start; then how to begin and how to solve. `Problem.create` takes the same words as a
+    problem file.
 
-    Position, velocity and effort limits of the robot are not enforced by the present solver; a start or goal
-    outside the position limits is a `ProblemWarning`.
+    Limits of the robot are enforced only where `limits` has them. A start or goal outside position limits
+    that are not is a `ProblemWarning`.
 
     Attributes
     ----------
@@ -68,10 +74,21 @@ class Problem:
         The mechanics f, and the holonomic constraints Phi.
     coordinates : {"joint"}
         In which coordinates the mechanics are written.
-    scheme : {"se1", "se2", "midpoint"}
-        How time is discretised, see `mbocp.integrators`.
+    scheme : {"se1", "se2", "midpoint", "euler", "heun", "rk4", "rkf5"}
+        How time is discretised, see `mbocp.integrators`; the last four are explicit.
+    lie : {"plain", "baumgarte", "munthe_kaas"}
+        How explicit schemes keep rotations on their manifold: not at all, by stabilisation, or by
+        construction.
+    substeps : int
+        Steps of an explicit scheme within each of the N.
+    stabilisation : Stabilisation
+        Rates for ``lie = "baumgarte"`` and for holonomic constraints.
     goal : Goal
         g_T and gamma.
+    limits : Bounds
+        On controls, velocities and configurations; none by default.
+    path : tuple of PathConstraint
+        h: where frames may be, and how fast.
     q_start : ndarray, shape (nq,)
         Configuration of y_0 [m, rad, unit quaternion xyzw].
     v_start : ndarray, shape (nv,)
@@ -100,8 +117,13 @@ class Problem:
     num_steps: int
     robot: Robot
     coordinates: Literal["joint"] = "joint"
-    scheme: Literal["se1", "se2", "midpoint"] = "se1"
+    scheme: Scheme = "se1"
+    lie: Lie = "munthe_kaas"
+    substeps: int = 1
+    stabilisation: Stabilisation = field(default_factory=Stabilisation)
     goal: Goal
+    limits: Bounds = field(default_factory=Bounds)
+    path: tuple[PathConstraint, ...] = ()
     q_start: Array
     v_start: Array
     guess: Guess = field(default_factory=Guess)
@@ -113,15 +135,18 @@ class Problem:
         object.__setattr__(self, "duration", check_positive("horizon.duration", self.duration, "s"))
         object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))
         check_choice("coordinates", self.coordinates, COORDINATES)
-        check_choice("integrator.scheme", self.scheme, SCHEMES)
+        check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)
         if self.robot.nu == 0:
             raise ProblemError(
                 f"robot: {self.robot.name!r} has no controls; name the driven joints in robot.actuated "
                 "(a free-flyer's root_joint takes a wrench), or write actuators into a robot.toml"
             )
+        object.__setattr__(self, "limits", self.limits.completed(self.robot))
+        object.__setattr__(self, "path", tuple(self.path))
         self._check_start()
         self._check_goal()
         self._check_cost()
+        self._check_inequalities()
         self.guess.check_dimensions(self.robot.nu)
 
     @property
@@ -149,10 +174,13 @@ class Problem:
         start: Mapping[str, Any] | None = None,
         goal: Mapping[str, Any] | None = None,
         cost: Mapping[str, Any] | None = None,
+        limits: Mapping[str, Any] | None = None,
+        path: Sequence[Mapping[str, Any]] | None = None,
         guess: Mapping[str, Any] | None = None,
+        integrator: Mapping[str, Any] | None = None,
         solver: Mapping[str, Any] | None = None,
         coordinates: str = "joint",
-        scheme: str = "se1",
+        scheme: str = "",
         name: str = "problem",
     ) -> Problem:
         """Make a problem from the words of a problem file.
@@ -164,8 +192,12 @@ class Problem:
         duration : float
             [s].
         steps : int
-        start, goal, cost, guess, solver : mapping, optional
+        start, goal, cost, limits, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
+        path : sequence of mapping, optional
+            The tables `[[path]]`.
+        scheme : str
+            Short for the key `scheme` of `integrator`.
 
         Examples
         --------
@@ -174,11 +206,19 @@ class Problem:
         """
         from mbocp.problem.build import problem_from_tables  # build needs this class
 
-        tables = {"start": start, "goal": goal, "cost": cost, "guess": guess, "solver": solver}
+        tables = {
+            "start": start,
+            "goal": goal,
+            "cost": cost,
+            "limits": limits,
+            "path": path,
+            "guess": guess,
+            "solver": solver,
+        }
         document = {
             "horizon": {"duration": duration, "steps": steps},
             "coordinates": coordinates,
-            "integrator": {"scheme": scheme},
+            "integrator": {**(integrator or {}), **({"scheme": scheme} if scheme else {})},
             **{key: table for key, table in tables.items() if table is not None},
         }
         return problem_from_tables(document, robot=robot, name=name)
@@ -202,22 +242,29 @@ class Problem:
         object.__setattr__(self, "v_start", v)
         check_position(robot, q, "start.q")
         check_velocity(robot, q, v, "start")
-        _warn_limits(robot, q, "start.q")
+        check_driven_start(robot, q, v)
+        self._warn_limits(q, "start.q")
 
     def _check_goal(self) -> None:
         robot, goal = self.robot, self.goal
         goal.check_dimensions(robot.nq, robot.nv)
         goal = replace(goal, q=robot.normalise(goal.q, name="goal.q"))
+        goal = without_driven_velocities(robot, goal)
+        for key, default in (("guard", True), ("redundant", "drop")):
+            check_unused(f"goal.{key}", getattr(goal, key), default, self.scheme)
         if goal.is_exact:
             goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active))
             check_goal_rate(robot, goal)
+            check_driven_rate(robot, goal)
             check_end_conditions(robot, goal, self.num_steps)
         object.__setattr__(self, "goal", goal)
         if goal.q_active.any():
-            _warn_limits(robot, goal.q, "goal.q")
+            self._warn_limits(goal.q, "goal.q")
 
     def _check_cost(self) -> None:
-        cost, goal = self.cost, self.goal
+        cost, goal = self.cost.on_controls(self.robot.nu), self.goal
+        object.__setattr__(self, "cost", cost)
+        cost.check_controls(self.limits.finite("u"), [label.name for label in self.robot.u_labels])
         cost.check_dimensions(self.robot.nq, self.robot.nv, self.num_steps)
         if goal.is_penalised and cost.terminal == 0.0:
             reason = f'goal.enforce = "{goal.enforce}" needs a weight above 0, got 0'
@@ -235,12 +282,26 @@ class Problem:
                 stacklevel=4,
             )
 
+    def _check_inequalities(self) -> None:
+        """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
+        check_limits(self.robot, self.limits, self.q_start, self.v_start, self.goal)
+        check_path(self.robot, self.path, self.q_start, self.v_start, self.goal)
+        if (self.limits.any_finite or self.path) and self.solver.method not in BOUNDED_METHODS:
+            what = "limits" if self.limits.any_finite else "path"
+            able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)
+            raise ProblemError(
+                f'solver.method: got "{self.solver.method}", which cannot keep [{what}]; take {able}, or '
+                f"leave out [{what}]"
+            )
 
-def _warn_limits(robot: Robot, q: Array, key: str) -> None:
-    """Say which coordinates are outside their limits; they are not enforced by this solver yet."""
-    lower, upper = robot.limits.position_lower, robot.limits.position_upper
-    outside = np.flatnonzero((q < lower - 1e-9) | (q > upper + 1e-9))  # [rad, m] not for rounding
-    if outside.size:
-        names = ", ".join(robot.q_labels[i].name for i in outside)
-        message = f"{key}: outside the position limits of {names}; limits are not enforced"
-        warnings.warn(message, ProblemWarning, stacklevel=5)
+    def _warn_limits(self, q: Array, key: str) -> None:
+        """Say which coordinates are outside limits of the robot that nobody enforces."""
+        robot, limits = self.robot, self.robot.limits
+        if self.limits.finite("q").any():
+            return
+        # [rad, m] not for rounding
+        outside = (q < limits.position_lower - 1e-9) | (q > limits.position_upper + 1e-9)
+        if outside.any():
+            names = ", ".join(robot.q_labels[i].name for i in np.flatnonzero(outside))
+            message = f"{key}: outside the position limits of {names}; limits are not enforced"
+            warnings.warn(message, ProblemWarning, stacklevel=5)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from mbocp.problem.integration import Stabilisation
 from mbocp.problem.options import SolverOptions
 
 __all__ = [
@@ -21,6 +22,8 @@ __all__ = [
     "GuessTable",
     "HorizonTable",
     "IntegratorTable",
+    "LimitsTable",
+    "PathTable",
     "ProblemTable",
     "RobotTable",
     "SolverTable",
@@ -31,6 +34,7 @@ __all__ = [
 
 Vector: TypeAlias = list[float]
 Named: TypeAlias = dict[str, float | list[float]]
+Limit: TypeAlias = float | list[float]
 
 
 def _number(value: Any, where: str = "") -> float:
@@ -74,6 +78,44 @@ def _control(value: Any) -> float | Vector | Named:
     return _number(value)
 
 
+def _bound(value: Any, where: str = "") -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+        raise ValueError(f"got {value!r}{where}, expected a number (inf for no limit)")
+    return float(value)
+
+
+def _pair(value: Any, where: str = "") -> list[float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f"got {value!r}{where}, expected [lower, upper]")
+    return [_bound(side, where) for side in value]
+
+
+def _limit(value: Any, where: str = "") -> Limit:
+    return _pair(value, where) if isinstance(value, list) else _bound(value, where)
+
+
+def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, list):
+        return [_limit(entry, f" at index {i}") for i, entry in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {name: _limit(entry, f" for {name!r}") for name, entry in value.items()}
+    if isinstance(value, str):
+        raise ValueError(f"got {value!r}, expected true, a number, a list or a table by name")
+    return _bound(value)
+
+
+def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, list):
+        return [_pair(entry, f" at index {i}") for i, entry in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {name: _pair(entry, f" for {name!r}") for name, entry in value.items()}
+    raise ValueError(f"got {value!r}, expected true, a list of [lower, upper] or a table of them by name")
+
+
 def _lock(value: Any) -> list[str] | Named:
     if isinstance(value, list) and all(isinstance(name, str) for name in value):
         return value
@@ -103,6 +145,10 @@ TrajectoryOrVector = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
 Lock = Annotated[Any, BeforeValidator(_lock)]
 Control = Annotated[Any, BeforeValidator(_control)]
 Finite = Annotated[float, BeforeValidator(_number)]
+Limits = Annotated[Any, BeforeValidator(_limits)]
+Ranges = Annotated[Any, BeforeValidator(_ranges)]
+Range = Annotated[Any, BeforeValidator(_pair)]
+Bound = Annotated[Any, BeforeValidator(_bound)]
 
 
 class _Table(BaseModel):
@@ -118,6 +164,7 @@ class RobotTable(_Table):
     gravity: list[Finite] | None = Field(default=None, min_length=3, max_length=3)
     actuated: list[str] | None = None
     mimic: bool | None = None
+    rotations: str | None = None
     label: str | None = None
     package_dirs: list[str] | None = None
 
@@ -144,6 +191,8 @@ class GoalTable(_Table):
     v: VectorOrNamed = None
     p: VectorOrNamed = None
     enforce: str | None = None
+    guard: bool = True
+    redundant: str = "drop"
 
 
 class TargetTable(_Table):
@@ -167,14 +216,39 @@ Weights = Annotated[WeightsTable, BeforeValidator(_listed_weights)]
 class CostTable(_Table):
     """What is minimised."""
 
-    effort: Finite = 1.0
+    effort: Control = 1.0
+    control_rate: Control = 0.0
     velocity: Control = None
+    potential: Finite = 0.0
     tracking: Finite = 0.0
     tracking_weights: Weights | None = None
     target: TargetTable | None = None
     target_file: str | None = None
     terminal: Finite = 0.0
     terminal_weights: Weights | None = None
+
+
+class LimitsTable(_Table):
+    """Bounds that hold along the motion; what is left out is not bounded."""
+
+    effort: Limits = None
+    velocity: Limits = None
+    position: Ranges = None
+
+
+class PathTable(_Table):
+    """One constraint on a frame that holds along the motion."""
+
+    name: str | None = None
+    kind: str
+    frame: str
+    frame_b: str | None = None
+    point: list[Finite] | None = Field(default=None, min_length=3, max_length=3)
+    x: Range = None
+    y: Range = None
+    z: Range = None
+    min: Bound = None
+    max: Bound = None
 
 
 class GuessTable(_Table):
@@ -189,6 +263,11 @@ class IntegratorTable(_Table):
     """How time is discretised."""
 
     scheme: str = "se1"
+    lie: str = "munthe_kaas"
+    substeps: int = 1
+    gamma_quaternion: Finite = Stabilisation.gamma_quaternion
+    gamma_dcm: Finite = Stabilisation.gamma_dcm
+    gamma_constraint: Finite = Stabilisation.gamma_constraint
 
 
 class SolverTable(_Table):
@@ -205,6 +284,8 @@ class SolverTable(_Table):
     switch_residual: Finite = SolverOptions.switch_residual
     switch_cost: Finite = SolverOptions.switch_cost
     switch_iterations: int = SolverOptions.switch_iterations
+    time_limit: Finite | None = SolverOptions.time_limit
+    linear_solver: str = SolverOptions.linear_solver
 
 
 class ProblemTable(_Table):
@@ -216,6 +297,8 @@ class ProblemTable(_Table):
     start: StartTable = StartTable()
     goal: GoalTable = GoalTable()
     cost: CostTable = CostTable()
+    limits: LimitsTable = LimitsTable()
+    path: list[PathTable] = Field(default_factory=list)
     guess: GuessTable = GuessTable()
     integrator: IntegratorTable = IntegratorTable()
     solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable()

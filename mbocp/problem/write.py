@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.problem.cost import Cost
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
+from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.named import joint_values
+from mbocp.problem.path_table import path_tables
 from mbocp.problem.problem import Problem
 from mbocp.robot import Robot
 
@@ -31,13 +34,15 @@ def problem_to_toml(problem: Problem) -> str:
     return to_toml(
         {
             "coordinates": problem.coordinates,
+            "path": path_tables(robot, problem.path) or None,
             "robot": dict(robot.spec),
             "horizon": {"duration": problem.duration, "steps": problem.num_steps},
             "start": {"q": problem.q_start, "v": problem.v_start},
             "goal": _goal(problem.goal, robot),
             "cost": _cost(problem.cost, problem.goal),
             "guess": _guess(problem.guess),
-            "integrator": {"scheme": problem.scheme},
+            "limits": _limits(problem.limits),
+            "integrator": _integrator(problem),
             "solver": asdict(problem.solver),
         }
     )
@@ -55,7 +60,7 @@ def to_toml(document: Mapping[str, Any]) -> str:
 
 
 def _goal(goal: Goal, robot: Robot) -> dict[str, Any]:
-    table: dict[str, Any] = {"enforce": goal.enforce}
+    table: dict[str, Any] = {"enforce": goal.enforce, "guard": goal.guard, "redundant": goal.redundant}
     for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
         if active.any():
             table[key] = _written(robot, value, active)
@@ -67,7 +72,11 @@ def _written(robot: Robot, value: Array, active: BoolArray) -> Any:
 
 
 def _cost(cost: Cost, goal: Goal) -> dict[str, Any]:
-    table: dict[str, Any] = {"effort": cost.effort, "tracking": cost.tracking}
+    table: dict[str, Any] = {"effort": _shortest(cost.effort), "tracking": cost.tracking}
+    if cost.control_rate.any():
+        table["control_rate"] = _shortest(cost.control_rate)
+    if cost.potential:
+        table["potential"] = cost.potential
     if cost.velocity.any():
         table["velocity"] = cost.velocity
     if cost.tracking > 0.0:
@@ -77,6 +86,28 @@ def _cost(cost: Cost, goal: Goal) -> dict[str, Any]:
     if goal.is_penalised:
         table["terminal_weights"] = cost.terminal_weights
     return table
+
+
+def _shortest(weights: Array) -> Any:
+    """One number where it stands for all of them."""
+    return float(weights.flat[0]) if (weights == weights.flat[0]).all() else weights
+
+
+def _limits(limits: Bounds) -> dict[str, Any]:
+    return {
+        key.removeprefix("limits."): np.column_stack(
+            [getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")]
+        )
+        for letter, key in LIMITS.items()
+        if limits.finite(letter).any()
+    }
+
+
+def _integrator(problem: Problem) -> dict[str, Any]:
+    if problem.scheme not in EXPLICIT_SCHEMES:
+        return {"scheme": problem.scheme}
+    words = {"scheme": problem.scheme, "lie": problem.lie, "substeps": problem.substeps}
+    return words | asdict(problem.stabilisation)
 
 
 def _guess(guess: Guess) -> dict[str, Any]:

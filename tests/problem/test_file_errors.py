@@ -126,9 +126,9 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
         ("guess.kind='solution'", "guess", "needs the key 'file'"),
         ("coordinates='natural'", "coordinates", """got 'natural', expected "joint\""""),
         (
-            "integrator.scheme='rk4'",
+            "integrator.scheme='rk3'",
             "integrator.scheme",
-            r"""got 'rk4', expected "se1" \| "se2" \| "midpoint\"""",
+            r"""got 'rk3', expected "se1" \| "se2" \| "midpoint\"""",
         ),
         ("solver.method='magic'", "solver.method", """got 'magic', expected "auto\""""),
         (

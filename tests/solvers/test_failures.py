@@ -233,7 +233,7 @@ def test_converged_means_that_the_optimality_conditions_hold(
 
 def cost(s: Solution, problem: Problem) -> float:
     """Eq. (7), without a running cost of the state."""
-    effort = 0.5 * problem.cost.effort * s.duration / s.num_steps * np.sum(s.us**2)
+    effort = 0.5 * s.duration / s.num_steps * np.sum(problem.cost.effort * s.us**2)
     miss = norm(s.qs[-1] - problem.goal.q, s.ps[-1] - problem.goal.value)
     return float(effort + 0.5 * problem.cost.terminal * miss**2)
 

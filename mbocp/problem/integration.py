@@ -1,0 +1,90 @@
+"""How time is discretised: what each scheme takes, and which robots it suits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Literal, TypeAlias
+
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.integrators import EXPLICIT_SCHEMES, LIE_METHODS, SCHEMES
+from mbocp.problem._checks import check_choice, check_integer, check_number
+from mbocp.robot import Robot
+from mbocp.robot.joints import unit_groups
+
+__all__ = ["Lie", "Scheme", "Stabilisation", "check_integrator", "check_unused", "has_rotations"]
+
+Scheme: TypeAlias = Literal["se1", "se2", "midpoint", "euler", "heun", "rk4", "rkf5"]
+Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
+
+_EXPLICIT = ", ".join(f'"{name}"' for name in EXPLICIT_SCHEMES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stabilisation:
+    r"""Rates at which explicit schemes pull the state back to where it belongs [1/s].
+
+    Attributes
+    ----------
+    gamma_quaternion : float
+        :math:`\gamma_q` of eq. (46) of [Manara2017]_, for the norm of quaternions; with
+        ``lie = "baumgarte"``.
+    gamma_dcm : float
+        :math:`\gamma_R` of eq. (47), for the orthonormality of rotation matrices; with
+        ``lie = "baumgarte"``.
+    gamma_constraint : float
+        Baumgarte's rate for holonomic constraints. Zero: accelerations that agree with the constraints, and
+        nothing that pulls back.
+    """
+
+    gamma_quaternion: float = 2.0
+    gamma_dcm: float = 1.0
+    gamma_constraint: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            key = f"integrator.{field.name}"
+            value = check_number(key, getattr(self, field.name))
+            if value < 0.0:
+                raise InvalidValue(key, value, "a rate >= 0 [1/s]")
+            object.__setattr__(self, field.name, value)
+
+
+def check_integrator(
+    robot: Robot, scheme: str, lie: str, substeps: int, stabilisation: Stabilisation
+) -> None:
+    """Refuse what the scheme does not use, and robots that it cannot integrate."""
+    check_choice("integrator.scheme", scheme, SCHEMES)
+    check_choice("integrator.lie", lie, LIE_METHODS)
+    check_integer("integrator.substeps", substeps, minimum=1)
+    if scheme in EXPLICIT_SCHEMES:
+        return
+    check_unused("integrator.lie", lie, "munthe_kaas", scheme)
+    check_unused("integrator.substeps", substeps, 1, scheme)
+    for field in fields(Stabilisation):
+        check_unused(f"integrator.{field.name}", getattr(stabilisation, field.name), field.default, scheme)
+    if robot.drives:
+        raise ProblemError(
+            f'integrator.scheme: got "{scheme}", but controls of robot {robot.name!r} prescribe velocities '
+            f"({', '.join(drive.name for drive in robot.drives)}), which only explicit schemes ({_EXPLICIT}) "
+            "can do"
+        )
+    if robot.rotations == "dcm" and has_rotations(robot):
+        raise ProblemError(
+            f'robot.rotations: got "dcm", but scheme "{scheme}" keeps rotations as quaternions; choose an '
+            f'explicit scheme ({_EXPLICIT}), or rotations = "quaternion"'
+        )
+
+
+def check_unused(key: str, value: object, default: object, scheme: str) -> None:
+    """Refuse a value that an implicit scheme would pass over in silence."""
+    if scheme not in EXPLICIT_SCHEMES and value != default:
+        got = f'"{value}"' if isinstance(value, str) else str(value).lower()
+        raise ProblemError(
+            f'{key}: got {got}, which scheme "{scheme}" does not use; leave it out, or choose an explicit '
+            f"scheme ({_EXPLICIT})"
+        )
+
+
+def has_rotations(robot: Robot) -> bool:
+    """Whether a joint of the robot turns in three dimensions: a free-flyer, a ball joint."""
+    return any(group.stop - group.start == 4 for _, group in unit_groups(robot.model))

@@ -1,0 +1,156 @@
+"""Bounds on controls, velocities and configurations that hold along the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray, frozen_array
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
+from mbocp.problem.goal import Goal
+from mbocp.robot import Label, Robot
+from mbocp.robot.joints import unit_groups
+
+__all__ = ["LIMITS", "Bounds", "check_limits", "is_plain"]
+
+LIMITS = {"u": "limits.effort", "v": "limits.velocity", "q": "limits.position"}  # keys of a problem file
+_ROUND_OFF = 1e-9  # [m, rad, m/s, rad/s] by which a start may miss its bound
+
+
+def _unbounded() -> Array:
+    return frozen_array(np.zeros(0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bounds:
+    r"""Bounds that hold along the motion, infinite where there are none.
+
+    .. math:: \underline{u} \le u_n \le \overline{u}, \qquad
+        \underline{v} \le v_n \le \overline{v}, \qquad \underline{q} \le q_n \le \overline{q}
+
+    at the nodes n = 1, ..., N, and in all N steps for u: eq. (32) of [Manara2017]_. What is left out is
+    unbounded; a `Problem` fills it in.
+
+    Attributes
+    ----------
+    u_lower, u_upper : ndarray, shape (nu,)
+        Controls [N, N m, and the units of drives].
+    v_lower, v_upper : ndarray, shape (nv,)
+        Velocities [m/s, rad/s].
+    q_lower, q_upper : ndarray, shape (nq,)
+        Configuration [m, rad]: plain numbers only, no quaternions and no cosines and sines.
+    """
+
+    u_lower: Array = field(default_factory=_unbounded)
+    u_upper: Array = field(default_factory=_unbounded)
+    v_lower: Array = field(default_factory=_unbounded)
+    v_upper: Array = field(default_factory=_unbounded)
+    q_lower: Array = field(default_factory=_unbounded)
+    q_upper: Array = field(default_factory=_unbounded)
+
+    def __post_init__(self) -> None:
+        for letter, key in LIMITS.items():
+            lower, upper = (
+                frozen_array(getattr(self, f"{letter}_{side}"), shape=(None,), name=key)
+                for side in ("lower", "upper")
+            )
+            if lower.shape != upper.shape:
+                raise DimensionMismatch(key, lower.shape, upper.shape, "as many lower as upper bounds")
+            for i, (lo, hi) in enumerate(zip(lower, upper, strict=True)):
+                if not (lo < hi and lo < np.inf and hi > -np.inf):  # NaN, too
+                    raise InvalidValue(f"{key}[{i}]", [float(lo), float(hi)], "a lower below an upper bound")
+            object.__setattr__(self, f"{letter}_lower", lower)
+            object.__setattr__(self, f"{letter}_upper", upper)
+
+    @classmethod
+    def none(cls, robot: Robot) -> Bounds:
+        """No bounds at all, in the dimensions of `robot`."""
+        return cls().completed(robot)
+
+    def completed(self, robot: Robot) -> Bounds:
+        """Return the same with infinite bounds for what was left out, checked against `robot`."""
+        sides: dict[str, Array] = {}
+        for letter, size in (("u", robot.nu), ("v", robot.nv), ("q", robot.nq)):
+            for side, infinity in (("lower", -np.inf), ("upper", np.inf)):
+                name = f"{letter}_{side}"
+                value = getattr(self, name)
+                sides[name] = value if value.size else np.full(size, infinity)
+                if sides[name].shape != (size,):
+                    raise DimensionMismatch(LIMITS[letter], value.shape, (size,))
+        bounds = Bounds(**sides)
+        for i in np.flatnonzero(bounds.finite("q") & ~is_plain(robot)):
+            raise _not_plain(robot.q_labels[i].name)
+        return bounds
+
+    @property
+    def any_finite(self) -> bool:
+        """Whether anything is bounded."""
+        return any(bool(self.finite(letter).any()) for letter in LIMITS)
+
+    def finite(self, letter: str) -> BoolArray:
+        """Which entries of "u", "v" or "q" have a bound on at least one side."""
+        lower, upper = getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")
+        mask: BoolArray = np.isfinite(lower) | np.isfinite(upper)
+        return mask
+
+
+def is_plain(robot: Robot) -> BoolArray:
+    """Which numbers of q are lengths or angles, not parts of a quaternion or of a (cos, sin), shape (nq,)."""
+    plain = np.ones(robot.nq, dtype=np.bool_)
+    for _, group in unit_groups(robot.model):
+        plain[group] = False
+    return plain
+
+
+def _not_plain(name: str) -> ProblemError:
+    return ProblemError(
+        f"{LIMITS['q']}: {name} is a part of a unit quaternion or of a (cos, sin) pair, which has no limits; "
+        "only lengths and the angles of revolute joints have"
+    )
+
+
+def check_limits(robot: Robot, bounds: Bounds, q_start: Array, v_start: Array, goal: Goal) -> None:
+    """Refuse limits that exclude the start or an exact goal."""
+    everything = np.ones(robot.nq, dtype=np.bool_), np.ones(robot.nv, dtype=np.bool_)
+    for where, letter, value, asked, labels in (
+        ("start", "q", q_start, everything[0], robot.q_labels),
+        ("start", "v", v_start, everything[1], robot.v_labels),
+        *_ends(robot, goal),
+    ):
+        _refuse_outside(bounds, where, letter, value, asked, labels)
+
+
+def _ends(robot: Robot, goal: Goal) -> Iterator[tuple[str, str, Array, BoolArray, Sequence[Label]]]:
+    """What an exact goal says about q and v."""
+    if not goal.is_exact:
+        return
+    yield "goal", "q", goal.q, _configuration_mask(robot, goal.q_active), robot.q_labels
+    if goal.rate == "v":
+        yield "goal", "v", goal.value, goal.rate_active, robot.v_labels
+    elif goal.q_active.all() and goal.rate_active.all():
+        v = robot.velocity_from_momentum(goal.q, goal.value)
+        yield "goal", "v", v, goal.rate_active, robot.v_labels
+
+
+def _configuration_mask(robot: Robot, active: BoolArray) -> BoolArray:
+    """Which numbers of q belong to joints whose directions are all active, shape (nq,)."""
+    mask = np.zeros(robot.nq, dtype=np.bool_)
+    for name in robot.joint_names:
+        mask[robot.configuration_indices(name)] = active[robot.velocity_indices(name)].all()
+    return mask
+
+
+def _refuse_outside(
+    bounds: Bounds, where: str, letter: str, value: Array, asked: BoolArray, labels: Sequence[Label]
+) -> None:
+    lower, upper = getattr(bounds, f"{letter}_lower"), getattr(bounds, f"{letter}_upper")
+    outside = asked & ((value < lower - _ROUND_OFF) | (value > upper + _ROUND_OFF))
+    if outside.any():
+        i = int(np.flatnonzero(outside)[0])
+        side, bound = ("above", upper[i]) if value[i] > upper[i] else ("below", lower[i])
+        raise ProblemError(
+            f"{where}.{letter}: {labels[i].name} is {value[i]:.6g} {labels[i].unit}, {side} its limit "
+            f"{bound:.6g} in {LIMITS[letter]}; no motion keeps it: move the {where}, or widen the limit"
+        )

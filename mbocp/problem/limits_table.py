@@ -1,0 +1,115 @@
+"""Limits as people write them: `true` for the robot's own, numbers, lists, tables by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, UnknownJoint, suggest
+from mbocp.problem.limits import LIMITS, Bounds, is_plain
+from mbocp.problem.named import coordinate_slots, tangent_slots
+from mbocp.robot import Robot
+
+__all__ = ["bounds_from"]
+
+_Sides = tuple[Array, Array]
+
+
+def bounds_from(robot: Robot, effort: Any = None, velocity: Any = None, position: Any = None) -> Bounds:
+    """Make the bounds from the values of the keys of `[limits]`.
+
+    Parameters
+    ----------
+    robot : Robot
+    effort, velocity : bool, float, list or mapping, optional
+        True for the robot's own; a number for all, or one entry for each in a list or table by name, where an
+        entry is a number, the largest absolute value, or a pair [lower, upper].
+    position : bool, list or mapping, optional
+        True for the robot's own, or pairs.
+
+    Raises
+    ------
+    ProblemError, DimensionMismatch, InvalidValue, UnknownJoint
+        If a value does not fit the robot.
+    """
+    u_lower, u_upper = _effort(robot, effort)
+    v_lower, v_upper = _velocity(robot, velocity)
+    q_lower, q_upper = _position(robot, position)
+    return Bounds(
+        u_lower=u_lower, u_upper=u_upper, v_lower=v_lower, v_upper=v_upper, q_lower=q_lower, q_upper=q_upper
+    )
+
+
+def _effort(robot: Robot, written: Any) -> _Sides:
+    key, names = LIMITS["u"], [label.name for label in robot.u_labels]
+    slots = {name: slice(i, i + 1) for i, name in enumerate(names)}
+    if isinstance(written, Mapping):
+        for name in written:
+            if name not in slots:
+                raise ProblemError(
+                    f"{key}: robot {robot.name!r} has no control {name!r}: {suggest(name, names)}"
+                )
+    own = robot.limits.effort
+    return _sides(robot, key, written, (-own, own), slots)
+
+
+def _velocity(robot: Robot, written: Any) -> _Sides:
+    own = robot.limits.velocity
+    return _sides(robot, LIMITS["v"], written, (-own, own), tangent_slots(robot))
+
+
+def _position(robot: Robot, written: Any) -> _Sides:
+    key, plain = LIMITS["q"], is_plain(robot)
+    lower = np.where(plain, robot.limits.position_lower, -np.inf)
+    upper = np.where(plain, robot.limits.position_upper, np.inf)
+    slots = coordinate_slots(robot)
+    if isinstance(written, Mapping):
+        for name in written:
+            if name in slots and not plain[slots[name]].all():
+                usable = [n for n in slots if plain[slots[n]].all() and n.startswith(f"{name}.")]
+                advice = f"; name {', '.join(usable)}" if usable else ""
+                raise ProblemError(
+                    f"{key}.{name}: a unit quaternion or a (cos, sin) pair has no limits, only lengths and "
+                    f"the angles of revolute joints have{advice}"
+                )
+    return _sides(robot, key, written, (lower, upper), slots)
+
+
+def _sides(robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str, slice]) -> _Sides:
+    """Lower and upper bounds from what was written."""
+    size = len(own[0])
+    if written is True:
+        if not any(np.isfinite(side).any() for side in own):
+            raise ProblemError(f"{key}: got true, but robot {robot.name!r} has no such limits; give numbers")
+        return own
+    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+    if written is None or written is False:
+        return lower, upper
+    if isinstance(written, Mapping):
+        for name, entry in written.items():
+            if name not in slots:
+                raise UnknownJoint(name, robot.name, slots)
+            lower[slots[name]], upper[slots[name]] = _pair(entry, f"{key}.{name}")
+    elif isinstance(written, Sequence):
+        if len(written) != size:
+            names = ", ".join(name for name, slot in slots.items() if slot.stop - slot.start == 1)
+            raise DimensionMismatch(key, len(written), size, f"entries: {names}")
+        for i, entry in enumerate(written):
+            lower[i], upper[i] = _pair(entry, f"{key}[{i}]")
+    else:
+        lower[:], upper[:] = _pair(written, key)
+    return lower, upper
+
+
+def _pair(entry: float | Sequence[float], key: str) -> tuple[float, float]:
+    if isinstance(entry, Sequence):
+        low, high = entry
+        if not low < high:
+            raise InvalidValue(key, [low, high], "[lower, upper] with lower < upper")
+        return low, high
+    if not entry > 0.0:
+        raise InvalidValue(key, entry, "a positive number, the largest absolute value, or [lower, upper]")
+    return -entry, entry
