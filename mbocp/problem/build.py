@@ -16,7 +16,6 @@ from mbocp.problem.drives import without_driven_velocities
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
-from mbocp.problem.limits import Bounds
 from mbocp.problem.limits_table import bounds_from
 from mbocp.problem.messages import in_file, located, schema_error
 from mbocp.problem.named import configuration_from, control_from, tangent_from, weights_from
@@ -29,7 +28,6 @@ from mbocp.problem.schema import (
     GoalTable,
     GuessTable,
     IntegratorTable,
-    LimitsTable,
     ProblemTable,
     RobotTable,
     StartTable,
@@ -94,7 +92,7 @@ def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | Non
         substeps=table.integrator.substeps,
         stabilisation=_stabilisation(table.integrator),
         goal=goal,
-        limits=_limits(table.limits, robot),
+        limits=bounds_from(robot, table.limits.effort, table.limits.velocity, table.limits.position),
         path=path_from(robot, table.path),
         q_start=q_start,
         v_start=v_start,
@@ -116,11 +114,6 @@ def _stabilisation(table: IntegratorTable) -> Stabilisation:
         gamma_dcm=table.gamma_dcm,
         gamma_constraint=table.gamma_constraint,
     )
-
-
-def _limits(table: LimitsTable, robot: Robot) -> Bounds:
-    with located("limits"):
-        return bounds_from(robot, table.effort, table.velocity, table.position)
 
 
 def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, UnknownJoint, suggest
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
+from mbocp.problem.messages import located
 from mbocp.problem.named import coordinate_slots, tangent_slots
 from mbocp.robot import Robot
 
@@ -35,9 +36,12 @@ def bounds_from(robot: Robot, effort: Any = None, velocity: Any = None, position
     ProblemError, DimensionMismatch, InvalidValue, UnknownJoint
         If a value does not fit the robot.
     """
-    u_lower, u_upper = _effort(robot, effort)
-    v_lower, v_upper = _velocity(robot, velocity)
-    q_lower, q_upper = _position(robot, position)
+    with located(LIMITS["u"]):
+        u_lower, u_upper = _effort(robot, effort)
+    with located(LIMITS["v"]):
+        v_lower, v_upper = _velocity(robot, velocity)
+    with located(LIMITS["q"]):
+        q_lower, q_upper = _position(robot, position)
     return Bounds(
         u_lower=u_lower, u_upper=u_upper, v_lower=v_lower, v_upper=v_upper, q_lower=q_lower, q_upper=q_upper
     )

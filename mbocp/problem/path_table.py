@@ -8,6 +8,7 @@ import numpy as np
 
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice
+from mbocp.problem.messages import located
 from mbocp.problem.path import PATH_KINDS, PathConstraint
 from mbocp.robot import Robot
 
@@ -28,7 +29,11 @@ def path_from(robot: Robot, tables: list[PathTable]) -> tuple[PathConstraint, ..
     ProblemError, UnknownFrame, InvalidValue
         If a frame is unknown, or keys do not fit the kind.
     """
-    return tuple(_constraint(robot, table, f"path.{i}") for i, table in enumerate(tables))
+    found = []
+    for i, table in enumerate(tables):
+        with located(f"path.{i}"):
+            found.append(_constraint(robot, table, f"path.{i}"))
+    return tuple(found)
 
 
 def path_tables(robot: Robot, path: tuple[PathConstraint, ...]) -> list[dict[str, Any]]:

@@ -38,7 +38,7 @@ def problem_to_toml(problem: Problem) -> str:
             "robot": dict(robot.spec),
             "horizon": {"duration": problem.duration, "steps": problem.num_steps},
             "start": {"q": problem.q_start, "v": problem.v_start},
-            "goal": _goal(problem.goal, robot),
+            "goal": _goal(problem.goal, robot, problem.scheme in EXPLICIT_SCHEMES),
             "cost": _cost(problem.cost, problem.goal),
             "guess": _guess(problem.guess),
             "limits": _limits(problem.limits),
@@ -59,8 +59,10 @@ def to_toml(document: Mapping[str, Any]) -> str:
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _goal(goal: Goal, robot: Robot) -> dict[str, Any]:
-    table: dict[str, Any] = {"enforce": goal.enforce, "guard": goal.guard, "redundant": goal.redundant}
+def _goal(goal: Goal, robot: Robot, is_explicit: bool) -> dict[str, Any]:
+    table: dict[str, Any] = {"enforce": goal.enforce}
+    if is_explicit:
+        table |= {"guard": goal.guard, "redundant": goal.redundant}
     for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
         if active.any():
             table[key] = _written(robot, value, active)
