@@ -86,7 +86,7 @@ def _check_rank(robot: Robot, jacobian: Array) -> None:
     dependent = []
     for rod, row in zip(robot.constraints, jacobian, strict=True):
         norm = float(np.linalg.norm(row))
-        candidate = [*kept, row / norm] if norm > 0.0 else kept
+        candidate = [*kept, row / norm] if norm > _RANK * rod.length else kept
         if len(candidate) > len(kept) and np.linalg.matrix_rank(np.array(candidate), tol=_RANK) == len(
             candidate
         ):

@@ -22,6 +22,7 @@ from mbocp.exceptions import (
 )
 from mbocp.robot import joints
 from mbocp.robot.assemble import Assembly
+from mbocp.robot.ball_joints import make_spherical
 from mbocp.robot.checks import check_mechanics
 from mbocp.robot.drives import check_drives
 from mbocp.robot.examples import load_example
@@ -207,6 +208,7 @@ def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tup
     urdf = read_urdf(path)
     floating = bool(table.free_flyer) if free_flyer is None else free_flyer
     model = build_model(urdf, free_flyer=floating, mimic=follow)
+    model = make_spherical(model, table.spherical, name or urdf.name)
     visuals = build_visuals(urdf, model, folders)
     return _Body(model, visuals, pin.neutral(model), path, name or urdf.name, table, source.path)
 

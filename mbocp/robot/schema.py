@@ -196,6 +196,7 @@ class RobotTable(_Table):
     gravity: Vector3 | None = None
     lock: list[str] | dict[str, Numbers] = []
     mimic: bool | None = None
+    spherical: list[str] = []
     rotations: Literal["quaternion", "dcm"] | None = None
     trace: list[str] | None = None
     actuation: ActuationTable = ActuationTable()

@@ -1,0 +1,89 @@
+"""Ball joints: URDF has none, so floating joints that robot.toml names are made into them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pinocchio as pin
+
+from mbocp.exceptions import UnsupportedRobot
+from mbocp.robot import joints
+from mbocp.robot.urdf import ROOT_JOINT
+
+__all__ = ["make_spherical"]
+
+_LIMITS_V = (
+    "lowerEffortLimit",
+    "upperEffortLimit",
+    "lowerVelocityLimit",
+    "upperVelocityLimit",
+)
+_LIMITS_Q = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
+_LIMITS_FRICTION = ("lowerDryFrictionLimit", "upperDryFrictionLimit", "damping")
+_ROTORS = ("armature", "rotorInertia", "rotorGearRatio")
+_POSITIONS = 3  # a floating joint's coordinates begin with these, in q and in v
+
+
+def make_spherical(model: pin.Model, names: Sequence[str], robot: str) -> pin.Model:
+    """Return the model with some floating joints turned into ball joints at the joint's origin.
+
+    Parameters
+    ----------
+    model : pin.Model
+        As the URDF says. It stays as it is.
+    names : sequence of str
+        Floating joints of the URDF.
+    robot : str
+        Name for messages.
+
+    Raises
+    ------
+    UnknownJoint
+        For a joint that there is not.
+    UnsupportedRobot
+        For a joint that is not floating, and for models with mimic joints.
+    """
+    if not names:
+        return model
+    balls = {joints.joint_id(model, name, robot) for name in names}
+    for ball in balls:
+        _refuse_unfit(model, ball, robot)
+    out = pin.Model()
+    out.name, out.gravity = model.name, model.gravity
+    for joint in range(1, model.njoints):
+        _copy_joint(model, out, joint, skip=_POSITIONS if joint in balls else 0)
+    for frame in list(model.frames)[1:]:
+        out.addFrame(frame, False)  # its inertia is in the joint's already
+    return out
+
+
+def _refuse_unfit(model: pin.Model, joint: int, robot: str) -> None:
+    kind, name = joints.joint_kind(model, joint), model.names[joint]
+    where = f"robot {robot!r}: spherical: joint {name!r}"
+    if name == ROOT_JOINT:
+        raise UnsupportedRobot(f"{where} is the free-flyer of free_flyer = true: name a joint of the URDF")
+    if kind.word != "floating":
+        raise UnsupportedRobot(f'{where} is {kind.word}: give it type="floating" in the URDF')
+    if len(model.mimicking_joints):
+        follower = model.names[model.mimicking_joints[0]]
+        raise UnsupportedRobot(
+            f"{where} cannot be a ball joint beside mimic joint {follower!r}: load with mimic = false"
+        )
+
+
+def _copy_joint(model: pin.Model, out: pin.Model, joint: int, skip: int) -> None:
+    old = model.joints[joint]
+    q, v = slice(old.idx_q + skip, old.idx_q + old.nq), slice(old.idx_v + skip, old.idx_v + old.nv)
+    limits = [
+        *(getattr(model, key)[v] for key in _LIMITS_V),
+        *(getattr(model, key)[q] for key in _LIMITS_Q),
+        *(getattr(model, key)[v] for key in _LIMITS_FRICTION),
+    ]
+    kind = pin.JointModelSpherical() if skip else pin.JointModel(old)
+    parent, placement = model.parents[joint], model.jointPlacements[joint]
+    out.addJoint(parent, kind, placement, model.names[joint], *limits)
+    out.appendBodyToJoint(joint, model.inertias[joint], pin.SE3.Identity())
+    out.inertias[joint] = model.inertias[joint]  # to the last bit
+    new = joints.velocity_slice(out, joint)
+    for key in _ROTORS:
+        getattr(out, key)[new] = getattr(model, key)[v]
