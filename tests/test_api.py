@@ -16,7 +16,12 @@ from mbocp.solvers import IterationRecord
 EXAMPLES = Path(__file__).parents[1] / "examples"
 UR5 = EXAMPLES / "arms" / "ur5_reach.toml"
 PENDULUM = EXAMPLES / "paper" / "rigid_pendulum.toml"
-ROBOTS = sorted([*(EXAMPLES / "arms").glob("*.toml"), *(EXAMPLES / "free_flyer").glob("*.toml")])
+ROBOTS = sorted(
+    path
+    for folder in ("arms", "free_flyer")
+    for path in (EXAMPLES / folder).glob("*.toml")
+    if "[limits]" not in path.read_text()
+)
 
 
 @pytest.fixture(scope="module")
