@@ -190,7 +190,7 @@ def _solution(
         versions=_versions(),
         labels=Labels.of_robot(problem.robot),
         control_momentum_meanings=meanings,
-        **trajectory.fields(),
+        **{k: v for k, v in trajectory.fields().items() if k in Solution.__dataclass_fields__},  # TODO
     )
 
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
+import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.inequalities import inequalities
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.mechanics import dual_of_momentum
+from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.solution.diagnostics import constraint_violation, control_momenta
@@ -18,6 +24,9 @@ from mbocp.solvers.native import kernel_programme
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["Trajectory", "assemble", "boundary_duals"]
+
+_SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
+_SWEEP_ITERATIONS = 50
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,15 @@ class Trajectory:
     control_momenta: Array
     control_momentum_names: tuple[str, ...]
     constraint_violation: float
+    manifold_drifts: Array
+    manifold_drift: float
+    manifold_drift_resimulated: float
+    lam_us: Array
+    lam_qs: Array
+    lam_vs: Array
+    lam_path: Array
+    path_names: tuple[str, ...]
+    limit_violation: float
 
     def fields(self) -> dict[str, Any]:
         """Fields by name, not copied."""
@@ -46,11 +64,17 @@ class Trajectory:
 def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) -> Trajectory:
     """Trajectories, multipliers, control Hamiltonian and control momentum of an iterate."""
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
-    nq, nv = robot.nq, robot.nv
-    qs, vs = iterate.xs[:, :nq], iterate.xs[:, nq:]
-    lams, zetas = iterate.ys / dt, iterate.ms[:, 2 * nv :] / dt**2
-    costates = boundary_duals(programme, iterate)
-    momenta, names = control_momenta(robot, qs, vs, costates, tracked=_weighed(problem))
+    at = programme.layout
+    zs = iterate.xs[:, at.z]
+    qs = programme.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
+    vs = _velocities(problem, programme, iterate, qs)
+    lams, zetas = iterate.ys / dt, iterate.ms[:, at.ndx :] / dt**2
+    if programme.is_explicit and robot.nc:
+        lams, zetas = _projected_multipliers(problem, qs, vs, iterate.us), np.zeros((N, robot.nc))
+    duals = boundary_duals(programme, iterate)
+    costates = _velocity_duals(robot, qs, _tangent_duals(programme, zs, duals), programme)
+    momenta, names = _momenta_of_symmetries(problem, qs, vs, costates)
+    drifts = _drifts(programme, zs)
     return Trajectory(
         t=np.arange(N + 1, dtype=np.float64) * dt,
         qs=qs,
@@ -58,14 +82,97 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
         ps=_momenta(robot, qs, vs),
         us=iterate.us,
         lams=lams,
-        mus=_adjoints(problem, iterate, costates),
+        mus=_adjoints(problem, programme, iterate, qs, vs, costates),
         zetas=zetas,
         eta=iterate.eta,
-        control_hamiltonians=_control_hamiltonians(problem, iterate, costates, zetas),
+        control_hamiltonians=_hamiltonians(problem, programme, iterate, qs, vs, costates, zetas),
         control_momenta=momenta,
         control_momentum_names=names,
         constraint_violation=constraint_violation(robot, qs, vs).position,
+        manifold_drifts=drifts,
+        manifold_drift=float(drifts.max(initial=0.0)),
+        manifold_drift_resimulated=_resimulated_drift(programme, iterate),
+        **inequalities(problem, programme, iterate, qs, vs),
     )
+
+
+def _velocities(problem: Problem, programme: StagewiseProgramme, iterate: Iterate, qs: Array) -> Array:
+    """Velocities at the nodes; those that a control prescribes are the ones after the node."""
+    robot, speeds = problem.robot, iterate.xs[:, programme.layout.s]
+    if not programme.is_explicit or not robot.drives:
+        return speeds
+    us = np.vstack([iterate.us, iterate.us[-1]])
+    return np.array(
+        [
+            robot.speed_map(q) @ s + robot.control_velocity_map(q) @ u
+            for q, s, u in zip(qs, speeds, us, strict=True)
+        ]
+    )
+
+
+def _projected_multipliers(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
+    """Multipliers of the constraints at the beginning of each step, from the projected accelerations."""
+    robot = problem.robot
+    mechanics = ForwardMechanics(robot)
+    q, v, u = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("u", robot.nu)
+    lam = mechanics.multipliers(q, v, u, ca.SX(problem.stabilisation.gamma_constraint))
+    function = ca.Function("multipliers", [q, v, u], [ca.densify(lam)])
+    found: Array = np.asarray(function.map(len(us))(qs[:-1].T, vs[:-1].T, us.T)).T
+    return found
+
+
+def _tangent_duals(programme: StagewiseProgramme, zs: Array, duals: Array) -> Array:
+    """Duals of the coordinates as duals of tangent vectors; those of remembered controls are left out."""
+    at = programme.layout
+    along = duals[:, : at.nw]
+    if at.is_flat and not programme.space.is_vector:
+        z, v = ca.SX.sym("z", at.nz), ca.SX.sym("v", at.nv)
+        c = ca.SX.sym("c", at.nz)
+        pulled = ca.Function("pulled", [z, c], [ca.gradient(ca.dot(c, programme.space.rate(z, v)), v)])
+        along = np.asarray(pulled.map(len(zs))(zs.T, along.T)).T
+    return np.hstack([along, duals[:, at.ds]])
+
+
+def _velocity_duals(robot: Robot, qs: Array, duals: Array, programme: StagewiseProgramme) -> Array:
+    """Duals of (q, v); where speeds are fewer than velocities, those of least norm."""
+    nv = robot.nv
+    if not programme.is_explicit or not robot.drives:
+        return duals
+    of_speeds = [
+        np.linalg.lstsq(robot.speed_map(q).T, d[nv:], rcond=None)[0] for q, d in zip(qs, duals, strict=True)
+    ]
+    return np.hstack([duals[:, :nv], of_speeds])
+
+
+def _momenta_of_symmetries(
+    problem: Problem, qs: Array, vs: Array, costates: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """Control momenta; none where drives or path constraints are, whose symmetries are not looked for."""
+    if problem.robot.drives or problem.path:
+        return np.zeros((len(qs), 0)), ()
+    return control_momenta(problem.robot, qs, vs, costates, tracked=_weighed(problem))
+
+
+def _drifts(programme: StagewiseProgramme, zs: Array) -> Array:
+    """Largest defect of the groups' invariants at each node, shape (N + 1,)."""
+    z = ca.SX.sym("z", programme.layout.nz)
+    defects = ca.Function("defects", [z], [ca.densify(programme.space.defects(z))])
+    found = np.abs(np.asarray(defects.map(len(zs))(zs.T)))
+    drifts: Array = found.max(axis=0, initial=0.0)
+    return drifts
+
+
+def _resimulated_drift(programme: StagewiseProgramme, iterate: Iterate) -> float:
+    """Largest drift of the forward simulation with the iterate's controls; NaN if it cannot be made."""
+    if programme.space.is_vector:
+        return 0.0
+    native = kernel_programme(programme)
+    iterate.load_into(native)
+    sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS)
+    if not sweep.ok:
+        return math.nan
+    xs = native.x.reshape(iterate.xs.shape)
+    return float(_drifts(programme, xs[:, programme.layout.z]).max(initial=0.0))
 
 
 def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
@@ -77,22 +184,55 @@ def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
     return costates
 
 
-def _control_hamiltonians(problem: Problem, iterate: Iterate, costates: Array, zetas: Array) -> Array:
-    """H = L + mu . f + zeta . Phi at (y_tau, mu_{1 - tau}, u) of every step, eq. (11) and Appendix B.
+def _hamiltonians(
+    problem: Problem,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    qs: Array,
+    vs: Array,
+    costates: Array,
+    zetas: Array,
+) -> Array:
+    """H = L + mu . f + zeta . Phi of every step, eq. (11).
+
+    Explicit schemes: with the step's own increment for f and the adjoint after it, to first order in dt.
+    """
+    if not programme.is_explicit:
+        return _control_hamiltonians(problem, programme, iterate, qs, vs, costates, zetas)
+    at, dt = programme.layout, problem.dt
+    moved = np.diff(iterate.xs[:, : at.r.start], axis=0)
+    if not at.is_flat:
+        turned = [pin.difference(problem.robot.model, a, b) for a, b in pairwise(qs)]
+        moved = np.hstack([np.array(turned), moved[:, at.nz :]])
+    values: Array = np.einsum("ni,ni->n", iterate.ms[:, : at.dr.start], moved) / dt
+    return values + _running_cost(problem, qs[:-1], vs[:-1], iterate.us)
+
+
+def _control_hamiltonians(
+    problem: Problem,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    qs: Array,
+    vs: Array,
+    costates: Array,
+    zetas: Array,
+) -> Array:
+    """H at (y_tau, mu_{1 - tau}, u) of every step, eq. (11) and Appendix B.
 
     In (q, v) and its duals mu . f is c_q . v + mu_p . M a; for constant M that is mu_q . v + mu_p . dp/dt.
     The momentum row's multiplier is mu_p at 1 - tau; c_q is the boundary dual before the step and the
     kinematic row's multiplier after it, before the constraint at the node acts on it.
     """
-    robot, nq, nv, tau = problem.robot, problem.robot.nq, problem.robot.nv, TAU[problem.scheme]
-    qs, vs = iterate.xs[:, :nq], iterate.xs[:, nq:]
+    robot, nv, tau = problem.robot, problem.robot.nv, TAU[problem.scheme]
+    at = programme.layout
     q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, problem.dt)
-    duals = tau * costates[:-1, :nv] + (1.0 - tau) * iterate.ms[:, :nv]
+    rows = _tangent_duals(programme, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+    duals = tau * costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
     inertial = _momenta(robot, q_taus, np.diff(vs, axis=0) / problem.dt)
     hamiltonians: Array = (
         _running_cost(problem, q_taus, v_taus, iterate.us)
         + np.einsum("ni,ni->n", duals, v_taus)
-        + np.einsum("ni,ni->n", iterate.ms[:, nv : 2 * nv], inertial)
+        + np.einsum("ni,ni->n", rows[:, nv:], inertial)
     )
     if robot.nc:
         residuals = np.array([robot.constraint_residual(q) for q in qs[1:]])
@@ -105,6 +245,13 @@ def _weighed(problem: Problem) -> Array | None:
     cost, nv = problem.cost, problem.robot.nv
     weights: Array = cost.tracking * np.asarray(cost.tracking_weights)
     weights = weights + np.concatenate([np.zeros(nv), cost.velocity])
+    limits = problem.limits
+    for side in (limits.v_lower, limits.v_upper):
+        weights[nv:] += np.isfinite(side)
+    bounded = np.isfinite(limits.q_lower) | np.isfinite(limits.q_upper)
+    for joint in problem.robot.joint_names:
+        if bounded[problem.robot.configuration_indices(joint)].any():
+            weights[:nv][problem.robot.velocity_indices(joint)] += 1.0
     return weights if weights.any() else None
 
 
@@ -118,6 +265,11 @@ def _running_cost(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
     cost, robot, N = problem.cost, problem.robot, problem.num_steps
     values: Array = 0.5 * np.einsum("ni,ni->n", cost.effort * us, us)
     values = values + 0.5 * np.einsum("ni,i,ni->n", vs, cost.velocity, vs)
+    if np.any(cost.control_rate):
+        rates = np.diff(us, axis=0, prepend=us[:1]) / problem.dt
+        values = values + 0.5 * np.einsum("ni,i,ni->n", rates, cost.control_rate, rates)
+    if cost.potential:
+        values = values + cost.potential * np.array([robot.potential_energy(q) for q in qs])
     if cost.tracking:
         weights = cost.tracking * np.asarray(cost.tracking_weights)
         target_q = np.broadcast_to(cost.target_q, (N, robot.nq))
@@ -128,14 +280,24 @@ def _running_cost(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
     return values
 
 
-def _adjoints(problem: Problem, iterate: Iterate, costates: Array) -> Array:
+def _adjoints(
+    problem: Problem,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    qs: Array,
+    vs: Array,
+    costates: Array,
+) -> Array:
     """mu_0 ... mu_N: for SE1 the multipliers of the steps' rows (Box 1), else the boundary duals in (q, p).
 
-    For a constant mass matrix both are the adjoint of Box 1 and of Appendix B.
+    For a constant mass matrix both are the adjoint of Box 1 and of Appendix B. With drives, the duals of
+    (q, v): there is no momentum that belongs to all of them.
     """
-    robot, nq, nv = problem.robot, problem.robot.nq, problem.robot.nv
+    robot, at = problem.robot, programme.layout
+    if robot.drives:
+        return costates
     if problem.scheme == "se1":
-        end = dual_of_momentum(robot, iterate.xs[-1, :nq], iterate.xs[-1, nq:], costates[-1])
-        return np.vstack([iterate.ms[:, : 2 * nv], end])
-    rows = [dual_of_momentum(robot, x[:nq], x[nq:], c) for x, c in zip(iterate.xs, costates, strict=True)]
-    return np.array(rows)
+        end = dual_of_momentum(robot, qs[-1], vs[-1], costates[-1])
+        rows = _tangent_duals(programme, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+        return np.vstack([rows, end])
+    return np.array([dual_of_momentum(robot, q, v, c) for q, v, c in zip(qs, vs, costates, strict=True)])

@@ -27,6 +27,8 @@ __all__ = ["guess_candidates", "iterate_from_solution", "make_guess"]
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
+_NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `_driven_line`
+_EXPLICIT_TAU = 1.0  # explicit schemes begin a line like SE1: its velocities lag by half a step, no more
 _EQUILIBRIUM = 1e-8  # relative part of the gravity force that the controls may leave uncompensated
 
 
@@ -59,7 +61,11 @@ def make_guess(kind: str, problem: Problem, programme: StagewiseProgramme) -> tu
             problem, programme, u
         ), f"forward simulation with u = {np.array2string(u, precision=4)}"
     if kind == "line":
+        if programme.is_explicit and problem.robot.drives:
+            return _driven_line(problem, programme), "straight line in the configuration space"
         return _line(problem, programme), "straight line in the configuration space, inverse dynamics"
+    if kind == "at_rest":
+        return _at_rest(problem, programme), "straight line in the configuration space, nothing moves"
     if kind == "hold":
         return _hold(problem, programme), "hold the start, gravity compensated"
     if problem.guess.path is None:
@@ -95,14 +101,18 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
         ]
     )
     vs = _between(saved.vs, left, share)
-    qs[0], vs[0] = problem.q_start, programme.x_start[robot.nq :]
     middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
+    us = saved.us[middle]
+    xs = _states(problem, programme, qs, vs, us)
+    if programme.is_explicit or (programme.layout.is_flat and not robot.is_vector_space):
+        impulses = dt * saved.lams[middle][:, : programme.kinds[0].ny]
+        return zero_multipliers(programme, xs, impulses, us)
     mus = _row_multipliers(saved, problem, left, share)
     return Iterate(
-        xs=np.hstack([qs, vs]),
+        xs=xs,
         ys=dt * saved.lams[middle],
-        us=saved.us[middle],
-        ms=np.hstack([mus, dt**2 * saved.zetas[middle]]),
+        us=us,
+        ms=np.hstack([mus, np.zeros((N, programme.layout.nr)), dt**2 * saved.zetas[middle]]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
     )
 
@@ -145,29 +155,85 @@ def _simulated(problem: Problem, programme: StagewiseProgramme, u: Array) -> Ite
     return Iterate.read_from(native, programme)
 
 
+def _states(problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Array, us: Array) -> Array:
+    """States of the programme at configurations and velocities, beginning with the given one."""
+    robot, at = problem.robot, programme.layout
+    xs = np.zeros((len(qs), at.nx))
+    xs[:, at.z] = programme.space.coordinates(qs)
+    if programme.is_explicit and robot.drives:
+        maps = [robot.speed_map(q) for q in qs]
+        xs[:, at.s] = [np.linalg.lstsq(m, v, rcond=None)[0] for m, v in zip(maps, vs, strict=True)]
+    else:
+        xs[:, at.s] = vs
+    if at.nr:
+        xs[1:, at.r] = us
+    xs[0] = programme.x_start
+    return xs
+
+
 def _hold(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     robot, N = problem.robot, problem.num_steps
     u, lam = _balance(robot, problem.q_start, np.zeros(robot.nv), np.zeros(robot.nv))
-    rest = np.concatenate([problem.q_start, np.zeros(robot.nv)])
-    xs = np.tile(rest, (N + 1, 1))
-    xs[0] = programme.x_start
-    return zero_multipliers(programme, xs, np.tile(problem.dt * lam, (N, 1)), np.tile(u, (N, 1)))
+    us, ys = np.tile(u, (N, 1)), np.tile(problem.dt * lam, (N, 1))[:, : programme.kinds[0].ny]
+    qs = np.tile(problem.q_start, (N + 1, 1))
+    return zero_multipliers(
+        programme, _states(problem, programme, qs, np.zeros((N + 1, robot.nv)), us), ys, us
+    )
 
 
 def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     robot, dt = problem.robot, problem.dt
     qs, vs = _line_states(problem, programme)
-    q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, dt)
+    if programme.is_explicit:
+        q_taus, v_taus = qs[:-1], vs[:-1]
+    else:
+        q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, dt)
     accelerations = np.diff(vs, axis=0) / dt
     balanced = [_balance(robot, q, v, a) for q, v, a in zip(q_taus, v_taus, accelerations, strict=True)]
     us, lams = np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
-    return zero_multipliers(programme, np.hstack([qs, vs]), dt * lams, us)
+    ys = dt * lams[:, : programme.kinds[0].ny]
+    return zero_multipliers(programme, _states(problem, programme, qs, vs, us), ys, us)
+
+
+def _driven_line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
+    """Configurations on the line at a steady rate, with the velocities that go with it.
+
+    Where controls prescribe velocities, a line is seldom a motion. A little of every drive's speed and
+    control breaks the symmetry of tasks whose goal is where they start.
+    """
+    robot, N, dt = problem.robot, problem.num_steps, problem.dt
+    qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
+    rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dt for n in range(N)])
+    us = np.zeros((N, robot.nu))
+    us[:, robot.nu - len(robot.drives) :] = _NUDGE
+    xs = _states(problem, programme, qs, np.vstack([rate, rate[-1]]), us)
+    num_free = robot.nv - len(robot.driven)
+    xs[1:, programme.layout.s][:, num_free:] += _NUDGE
+    return zero_multipliers(programme, xs, np.zeros((N, 0)), us)
+
+
+def _at_rest(problem: Problem, programme: StagewiseProgramme) -> Iterate:
+    """Configurations on the line, every velocity and control zero: agrees with no kinematics, on purpose."""
+    robot, N = problem.robot, problem.num_steps
+    qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
+    us = np.zeros((N, robot.nu))
+    xs = _states(problem, programme, qs, np.zeros((N + 1, robot.nv)), us)
+    return zero_multipliers(programme, xs, np.zeros((N, programme.kinds[0].ny)), us)
+
+
+def _straight(problem: Problem, shares: Array) -> Array:
+    """Configurations between start and goal, shares of the way from one to the other."""
+    robot = problem.robot
+    qs = np.array([pin.interpolate(robot.model, problem.q_start, problem.goal.q, s) for s in shares])
+    return np.array([project_on_constraints(robot, q, np.arange(robot.nv)) for q in qs]) if robot.nc else qs
 
 
 def _line_states(problem: Problem, programme: StagewiseProgramme) -> tuple[Array, Array]:
     """Nodes on the straight line from start to goal, with velocities that the scheme's kinematics ask for."""
-    robot, N, dt, tau = problem.robot, problem.num_steps, problem.dt, TAU[problem.scheme]
-    model, q_start, v_start = robot.model, problem.q_start, programme.x_start[robot.nq :]
+    robot, N, dt = problem.robot, problem.num_steps, problem.dt
+    tau = TAU.get(problem.scheme, _EXPLICIT_TAU)
+    v_start = problem.v_start if programme.is_explicit else programme.x_start[programme.layout.s]
+    model, q_start = robot.model, problem.q_start
     s = np.linspace(0.0, 1.0, N + 1)
     if tau == 0.0:  # the first step goes where the start velocity says, whatever the controls
         s = np.append(0.0, np.linspace(0.0, 1.0, N))

@@ -27,6 +27,7 @@ LAYERS = (
     "solvers",
     "solution",
     "view",
+    "inequalities",
     "assemble",
     "guess",
     "api",

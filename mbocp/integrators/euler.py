@@ -56,7 +56,7 @@ class StepRows(NamedTuple):
     Eliminating q_n leaves [-M, -Phi_q'], [theta Phi_q, 0] with theta = tau, or 1 for SE2: free of dt.
     """
 
-    kinematic: ca.SX  # (nv,) [m, rad]
+    kinematic: ca.SX  # (nv,) [m, rad]; (nq,) where it is flat
     momentum: ca.SX  # (nv,) [N s, N m s]
     constraint: ca.SX  # (nc,) Phi / dt
 
@@ -85,6 +85,8 @@ def step_rows(
     impulse: ca.SX,
     u: ca.SX,
     dt: ca.SX,
+    *,
+    is_flat: bool = False,
 ) -> StepRows:
     r"""Kinematics :math:`q_n = q_{n-1}\exp(\Delta t\,v_\tau)`, momentum balance and constraints of one step.
 
@@ -104,13 +106,16 @@ def step_rows(
         Control of the step, u_{n-1}.
     dt : casadi.SX
         Step length [s].
+    is_flat : bool
+        Compare configurations coordinate by coordinate, (nq,) rows, and not in the tangent space.
 
     Returns
     -------
     StepRows
         With the signs of eq. (24): dt f - (y_n - y_{n-1}).
     """
-    kinematic = mechanics.difference(after.q, mechanics.integrate(before.q, dt * at.v))  # Eq. (24), q
+    reached = mechanics.integrate(before.q, dt * at.v)
+    kinematic = reached - after.q if is_flat else mechanics.difference(after.q, reached)  # Eq. (24), q
     acceleration = (after.v - before.v) / dt
     momentum = dt * (
         mechanics.force(at.q, at.v, u) - mechanics.inverse_dynamics(at.q, at.v, acceleration)

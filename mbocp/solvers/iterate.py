@@ -11,7 +11,33 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.transcription import StagewiseProgramme
 
-__all__ = ["Iterate", "zero_multipliers"]
+__all__ = ["BoundMultipliers", "Iterate", "zero_multipliers"]
+
+
+@dataclass(frozen=True)
+class BoundMultipliers:
+    """Multipliers of inequalities, positive where an upper bound is active.
+
+    Attributes
+    ----------
+    xs : ndarray, shape (N + 1, nx)
+        Of the bounds on states.
+    us : ndarray, shape (N, nu)
+        Of the bounds on controls.
+    path : ndarray, shape (N, nh)
+        Of the path functions at the nodes 1..N.
+    guard : ndarray, shape (num_guards,)
+        Of what guards the end condition.
+    """
+
+    xs: Array
+    us: Array
+    path: Array
+    guard: Array
+
+    def __post_init__(self) -> None:
+        for name in ("xs", "us", "path", "guard"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -30,6 +56,8 @@ class Iterate:
         Multipliers of each step's rows.
     eta : ndarray, shape (ng,)
         Multiplier of the end condition.
+    bounds : BoundMultipliers, optional
+        Of inequalities, where a solver keeps them.
     """
 
     xs: Array
@@ -37,6 +65,7 @@ class Iterate:
     us: Array
     ms: Array
     eta: Array
+    bounds: BoundMultipliers | None = None
 
     def __post_init__(self) -> None:
         for name in ("xs", "ys", "us", "ms", "eta"):

@@ -47,7 +47,8 @@ def kernel_programme(programme: StagewiseProgramme) -> Any:
     native = kernel()
 
     def function(name: str) -> Any:
-        return _stage_function(native, programme.functions, name)
+        of_end = name.startswith("terminal")
+        return _stage_function(native, programme.end_functions if of_end else programme.functions, name)
 
     kinds = [
         native.Kind(

@@ -88,9 +88,7 @@ def _applied(
     is_doubled = operation == ca.OP_ADD and len(components) == 2 and components[0] == components[1]
     if operation == ca.OP_SQ:
         return first.factor**2 * products[first.quaternion][first.index][first.index]
-    if operation == ca.OP_TWICE or (
-        operation == ca.OP_ADD and len(components) == 2 and values[0] == values[1]
-    ):
+    if operation == ca.OP_TWICE or is_doubled:
         return _Component(first.quaternion, first.index, 2.0 * first.factor)
     if operation == ca.OP_NEG:
         return _Component(first.quaternion, first.index, -first.factor)

@@ -53,6 +53,12 @@ class CompiledFunctions:
     def __init__(self, library: Path | None, serialised: Mapping[str, str], compiled_now: bool) -> None:
         self.library, self.serialised, self.compiled_now = library, dict(serialised), compiled_now
 
+    def function(self, name: str) -> ca.Function:
+        """One of the functions, for CasADi's own solvers."""
+        if self.library is not None:
+            return ca.external(name, str(self.library))
+        return ca.Function.deserialize(self.serialised[name])
+
 
 def compiler() -> str | None:
     """Path of the C compiler that is used: $CC, else cc, gcc or clang; None when there is none."""
@@ -141,7 +147,7 @@ def _sources_digest() -> str:
     """Digest of the modules that write the stage functions: a change in them makes old entries stale."""
     root = Path(__file__).parent.parent
     digest = hashlib.sha256()
-    for package in ("mechanics", "integrators", "transcription", "symbolic"):
+    for package in ("lie", "mechanics", "integrators", "transcription", "symbolic"):
         for source in sorted((root / package).glob("*.py")):
             digest.update(source.read_bytes())
     return digest.hexdigest()

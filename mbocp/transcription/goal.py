@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.problem import Goal
+from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.lie import ConfigurationSpace
+from mbocp.problem import Goal, Problem
 from mbocp.problem.consistency import tangent_space
 from mbocp.robot import Robot
 
-__all__ = ["end_condition_rows"]
+__all__ = ["EndRows", "end_condition_rows", "guarded_parts"]
 
 _RANK_TOLERANCE = (
     1e-9  # relative to the largest singular value: far above round-off, far below any real direction
 )
 
 
-def end_condition_rows(robot: Robot, goal: Goal) -> tuple[Array, Array]:
+class EndRows(NamedTuple):
+    """Projections of an exact end condition."""
+
+    D_q: Array  # (ng_q, nv), acts on the tangent-space difference of q and q_d
+    D_rate: Array  # (ng_rate, nv), acts on p - p_d or v - v_d
+
+
+def end_condition_rows(robot: Robot, goal: Goal, *, is_explicit: bool = False) -> EndRows:
     r"""Projections D_q, D_rate of the exact end condition, eq. (14).
 
     Eq. (14) as printed asks for all of p = p_d and is rank-deficient on a constrained system: the discrete
@@ -29,26 +41,40 @@ def end_condition_rows(robot: Robot, goal: Goal) -> tuple[Array, Array]:
         Gives the constraint Jacobian and the mass matrix at the goal.
     goal : Goal
         Which components are enforced.
+    is_explicit : bool
+        For an explicit scheme, whose speeds may be fewer than the velocities.
 
     Returns
     -------
-    D_q : ndarray, shape (ng_q, nv)
-        Acts on the tangent-space difference of q and q_d.
-    D_rate : ndarray, shape (ng_rate, nv)
-        Acts on p - p_d or v - v_d.
+    EndRows
     """
     if goal.enforce not in ("exact", "both"):
-        return np.zeros((0, robot.nv)), np.zeros((0, robot.nv))
+        return EndRows(np.zeros((0, robot.nv)), np.zeros((0, robot.nv)))
     basis = tangent_space(robot, goal.q)
-    moment_basis = robot.mass_matrix(goal.q) @ basis if goal.rate == "p" else basis
-    return _project(goal.q_active, basis, basis), _project(goal.rate_active, moment_basis, basis)
+    speeds = robot.speed_map(goal.q) if is_explicit and robot.drives else basis
+    moments = robot.mass_matrix(goal.q) @ speeds if goal.rate == "p" else speeds
+    return EndRows(_project(goal.q_active, basis, basis), _project(goal.rate_active, moments, speeds))
+
+
+def guarded_parts(problem: Problem, space: ConfigurationSpace) -> tuple[int, ...]:
+    """Parts of the configuration space whose projected end condition has other roots, and is to have none."""
+    goal = problem.goal
+    keeps_inequalities = problem.is_bounded or problem.solver.is_interior_point
+    if not (goal.is_exact and goal.guard and problem.scheme in EXPLICIT_SCHEMES and keeps_inequalities):
+        return ()
+    z = ca.SX.sym("z", space.nz)
+    return tuple(
+        i
+        for i, part in enumerate(space.parts)
+        if part.group.guards(z[part.at_z], z[part.at_z]) and goal.q_active[part.at_v].all()
+    )
 
 
 def _project(active: BoolArray, reachable: Array, basis: Array) -> Array:
     """Independent rows among the `active` ones, given the `reachable` directions."""
     if not active.any():
         return np.zeros((0, active.size))
-    if active.all():  # the tangential projection of the paper, P' (y - y_d)
+    if active.all() and basis.shape[0] == reachable.shape[0]:  # the paper's P' (y - y_d)
         return np.ascontiguousarray(basis.T)
     selection = np.eye(active.size)[active]
     left, values, _ = np.linalg.svd(selection @ reachable, full_matrices=False)

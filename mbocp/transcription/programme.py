@@ -12,16 +12,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp.mechanics import JointMechanics
+from mbocp._arrays import Array, BoolArray
+from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
+from mbocp.robot import Robot
+from mbocp.transcription.bounds import StateBounds, state_bounds
 from mbocp.transcription.compilation import CompiledFunctions, load_functions
-from mbocp.transcription.goal import end_condition_rows
-from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import ParameterLayout, build_functions, parameter_layout
+from mbocp.transcription.end import build_end_functions
+from mbocp.transcription.goal import end_condition_rows, guarded_parts
+from mbocp.transcription.layout import StateLayout
+from mbocp.transcription.parameters import COST_WEIGHTS, ParameterLayout, concatenated, parameter_layout
+from mbocp.transcription.shape import PathShape, Shape
+from mbocp.transcription.stage import build_functions, mechanics_for, state_layout
 from mbocp.transcription.start import start_state
 
-__all__ = ["StageKind", "StagewiseProgramme", "transcribe"]
+__all__ = ["StageKind", "StagewiseProgramme", "is_flat", "transcribe"]
 
 
 @dataclass(frozen=True)
@@ -68,12 +74,24 @@ class StagewiseProgramme:
         Kind of each stage.
     ng : int
         Rows of the end condition.
-    functions : CompiledFunctions
-        Where the stage functions are.
+    num_guards : int
+        Rows of what guards it; they must not be negative.
+    layout : StateLayout
+        What a state consists of.
+    space : ConfigurationSpace
+        The group that its configurations belong to.
+    functions, end_functions : CompiledFunctions
+        Where the functions of the stages and of the end are.
     theta, rho, rho_terminal : ndarray
         Parameters: of the horizon, stage after stage, of the end.
+    theta_weights, terminal_weights : ndarray of bool
+        Which entries of theta and rho_terminal the costs are linear in.
     x_start : ndarray, shape (nx,)
         The given state x_0, as the scheme takes it.
+    bounds : StateBounds
+        On states, controls and path functions; only interior-point solvers keep them.
+    is_explicit : bool
+        Whether the rows of a step are F(x_{n-1}, u_{n-1}) - x_n.
     dt : float
         Step length [s].
     control_weight : float
@@ -86,11 +104,19 @@ class StagewiseProgramme:
     kinds: tuple[StageKind, ...]
     stage_kind: tuple[int, ...]
     ng: int
+    num_guards: int
+    layout: StateLayout
+    space: ConfigurationSpace = field(compare=False)
     functions: CompiledFunctions
+    end_functions: CompiledFunctions
     theta: Array
     rho: Array
     rho_terminal: Array
+    theta_weights: BoolArray
+    terminal_weights: BoolArray
     x_start: Array
+    bounds: StateBounds
+    is_explicit: bool
     dt: float
     control_weight: float
     describe_row: Callable[[int, int], str] = field(compare=False)
@@ -105,6 +131,12 @@ class StagewiseProgramme:
         return sum(per_stage[i] for i in self.stage_kind) + self.ng
 
 
+def is_flat(problem: Problem) -> bool:
+    """Whether a state's coordinates are the unknowns, and not its tangent: see `StateLayout`."""
+    leaves_the_group = problem.scheme in EXPLICIT_SCHEMES and problem.lie != "munthe_kaas"
+    return leaves_the_group or problem.is_bounded or problem.solver.is_interior_point
+
+
 def transcribe(problem: Problem) -> StagewiseProgramme:
     """Stagewise programme of a problem, compiled or from the cache.
 
@@ -116,43 +148,73 @@ def transcribe(problem: Problem) -> StagewiseProgramme:
         If the scheme cannot begin with the start velocity in steps of this length.
     """
     robot = problem.robot
-    D_q, D_rate = end_condition_rows(robot, problem.goal)
-    shape = _shape(problem, D_q.shape[0], D_rate.shape[0])
-    functions = load_functions(shape.text, lambda: build_functions(JointMechanics(robot), shape))
-    layout = parameter_layout(shape, robot.nq, robot.nv, robot.nu)
-    nv, nc, dt = robot.nv, robot.nc, problem.dt
-    kind = StageKind(
-        nx=robot.nq + nv,
-        ndx=2 * nv,
-        ny=nc,
-        nu=robot.nu,
-        nr=sum(layout.stage.values()),
-        scale_c=np.concatenate([np.ones(2 * nv), np.full(nc, dt)]),
-        scale_y=np.full(nc, 1 / dt),
-        scale_m=np.concatenate([np.ones(2 * nv), np.full(nc, 1 / dt)]),
-        scale_ru=np.full(robot.nu, 1 / dt),
-    )
-    theta, rho, rho_terminal = _parameters(problem, shape, layout, D_q, D_rate)
+    space = ConfigurationSpace(robot.model, _rotations(problem))
+    rows = end_condition_rows(robot, problem.goal, is_explicit=problem.scheme in EXPLICIT_SCHEMES)
+    guarded = guarded_parts(problem, space)
+    shape = _shape(problem, rows.D_q.shape[0], rows.D_rate.shape[0], guarded)
+    at = state_layout(robot, space.nz, shape)
+    layout = parameter_layout(shape, space.nz, robot.nv, robot.nu)
+    ny = 0 if shape.is_explicit else robot.nc
+    theta, rho, rho_terminal = _parameters(problem, shape, layout, space, rows.D_q, rows.D_rate)
     return StagewiseProgramme(
         num_steps=problem.num_steps,
-        kinds=(kind,),
+        kinds=(_kind(at, ny, robot.nu, sum(layout.stage.values()), problem.dt),),
         stage_kind=(0,) * problem.num_steps,
         ng=shape.ng_q + shape.ng_rate,
-        functions=functions,
+        num_guards=len(guarded),
+        layout=at,
+        space=space,
+        functions=load_functions(
+            shape.stage_text, lambda: build_functions(mechanics_for(robot, shape), shape)
+        ),
+        end_functions=load_functions(
+            "end " + shape.end_text, lambda: build_end_functions(mechanics_for(robot, shape), shape)
+        ),
         theta=theta,
         rho=rho,
         rho_terminal=rho_terminal,
-        x_start=start_state(problem),
-        dt=dt,
-        control_weight=dt * float(np.min(problem.cost.effort)),
-        describe_row=_row_describer(problem),
+        theta_weights=_mask(layout.theta),
+        terminal_weights=_mask(layout.terminal),
+        x_start=start_state(problem, space, at),
+        bounds=state_bounds(problem, space, at),
+        is_explicit=shape.is_explicit,
+        dt=problem.dt,
+        control_weight=_control_weight(problem),
+        describe_row=_row_describer(robot, at, problem.dt, problem.duration, is_explicit=shape.is_explicit),
     )
 
 
-def _shape(problem: Problem, ng_q: int, ng_rate: int) -> Shape:
+def _rotations(problem: Problem) -> str:
+    return problem.robot.rotations if problem.scheme in EXPLICIT_SCHEMES else "quaternion"
+
+
+def _kind(at: StateLayout, ny: int, nu: int, nr: int, dt: float) -> StageKind:
+    return StageKind(
+        nx=at.nx,
+        ndx=at.ndx,
+        ny=ny,
+        nu=nu,
+        nr=nr,
+        scale_c=np.concatenate([np.ones(at.ndx), np.full(ny, dt)]),
+        scale_y=np.full(ny, 1 / dt),
+        scale_m=np.concatenate([np.ones(at.ndx), np.full(ny, 1 / dt)]),
+        scale_ru=np.full(nu, 1 / dt),
+    )
+
+
+def _control_weight(problem: Problem) -> float:
+    """Where the effort costs nothing the rate of the controls does, or limits determine them."""
+    cost = problem.cost
+    weights = np.asarray(cost.effort) + np.asarray(cost.control_rate) / problem.dt**2
+    positive = weights[weights > 0.0]
+    return problem.dt * (float(positive.min()) if positive.size else 1.0)
+
+
+def _shape(problem: Problem, ng_q: int, ng_rate: int, guarded: tuple[int, ...]) -> Shape:
     cost, goal, nv = problem.cost, problem.goal, problem.robot.nv
     tracking = np.asarray(cost.tracking * cost.tracking_weights)
     penalised = goal.enforce in ("penalty", "both") and cost.terminal > 0
+    is_explicit = problem.scheme in EXPLICIT_SCHEMES
     return Shape(
         robot=problem.robot.fingerprint,
         coordinates=problem.coordinates,
@@ -160,59 +222,85 @@ def _shape(problem: Problem, ng_q: int, ng_rate: int) -> Shape:
         track_q=bool(np.any(tracking[:nv])),
         track_p=bool(np.any(tracking[nv:])),
         weigh_velocity=bool(np.any(cost.velocity)),
+        weigh_potential=cost.potential != 0.0,
+        weigh_rate=bool(np.any(cost.control_rate)),
         penalise_q=bool(penalised and np.any(cost.terminal_weights[:nv])),
         penalise_rate=bool(penalised and np.any(cost.terminal_weights[nv:])),
         rate=goal.rate,
         ng_q=ng_q,
         ng_rate=ng_rate,
+        rotations=_rotations(problem),
+        lie=problem.lie if is_explicit else "",
+        substeps=problem.substeps if is_explicit else 1,
+        is_flat=is_flat(problem) or problem.robot.is_vector_space,
+        path=tuple(PathShape(p.kind, p.frame, p.other, p.axes) for p in problem.path),
+        guarded=guarded,
     )
 
 
 def _parameters(
-    problem: Problem, shape: Shape, layout: ParameterLayout, D_q: Array, D_rate: Array
+    problem: Problem,
+    shape: Shape,
+    layout: ParameterLayout,
+    space: ConfigurationSpace,
+    D_q: Array,
+    D_rate: Array,
 ) -> tuple[Array, Array, Array]:
     cost, goal, robot, N = problem.cost, problem.goal, problem.robot, problem.num_steps
     weights = cost.tracking * np.asarray(cost.tracking_weights)
+    rates = problem.stabilisation
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "effort": np.broadcast_to(np.asarray(cost.effort, dtype=float), (robot.nu,)),
         "velocity": np.asarray(cost.velocity),
         "weight_q": weights[: robot.nv],
         "weight_p": weights[robot.nv :],
+        "potential": np.array([cost.potential]),
+        "control_rate": np.asarray(cost.control_rate),
+        "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
+        "path_points": np.array([p.point for p in problem.path]),
     }
-    theta = _concatenate(named, layout.theta)
     nv, terminal = robot.nv, cost.terminal * np.asarray(cost.terminal_weights)
-    rows = {
-        "target_q": np.broadcast_to(np.asarray(cost.target_q), (N, robot.nq)),
-        "target_p": np.broadcast_to(np.asarray(cost.target_p), (N, robot.nv)),
-    }
+    rows: dict[str, Array] = {}
+    if "target_q" in layout.stage:
+        target_q = space.coordinates(np.atleast_2d(cost.target_q))
+        rows["target_q"] = np.broadcast_to(target_q, (N, space.nz))
+    rows["target_p"] = np.broadcast_to(np.asarray(cost.target_p), (N, nv))
+    rows["has_before"] = (np.arange(N) > 0).astype(float)[:, None]
     rho = np.hstack([rows[name] for name in layout.stage]).ravel() if layout.stage else np.zeros(0)
     at_end: dict[str, Array] = {
-        "q": np.asarray(goal.q),
+        "q": space.coordinates(np.asarray(goal.q)[None])[0],
         "rate": np.asarray(goal.value),
         "D_q": D_q.ravel(order="F"),  # CasADi reshapes by columns
         "D_rate": D_rate.ravel(order="F"),
         "weight_q": terminal[:nv],
         "weight_rate": terminal[nv:],
     }
-    return theta, np.ascontiguousarray(rho), _concatenate(at_end, layout.terminal)
+    return concatenated(named, layout.theta), np.ascontiguousarray(rho), concatenated(at_end, layout.terminal)
 
 
-def _concatenate(named: Mapping[str, Array], sizes: Mapping[str, int]) -> Array:
-    return np.concatenate([np.asarray(named[name], dtype=float).ravel() for name in sizes])
+def _mask(sizes: Mapping[str, int]) -> BoolArray:
+    found = [np.full(size, name in COST_WEIGHTS) for name, size in sizes.items()]
+    return np.concatenate(found)
 
 
-def _row_describer(problem: Problem) -> Callable[[int, int], str]:
-    robot, nv, dt = problem.robot, problem.robot.nv, problem.dt
+def _row_describer(
+    robot: Robot, at: StateLayout, dt: float, duration: float, *, is_explicit: bool
+) -> Callable[[int, int], str]:
+    speeds = robot.speed_labels if is_explicit else robot.v_labels
+    balance = "rate" if is_explicit else "momentum balance"
 
     def describe(stage: int, row: int) -> str:
         if stage < 0:
-            return f"end condition {row + 1} at t = {problem.duration:g} s"
+            return f"end condition {row + 1} at t = {duration:g} s"
         when = f"in the step to t = {(stage + 1) * dt:g} s"
-        if row < nv:
-            return f"kinematics of {robot.v_labels[row].name} {when}"
-        if row < 2 * nv:
-            return f"momentum balance of {robot.v_labels[row - nv].name} {when}"
-        return f"constraint {robot.constraint_labels[row - 2 * nv].name} {when}"
+        if row < at.nw:
+            name = robot.v_labels[row].name if at.nw == at.nv else f"coordinate {row + 1}"
+            return f"kinematics of {name} {when}"
+        if row < at.nw + at.ns:
+            return f"{balance} of {speeds[row - at.nw].name} {when}"
+        if row < at.ndx:
+            return f"remembered control {robot.u_labels[row - at.nw - at.ns].name} {when}"
+        return f"constraint {robot.constraint_labels[row - at.ndx].name} {when}"
 
     return describe

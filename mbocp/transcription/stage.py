@@ -1,200 +1,206 @@
-"""Stage functions of a problem's shape, with exact first and second derivatives on the manifold.
+"""Stage functions of a problem's shape, with exact first and second derivatives.
 
-A state is x = (q, v), its tangent dx = (dq, dv). Derivatives are taken along the retraction x -> (q exp(dq),
-v + dv) at dx = 0, so that every Newton update stays on the joints' Lie group.
+A state is x = (z, s, r): coordinates of the configuration, speeds, and the controls of the step before where
+their rate costs something. Derivatives are taken along the retraction x -> (z exp(dq), s + ds, r + dr) at
+dx = 0, so that every Newton update stays on the joints' Lie group; or, where the shape is flat, in the
+coordinates themselves.
 
 Inputs and outputs (see `mbocp/_native/kernel/programme.hpp`):
 
 - values    (x0, x1, y, u, theta, rho)      -> c, l
 - jacobian  (x0, x1, y, u, theta, rho)      -> c, l, dc_dz, dl_dz; z = (x1, y, x0, u)
 - complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
-- terminal_values (x, rho), terminal_complete (x, eta, rho): likewise for psi and g_T
+- path      (x1, m, u, theta)               -> h, dh_dx1, upper Hessian of m'h in x1; with path constraints
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
+
+The rows of c are kinematics, momentum balance (or speeds), remembered controls, constraints.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 
 from mbocp.integrators import State, evaluation_point, step_rows
+from mbocp.integrators.runge_kutta import Gains, explicit_step
 from mbocp.mechanics import JointMechanics
+from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.robot import Robot
+from mbocp.transcription.layout import StateLayout, StateSpace
+from mbocp.transcription.parameters import ParameterLayout, parameter_layout, pieces
+from mbocp.transcription.path import path_values
 from mbocp.transcription.shape import Shape
 
-__all__ = ["FUNCTION_NAMES", "ParameterLayout", "build_functions", "parameter_layout"]
-
-FUNCTION_NAMES = (
-    "values",
-    "jacobian",
-    "complete",
-    "terminal_values",
-    "terminal_complete",
-    "retract",
-    "difference",
-)
+__all__ = ["at_zero_tangents", "build_functions", "mechanics_for", "state_layout"]
 
 
-@dataclass(frozen=True)
-class ParameterLayout:
-    """Sizes of the named pieces of theta (whole horizon), rho (a stage) and rho of the end, in order."""
-
-    theta: Mapping[str, int]
-    stage: Mapping[str, int]
-    terminal: Mapping[str, int]
+def mechanics_for(robot: Robot, shape: Shape) -> JointMechanics:
+    """Equations of motion in the form that the shape's scheme asks for."""
+    return ForwardMechanics(robot, shape.rotations) if shape.is_explicit else JointMechanics(robot)
 
 
-def parameter_layout(shape: Shape, nq: int, nv: int, nu: int) -> ParameterLayout:
-    """Parameters that the stage functions of `shape` take."""
-    theta = {"dt": 1, "effort": nu}
-    stage = {}
-    if shape.track_q:
-        theta["weight_q"], stage["target_q"] = nv, nq
-    if shape.track_p:
-        theta["weight_p"], stage["target_p"] = nv, nv
-    if shape.weigh_velocity:
-        theta["velocity"] = nv
-    terminal = {"q": nq, "rate": nv, "D_q": shape.ng_q * nv, "D_rate": shape.ng_rate * nv}
-    if shape.penalise_q:
-        terminal["weight_q"] = nv
-    if shape.penalise_rate:
-        terminal["weight_rate"] = nv
-    return ParameterLayout(theta, stage, terminal)
+def state_layout(robot: Robot, nz: int, shape: Shape) -> StateLayout:
+    """Pieces of the states of a shape; `nz` coordinates to a configuration."""
+    ns = robot.num_speeds if shape.is_explicit else robot.nv
+    nr = robot.nu if shape.weigh_rate else 0
+    return StateLayout(nz=nz, nv=robot.nv, ns=ns, nr=nr, is_flat=shape.is_flat or robot.is_vector_space)
 
 
 def build_functions(mechanics: JointMechanics, shape: Shape) -> dict[str, ca.Function]:
-    """All stage functions of `shape` as CasADi functions, by name."""
+    """All functions of a stage of `shape` as CasADi functions, by name."""
+    robot = mechanics.robot
     layout = parameter_layout(shape, mechanics.nq, mechanics.nv, mechanics.nu)
-    functions = _stage_functions(mechanics, shape, layout)
-    functions.update(_terminal_functions(mechanics, shape, layout))
-    x, dx = ca.SX.sym("x", mechanics.nq + mechanics.nv), ca.SX.sym("dx", 2 * mechanics.nv)
-    functions["retract"] = ca.Function("retract", [x, dx], [ca.densify(_retract(mechanics, x, dx))])
-    moved = ca.SX.sym("x_moved", x.shape[0])
-    gap = _difference(mechanics, x, moved)
-    functions["difference"] = ca.Function("difference", [x, moved], [ca.densify(gap)])
+    space = StateSpace(state_layout(robot, mechanics.nq, shape), mechanics.space)
+    functions = _Stage(mechanics, shape, layout, space).functions()
+    nx, ndx = space.layout.nx, space.layout.ndx
+    x, dx, moved = ca.SX.sym("x", nx), ca.SX.sym("dx", ndx), ca.SX.sym("x_moved", nx)
+    functions["retract"] = ca.Function("retract", [x, dx], [ca.densify(space.retract(x, dx))])
+    functions["difference"] = ca.Function("difference", [x, moved], [ca.densify(space.difference(x, moved))])
     return functions
 
 
-def _retract(mechanics: JointMechanics, x: ca.SX, dx: ca.SX) -> ca.SX:
-    nq, nv = mechanics.nq, mechanics.nv
-    return ca.vertcat(mechanics.integrate(x[:nq], dx[:nv]), x[nq:] + dx[nv:])
-
-
-def _difference(mechanics: JointMechanics, x: ca.SX, moved: ca.SX) -> ca.SX:
-    nq = mechanics.nq
-    return ca.vertcat(mechanics.difference(x[:nq], moved[:nq]), moved[nq:] - x[nq:])
-
-
-def _pieces(vector: ca.SX, sizes: Mapping[str, int]) -> dict[str, ca.SX]:
-    bounds = [0]
-    for size in sizes.values():
-        bounds.append(bounds[-1] + size)
-    return {name: vector[bounds[i] : bounds[i + 1]] for i, name in enumerate(sizes)}
-
-
-def _running_cost(
-    mechanics: JointMechanics,
-    shape: Shape,
-    q: ca.SX,
-    v: ca.SX,
-    u: ca.SX,
-    theta: dict[str, ca.SX],
-    rho: dict[str, ca.SX],
-) -> ca.SX:
-    """Eq. (8) times the step length, eq. (18), with diagonal weights; q is compared in the tangent space."""
-    cost = ca.dot(theta["effort"] * u, u) / 2
-    if shape.track_q:
-        error = mechanics.difference(rho["target_q"], q)
-        cost += ca.dot(theta["weight_q"] * error, error) / 2
-    if shape.track_p:
-        error = mechanics.momentum(q, v) - rho["target_p"]
-        cost += ca.dot(theta["weight_p"] * error, error) / 2
-    if shape.weigh_velocity:
-        cost += ca.dot(theta["velocity"] * v, v) / 2
-    return theta["dt"] * cost
-
-
-def _on_manifold(
-    mechanics: JointMechanics,
+def at_zero_tangents(
+    space: StateSpace,
     nodes: list[ca.SX],
     expressions: list[ca.SX],
     others: list[ca.SX],
     tangents: list[ca.SX],
 ) -> list[ca.SX]:
     """Expressions in retracted nodes, evaluated at zero tangents (nothing to do on a vector space)."""
-    if mechanics.is_vector_space:
+    if space.layout.is_flat:
         return expressions
     function = ca.Function("at_zero", [*nodes, *others, *tangents], expressions)
     zeros = [ca.SX.zeros(t.shape) for t in tangents]
     return list(function(*nodes, *others, *zeros))
 
 
-def _stage_functions(
-    mechanics: JointMechanics, shape: Shape, layout: ParameterLayout
-) -> dict[str, ca.Function]:
-    nq, nv, nc = mechanics.nq, mechanics.nv, mechanics.nc
-    x0, x1 = ca.SX.sym("x0", nq + nv), ca.SX.sym("x1", nq + nv)
-    y, u = ca.SX.sym("y", nc), ca.SX.sym("u", mechanics.nu)
-    m = ca.SX.sym("m", 2 * nv + nc)
-    theta = ca.SX.sym("theta", sum(layout.theta.values()))
-    rho = ca.SX.sym("rho", sum(layout.stage.values()))
-    if mechanics.is_vector_space:
-        d0, d1, at0, at1 = x0, x1, x0, x1
-    else:
-        d0, d1 = ca.SX.sym("d0", 2 * nv), ca.SX.sym("d1", 2 * nv)
-        at0, at1 = _retract(mechanics, x0, d0), _retract(mechanics, x1, d1)
-    parameters = _pieces(theta, layout.theta)
-    dt, before, after = parameters["dt"], State(at0[:nq], at0[nq:]), State(at1[:nq], at1[nq:])
-    at = evaluation_point(mechanics, shape.scheme, before, after, dt)
-    rows = step_rows(mechanics, shape.scheme, before, after, at, y, u, dt)
-    c = ca.densify(ca.vertcat(*rows))
-    cost = _running_cost(mechanics, shape, at.q, at.v, u, parameters, _pieces(rho, layout.stage))
+@dataclass
+class _Stage:
+    """The pieces of a step in symbols, and the functions made of them."""
 
-    z = ca.vertcat(d1, y, d0, u)
-    dc_dz = ca.jacobian(c, z)
-    hessian, _ = ca.hessian(cost + ca.dot(m, c), z)
-    derivatives = [c, cost, dc_dz, ca.jacobian(cost, z), ca.triu(hessian)]
-    tangents = [] if mechanics.is_vector_space else [d0, d1]
-    derivatives = _on_manifold(mechanics, [x0, x1], derivatives, [y, u, m, theta, rho], tangents)
-    c, cost = derivatives[:2]
-    first_order = derivatives[:4]
-    derivatives = ca.cse(derivatives)
-    arguments = [x0, x1, y, u]
-    return {
-        "values": ca.Function("values", [*arguments, theta, rho], ca.cse([c, cost])),
-        "jacobian": ca.Function("jacobian", [*arguments, theta, rho], ca.cse(first_order)),
-        "complete": ca.Function("complete", [*arguments, m, theta, rho], derivatives),
-    }
+    mechanics: JointMechanics
+    shape: Shape
+    layout: ParameterLayout
+    space: StateSpace
 
+    def __post_init__(self) -> None:
+        at, nc = self.space.layout, self._num_algebraic
+        self.x0, self.x1 = ca.SX.sym("x0", at.nx), ca.SX.sym("x1", at.nx)
+        self.y, self.u = ca.SX.sym("y", nc), ca.SX.sym("u", self.mechanics.nu)
+        self.m = ca.SX.sym("m", at.ndx + nc)
+        self.theta = ca.SX.sym("theta", sum(self.layout.theta.values()))
+        self.rho = ca.SX.sym("rho", sum(self.layout.stage.values()))
+        if at.is_flat:
+            self.d0, self.d1, self.at0, self.at1 = self.x0, self.x1, self.x0, self.x1
+        else:
+            self.d0, self.d1 = ca.SX.sym("d0", at.ndx), ca.SX.sym("d1", at.ndx)
+            self.at0 = self.space.retract(self.x0, self.d0)
+            self.at1 = self.space.retract(self.x1, self.d1)
+        self.of_horizon = pieces(self.theta, self.layout.theta)
+        self.of_stage = pieces(self.rho, self.layout.stage)
 
-def _terminal_functions(
-    mechanics: JointMechanics, shape: Shape, layout: ParameterLayout
-) -> dict[str, ca.Function]:
-    """Terminal cost, eq. (9), and end condition, eq. (14), with the projection D as a parameter."""
-    nq, nv = mechanics.nq, mechanics.nv
-    x, eta = ca.SX.sym("x", nq + nv), ca.SX.sym("eta", shape.ng_q + shape.ng_rate)
-    rho = ca.SX.sym("rho", sum(layout.terminal.values()))
-    d = x if mechanics.is_vector_space else ca.SX.sym("d", 2 * nv)
-    at = x if mechanics.is_vector_space else _retract(mechanics, x, d)
-    goal = _pieces(rho, layout.terminal)
-    q, v = at[:nq], at[nq:]
-    error_q = mechanics.difference(goal["q"], q)
-    error_rate = (mechanics.momentum(q, v) if shape.rate == "p" else v) - goal["rate"]
-    g = ca.vertcat(
-        ca.reshape(goal["D_q"], shape.ng_q, nv) @ error_q,
-        ca.reshape(goal["D_rate"], shape.ng_rate, nv) @ error_rate,
-    )
-    psi = ca.SX(0)
-    if shape.penalise_q:
-        psi += ca.dot(goal["weight_q"] * error_q, error_q) / 2
-    if shape.penalise_rate:
-        psi += ca.dot(goal["weight_rate"] * error_rate, error_rate) / 2
-    hessian, _ = ca.hessian(psi + ca.dot(eta, g), d)
-    derivatives = [psi, ca.densify(g), ca.jacobian(g, d), ca.jacobian(psi, d), ca.triu(hessian)]
-    tangents = [] if mechanics.is_vector_space else [d]
-    derivatives = _on_manifold(mechanics, [x], derivatives, [eta, rho], tangents)
-    return {
-        "terminal_values": ca.Function("terminal_values", [x, rho], ca.cse(derivatives[:2])),
-        "terminal_complete": ca.Function("terminal_complete", [x, eta, rho], ca.cse(derivatives)),
-    }
+    @property
+    def _num_algebraic(self) -> int:
+        """Multipliers that are unknowns of a step: explicit schemes project the accelerations instead."""
+        return 0 if self.shape.is_explicit else self.mechanics.nc
+
+    def functions(self) -> dict[str, ca.Function]:
+        """By name."""
+        rows, cost = self._explicit() if self.shape.is_explicit else self._implicit()
+        found = self._with_derivatives(ca.densify(rows), cost + self._rate_cost())
+        if self.shape.path:
+            found["path"] = self._path()
+        return found
+
+    def _implicit(self) -> tuple[ca.SX, ca.SX]:
+        at, dt, mechanics = self.space.layout, self.of_horizon["dt"], self.mechanics
+        before = State(self.at0[at.z], self.at0[at.s])
+        after = State(self.at1[at.z], self.at1[at.s])
+        point = evaluation_point(mechanics, self.shape.scheme, before, after, dt)
+        rows = step_rows(
+            mechanics, self.shape.scheme, before, after, point, self.y, self.u, dt, is_flat=at.is_flat
+        )
+        c = ca.vertcat(rows.kinematic, rows.momentum, self._remembered(), rows.constraint)
+        return c, self._running_cost(point.q, point.v)
+
+    def _explicit(self) -> tuple[ca.SX, ca.SX]:
+        """F(x0, u) - x1, and the cost at the beginning of the step as in Eq. (39) of [Manara2017]_."""
+        mechanics = self.mechanics
+        if not isinstance(mechanics, ForwardMechanics):
+            raise TypeError("an explicit scheme needs ForwardMechanics")
+        at, gains = self.space.layout, self.of_horizon["gains"]
+        z0, s0 = self.at0[at.z], self.at0[at.s]
+        z, s = explicit_step(
+            mechanics,
+            self.shape.scheme,
+            self.shape.lie,
+            self.shape.substeps,
+            z0,
+            s0,
+            self.u,
+            self.of_horizon["dt"],
+            Gains(gains[0], gains[1], gains[2]),
+        )
+        z1 = self.at1[at.z]
+        kinematic = z - z1 if at.is_flat else mechanics.space.difference(z1, z)
+        c = ca.vertcat(kinematic, s - self.at1[at.s], self._remembered())
+        return c, self._running_cost(z0, mechanics.velocity(z0, s0, self.u))
+
+    def _remembered(self) -> ca.SX:
+        return self.u - self.at1[self.space.layout.r] if self.shape.weigh_rate else ca.SX.zeros(0, 1)
+
+    def _rate_cost(self) -> ca.SX:
+        """Third term of Eq. (33) of [Manara2017]_, from the second step on."""
+        if not self.shape.weigh_rate:
+            return ca.SX(0)
+        change = self.u - self.at0[self.space.layout.r]
+        weighed = ca.dot(self.of_horizon["control_rate"] * change, change) / 2
+        return self.of_stage["has_before"] * weighed / self.of_horizon["dt"]
+
+    def _running_cost(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Eq. (8) times the step length, eq. (18), with diagonal weights; q is compared in the tangent space.
+
+        And the second term of Eq. (33) of [Manara2017]_.
+        """
+        theta, rho, mechanics, shape = self.of_horizon, self.of_stage, self.mechanics, self.shape
+        cost = ca.dot(theta["effort"] * self.u, self.u) / 2
+        if shape.track_q:
+            error = mechanics.difference(rho["target_q"], q)
+            cost += ca.dot(theta["weight_q"] * error, error) / 2
+        if shape.track_p:
+            error = mechanics.momentum(q, v) - rho["target_p"]
+            cost += ca.dot(theta["weight_p"] * error, error) / 2
+        if shape.weigh_velocity:
+            cost += ca.dot(theta["velocity"] * v, v) / 2
+        if shape.weigh_potential:
+            cost += theta["potential"] * mechanics.potential_energy(q)
+        return theta["dt"] * cost
+
+    def _with_derivatives(self, c: ca.SX, cost: ca.SX) -> dict[str, ca.Function]:
+        z = ca.vertcat(self.d1, self.y, self.d0, self.u)
+        dc_dz = ca.jacobian(c, z)
+        hessian, _ = ca.hessian(cost + ca.dot(self.m, c), z)
+        derivatives = [c, cost, dc_dz, ca.jacobian(cost, z), ca.triu(hessian)]
+        others = [self.y, self.u, self.m, self.theta, self.rho]
+        derivatives = at_zero_tangents(
+            self.space, [self.x0, self.x1], derivatives, others, [self.d0, self.d1]
+        )
+        c, cost = derivatives[:2]
+        arguments, parameters = [self.x0, self.x1, self.y, self.u], [self.theta, self.rho]
+        return {
+            "values": ca.Function("values", [*arguments, *parameters], ca.cse([c, cost])),
+            "jacobian": ca.Function("jacobian", [*arguments, *parameters], ca.cse(derivatives[:4])),
+            "complete": ca.Function("complete", [*arguments, self.m, *parameters], ca.cse(derivatives)),
+        }
+
+    def _path(self) -> ca.Function:
+        """Path constraints at the end of the step, in coordinates: only flat programmes have them."""
+        at, mechanics = self.space.layout, self.mechanics
+        q, s = self.x1[at.z], self.x1[at.s]
+        v = mechanics.velocity(q, s, self.u) if isinstance(mechanics, ForwardMechanics) else s
+        h = ca.densify(path_values(mechanics, self.shape.path, self.of_horizon["path_points"], q, v))
+        m = ca.SX.sym("m", h.numel())
+        hessian, _ = ca.hessian(ca.dot(m, h), self.x1)
+        outputs = [h, ca.jacobian(h, self.x1), ca.triu(hessian)]
+        return ca.Function("path", [self.x1, m, self.u, self.theta], ca.cse(outputs))

@@ -7,9 +7,11 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
-from mbocp.integrators import TAU
+from mbocp.integrators import EXPLICIT_SCHEMES, TAU
+from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
 from mbocp.robot import Robot
+from mbocp.transcription.layout import StateLayout
 
 __all__ = ["start_state"]
 
@@ -18,8 +20,8 @@ _SMALL_STEP = 1e-12  # relative to the velocity: the next one would be round-off
 _FAR = 10.0  # times the wanted velocity: no small correction of it any more
 
 
-def start_state(problem: Problem) -> Array:
-    r"""State x_0 = (q_0, v_0), shape (nq + nv,), that fits the scheme.
+def start_state(problem: Problem, space: ConfigurationSpace, at: StateLayout) -> Array:
+    r"""State x_0 = (z_0, s_0, 0), shape (nx,), that fits the scheme.
 
     It is the problem's start, but for SE2 on a constrained system. There the first step moves to
     :math:`q_1 = q_0 \exp(\Delta t\,v_0)` before any force can act, and a tangential velocity leaves the
@@ -35,9 +37,12 @@ def start_state(problem: Problem) -> Array:
         If no such velocity is near: the steps are too long for the start velocity.
     """
     robot, q, v = problem.robot, problem.q_start, problem.v_start
+    remembered = np.zeros(at.nr)  # a control before the first; its cost has no weight
+    if problem.scheme in EXPLICIT_SCHEMES:
+        return np.concatenate([space.coordinates(q[None])[0], robot.speeds(q, v), remembered])
     if TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
         v = _discrete_velocity(robot, q, v, problem.dt)
-    return np.concatenate([q, v])
+    return np.concatenate([q, v, remembered])
 
 
 def _discrete_velocity(robot: Robot, q: Array, wanted: Array, dt: float) -> Array:

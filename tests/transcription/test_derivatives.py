@@ -10,7 +10,9 @@ import pytest
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
 from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import build_functions, parameter_layout
+from mbocp.transcription.end import build_end_functions
+from mbocp.transcription.parameters import parameter_layout
+from mbocp.transcription.stage import build_functions
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of
 
@@ -50,7 +52,8 @@ class Stage:
         robot = towed_body() if name == "towed body" else load_robot(name)
         self.robot, nv, nq = robot, robot.nv, robot.nq
         shape = Shape(robot.fingerprint, "joint", scheme, True, True, True, True, True, "p", nv, nv)
-        self.functions = build_functions(JointMechanics(robot), shape)
+        mechanics = JointMechanics(robot)
+        self.functions = build_functions(mechanics, shape) | build_end_functions(mechanics, shape)
         layout = parameter_layout(shape, nq, nv, robot.nu)
         rng = np.random.default_rng(7)
         self.x0, self.x1 = self.random_state(rng), self.random_state(rng)

@@ -1,0 +1,110 @@
+"""Limits and path constraints along a trajectory: how far they are violated, and their multipliers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.problem import PathConstraint, Problem
+from mbocp.robot import Robot
+from mbocp.solvers import Iterate
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["inequalities", "path_along"]
+
+
+def inequalities(
+    problem: Problem, programme: StagewiseProgramme, iterate: Iterate, qs: Array, vs: Array
+) -> dict[str, Any]:
+    """Fields of a solution that speak of inequalities, by name.
+
+    Parameters
+    ----------
+    qs : ndarray, shape (N + 1, nq)
+        Configurations [m, rad, quaternion xyzw].
+    vs : ndarray, shape (N + 1, nv)
+        Velocities [m/s, rad/s].
+    """
+    path = path_along(problem, qs, vs)
+    names = tuple(label.name for constraint in problem.path for label in constraint.labels)
+    return {
+        **_multipliers(problem, programme, iterate, path),
+        "path_names": names,
+        "limit_violation": _violation(problem, iterate.us, qs, vs, path),
+    }
+
+
+def path_along(problem: Problem, qs: Array, vs: Array) -> Array:
+    """Values of the path constraints at the nodes 1..N, shape (N, nh) [m, m/s]."""
+    if not problem.path:
+        return np.zeros((len(qs) - 1, 0))
+    robot = problem.robot
+    rows = [
+        np.concatenate([_value(robot, constraint, q, v) for constraint in problem.path])
+        for q, v in zip(qs[1:], vs[1:], strict=True)
+    ]
+    return np.array(rows)
+
+
+def _value(robot: Robot, constraint: PathConstraint, q: Array, v: Array) -> Array:
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    position = data.oMf[constraint.frame].translation
+    if constraint.kind == "position":
+        return np.asarray(position[list(constraint.axes)])
+    if constraint.kind == "distance":
+        away = constraint.point if constraint.other is None else data.oMf[constraint.other].translation
+        return np.array([np.linalg.norm(position - away)])
+    jacobian = pin.computeFrameJacobian(
+        robot.model, robot.model.createData(), q, constraint.frame, pin.LOCAL_WORLD_ALIGNED
+    )
+    return np.array([np.linalg.norm(jacobian[:3] @ v)])
+
+
+def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -> float:
+    limits = problem.limits
+    pairs = [
+        (us, limits.u_lower, limits.u_upper),
+        (qs[1:], limits.q_lower, limits.q_upper),
+        (vs[1:], limits.v_lower, limits.v_upper),
+    ]
+    if problem.path:
+        lower = np.concatenate([p.lower for p in problem.path])
+        upper = np.concatenate([p.upper for p in problem.path])
+        pairs.append((path, lower, upper))
+    worst = [float(np.max([lower - values, values - upper], initial=0.0)) for values, lower, upper in pairs]
+    return max(worst)
+
+
+def _multipliers(
+    problem: Problem, programme: StagewiseProgramme, iterate: Iterate, path: Array
+) -> dict[str, Array]:
+    robot, N, at = problem.robot, problem.num_steps, programme.layout
+    lam_qs, lam_vs = np.zeros((N + 1, robot.nq)), np.zeros((N + 1, robot.nv))
+    bounds = iterate.bounds
+    if bounds is None:
+        nh = path.shape[1]
+        return {
+            "lam_us": np.zeros((N, robot.nu)),
+            "lam_qs": lam_qs,
+            "lam_vs": lam_vs,
+            "lam_path": np.zeros((N, nh)),
+        }
+    for part in programme.space.parts:
+        plain = min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)
+        plain = plain if part.at_matrix < 0 else part.at_matrix - part.at_z.start
+        lam_qs[:, part.at_q.start : part.at_q.start + plain] = bounds.xs[
+            :, part.at_z.start : part.at_z.start + plain
+        ]
+    free = (
+        [i for i in range(robot.nv) if i not in set(robot.driven)] if programme.is_explicit else slice(None)
+    )
+    num_free = robot.nv - len(robot.driven) if programme.is_explicit else robot.nv
+    lam_vs[:, free] = bounds.xs[:, at.s][:, :num_free]
+    # Distances and speeds are kept as squares: d(h^2) = 2 h dh.
+    is_square = np.array([p.kind != "position" for p in problem.path for _ in p.lower], dtype=bool)
+    factors = np.where(is_square, 2.0 * path, 1.0) if problem.path else np.ones_like(path)
+    return {"lam_us": bounds.us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * factors}

@@ -1,0 +1,96 @@
+"""Bounds of a programme's states, controls and path functions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
+from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.lie import ConfigurationSpace
+from mbocp.problem import Problem
+from mbocp.transcription.layout import StateLayout
+
+__all__ = ["StateBounds", "state_bounds"]
+
+
+@dataclass(frozen=True)
+class StateBounds:
+    """Bounds at the nodes 1..N and in all steps, infinite where there are none.
+
+    Attributes
+    ----------
+    x_lower, x_upper : ndarray, shape (nx,)
+        Of states.
+    u_lower, u_upper : ndarray, shape (nu,)
+        Of controls.
+    path_lower, path_upper : ndarray, shape (nh,)
+        Of the path functions; squares of distances and speeds.
+    """
+
+    x_lower: Array
+    x_upper: Array
+    u_lower: Array
+    u_upper: Array
+    path_lower: Array
+    path_upper: Array
+
+    @property
+    def nh(self) -> int:
+        """Number of path functions."""
+        return int(self.path_lower.size)
+
+
+def state_bounds(problem: Problem, space: ConfigurationSpace, at: StateLayout) -> StateBounds:
+    """Limits and path constraints of a problem in terms of its programme.
+
+    Raises
+    ------
+    ProblemError
+        If a velocity is limited that is no unknown of the programme, because controls prescribe it.
+    """
+    limits = problem.limits
+    lower, upper = np.full(at.nx, -np.inf), np.full(at.nx, np.inf)
+    for part in space.parts:
+        plain = part.at_q.stop - part.at_q.start if part.group.is_vector else 0
+        plain = 3 if part.group.nv == 6 else 2 if (part.group.nz, part.group.nv) == (4, 3) else plain
+        source = slice(part.at_q.start, part.at_q.start + plain)
+        target = slice(part.at_z.start, part.at_z.start + plain)
+        lower[target], upper[target] = limits.q_lower[source], limits.q_upper[source]
+    lower[at.s], upper[at.s] = _speed_bounds(problem)
+    squares = [constraint.kind != "position" for constraint in problem.path]
+    sides = {
+        side: [
+            np.sign(b) * b**2 if is_square else b
+            for b, is_square in (
+                (np.asarray(getattr(p, side)), s) for p, s in zip(problem.path, squares, strict=True)
+            )
+        ]
+        for side in ("lower", "upper")
+    }
+    return StateBounds(
+        x_lower=lower,
+        x_upper=upper,
+        u_lower=np.asarray(limits.u_lower),
+        u_upper=np.asarray(limits.u_upper),
+        path_lower=np.concatenate([np.zeros(0), *sides["lower"]]),
+        path_upper=np.concatenate([np.zeros(0), *sides["upper"]]),
+    )
+
+
+def _speed_bounds(problem: Problem) -> tuple[Array, Array]:
+    robot, limits = problem.robot, problem.limits
+    lower, upper = np.asarray(limits.v_lower), np.asarray(limits.v_upper)
+    if problem.scheme not in EXPLICIT_SCHEMES or not robot.drives:
+        return lower, upper
+    for i in robot.driven:
+        if np.isfinite(lower[i]) or np.isfinite(upper[i]):
+            raise ProblemError(
+                f"limits.velocity: {robot.v_labels[i].name!r} is prescribed by a control; limit the control "
+                "(limits.effort), and not its velocity"
+            )
+    free = [i for i in range(robot.nv) if i not in set(robot.driven)]
+    unbounded = np.full(robot.num_speeds - len(free), np.inf)
+    return np.concatenate([lower[free], -unbounded]), np.concatenate([upper[free], unbounded])

@@ -1,0 +1,101 @@
+"""Where the pieces of a state are: coordinates of the configuration, speeds, remembered controls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from mbocp.lie import ConfigurationSpace
+
+__all__ = ["StateLayout", "StateSpace"]
+
+
+@dataclass(frozen=True)
+class StateLayout:
+    """Pieces of a state x = (z, s, r) and of its tangent dx = (dq, ds, dr).
+
+    Attributes
+    ----------
+    nz : int
+        Coordinates of the configuration: Pinocchio's q, or with rotation matrices.
+    nv : int
+        Tangent directions of the configuration.
+    ns : int
+        Speeds: the velocities v, unless controls prescribe some of them.
+    nr : int
+        Remembered controls, those of the step before; for a cost on the rate of the controls.
+    is_flat : bool
+        Whether the state is taken as a plain vector, although its configurations may form a group: what a
+        general nonlinear programming solver and integrators that leave the group need.
+    """
+
+    nz: int
+    nv: int
+    ns: int
+    nr: int
+    is_flat: bool
+
+    @property
+    def nx(self) -> int:
+        """Length of a state."""
+        return self.nz + self.ns + self.nr
+
+    @property
+    def nw(self) -> int:
+        """Tangent directions of the configuration as the programme counts them."""
+        return self.nz if self.is_flat else self.nv
+
+    @property
+    def ndx(self) -> int:
+        """Length of a state's tangent."""
+        return self.nw + self.ns + self.nr
+
+    @property
+    def z(self) -> slice:
+        """Coordinates in a state."""
+        return slice(0, self.nz)
+
+    @property
+    def s(self) -> slice:
+        """Speeds in a state."""
+        return slice(self.nz, self.nz + self.ns)
+
+    @property
+    def r(self) -> slice:
+        """Remembered controls in a state."""
+        return slice(self.nz + self.ns, self.nx)
+
+    @property
+    def ds(self) -> slice:
+        """Speeds in a tangent, and in the rows of a step."""
+        return slice(self.nw, self.nw + self.ns)
+
+    @property
+    def dr(self) -> slice:
+        """Remembered controls in a tangent, and in the rows of a step."""
+        return slice(self.nw + self.ns, self.ndx)
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """Symbolic maps of states."""
+
+    layout: StateLayout
+    configurations: ConfigurationSpace
+
+    def retract(self, x: ca.SX, dx: ca.SX) -> ca.SX:
+        """State moved along a tangent."""
+        at = self.layout
+        if at.is_flat:
+            return x + dx
+        moved = self.configurations.integrate(x[at.z], dx[: at.nw])
+        return ca.vertcat(moved, x[at.nz :] + dx[at.nw :])
+
+    def difference(self, x0: ca.SX, x1: ca.SX) -> ca.SX:
+        """Tangent that leads from one state to another."""
+        at = self.layout
+        if at.is_flat:
+            return x1 - x0
+        between = self.configurations.difference(x0[at.z], x1[at.z])
+        return ca.vertcat(between, x1[at.nz :] - x0[at.nz :])
