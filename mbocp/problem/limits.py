@@ -89,6 +89,16 @@ class Bounds:
         """Whether anything is bounded."""
         return any(bool(self.finite(letter).any()) for letter in LIMITS)
 
+    @property
+    def fields(self) -> dict[str, Array]:
+        """Lower and upper bounds as a `Solution` keeps them: limits_u (2, nu), limits_v (2, nv), limits_q."""
+        return {
+            f"limits_{letter}": np.vstack(
+                [getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")]
+            )
+            for letter in LIMITS
+        }
+
     def finite(self, letter: str) -> BoolArray:
         """Which entries of "u", "v" or "q" have a bound on at least one side."""
         lower, upper = getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")

@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 from mbocp.solution.conserved import ConservedQuantity
+from mbocp.solution.limits import ActiveLimit
 from mbocp.solution.records import Column, IterationRecord, Labels, Phase, Status
 from mbocp.solution.solution import Solution
 
-__all__ = ["Column", "ConservedQuantity", "IterationRecord", "Labels", "Phase", "Solution", "Status"]
+__all__ = [
+    "ActiveLimit",
+    "Column",
+    "ConservedQuantity",
+    "IterationRecord",
+    "Labels",
+    "Phase",
+    "Solution",
+    "Status",
+]

@@ -48,10 +48,11 @@ def json_copy(name: str, value: Mapping[str, Any]) -> Any:
         raise InvalidValue(name, error, "numbers, texts, lists and tables") from error
 
 
-def checked_arrays(given: Mapping[str, Any], num_momenta: int) -> dict[str, Array]:
+def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) -> dict[str, Array]:
     """Copy the arrays of a solution, read-only, and check that their shapes fit together.
 
-    What is empty is absent: no constraints, no symmetries, a control Hamiltonian that nobody evaluated.
+    What is empty is absent: no constraints, no symmetries, a control Hamiltonian that nobody evaluated, no
+    limits.
 
     Raises
     ------
@@ -77,17 +78,33 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int) -> dict[str, Arra
         "eta": (None,),
         "control_hamiltonians": (steps,),
         "control_momenta": (nodes, num_momenta),
+        "manifold_drifts": (nodes,),
+        "lam_path": (steps, num_path),
     }
+    widths = (("u", _width(given["us"]), steps), ("v", nv, nodes), ("q", _width(given["qs"]), nodes))
+    for letter, size, rows in widths:
+        shapes |= {f"limits_{letter}": (2, size), f"lam_{letter}s": (rows, size)}
     absent = {
         "lams": np.zeros((steps, 0)),
         "zetas": np.zeros((steps, 0)),
         "control_hamiltonians": np.full(steps, np.nan),
         "control_momenta": np.zeros((nodes, 0)),
+        "manifold_drifts": np.full(nodes, np.nan),
+        "lam_path": np.zeros((steps, 0)),
     }
+    for letter in "uvq":
+        size = shapes[f"limits_{letter}"][1] or 0
+        absent[f"limits_{letter}"] = np.outer([-np.inf, np.inf], np.ones(size))
+        absent[f"lam_{letter}s"] = np.zeros((shapes[f"lam_{letter}s"][0] or 0, size))
     values = {
         name: _or_absent(given[name], absent[name]) if name in absent else given[name] for name in shapes
     }
     return {name: frozen_array(values[name], shape=shape, name=name) for name, shape in shapes.items()}
+
+
+def _width(rows: Any) -> int:
+    """Number of columns."""
+    return int(np.shape(rows)[-1])
 
 
 def _or_absent(value: Any, substitute: Array) -> Array:

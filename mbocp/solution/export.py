@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.solution.atomic import atomic_path
 from mbocp.solution.records import Column
+from mbocp.solution.stored import dual_columns
 
 if TYPE_CHECKING:
     from mbocp.solution.solution import Solution
@@ -44,6 +46,7 @@ def table(solution: Solution) -> tuple[list[str], Array]:
         ("zeta:", labels.zeta, solution.zetas),
         ("", (Column("H", "cost/s"),), solution.control_hamiltonians[:, None]),
         ("xi:", momenta, solution.control_momenta),
+        *_limit_blocks(solution),
     ]
     header, columns = ["t [s]"], [solution.t[:, None]]
     for prefix, names, values in blocks:
@@ -51,6 +54,18 @@ def table(solution: Solution) -> tuple[list[str], Array]:
         missing = np.full((len(solution.t) - len(values), values.shape[1]), np.nan)
         columns.append(np.vstack([values, missing]))
     return header, np.hstack(columns)
+
+
+def _limit_blocks(solution: Solution) -> Iterator[tuple[str, tuple[Column, ...], Array]]:
+    """Multipliers of limits and path constraints, where there are any."""
+    for letter in "uqv":
+        if np.isfinite(getattr(solution, f"limits_{letter}")).any():
+            columns = dual_columns(getattr(solution.labels, letter))
+            yield f"lam_{letter}:", columns, getattr(solution, f"lam_{letter}s")
+    if solution.path_names:  # nothing is constrained at the start
+        start = np.full((1, len(solution.path_names)), np.nan)
+        names = tuple(Column(name, "") for name in solution.path_names)
+        yield "lam_path:", names, np.vstack([start, solution.lam_path])
 
 
 def write_csv(solution: Solution, path: str | Path) -> Path:
@@ -75,6 +90,9 @@ def solution_dict(solution: Solution) -> dict[str, Any]:
         "residual": solution.residual,
         "increment": solution.increment,
         "constraint_violation": solution.constraint_violation,
+        "limit_violation": solution.limit_violation,
+        "manifold_drift": solution.manifold_drift,
+        "manifold_drift_resimulated": solution.manifold_drift_resimulated,
         "unknowns": solution.unknowns,
         "num_steps": solution.num_steps,
         "wall_time_s": solution.wall_time_s,

@@ -1,6 +1,6 @@
 """The result file: one HDF5 file that says of every number what it is and in which unit.
 
-Layout, format 1:
+Layout, format 2 (format 1 has no limits, drift and integrator):
 
     /                  attributes: format, format_version, description
     /summary           attributes: status, cost, residual, ..., one number or text each
@@ -29,7 +29,7 @@ from mbocp.solution.records import Column
 __all__ = ["FORMAT", "FORMAT_VERSION", "FileContent", "read_content", "write_content"]
 
 FORMAT = "mbocp solution"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 
 class _Entry(NamedTuple):
@@ -40,6 +40,7 @@ class _Entry(NamedTuple):
 
 _NODES = "nodes n = 0..N"
 _STEPS = "steps n -> n+1, n = 0..N-1"
+_SIDES = "lower, upper"
 
 _ENTRIES: dict[str, _Entry] = {
     "t": _Entry("t", "time of the nodes", _NODES),
@@ -53,6 +54,16 @@ _ENTRIES: dict[str, _Entry] = {
     "eta": _Entry("eta", "multiplier of the exact end condition", "end conditions"),
     "control_hamiltonians": _Entry("H", "control Hamiltonian, eq. (11)", _STEPS),
     "control_momenta": _Entry("xi", "control momentum, eq. (15), one column a symmetry", _NODES),
+}
+_OPTIONAL: dict[str, _Entry] = {
+    "manifold_drifts": _Entry("d", "distance of the rotations from their manifold", _NODES),
+    "lam_us": _Entry("lambda_u", "multiplier of the limits of u: positive at an upper one", _STEPS),
+    "lam_qs": _Entry("lambda_q", "multiplier of the limits of q: positive at an upper one", _NODES),
+    "lam_vs": _Entry("lambda_v", "multiplier of the limits of v: positive at an upper one", _NODES),
+    "lam_path": _Entry("lambda_h", "multiplier of the path constraints", "nodes n = 1..N"),
+    "limits_u": _Entry("u_min, u_max", "limits of the control", _SIDES),
+    "limits_v": _Entry("v_min, v_max", "limits of the velocity", _SIDES),
+    "limits_q": _Entry("q_min, q_max", "limits of the configuration", _SIDES),
 }
 
 
@@ -96,7 +107,7 @@ def _write(file: h5py.File, content: FileContent) -> None:
         summary.attrs[name] = value
     group = file.create_group("trajectories")
     for name, array in content.arrays.items():
-        entry, columns = _ENTRIES[name], content.columns[name]
+        entry, columns = (_ENTRIES | _OPTIONAL)[name], content.columns[name]
         # fletcher32: a checksum for each chunk; an empty dataset has no chunks.
         data = group.create_dataset(name, data=array, fletcher32=array.size > 0)
         data.attrs["symbol"], data.attrs["description"], data.attrs["rows"] = entry
@@ -171,7 +182,7 @@ def _read(file: h5py.File) -> FileContent:
     arrays: dict[str, Array] = {}
     columns: dict[str, tuple[Column, ...]] = {}
     meanings: dict[str, tuple[str, ...]] = {}
-    for name in _ENTRIES:
+    for name in (*_ENTRIES, *(name for name in _OPTIONAL if name in file["trajectories"])):
         data = file["trajectories"][name]
         arrays[name] = data[()]
         names, units = (data.attrs[key] for key in ("columns", "units"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,33 +17,13 @@ from mbocp.exceptions import DimensionMismatch, ResultFileError
 from mbocp.solution._values import checked_arrays, json_copy, same
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
 from mbocp.solution.export import solution_dict, write_csv
-from mbocp.solution.files import FileContent, read_content, write_content
-from mbocp.solution.records import Column, IterationRecord, Labels, Phase, Status
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from mbocp.solution.files import read_content, write_content
+from mbocp.solution.integrator import integrator_of
+from mbocp.solution.limits import ActiveLimit, active_limits
+from mbocp.solution.records import IterationRecord, Labels, Phase, Status
+from mbocp.solution.stored import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, content_of, fields_of
 
 __all__ = ["Solution"]
-
-_ARRAYS = (
-    "t",
-    "qs",
-    "vs",
-    "ps",
-    "us",
-    "lams",
-    "mus",
-    "zetas",
-    "eta",
-    "control_hamiltonians",
-    "control_momenta",
-)
-_STRUCTURES = ("phases", "history", "robot_spec", "options", "versions")
-_NUMBERS = ("cost", "residual", "increment", "constraint_violation", "wall_time_s")
-_COUNTS = ("iterations", "unknowns")
-_WORDS = ("advice", "solver", "problem_name", "robot_name", "guess_used")
 
 
 def _absent() -> Array:
@@ -101,6 +80,28 @@ class Solution:
         Eq. (15), a column for each symmetry in `control_momentum_names`.
     control_momentum_names, control_momentum_meanings : tuple of str
         Symmetry of each control momentum, and what it is in terms of the adjoints; "" if nobody says.
+    scheme, lie, rotations : str
+        Integrator, see `mbocp.problem.Problem` and `mbocp.robot.Robot`; what is left out is what
+        `problem_text` says.
+    substeps : int
+        Steps of an explicit scheme within one of the N.
+    manifold_drifts : ndarray, shape (N + 1,)
+        How far the rotations of the integrator's state are from their manifold: the largest
+        :math:`|\,|q| - 1|` or :math:`\|R^T R - I\|`; NaN if nobody evaluated it.
+    manifold_drift, manifold_drift_resimulated : float
+        The largest of them; and the largest when the start is integrated anew with the controls, which shows
+        the integrator without the tolerance of the solver. NaN where not computed.
+    limits_u, limits_v, limits_q : ndarray, shape (2, nu), (2, nv), (2, nq)
+        Lower and upper limits of the problem, infinite where there are none.
+    limit_violation : float
+        By how much the motion leaves limits and path constraints at most, in their own units.
+    lam_us, lam_qs, lam_vs : ndarray, shape (N, nu), (N + 1, nq), (N + 1, nv)
+        Multipliers of the limits: positive at an active upper one, negative at a lower one, zero where
+        nothing is active.
+    lam_path : ndarray, shape (N, nh)
+        Multipliers of the path constraints at the nodes 1, ..., N, with the same signs.
+    path_names : tuple of str
+        Name of each column of `lam_path`.
     problem_name, robot_name : str
     robot_spec : dict
         Arguments with which `load_robot` loads the robot again.
@@ -127,6 +128,9 @@ class Solution:
     residual: float
     increment: float = math.nan
     constraint_violation: float = 0.0
+    limit_violation: float = 0.0
+    manifold_drift: float = math.nan
+    manifold_drift_resimulated: float = math.nan
     unknowns: int
     wall_time_s: float = math.nan
     phases: tuple[Phase, ...] = ()
@@ -145,7 +149,20 @@ class Solution:
     control_momenta: Array = field(default_factory=_absent)
     control_momentum_names: tuple[str, ...] = ()
     control_momentum_meanings: tuple[str, ...] = ()
+    manifold_drifts: Array = field(default_factory=_absent)
+    limits_u: Array = field(default_factory=_absent)
+    limits_v: Array = field(default_factory=_absent)
+    limits_q: Array = field(default_factory=_absent)
+    lam_us: Array = field(default_factory=_absent)
+    lam_qs: Array = field(default_factory=_absent)
+    lam_vs: Array = field(default_factory=_absent)
+    lam_path: Array = field(default_factory=_absent)
+    path_names: tuple[str, ...] = ()
 
+    scheme: str = ""
+    lie: str = ""
+    substeps: int = 0
+    rotations: str = ""
     problem_name: str = ""
     robot_name: str = ""
     robot_spec: Mapping[str, Any] = field(default_factory=dict)
@@ -156,17 +173,25 @@ class Solution:
     labels: Labels = field(default_factory=Labels)
 
     def __post_init__(self) -> None:
-        given = {name: getattr(self, name) for name in _ARRAYS}
-        for name, value in checked_arrays(given, len(tuple(self.control_momentum_names))).items():
+        object.__setattr__(self, "path_names", tuple(map(str, self.path_names)))
+        given = {name: getattr(self, name) for name in (*ARRAYS, *OPTIONAL)}
+        checked = checked_arrays(given, len(tuple(self.control_momentum_names)), len(self.path_names))
+        for name, value in checked.items():
             object.__setattr__(self, name, value)
+        for name, word in integrator_of(self.problem_text).items():
+            object.__setattr__(self, name, getattr(self, name) or word)
+        if math.isnan(self.manifold_drift) and np.isfinite(self.manifold_drifts).all():
+            object.__setattr__(self, "manifold_drift", float(self.manifold_drifts.max()))
         object.__setattr__(self, "status", Status(self.status))
         object.__setattr__(self, "control_momentum_names", tuple(map(str, self.control_momentum_names)))
         object.__setattr__(self, "control_momentum_meanings", self._meanings())
         object.__setattr__(self, "phases", tuple(self.phases))
         object.__setattr__(self, "history", tuple(self.history))
-        for name in _NUMBERS:
+        for name in WORDS:
+            object.__setattr__(self, name, str(getattr(self, name)))
+        for name in NUMBERS:
             object.__setattr__(self, name, float(getattr(self, name)))
-        for name in _COUNTS:
+        for name in COUNTS:
             object.__setattr__(self, name, int(getattr(self, name)))
         for name in ("robot_spec", "options", "versions"):
             object.__setattr__(self, name, json_copy(name, getattr(self, name)))
@@ -182,15 +207,6 @@ class Solution:
     def num_steps(self) -> int:
         """Number of steps N."""
         return len(self.t) - 1
-
-    @property
-    def scheme(self) -> str:
-        """Scheme of the problem that was solved: "se1", "se2" or "midpoint"; "" if its text is not TOML."""
-        try:
-            problem = tomllib.loads(self.problem_text)
-        except tomllib.TOMLDecodeError:
-            return ""
-        return str(problem.get("integrator", {}).get("scheme", "se1"))
 
     @property
     def nq(self) -> int:
@@ -238,6 +254,11 @@ class Solution:
         if not self.control_momenta.size:
             return math.nan
         return float(np.max(np.abs(self.control_momenta - self.control_momenta[0])))
+
+    @property
+    def active_limits(self) -> tuple[ActiveLimit, ...]:
+        """Limits and path constraints of the problem that the motion touches."""
+        return active_limits(self)
 
     @property
     def q_final(self) -> Array:
@@ -307,23 +328,7 @@ class Solution:
         ResultFileError
             If the file cannot be written.
         """
-        momenta = tuple(Column(name, "cost") for name in self.control_momentum_names)
-        columns = {
-            **{f"{name}s": getattr(self.labels, name) for name in ("q", "v", "p", "u", "lam", "mu", "zeta")},
-            "t": (Column("t", "s"),),
-            "eta": tuple(Column(str(i), "") for i in range(len(self.eta))),
-            "control_hamiltonians": (Column("H", "cost/s"),),
-            "control_momenta": momenta,
-        }
-        summary = {name: getattr(self, name) for name in (*_WORDS, *_COUNTS, *_NUMBERS)}
-        structures = {name: getattr(self, name) for name in _STRUCTURES}
-        for name in ("phases", "history"):
-            structures[name] = [dataclasses.asdict(record) for record in structures[name]]
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
-        summary["status"] = str(self.status)
-        texts = {"problem_text": self.problem_text}
-        meanings = {"control_momenta": self.control_momentum_meanings}
-        return write_content(path, FileContent(arrays, columns, summary, structures, texts, meanings))
+        return write_content(path, content_of(self))
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
@@ -335,15 +340,7 @@ class Solution:
             If there is no such file, it is not a result of mbocp, it is damaged, or a newer mbocp wrote it.
         """
         content = read_content(path)
-        fields: dict[str, Any] = {**content.arrays, **content.summary, **content.structures, **content.texts}
         try:
-            fields["phases"] = tuple(Phase(**record) for record in fields["phases"])
-            fields["history"] = tuple(IterationRecord(**record) for record in fields["history"])
-            fields["labels"] = Labels(
-                **{name: content.columns[f"{name}s"] for name in ("q", "v", "p", "u", "lam", "mu", "zeta")}
-            )
-            fields["control_momentum_names"] = tuple(c.name for c in content.columns["control_momenta"])
-            fields["control_momentum_meanings"] = content.meanings.get("control_momenta", ())
-            return cls(**fields)
+            return cls(**fields_of(content))
         except (KeyError, TypeError, ValueError, DimensionMismatch) as error:
             raise ResultFileError(path, f"is damaged: its parts do not fit together ({error})") from error

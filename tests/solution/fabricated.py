@@ -93,6 +93,35 @@ def pendulum(**others: Any) -> Solution:
     )
 
 
+def limited(**others: Any) -> Solution:
+    """Fabricate a pendulum's motion under limits of force and speed, and under two path constraints."""
+    free = pendulum(num_steps=20)
+    us, vs = np.clip(free.us, -20.0, 25.0), np.clip(free.vs, -2.0, 2.0)
+    lam_us, lam_vs = np.zeros_like(us), np.zeros_like(vs)
+    lam_us[us == 25.0], lam_us[us == -20.0], lam_vs[vs == 2.0] = 0.5, -0.3, 0.1
+    lam_path = np.zeros((20, 2))
+    lam_path[4:7, 0] = -1.5
+    fields: dict[str, Any] = {
+        "num_steps": 20,
+        "us": us,
+        "vs": vs,
+        "limits_u": np.outer([-20.0, 25.0], np.ones(3)),
+        "limits_v": np.array([[-2.0, -np.inf, -np.inf], [2.0, 2.0, np.inf]]),
+        "lam_us": lam_us,
+        "lam_vs": lam_vs,
+        "lam_path": lam_path,
+        "path_names": ("ceiling.z", "clearance"),
+        "limit_violation": 1e-9,
+        "manifold_drifts": np.linspace(0.0, 3e-9, 21),
+        "manifold_drift_resimulated": 1e-15,
+        "scheme": "rk4",
+        "lie": "baumgarte",
+        "rotations": "dcm",
+        "substeps": 2,
+    }
+    return pendulum(**{**fields, **others})
+
+
 def arm(**others: Any) -> Solution:
     """Fabricate the motion of an arm with seven joints."""
     q, v, u = ([Column(j, unit) for j in ARM_JOINTS] for unit in ("rad", "rad/s", "N m"))

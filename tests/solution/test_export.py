@@ -12,14 +12,14 @@ import pytest
 
 from mbocp.solution import IterationRecord, Solution, export
 
-from .fabricated import pendulum
+from .fabricated import limited, pendulum
 
 # The object of `mbocp solve --json`, in this order: others read it.
 KEYS = [
     "status", "converged", "advice", "solver", "iterations", "cost", "residual", "increment",
-    "constraint_violation", "unknowns", "num_steps", "wall_time_s", "phases", "history",
-    "control_hamiltonian", "control_momentum_drift", "conserved", "q_final", "p_final", "u_first", "u_last",
-    "eta",
+    "constraint_violation", "limit_violation", "manifold_drift", "manifold_drift_resimulated", "unknowns",
+    "num_steps", "wall_time_s", "phases", "history", "control_hamiltonian", "control_momentum_drift",
+    "conserved", "q_final", "p_final", "u_first", "u_last", "eta",
 ]  # fmt: skip
 
 
@@ -78,6 +78,19 @@ def test_csv_leaves_the_last_row_of_stage_quantities_blank(tmp_path: Path) -> No
     blank = {name for name, cell in zip(header, rows[-1], strict=True) if cell == ""}
     assert {name.split(":")[0] for name in blank} == {"u", "lam", "zeta", "H [cost/s]"}
     assert "" not in rows[-2]
+
+
+def test_csv_has_the_multipliers_of_limits_where_there_are_any(tmp_path: Path) -> None:
+    solution = limited()
+    header, rows = read(solution.to_csv(tmp_path / "result.csv"))
+    pulls = [name for name in header if name.startswith("lam_")]
+    assert pulls[:3] == ["lam_u:force_x [cost/(N)]", "lam_u:force_y [cost/(N)]", "lam_u:force_z [cost/(N)]"]
+    assert pulls[-2:] == ["lam_path:ceiling.z", "lam_path:clearance"]
+    assert "lam_q:x [cost/(m)]" not in header  # positions are free
+    column = [row[header.index("lam_path:ceiling.z")] for row in rows]
+    assert column[0] == ""
+    assert np.array_equal([float(cell) for cell in column[1:]], solution.lam_path[:, 0])
+    assert not any("lam_" in name for name in read(pendulum().to_csv(tmp_path / "free.csv"))[0])
 
 
 def test_an_interrupted_csv_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

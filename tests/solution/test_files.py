@@ -14,10 +14,10 @@ from mbocp.exceptions import ResultFileError
 from mbocp.solution import IterationRecord, Solution, files
 from mbocp.solution.atomic import atomic_path
 
-from .fabricated import arm, humanoid, pendulum
+from .fabricated import arm, humanoid, limited, pendulum
 
 
-@pytest.mark.parametrize("make", [pendulum, arm, humanoid])
+@pytest.mark.parametrize("make", [pendulum, arm, humanoid, limited])
 def test_round_trip(make: Any, tmp_path: Path) -> None:
     saved = make()
     assert saved.save(tmp_path / "result.h5") == tmp_path / "result.h5"
@@ -46,13 +46,36 @@ def test_files_without_meanings_of_the_control_momenta_load(tmp_path: Path) -> N
     assert [quantity.name for quantity in old.conserved] == ["rotation about z"]
 
 
+def test_files_of_format_1_load_with_defaults(tmp_path: Path) -> None:
+    solution = pendulum()
+    solution.save(tmp_path / "result.h5")
+    new = ("scheme", "lie", "rotations", "substeps", "limit_violation", "manifold_drift")
+    with h5py.File(tmp_path / "result.h5", "r+") as file:
+        file.attrs["format_version"] = 1
+        for name in (*new, "manifold_drift_resimulated"):
+            del file["summary"].attrs[name]
+    old = Solution.load(tmp_path / "result.h5")
+    assert old == solution
+    assert (old.scheme, old.lie, old.substeps, old.rotations) == ("se1", "munthe_kaas", 1, "quaternion")
+    assert np.isinf(old.limits_v).all()
+    assert not old.lam_us.any()
+
+
+def test_what_says_nothing_is_not_in_the_file(tmp_path: Path) -> None:
+    pendulum().save(tmp_path / "free.h5")
+    limited().save(tmp_path / "limited.h5")
+    with h5py.File(tmp_path / "free.h5") as free, h5py.File(tmp_path / "limited.h5") as bounded:
+        added = set(bounded["trajectories"]) - set(free["trajectories"])
+    assert added == {"lam_us", "lam_vs", "lam_path", "limits_u", "limits_v", "manifold_drifts"}
+
+
 def test_every_dataset_describes_itself(tmp_path: Path) -> None:
-    pendulum().save(tmp_path / "result.h5")
+    limited().save(tmp_path / "result.h5")
     with h5py.File(tmp_path / "result.h5") as file:
         assert file["trajectories/lams"].attrs["symbol"] == "lambda"
         assert "multiplier" in file["trajectories/lams"].attrs["description"]
         assert file.attrs["format"] == "mbocp solution"
-        assert file.attrs["format_version"] == 1
+        assert file.attrs["format_version"] == 2
         assert file["summary"].attrs["status"] == "converged"
         for name, data in file["trajectories"].items():
             assert {"description", "symbol", "rows", "columns", "units"} <= set(data.attrs), name
@@ -172,6 +195,6 @@ def test_parts_that_are_missing_or_do_not_fit(tmp_path: Path) -> None:
 def test_a_newer_format_asks_for_an_upgrade(tmp_path: Path) -> None:
     pendulum().save(tmp_path / "result.h5")
     with h5py.File(tmp_path / "result.h5", "r+") as file:
-        file.attrs["format_version"] = 2
-    with pytest.raises(ResultFileError, match=r"has format 2, written by a newer mbocp; .* up to 1: upgrade"):
+        file.attrs["format_version"] = 3
+    with pytest.raises(ResultFileError, match=r"has format 3, written by a newer mbocp; .* up to 2: upgrade"):
         Solution.load(tmp_path / "result.h5")

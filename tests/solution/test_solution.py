@@ -11,7 +11,7 @@ import pytest
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.solution import Column, IterationRecord, Labels, Status
 
-from .fabricated import arm, pendulum
+from .fabricated import arm, limited, pendulum
 
 
 def test_arrays_are_copies_and_read_only() -> None:
@@ -37,11 +37,52 @@ def test_arrays_are_copies_and_read_only() -> None:
         ("t", (1,)),
         ("control_hamiltonians", (101,)),
         ("control_momenta", (101, 2)),
+        ("manifold_drifts", (100,)),
+        ("lam_us", (101, 3)),
+        ("lam_vs", (100, 3)),
+        ("lam_qs", (101, 2)),
+        ("lam_path", (100, 1)),
+        ("limits_u", (3, 3)),
+        ("limits_v", (2, 2)),
+        ("limits_q", (2, 7)),
     ],
 )
 def test_a_wrong_shape_is_refused_by_name(name: str, shape: tuple[int, ...]) -> None:
     with pytest.raises(DimensionMismatch, match=name):
         pendulum(**{name: np.zeros(shape)})
+
+
+def test_without_limits_nothing_is_active() -> None:
+    solution = arm()
+    assert solution.limits_u.shape == solution.limits_q.shape == (2, 7)
+    assert (solution.lam_us.shape, solution.lam_qs.shape) == ((100, 7), (101, 7))
+    assert np.isinf(solution.limits_v).all()
+    assert solution.lam_path.shape == (100, 0)
+    assert solution.active_limits == ()
+    assert np.isnan([solution.manifold_drift, solution.manifold_drift_resimulated]).all()
+    assert solution.limit_violation == 0.0
+
+
+def test_limits_that_the_motion_touches() -> None:
+    solution = limited()
+    found = {(a.kind, a.name, a.side): a for a in solution.active_limits}
+    assert ("velocity", "z", "upper") not in found  # as fast as it likes
+    upper = found["control", "force_x", "upper"]
+    assert (upper.bound, upper.unit, upper.total) == (25.0, "N", 20)
+    assert upper.count == np.count_nonzero(solution.us[:, 0] == 25.0)
+    assert found["path", "ceiling.z", "lower"].count == 3
+    assert not any(name == "clearance" for _, name, _ in found)
+
+
+def test_the_start_does_not_count_as_touching() -> None:
+    vs = np.zeros((21, 3))
+    vs[0] = 2.0
+    assert not [a for a in limited(vs=vs).active_limits if a.kind == "velocity"]
+
+
+def test_the_drift_is_the_largest_of_all() -> None:
+    assert limited().manifold_drift == 3e-9
+    assert limited(manifold_drift=1.0).manifold_drift == 1.0
 
 
 def test_labels_must_fit_their_trajectory() -> None:
@@ -158,3 +199,10 @@ def test_options_are_copied() -> None:
 )
 def test_scheme_is_that_of_the_problem(text: str, scheme: str) -> None:
     assert arm(problem_text=text).scheme == scheme
+
+
+def test_the_integrator_is_that_of_the_problem_unless_it_is_given() -> None:
+    text = 'robot = {name = "top", rotations = "dcm"}\n[integrator]\nscheme = "rk4"\nlie = "plain"\nsubsteps = 3\n'
+    made = arm(problem_text=text)
+    assert (made.scheme, made.lie, made.substeps, made.rotations) == ("rk4", "plain", 3, "dcm")
+    assert (limited().scheme, limited().substeps, limited().rotations) == ("rk4", 2, "dcm")

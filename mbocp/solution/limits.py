@@ -1,0 +1,77 @@
+"""Which limits a motion touches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.solution.records import Column
+
+if TYPE_CHECKING:
+    from mbocp.solution.solution import Solution
+
+__all__ = ["ActiveLimit", "active_limits"]
+
+_TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
+_PULLS = 1e-5  # part of the largest multiplier of a path constraint below which another counts as zero
+
+
+@dataclass(frozen=True)
+class ActiveLimit:
+    """A limit that the motion touches.
+
+    Attributes
+    ----------
+    kind : str
+        "control", "velocity", "position" or "path".
+    name : str
+        Of the control, joint or path constraint.
+    side : str
+        "lower" or "upper".
+    bound : float
+        NaN for path constraints.
+    unit : str
+    count, total : int
+        At how many of the nodes or steps.
+    """
+
+    kind: str
+    name: str
+    side: str
+    bound: float
+    unit: str
+    count: int
+    total: int
+
+
+def active_limits(solution: Solution) -> tuple[ActiveLimit, ...]:
+    """Limits of the problem that the motion touches, in the order control, velocity, position, path."""
+    labels = solution.labels
+    found: list[ActiveLimit] = []
+    for kind, columns, values, limits in (
+        ("control", labels.u, solution.us, solution.limits_u),
+        ("velocity", labels.v, solution.vs[1:], solution.limits_v),
+        ("position", labels.q, solution.qs[1:], solution.limits_q),
+    ):
+        found += _touched(kind, columns, values, limits)
+    pulls = _PULLS * np.abs(solution.lam_path).max(initial=0.0)
+    for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
+        for side, active in (("lower", multipliers < -pulls), ("upper", multipliers > pulls)):
+            if active.any():
+                count = int(np.count_nonzero(active))
+                found.append(ActiveLimit("path", name, side, np.nan, "", count, len(active)))
+    return tuple(found)
+
+
+def _touched(kind: str, columns: Sequence[Column], values: Array, limits: Array) -> Iterator[ActiveLimit]:
+    for i, column in enumerate(columns):
+        for side, bound, sign in (("lower", limits[0, i], -1.0), ("upper", limits[1, i], 1.0)):
+            if np.isfinite(bound):
+                margin = _TOUCHES * max(1.0, abs(bound))
+                count = int(np.count_nonzero(sign * (values[:, i] - bound) >= -margin))
+                if count:
+                    yield ActiveLimit(kind, column.name, side, float(bound), column.unit, count, len(values))

@@ -1,0 +1,113 @@
+"""A solution as the parts of a result file, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbocp.solution.files import FileContent
+from mbocp.solution.records import Column, IterationRecord, Labels, Phase
+
+if TYPE_CHECKING:
+    from mbocp.solution.solution import Solution
+
+__all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "content_of", "fields_of"]
+
+ARRAYS = (
+    "t",
+    "qs",
+    "vs",
+    "ps",
+    "us",
+    "lams",
+    "mus",
+    "zetas",
+    "eta",
+    "control_hamiltonians",
+    "control_momenta",
+)
+OPTIONAL = (  # left out of the file where they say nothing
+    "manifold_drifts",
+    "lam_us",
+    "lam_qs",
+    "lam_vs",
+    "lam_path",
+    "limits_u",
+    "limits_v",
+    "limits_q",
+)
+NUMBERS = (
+    "cost",
+    "residual",
+    "increment",
+    "constraint_violation",
+    "limit_violation",
+    "manifold_drift",
+    "manifold_drift_resimulated",
+    "wall_time_s",
+)
+COUNTS = ("iterations", "unknowns", "substeps")
+WORDS = ("advice", "solver", "problem_name", "robot_name", "guess_used", "scheme", "lie", "rotations")
+_STRUCTURES = ("phases", "history", "robot_spec", "options", "versions")
+_LABELLED = ("q", "v", "p", "u", "lam", "mu", "zeta")
+
+
+def content_of(solution: Solution) -> FileContent:
+    """What a result file of `solution` holds."""
+    summary = {name: getattr(solution, name) for name in (*WORDS, *COUNTS, *NUMBERS)}
+    summary["status"] = str(solution.status)
+    structures = {name: getattr(solution, name) for name in _STRUCTURES}
+    for name in ("phases", "history"):
+        structures[name] = [dataclasses.asdict(record) for record in structures[name]]
+    arrays = {name: getattr(solution, name) for name in ARRAYS}
+    arrays |= {name: getattr(solution, name) for name in OPTIONAL if _says_something(solution, name)}
+    return FileContent(
+        arrays=arrays,
+        columns=_columns(solution),
+        summary=summary,
+        structures=structures,
+        texts={"problem_text": solution.problem_text},
+        meanings={"control_momenta": solution.control_momentum_meanings},
+    )
+
+
+def fields_of(content: FileContent) -> dict[str, Any]:
+    """Fields of the solution that a result file holds; what it does not has its default."""
+    fields: dict[str, Any] = {**content.arrays, **content.summary, **content.structures, **content.texts}
+    fields["phases"] = tuple(Phase(**record) for record in fields["phases"])
+    fields["history"] = tuple(IterationRecord(**record) for record in fields["history"])
+    fields["labels"] = Labels(**{name: content.columns[f"{name}s"] for name in _LABELLED})
+    fields["control_momentum_names"] = tuple(c.name for c in content.columns["control_momenta"])
+    fields["control_momentum_meanings"] = content.meanings.get("control_momenta", ())
+    fields["path_names"] = tuple(c.name for c in content.columns.get("lam_path", ()))
+    return fields
+
+
+def _says_something(solution: Solution, name: str) -> bool:
+    """Whether an optional array differs from its default."""
+    value = getattr(solution, name)
+    if name.startswith(("limits", "manifold")):
+        return bool(np.isfinite(value).any())
+    return bool(value.size if name == "lam_path" else value.any())
+
+
+def _columns(solution: Solution) -> dict[str, tuple[Column, ...]]:
+    labels = solution.labels
+    return {
+        **{f"{name}s": getattr(labels, name) for name in _LABELLED},
+        "t": (Column("t", "s"),),
+        "eta": tuple(Column(str(i), "") for i in range(len(solution.eta))),
+        "control_hamiltonians": (Column("H", "cost/s"),),
+        "control_momenta": tuple(Column(name, "cost") for name in solution.control_momentum_names),
+        "manifold_drifts": (Column("drift", ""),),
+        **{f"lam_{name}s": dual_columns(getattr(labels, name)) for name in ("u", "q", "v")},
+        "lam_path": tuple(Column(name, "") for name in solution.path_names),
+        **{f"limits_{name}": getattr(labels, name) for name in ("u", "v", "q")},
+    }
+
+
+def dual_columns(columns: tuple[Column, ...]) -> tuple[Column, ...]:
+    """Columns of the multipliers of bounds on `columns`."""
+    return tuple(Column(c.name, f"cost/({c.unit})" if c.unit else "cost") for c in columns)
