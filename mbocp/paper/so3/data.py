@@ -1,4 +1,4 @@
-"""What the second paper prints, [Manara2017]_, and a choice with its reason for each number that it does not."""
+"""What the second paper prints, [Manara2017]_; for each number that it leaves out, a choice and why."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ NUM_STEPS = 100  # N, section 5.3
 GAMMA_QUATERNION = 2.0  # [1/s], of eq. (46), section 4.1
 GAMMA_DCM = 1.0  # [1/s], of eq. (47), section 4.1
 
-# Orientations of the pendulum, quaternions xyzw, figure 2. About which axis the hanging pendulum has been turned
-# upside down is not printed: here x. With the scalar first they are (0, 1, 0, 0) and (1, 0, 0, 0).
+# Orientations of the pendulum, quaternions xyzw, figure 2. About which axis the hanging pendulum has been
+# turned upside down is not printed: here x. With the scalar first they are (0, 1, 0, 0) and (1, 0, 0, 0).
 HANGING = (1.0, 0.0, 0.0, 0.0)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -134,12 +134,12 @@ class Choices:
     Attributes
     ----------
     k_1, k_2 : float
-        Weights of eq. (33) on the distance and on the potential energy. On a square of 2 m the distance costs
-        about 1, and the pendulum's energy varies by m_p g l = 2.5 J to both sides: the same order, as the paper
-        asks.
+        Weights of eq. (33) on the distance and on the potential energy. On a square of 2 m the distance
+        costs about 1, and the pendulum's energy varies by m_p g l = 2.5 J to both sides: the same order, as
+        the paper asks.
     k_3 : float
-        Weight of eq. (33) on the rates of the controls. One that crosses its range in half a second has a rate
-        of about 25 per second, and 1e-3 times its square is 0.6: again the same order.
+        Weight of eq. (33) on the rates of the controls. One that crosses its range in half a second has a
+        rate of about 25 per second, and 1e-3 times its square is 0.6: again the same order.
     c_x, c_y : float
         Weights of eq. (34) on the position [1/m^2]: metres as they are.
     c_theta : float
