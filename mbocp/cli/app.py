@@ -190,6 +190,55 @@ def paper(
 
 @app.command()
 @reporting
+def study(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.jsonl", help="Where the rows go.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes. [default: one a processor]")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help='Run on Dask: tcp://HOST:PORT, or "local" for a cluster here.'),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with FILE.jsonl, if it is there.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Begin FILE.jsonl anew.")] = False,
+    summary: Annotated[
+        Path | None,
+        typer.Option("--summary", metavar="FILE.jsonl", help="Run nothing, sum up what is there."),
+    ] = None,
+    by: Annotated[
+        list[str] | None,
+        typer.Option("--by", metavar="NAME", help="Sum up by this varied key or axis. Repeatable."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the summary as bars.")
+    ] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE.csv", help="Write all rows.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Solve many problems: a grid, a random sample or a list of changes to one.
+
+    Exit status: 0 all tasks have a row, converged or not, 2 bad input, 130 interrupted (--resume goes on).
+    """
+    from mbocp.cli.study import How, Shown, run, summarise
+    from mbocp.exceptions import StudyError
+
+    shown = Shown(by=tuple(by) if by else None, plot=plot, csv=csv, as_json=as_json, quiet=quiet)
+    if summary is not None and file is None:
+        summarise(summary, shown)
+    elif file is not None and summary is None:
+        run(file, output, How(workers, scheduler, resume, overwrite), shown)
+    else:
+        raise StudyError("give a study file to run or --summary FILE.jsonl to sum up, one of the two")
+
+
+@app.command()
+@reporting
 def doctor(as_json: Json = False) -> None:
     """Say what works on this machine, and what to do about what does not.
 

@@ -1,0 +1,247 @@
+"""`mbocp study`: run many problems, or sum up what came of them."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from rich.text import Text
+
+from mbocp.cli.console import output
+from mbocp.cli.report import INTERRUPTED
+from mbocp.cli.solve import IMAGES, check_output
+from mbocp.exceptions import ResultFileError, StudyError
+
+if TYPE_CHECKING:
+    from mbocp.study import Group, Spread, StudyResult, Summary
+
+__all__ = ["How", "Shown", "run", "summarise"]
+
+TABLES = (".jsonl", ".ndjson")
+CSV = (".csv",)
+
+_DECIMALS = 6  # beyond so many digits on either side of the point, powers of ten read better
+
+
+@dataclass(frozen=True)
+class How:
+    """How a study is run."""
+
+    workers: int | None = None
+    scheduler: str | None = None
+    resume: bool = False
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is made of the rows."""
+
+    by: tuple[str, ...] | None = None
+    plot: Path | None = None
+    csv: Path | None = None
+    as_json: bool = False
+    quiet: bool = False
+
+    def check(self) -> None:
+        """Refuse what could not be written, before any work is done."""
+        if self.plot is not None:
+            check_output(self.plot, "--plot", IMAGES)
+        if self.csv is not None:
+            check_output(self.csv, "--csv", CSV)
+
+
+def run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
+    """Run a study and sum it up; Ctrl-C ends with the command that goes on."""
+    if table is None:
+        raise StudyError("say with -o FILE.jsonl where the rows go")
+    check_output(table, "-o", TABLES)
+    shown.check()
+    from mbocp.study import Study, run_study
+
+    study = Study.load(file)
+    for name in shown.by or ():
+        if name not in study.names:
+            raise StudyError(f"--by {name}: is not varied; varied are {', '.join(study.names)}")
+    try:
+        with (
+            _executor(how) as (executor, workers),
+            _Bar(study.name, quiet=shown.quiet or shown.as_json) as bar,
+        ):
+            result = run_study(
+                study,
+                table,
+                executor=executor,
+                workers=workers,
+                resume=how.resume,
+                overwrite=how.overwrite,
+                progress=bar,
+            )
+    except KeyboardInterrupt:
+        _say_how_to_go_on(file, table, how)
+        raise typer.Exit(INTERRUPTED) from None
+    _show(result, table, shown)
+
+
+def summarise(table: Path, shown: Shown) -> None:
+    """Sum up the rows of a file, finished or not."""
+    shown.check()
+    from mbocp.study import StudyResult
+
+    _show(StudyResult.load(table), table, shown)
+
+
+@contextmanager
+def _executor(how: How) -> Iterator[tuple[Executor | None, int | None]]:
+    if how.scheduler is None:
+        yield None, how.workers
+        return
+    from mbocp.study.cluster import dask_executor
+
+    with dask_executor(how.scheduler, how.workers) as (executor, workers):
+        yield executor, workers
+
+
+class _Bar:
+    """Rows so far and the time that is left, on a terminal; nothing elsewhere."""
+
+    def __init__(self, title: str, *, quiet: bool) -> None:
+        console = Console(file=sys.stderr)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("left:"),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=quiet or not console.is_terminal,
+            speed_estimate_period=600.0,
+        )
+        self._title, self._task = title, self._progress.add_task(f"{title}: compiling", total=None)
+        self._begun = False
+
+    def __enter__(self) -> _Bar:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._begun:
+            self._progress.update(self._task, completed=done, description=self._title)
+        else:  # what was there before says nothing about the speed
+            self._progress.reset(self._task, total=total, completed=done)
+            self._begun = True
+
+
+def _say_how_to_go_on(file: Path, table: Path, how: How) -> None:
+    command = ["mbocp", "study", str(file), "-o", str(table), "--resume"]
+    command += ["--workers", str(how.workers)] if how.workers is not None else []
+    command += ["--scheduler", how.scheduler] if how.scheduler is not None else []
+    try:
+        from mbocp.study import StudyResult
+
+        result = StudyResult.load(table)
+        there = f"{len(result)} of {result.num_tasks} tasks are in {table}"
+    except ResultFileError:  # it was too early for that
+        there = "no task was done yet"
+    typer.echo(f"interrupted: {there}; go on with\n  {shlex.join(command)}", err=True)
+
+
+def _show(result: StudyResult, table: Path, shown: Shown) -> None:
+    """Print the summary and write what is asked for."""
+    summary = result.summary(shown.by)
+    written = []
+    if shown.csv is not None:
+        written.append(("csv", result.to_csv(shown.csv)))
+    if shown.plot is not None:
+        written.append(("plot", result.plot(shown.plot, shown.by)))
+    if shown.as_json:
+        facts: dict[str, Any] = {"name": result.name, "file": str(table), "tasks": result.num_tasks}
+        facts |= {"done": len(result), **summary.to_dict()}
+        typer.echo(json.dumps(facts, indent=2, allow_nan=False))
+    elif not shown.quiet:
+        _print(result, summary, [("rows", table), *written])
+
+
+def _print(result: StudyResult, summary: Summary, written: Sequence[tuple[str, Path]]) -> None:
+    console = output()
+    there = f"{len(result)} of {result.num_tasks} tasks" if not result.is_complete else f"{len(result)} tasks"
+    console.print(Text.assemble((result.name, "bold underline"), f"  {there}"))
+    console.print(_table(summary))
+    notes = "mean ± standard deviation over the successes; times of the solver alone"
+    if summary.goal_distance is not None:
+        notes += f"; a success ends within {summary.goal_distance:g} of the goal"
+    console.print(Text(notes, style="dim"))
+    for kind, path in written:
+        console.print(Text.assemble((f"{kind}  ", "bold"), str(path)), soft_wrap=True)
+
+
+def _table(summary: Summary) -> Table:
+    from mbocp.study.summary import word
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for name in summary.by:
+        table.add_column(Text(name), no_wrap=True)
+    for name in ("tasks", "success", "iterations", "time/task", "time/iteration", "cost"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("the others", overflow="fold")
+    for group in summary.groups:
+        table.add_row(*(Text(word(value)) for value in group.values), *_cells(group))
+    return table
+
+
+def _cells(group: Group) -> tuple[str, ...]:
+    return (
+        str(group.tasks),
+        f"{100 * group.success_rate:.1f} %",
+        _spread(group.iterations),
+        _time(group.seconds),
+        _time(group.seconds_per_iteration),
+        _spread(group.cost),
+        ", ".join(f"{status} {count}" for status, count in group.others.items()),
+    )
+
+
+def _time(seconds: Spread) -> str:
+    from mbocp.study import Spread
+
+    if seconds.mean >= 1.0:
+        return f"{_spread(seconds)} s"
+    scaled = _spread(Spread(1e3 * seconds.mean, 1e3 * seconds.deviation))
+    return scaled if scaled == "-" else f"{scaled} ms"
+
+
+def _spread(spread: Spread) -> str:
+    """Mean and deviation to the deviation's second digit."""
+    mean, deviation = spread.mean, spread.deviation
+    if math.isnan(mean):
+        return "-"
+    if math.isnan(deviation) or deviation == 0.0:
+        return f"{mean:.4g}" if math.isnan(deviation) else f"{mean:.4g} ± 0"
+    decimals = 1 - math.floor(math.log10(deviation))
+    if decimals > _DECIMALS or abs(mean) + deviation >= 10**_DECIMALS:
+        return f"{mean:.4g} ± {deviation:.2g}"
+    return f"{mean:.{max(decimals, 0)}f} ± {deviation:.{max(decimals, 0)}f}"

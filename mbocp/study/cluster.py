@@ -1,0 +1,49 @@
+"""Dask's clusters as executors, where one machine is not enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+
+from mbocp.exceptions import StudyError
+from mbocp.study.pools import available_workers
+
+__all__ = ["dask_executor"]
+
+
+@contextmanager
+def dask_executor(address: str, workers: int | None = None) -> Iterator[tuple[Executor, int]]:
+    """Give Dask's executor and its number of workers; "local" starts a cluster on this machine.
+
+    Raises
+    ------
+    StudyError
+        If `distributed` is not installed, or nobody answers at the address.
+    """
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise StudyError("--scheduler needs Dask: pip install 'mbocp[dask]'") from error
+    # A task that kills its worker is not given to three others.
+    settings = {"distributed.scheduler.allowed-failures": 0}
+    with dask.config.set(settings):
+        if address == "local":
+            with (
+                LocalCluster(
+                    n_workers=workers or available_workers(), threads_per_worker=1, dashboard_address=None
+                ) as cluster,
+                Client(cluster) as client,
+            ):
+                yield client.get_executor(), workers or available_workers()
+            return
+        try:
+            client = Client(address, timeout=10)
+        except (OSError, ValueError) as error:
+            raise StudyError(f"--scheduler {address}: nobody answers there ({error})") from error
+        with client:
+            threads = sum(client.nthreads().values())
+            if not threads:
+                raise StudyError(f"--scheduler {address}: the scheduler has no workers yet; start some")
+            yield client.get_executor(), workers or threads

@@ -1,0 +1,189 @@
+"""`StudyResult`: the rows of a study, as columns, as a summary, as a table for other programs."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbocp.exceptions import StudyError, suggest
+from mbocp.solution.atomic import atomic_path
+from mbocp.study.rows import FIELDS
+from mbocp.study.summary import Summary, summarise
+from mbocp.study.table import read_table
+
+__all__ = ["StudyResult"]
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """What came of a study so far.
+
+    Attributes
+    ----------
+    header : mapping
+        What the file says of the study: `name`, `tasks`, `varied`, `by`, `record`, `mbocp`, `digest`,
+        `tables`.
+    rows : tuple of mapping
+        One for each task that is done, in the order of the tasks: `index`, `values`, the columns of every
+        row, and `record`.
+    """
+
+    header: Mapping[str, Any]
+    rows: tuple[Mapping[str, Any], ...]
+
+    @classmethod
+    def load(cls, path: str | Path) -> StudyResult:
+        """Read a study's file, finished or not.
+
+        Raises
+        ------
+        ResultFileError
+            If there is no such file, it is no study's, or it is damaged.
+        """
+        header, rows = read_table(path)
+        return cls(header, tuple(rows))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __repr__(self) -> str:
+        return f"<StudyResult {self.name}: {len(self)} of {self.num_tasks} tasks>"
+
+    @property
+    def name(self) -> str:
+        """Name of the study."""
+        return str(self.header["name"])
+
+    @property
+    def num_tasks(self) -> int:
+        """Number of tasks of the study, done or not."""
+        return int(self.header["tasks"])
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every task has a row."""
+        return len(self) == self.num_tasks
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """Indices of the tasks without a row."""
+        done = {row["index"] for row in self.rows}
+        return tuple(index for index in range(self.num_tasks) if index not in done)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names that `column` takes: index, what was varied, the columns of every row, what was recorded."""
+        return ("index", *self.header["varied"], *FIELDS, *self.header["record"])
+
+    def column(self, name: str) -> NDArray[Any]:
+        """One column over all rows.
+
+        Numbers that are missing are NaN, words that are missing "". Lists of one shape become further axes;
+        what fits nowhere else has dtype object.
+
+        Raises
+        ------
+        StudyError
+            If there is no such column.
+        """
+        return _as_array(self._entries(name))
+
+    def summary(self, by: Sequence[str] | None = None, goal_distance: float | None = None) -> Summary:
+        """Success, iterations, time and cost for each group of tasks.
+
+        Parameters
+        ----------
+        by : sequence of str, optional
+            What was varied and tells the groups apart; an empty one takes all tasks together. Default: what
+            the study says, else axes, words and numbers that are no start, goal or guess.
+        goal_distance : float, optional
+            How far from the goal a success may end. Default: what the study says, else as far as it likes.
+
+        Raises
+        ------
+        StudyError
+            If something in `by` was not varied.
+        """
+        by = tuple(self.header["by"]) if by is None else tuple(by)
+        for name in by:
+            if name not in self.header["varied"]:
+                raise StudyError(f"{name!r} was not varied: {suggest(name, self.header['varied'])}")
+        reach = self.header.get("goal_distance") if goal_distance is None else goal_distance
+        return summarise(self.rows, by, reach)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write all rows as a table; a list becomes columns ``name[0]``, ``name[1]``, a longer nest JSON.
+
+        Raises
+        ------
+        ResultFileError
+            If the file cannot be written.
+        """
+        names, columns = [], []
+        for name in self.columns:
+            entries = self._entries(name)
+            width = max((len(e) for e in entries if _is_flat(e)), default=0)
+            if width and all(e is None or _is_flat(e) for e in entries):
+                names += [f"{name}[{i}]" for i in range(width)]
+                columns += [[e[i] if e and i < len(e) else None for e in entries] for i in range(width)]
+            else:
+                names.append(name)
+                columns.append([json.dumps(e) if isinstance(e, (list, dict)) else e for e in entries])
+        with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(names)
+            writer.writerows(zip(*columns, strict=True))
+        return Path(path)
+
+    def plot(self, path: str | Path, by: Sequence[str] | None = None) -> Path:
+        """Draw the summary as bars: PNG, PDF or SVG by the suffix."""
+        from mbocp.study.plot import plot_summary  # Matplotlib takes its time to load
+
+        return plot_summary(self.summary(by), path, title=self.name)
+
+    def _entries(self, name: str) -> list[Any]:
+        if name == "index" or name in FIELDS:
+            return [row[name] for row in self.rows]
+        if name in self.header["varied"]:
+            return [row["values"].get(name) for row in self.rows]
+        if name in self.header["record"]:
+            return [row.get("record", {}).get(name) for row in self.rows]
+        raise StudyError(f"there is no column {name!r}: {suggest(name, self.columns)}")
+
+
+def _is_flat(entry: Any) -> bool:
+    return isinstance(entry, list) and not any(isinstance(part, (list, dict)) for part in entry)
+
+
+def _as_array(entries: list[Any]) -> NDArray[Any]:
+    present = [entry for entry in entries if entry is not None]
+    if present and all(isinstance(entry, bool) for entry in entries):
+        return np.array(entries, dtype=np.bool_)
+    if all(isinstance(entry, str) for entry in present) and present:
+        return np.array(["" if entry is None else entry for entry in entries])
+    if all(isinstance(entry, int) and not isinstance(entry, bool) for entry in entries) and present:
+        return np.array(entries, dtype=np.int64)
+    try:
+        shapes = {np.array(_with_nan(entry), dtype=np.float64).shape for entry in present}
+    except (TypeError, ValueError):  # words, tables or ragged lists
+        shapes = set()
+    if len(shapes) == 1 or not present:
+        shape = shapes.pop() if shapes else ()
+        filled = [np.full(shape, np.nan) if entry is None else _with_nan(entry) for entry in entries]
+        return np.array(filled, dtype=np.float64)
+    array = np.empty(len(entries), dtype=np.object_)
+    array[:] = entries
+    return array
+
+
+def _with_nan(entry: Any) -> Any:
+    if isinstance(entry, list):
+        return [_with_nan(part) for part in entry]
+    return np.nan if entry is None else entry
