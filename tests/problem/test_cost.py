@@ -1,5 +1,6 @@
 """Weights and targets."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from mbocp.exceptions import MbocpError, ProblemFileError
-from mbocp.problem import Problem
+from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot
 
 Loader = Callable[..., Problem]
@@ -148,3 +149,73 @@ def test_target_file_that_ends_early(load: Loader, ur5: Robot, arm_file: Path) -
 def test_missing_target_file(load: Loader) -> None:
     with pytest.raises(ProblemFileError, match=r"cost\.target_file: no such file"):
         load("cost.target_file='gone.h5'")
+
+
+def test_weights_of_the_controls(load: Loader) -> None:
+    for key in ("effort", "control_rate"):
+        for written, expected in (
+            ("2", [2] * 6),
+            ("[1,2,3,4,5,6]", [1, 2, 3, 4, 5, 6]),
+            ("{elbow_joint=3}", [0, 0, 3, 0, 0, 0]),
+        ):
+            problem = load(
+                f"cost.{key}={written}", f"cost.{'control_rate' if key == 'effort' else 'effort'}=1"
+            )
+            np.testing.assert_array_equal(getattr(problem.cost, key), expected)
+            again = parse_problem(problem_to_toml(problem))
+            np.testing.assert_array_equal(getattr(again.cost, key), expected)
+
+
+def test_potential_of_any_sign(load: Loader) -> None:
+    for value in (-2.0, 0.5):
+        problem = load(f"cost.potential={value}")
+        assert parse_problem(problem_to_toml(problem)).cost.potential == problem.cost.potential == value
+
+
+@pytest.mark.parametrize(
+    ("setting", "key", "reason"),
+    [
+        ("cost.control_rate=-1", "cost.control_rate", r"got -1\.0, expected a weight >= 0"),
+        (
+            "cost.control_rate=[1]",
+            "cost.control_rate",
+            r"got shape \(1,\), expected \(6,\); actuators: shoulder",
+        ),
+        (
+            "cost.control_rate={elbow=1}",
+            "cost.control_rate",
+            "no actuator 'elbow': did you mean 'elbow_joint'",
+        ),
+        ("cost.effort=[1,2,3,4,5,-6]", r"cost.effort[5]", r"got -6\.0, expected a weight >= 0"),
+        ("cost.effort='much'", "cost.effort", "got 'much', expected a number"),
+        ("cost.potential=nan", "cost.potential", "got nan, expected a finite number"),
+        (
+            "cost.effort={elbow_joint=1}",
+            "cost.effort",
+            r"got 0\.0 for shoulder_pan_joint, shoulder_lift_joint, .*, expected a positive number",
+        ),
+    ],
+)
+def test_wrong_weights_of_the_controls(load: Loader, setting: str, key: str, reason: str) -> None:
+    with pytest.raises(ProblemFileError, match=reason) as caught:
+        load(setting)
+    assert caught.value.key == key
+
+
+def test_a_control_without_effort_needs_a_rate_or_limits(load: Loader) -> None:
+    with pytest.raises(ProblemFileError, match=r"cost\.effort: got 0\.0, expected .* or \[limits\]"):
+        load("cost.effort=0")
+    load("cost.effort=0", "cost.control_rate=1e-3")
+    load("cost.effort=0", "limits.effort=true")
+    load("cost.effort={elbow_joint=1}", "cost.control_rate=[1,1,0,1,1,0]", "limits.effort={wrist_3_joint=3}")
+    with pytest.raises(ProblemFileError, match=r"cost\.effort: got 0\.0 for wrist_3_joint, expected"):
+        load("cost.effort={elbow_joint=1}", "cost.control_rate=[1,1,0,1,1,0]")
+
+
+def test_weights_of_the_controls_in_python(load: Loader) -> None:
+    problem = load()
+    wrong = dataclasses.replace(problem.cost, effort=np.ones(2))
+    with pytest.raises(MbocpError, match=r"cost\.effort: got shape \(2,\), expected \(6,\)"):
+        problem.with_(cost=wrong)
+    one = dataclasses.replace(problem.cost, control_rate=np.array(2.0))
+    np.testing.assert_array_equal(problem.with_(cost=one).cost.control_rate, np.full(6, 2.0))

@@ -202,7 +202,7 @@ def test_scheme_is_that_of_the_problem(text: str, scheme: str) -> None:
 
 
 def test_the_integrator_is_that_of_the_problem_unless_it_is_given() -> None:
-    text = 'robot = {name = "top", rotations = "dcm"}\n[integrator]\nscheme = "rk4"\nlie = "plain"\nsubsteps = 3\n'
+    text = '[robot]\nrotations = "dcm"\n[integrator]\nscheme = "rk4"\nlie = "plain"\nsubsteps = 3\n'
     made = arm(problem_text=text)
     assert (made.scheme, made.lie, made.substeps, made.rotations) == ("rk4", "plain", 3, "dcm")
     assert (limited().scheme, limited().substeps, limited().rotations) == ("rk4", 2, "dcm")
