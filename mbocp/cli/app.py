@@ -61,8 +61,8 @@ def solve(
         typer.Option(
             "--solver",
             metavar="NAME",
-            help="auto, monolithic, fbsm_newton, fbsm_bb, fbsm_bb+monolithic or fbsm_bb+fbsm_newton; "
-            "short for --set solver.method=NAME.",
+            help="auto, monolithic, fbsm_newton, fbsm_bb, fbsm_bb+monolithic, fbsm_bb+fbsm_newton, ipopt "
+            "or fatrop; short for --set solver.method=NAME.",
         ),
     ] = None,
     output: Annotated[

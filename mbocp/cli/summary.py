@@ -12,14 +12,17 @@ from rich.table import Table
 from rich.text import Text
 
 from mbocp.cli.console import output
+from mbocp.integrators import EXPLICIT_SCHEMES
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
-    from mbocp.solution import Solution
+    from mbocp.solution import ActiveLimit, Solution
 
 __all__ = ["goal_error", "print_summary", "solution_rows"]
 
 _Rows = list[tuple[str, str | Text]]
+
+_MOST_LIMITS = 8  # more lines than that nobody reads
 
 
 def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[str, Path]] = ()) -> None:
@@ -63,6 +66,8 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
         ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
         ("constraints", _violation(solution)),
+        *_limits(solution),
+        *_drift(solution),
         ("conserved", _conserved(solution)),
         *_hamiltonian(solution),
     ]
@@ -91,7 +96,14 @@ def goal_error(solution: Solution, problem: Problem) -> str:
 
 
 def _scheme(solution: Solution) -> str:
-    return f" by scheme {solution.scheme}" if solution.scheme else ""
+    if not solution.scheme:
+        return ""
+    if solution.scheme not in EXPLICIT_SCHEMES:
+        return f" by scheme {solution.scheme}"
+    within = f", {solution.substeps} steps in each" if solution.substeps > 1 else ""
+    turning = any(column.unit == "" for column in solution.labels.q)  # quaternions, cosines, sines
+    how = f"; rotations: {solution.rotations}, {solution.lie}" if turning else ""
+    return f" by scheme {solution.scheme}{within}{how}"
 
 
 def _robot_words(problem: Problem) -> str:
@@ -105,6 +117,36 @@ def _violation(solution: Solution) -> str:
         return "none"
     names = ", ".join(column.name for column in solution.labels.lam)
     return f"violated by {solution.constraint_violation:.2e} at most ({names})"
+
+
+def _limits(solution: Solution) -> _Rows:
+    """Which limits the motion touches, and by how much it leaves them; nothing where there are none."""
+    bounds = (solution.limits_u, solution.limits_v, solution.limits_q)
+    if not any(np.isfinite(bound).any() for bound in bounds) and not solution.path_names:
+        return []
+    active = [_touches(limit) for limit in solution.active_limits]
+    listed = "\n".join(active[:_MOST_LIMITS]) or "none is active"
+    if len(active) > _MOST_LIMITS:
+        listed += f"\nand {len(active) - _MOST_LIMITS} more"
+    return [("limits", f"{listed}\nviolated by {solution.limit_violation:.2e} at most")]
+
+
+def _touches(limit: ActiveLimit) -> str:
+    where = f"{limit.kind} {limit.name}"
+    times = f"in {limit.count} of {limit.total} {'steps' if limit.kind == 'control' else 'nodes'}"
+    if limit.kind == "path":
+        return f"{where} at its {limit.side} bound {times}"
+    return f"{where} at its {limit.side} limit {limit.bound:.6g} {limit.unit} {times}"
+
+
+def _drift(solution: Solution) -> _Rows:
+    """How well rotations stay rotations, where anybody has looked."""
+    if math.isnan(solution.manifold_drift):
+        return []
+    words = f"{solution.manifold_drift:.2e} at most"
+    if not math.isnan(solution.manifold_drift_resimulated):
+        words += f"; {solution.manifold_drift_resimulated:.2e} when simulated with the controls"
+    return [("drift of rotations", words)]
 
 
 def _conserved(solution: Solution) -> str | Text:

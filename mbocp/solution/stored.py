@@ -13,7 +13,7 @@ from mbocp.solution.records import Column, IterationRecord, Labels, Phase
 if TYPE_CHECKING:
     from mbocp.solution.solution import Solution
 
-__all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "content_of", "fields_of"]
+__all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "content_of", "dual_columns", "fields_of"]
 
 ARRAYS = (
     "t",

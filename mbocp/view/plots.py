@@ -54,12 +54,12 @@ def plot_states(solution: Solution, *, rate: str = "v") -> Figure:
 
 
 def plot_controls(solution: Solution, robot: Robot | None = None) -> Figure:
-    """Controls over time, with the effort limits of `robot` dashed where the motion comes near them."""
+    """Controls over time; limits of the problem, or else of `robot`, are dashed where the motion is near."""
     return _stack(solution, panels.control_panels(solution, _effort(robot)))
 
 
 def plot_multipliers(solution: Solution) -> Figure:
-    """Adjoints mu and zeta and constraint multipliers lambda over time."""
+    """Adjoints mu and zeta, multipliers lambda of constraints and of active limits over time."""
     return _stack(solution, panels.multiplier_panels(solution))
 
 

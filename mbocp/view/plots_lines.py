@@ -24,6 +24,7 @@ from mbocp.view.plots_style import (
 __all__ = ["FEW", "LinePanel", "line_panels"]
 
 FEW = 4  # curves whose names fit over a panel
+_ROUND_OFF = 1e-6  # relative, by which a solver may miss a limit that it keeps
 _MOST_STEPS = 60  # beyond, steps are too short to be seen, and dashes too long
 
 
@@ -41,8 +42,8 @@ class LinePanel:
     values : ndarray, shape (m, len(names))
     step : bool
         Whether the values are constant between the times; then `t` has one entry more.
-    limits : ndarray, shape (len(names),), or None
-        Largest absolute values, infinite where there is none; dashed.
+    limits : ndarray, shape (2, len(names)), or None
+        Lower and upper limits, infinite where there are none; dashed.
     """
 
     title: str
@@ -77,26 +78,27 @@ class LinePanel:
         """Draw limits dashed where the motion comes near them; else say where they are."""
         if self.limits is None or not np.isfinite(self.limits).any():
             return
-        largest = np.max(np.abs(np.nan_to_num(self.values)), axis=0, initial=0.0)
+        values = np.nan_to_num(self.values, posinf=0.0, neginf=0.0)
         # Limits far away would squash the curves, and many are no help: then just a note.
-        near = self.limits <= 2 * largest
+        near = np.abs(self.limits) <= 2 * np.max(np.abs(values), axis=0, initial=0.0)
         far = np.isfinite(self.limits) & ~near
-        distinct = np.unique(self.limits[near])
         words = []
-        if len(distinct) > FEW:
+        if len(np.unique(np.abs(self.limits[near]))) > FEW:
             near, far = np.zeros_like(near), near | far
-        elif len(distinct):
+        elif near.any():
             words.append("limits dashed")
         for limit in np.unique(self.limits[near]):
-            owners = np.flatnonzero(near & (self.limits == limit))
+            owners = np.flatnonzero((near & (self.limits == limit)).any(axis=0))
             color = styles[owners[0]].color if len(owners) == 1 else GREY
-            for side in (-limit, limit):
-                axes.axhline(side, color=color, linestyle=(0, (6, 3)), linewidth=0.9, alpha=0.8)
-        beyond = int(np.count_nonzero(largest > self.limits))
-        if beyond:
-            words.append(f"{beyond} beyond their limit")
+            axes.axhline(limit, color=color, linestyle=(0, (6, 3)), linewidth=0.9, alpha=0.8)
+        slack = _ROUND_OFF * np.maximum(1.0, np.abs(self.limits))  # infinite where nothing is limited
+        outside = (values < self.limits[0] - slack[0]) | (values > self.limits[1] + slack[1])
+        if outside.any():
+            words.append(f"{np.count_nonzero(outside.any(axis=0))} beyond their limit")
         if far.any():
-            words.append(f"limits from ±{self.limits[far].min():.3g} not shown")
+            nearest = np.abs(self.limits[far]).min()
+            sign = "±" if (self.limits[0] == -self.limits[1]).all() else ""
+            words.append(f"limits from {sign}{nearest:.3g} not shown")
         axes.set_title("; ".join(words), loc="right", fontsize=6.5, color=GREY, fontweight="normal", pad=3)
 
 
@@ -125,7 +127,7 @@ def line_panels(
     step: bool = False,
     limits: Array | None = None,
 ) -> list[LinePanel]:
-    """Distribute columns over panels by unit; `limits` are largest absolute values."""
+    """Distribute columns over panels by unit; `limits` has the shape (2, columns)."""
     panels = []
     for members in _groups(columns):
         unit = columns[members[0]].unit
@@ -138,7 +140,7 @@ def line_panels(
                 t=t,
                 values=values[:, members],
                 step=step,
-                limits=None if limits is None else limits[members],
+                limits=None if limits is None else limits[:, members],
             )
         )
     return panels

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
 from mbocp.solution import Column, Solution
+from mbocp.solution.stored import dual_columns
 from mbocp.view.plots_lines import LinePanel, line_panels
 from mbocp.view.plots_style import (
     GREY,
@@ -51,7 +52,11 @@ class Panel:
 def state_panels(solution: Solution) -> list[LinePanel]:
     """Return the configuration, a panel for each unit."""
     columns, values = _with_angles(solution.labels.q, solution.qs)
-    return line_panels("Configuration", "$q$", columns, solution.t, values)
+    places = {column.name: i for i, column in enumerate(solution.labels.q)}
+    free = np.array([-np.inf, np.inf])  # what became an angle has no limits
+    limits = [solution.limits_q[:, places[c.name]] if c.name in places else free for c in columns]
+    shown = np.column_stack(limits) if limits else None
+    return line_panels("Configuration", "$q$", columns, solution.t, values, limits=shown)
 
 
 def _with_angles(columns: Sequence[Column], values: Array) -> tuple[list[Column], Array]:
@@ -74,17 +79,20 @@ def rate_panels(solution: Solution, rate: str) -> list[LinePanel]:
     """Return velocity ("v") or momentum ("p"), a panel for each unit."""
     if rate == "p":
         return line_panels("Momentum", "$p$", solution.labels.p, solution.t, solution.ps)
-    return line_panels("Velocity", "$v$", solution.labels.v, solution.t, solution.vs)
+    labels, limits = solution.labels.v, solution.limits_v
+    return line_panels("Velocity", "$v$", labels, solution.t, solution.vs, limits=limits)
 
 
-def control_panels(solution: Solution, limit: Array | None) -> list[LinePanel]:
-    """Return the controls, a panel for each unit; `limit` is the largest effort (nu,)."""
-    labels = solution.labels.u
-    return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limit)
+def control_panels(solution: Solution, effort: Array | None) -> list[LinePanel]:
+    """Return the controls, a panel for each unit, with the problem's limits or else the robot's `effort`."""
+    labels, limits = solution.labels.u, solution.limits_u
+    if effort is not None and not np.isfinite(limits).any():
+        limits = np.array([-effort, effort])
+    return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limits)
 
 
 def multiplier_panels(solution: Solution) -> list[LinePanel]:
-    """Return the adjoint mu of q and of p, lambda and zeta, one panel each."""
+    """Return the adjoint mu of q and of p, lambda and zeta, and what active limits pull, one panel each."""
     labels, nv, t = solution.labels, solution.nv, solution.t
     blocks = [
         ("Adjoint of the configuration", r"$\mu^q$", labels.mu[:nv], solution.mus[:, :nv], False),
@@ -92,11 +100,30 @@ def multiplier_panels(solution: Solution) -> list[LinePanel]:
         ("Constraint multiplier", r"$\lambda$", labels.lam, solution.lams, True),
         ("Adjoint of the constraint", r"$\zeta$", labels.zeta, solution.zetas, True),
     ]
-    return [
+    found = [
         panel
         for title, symbol, columns, values, step in blocks
         if values.shape[1]
         for panel in line_panels(title, symbol, columns, t, values, step=step)
+    ]
+    return found + _limit_panels(solution)
+
+
+def _limit_panels(solution: Solution) -> list[LinePanel]:
+    """Return the multipliers of limits and path constraints that are active."""
+    labels, t = solution.labels, solution.t
+    names = tuple(Column(name, "") for name in solution.path_names)
+    blocks = [
+        ("Multiplier of the limits of u", r"$\lambda^u$", dual_columns(labels.u), t, solution.lam_us, True),
+        ("Multiplier of the limits of v", r"$\lambda^v$", dual_columns(labels.v), t, solution.lam_vs, False),
+        ("Multiplier of the limits of q", r"$\lambda^q$", dual_columns(labels.q), t, solution.lam_qs, False),
+        ("Multiplier of the path", r"$\lambda^h$", names, t[1:], solution.lam_path, False),
+    ]
+    return [
+        panel
+        for title, symbol, columns, times, values, step in blocks
+        if values.any()
+        for panel in line_panels(title, symbol, columns, times, values, step=step)
     ]
 
 

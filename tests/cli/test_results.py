@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mbocp.view.replay
+from tests.solution.fabricated import humanoid, limited
 
 from .conftest import Run
 
@@ -17,6 +20,43 @@ def test_info(result: Path, run: Run) -> None:
     assert done.exit_code == 0
     for words in ("arm", "ur5", "converged: all is well", "12.5", "mbocp 0.1.0"):
         assert words in done.stdout
+    assert "limits" not in done.stdout
+    assert "drift of rotations" not in done.stdout
+
+
+def test_info_of_a_result_with_limits(folder: Path, run: Run) -> None:
+    limited().save(folder / "limited.h5")
+    words = " ".join(run("info", "limited.h5").stdout.split())
+    assert "by scheme rk4, 2 steps in each guess" in words  # a particle does not turn
+    assert re.search(r"limits control force_x at its upper limit 25 N in \d+ of 20 steps", words)
+    assert "path ceiling.z at its lower bound in 3 of 20 nodes" in words
+    assert "violated by 1.00e-09 at most" in words
+    assert "drift of rotations 3.00e-09 at most; 1.00e-15 when simulated with the controls" in words
+    facts = json.loads(run("info", "limited.h5", "--json").stdout)
+    assert (facts["manifold_drift"], facts["manifold_drift_resimulated"]) == (3e-9, 1e-15)
+    assert facts["limit_violation"] == 1e-9
+
+
+def test_info_says_how_rotations_are_kept(folder: Path, run: Run) -> None:
+    humanoid(scheme="rk4", lie="baumgarte", rotations="dcm").save(folder / "dcm.h5")
+    words = " ".join(run("info", "dcm.h5").stdout.split())
+    assert "by scheme rk4; rotations: dcm, baumgarte" in words
+
+
+def test_info_of_a_result_whose_limits_are_far(folder: Path, run: Run) -> None:
+    nothing = {"us": np.zeros((20, 3)), "vs": np.zeros((21, 3)), "lam_path": np.zeros((20, 2))}
+    limited(**nothing, manifold_drifts=np.zeros(0)).save(folder / "free.h5")
+    words = " ".join(run("info", "free.h5").stdout.split())
+    assert "limits none is active violated by 1.00e-09 at most" in words
+    assert "drift of rotations" not in words
+
+
+def test_no_more_limits_than_one_reads(folder: Path, run: Run) -> None:
+    names = tuple(f"wall {i}" for i in range(12))
+    limited(lam_path=np.ones((20, 12)), path_names=names).save(folder / "many.h5")
+    words = run("info", "many.h5").stdout
+    assert "more" in words
+    assert "wall 11" not in words
 
 
 def test_info_json_is_that_of_solve(result: Path, run: Run) -> None:

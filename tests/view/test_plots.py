@@ -31,7 +31,7 @@ from mbocp.view.plots import (
 )
 from mbocp.view.plots_style import PALETTE, line_style, shorten
 from tests.mechanics.models import cart_pendulum, spherical_pendulum
-from tests.solution.fabricated import arm, fabricate, humanoid, pendulum
+from tests.solution.fabricated import arm, fabricate, humanoid, limited, pendulum
 
 
 def titles(figure: Figure) -> list[str]:
@@ -40,6 +40,11 @@ def titles(figure: Figure) -> list[str]:
 
 def panel(figure: Figure, title: str) -> Axes:
     return next(axes for axes in figure.axes if axes.get_title(loc="left").startswith(title))
+
+
+def levels(axes: Axes) -> set[float]:
+    """Heights of the horizontal lines."""
+    return {line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2}
 
 
 def legend(axes: Axes | Figure) -> list[str]:
@@ -62,7 +67,7 @@ def hanging(robot: Robot, *frames: str) -> Robot:
     return dataclasses.replace(robot, trace_frames=frames)
 
 
-@pytest.mark.parametrize("make", [pendulum, arm, humanoid])
+@pytest.mark.parametrize("make", [pendulum, arm, humanoid, limited])
 @pytest.mark.parametrize(
     "plot", [plot_states, plot_controls, plot_multipliers, plot_convergence, plot_invariants, overview]
 )
@@ -120,12 +125,44 @@ def test_limits_are_dashed_where_the_motion_comes_near() -> None:
     us = np.tile([30.0, 30.0, 30.0, 20.0, 20.0, 40.0], (20, 1))
     solution = motion(robot, robot.q0 + 0.5, us=us)
     axes = plot_controls(solution, robot).axes[0]
-    levels = {line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2}
-    assert levels == {-28.0, 28.0}
+    assert levels(axes) == {-28.0, 28.0}
     assert axes.get_title(loc="right") == "limits dashed; 1 beyond their limit; limits from ±150 not shown"
     weak = dataclasses.replace(solution, us=0.01 * solution.us)
     assert plot_controls(weak, robot).axes[0].get_title(loc="right") == "limits from ±28 not shown"
     assert plot_controls(weak).axes[0].get_title(loc="right") == ""
+
+
+def test_limits_of_the_problem_are_dashed() -> None:
+    solution = limited()
+    states, controls = plot_states(solution), plot_controls(solution, load_robot("ur5"))
+    assert levels(panel(states, "Configuration")) == set()
+    assert levels(panel(states, "Velocity")) == {-2.0, 2.0}
+    assert panel(states, "Velocity").get_title(loc="right") == "limits dashed"
+    assert levels(panel(controls, "Control")) == {-20.0, 25.0}  # and not those of some robot
+    beyond = dataclasses.replace(solution, us=1.01 * solution.us, lam_us=0 * solution.us)
+    title = plot_controls(beyond).axes[0].get_title(loc="right")
+    assert title == "limits dashed; 3 beyond their limit"
+    far = dataclasses.replace(solution, limits_u=1000 * solution.limits_u)
+    assert plot_controls(far).axes[0].get_title(loc="right") == "limits from 2e+04 not shown"
+
+
+def test_limits_of_a_configuration_with_an_angle() -> None:
+    columns = [Column("base.cos", ""), Column("base.sin", ""), Column("elbow", "rad")]
+    rates = [Column("base", "rad/s"), Column("elbow", "rad/s")]
+    limits = np.array([[-np.inf, -np.inf, -1.0], [np.inf, np.inf, 0.9]])
+    figure = plot_states(fabricate(columns, rates, [Column("base", "N m")], limits_q=limits))
+    assert levels(panel(figure, "Configuration")) == {-1.0, 0.9}
+
+
+def test_multipliers_of_active_limits() -> None:
+    figure = plot_multipliers(limited())
+    assert [title for title in titles(figure) if "limits" in title or "path" in title] == [
+        "Multiplier of the limits of u, force",
+        "Multiplier of the limits of v",
+        "Multiplier of the path",
+    ]
+    assert panel(figure, "Multiplier of the limits of u").get_ylabel() == r"$\lambda^u$ [cost/(N)]"
+    overview(limited()).canvas.draw()
 
 
 def test_multipliers_of_a_constrained_system() -> None:
