@@ -11,6 +11,8 @@ from mbocp.study.pools import available_workers
 
 __all__ = ["dask_executor"]
 
+_PATIENCE = 10.0  # [s] for a scheduler to answer
+
 
 @contextmanager
 def dask_executor(address: str, workers: int | None = None) -> Iterator[tuple[Executor, int]]:
@@ -39,7 +41,7 @@ def dask_executor(address: str, workers: int | None = None) -> Iterator[tuple[Ex
                 yield client.get_executor(), workers or available_workers()
             return
         try:
-            client = Client(address, timeout=10)
+            client = Client(address, timeout=_PATIENCE)
         except (OSError, ValueError) as error:
             raise StudyError(f"--scheduler {address}: nobody answers there ({error})") from error
         with client:

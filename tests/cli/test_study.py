@@ -1,0 +1,130 @@
+"""`mbocp study`: exit status, what goes where, and bad input."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mbocp.study import StudyResult
+
+from .conftest import Run
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+STUDY = """
+problem = "pendulum.toml"
+
+[fixed]
+"horizon.steps" = 10
+
+[[axis]]
+name = "scheme"
+values = [
+    { label = "SE1", "integrator.scheme" = "se1" },
+    { label = "SE2", "integrator.scheme" = "se2" },
+]
+
+[grid]
+"cost.effort" = [0.5, 1.0]
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(EXAMPLES / "paper/rigid_pendulum.toml", tmp_path / "pendulum.toml")
+    (tmp_path / "study.toml").write_text(STUDY)
+    return tmp_path
+
+
+def test_the_example_runs(tmp_path: Path, run: Run) -> None:
+    rows = tmp_path / "rows.jsonl"
+    done = run("study", str(EXAMPLES / "studies/pendulum_goals.toml"), "-o", str(rows), "--json")
+    assert done.exit_code == 0
+    facts = json.loads(done.stdout)
+    assert (facts["tasks"], facts["done"], facts["by"]) == (45, 45, ["scheme"])
+    assert [group["values"] for group in facts["groups"]] == [["SE1"], ["SE2"], ["midpoint"]]
+    result = StudyResult.load(rows)
+    assert set(result.column("status")) == {"converged"}
+    assert result.column("q_final").shape == (45, 3)
+    # Some end on the other side of the sphere, where the projected end condition holds, too.
+    off = result.column("goal_distance") > 1e-6
+    assert sum(group["others"].get("off the goal", 0) for group in facts["groups"]) == off.sum()
+    assert off.sum() < 15
+
+
+def test_rows_summary_and_pictures(study: Path, run: Run) -> None:
+    done = run("study", "study.toml", "-o", "rows.jsonl", "--plot", "bars.png", "--csv", "rows.csv")
+    assert done.exit_code == 0, done.stderr
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert lines[0].split() == ["study", "4", "tasks"]
+    assert lines[1].split()[:4] == ["scheme", "cost.effort", "tasks", "success"]
+    assert lines[2].split()[:5] == ["SE1", "0.5", "1", "100.0", "%"]
+    for name in ("rows.jsonl", "bars.png", "rows.csv"):
+        assert name in done.stdout
+        assert (study / name).stat().st_size > 300
+
+    again = run("study", "--summary", "rows.jsonl", "--by", "scheme")
+    assert again.exit_code == 0
+    lines = again.stdout.splitlines()
+    assert lines[2].split()[:4] == ["SE1", "2", "100.0", "%"]
+    assert "±" in lines[2]
+    (study / "bars.png").unlink()
+    quiet = run("study", "--summary", "rows.jsonl", "--plot", "bars.png", "-q")
+    assert (quiet.stdout, quiet.stderr) == ("", "")
+    assert (study / "bars.png").exists()
+
+
+def test_a_file_that_is_not_finished(study: Path, run: Run) -> None:
+    assert run("study", "study.toml", "-o", "rows.jsonl", "-q").exit_code == 0
+    lines = (study / "rows.jsonl").read_text().splitlines(keepends=True)
+    (study / "rows.jsonl").write_text("".join(lines[:3]) + lines[3][:50])
+    assert "2 of 4 tasks" in run("study", "--summary", "rows.jsonl").stdout
+    resumed = run("study", "study.toml", "-o", "rows.jsonl", "--resume", "--json")
+    assert json.loads(resumed.stdout)["done"] == 4
+    assert (study / "rows.jsonl").read_text().startswith("".join(lines[:3]))
+
+
+def test_dask_by_its_option(study: Path, run: Run) -> None:
+    pytest.importorskip("distributed", reason="Dask's `distributed` is not installed")
+    done = run("study", "study.toml", "-o", "rows.jsonl", "--scheduler", "local", "--workers", "1", "--json")
+    assert done.exit_code == 0, done.stderr
+    assert json.loads(done.stdout)["done"] == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ([], "give a study file to run or --summary FILE.jsonl to sum up, one of the two"),
+        (["study.toml", "--summary", "rows.jsonl"], "one of the two"),
+        (["study.toml"], "say with -o FILE.jsonl where the rows go"),
+        (["study.toml", "-o", "rows.txt"], "rows.txt: -o must end in .jsonl or .ndjson, got .txt"),
+        (["study.toml", "-o", "nowhere/rows.jsonl"], "there is no folder 'nowhere'"),
+        (["study.toml", "-o", "rows.jsonl", "--plot", "bars.gif"], "--plot must end in .png"),
+        (["study.toml", "-o", "rows.jsonl", "--csv", "rows.txt"], "--csv must end in .csv"),
+        (["missing.toml", "-o", "rows.jsonl"], "missing.toml: no such file"),
+        (["pendulum.toml", "-o", "rows.jsonl"], "pendulum.toml: robot: unknown key"),
+        (
+            ["study.toml", "-o", "rows.jsonl", "--by", "cost"],
+            "--by cost: is not varied; varied are cost.effort",
+        ),
+        (["study.toml", "-o", "old.jsonl"], "old.jsonl: exists already; go on with it (--resume"),
+        (["study.toml", "-o", "old.jsonl", "--resume"], "old.jsonl: is not the table of a study"),
+        (["study.toml", "-o", "rows.jsonl", "--resume", "--overwrite"], "give one of the two"),
+        (["--summary", "old.jsonl"], "old.jsonl: is not the table of a study"),
+        (["--summary", "missing.jsonl"], "missing.jsonl: no such file"),
+    ],
+)
+def test_bad_input_is_2(study: Path, run: Run, arguments: list[str], reason: str) -> None:
+    (study / "old.jsonl").write_text("something old\n")
+    done: Any = run("study", *arguments)
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: ")
+    assert reason in done.stderr
+    assert not (study / "rows.jsonl").exists()
+    assert (study / "old.jsonl").read_text() == "something old\n"
