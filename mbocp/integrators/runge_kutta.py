@@ -20,13 +20,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp.integrators.tableaux import TABLEAUX, Tableau
+from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.mechanics.forward import ForwardMechanics
 
-__all__ = ["Gains", "explicit_step"]
+__all__ = ["ExplicitStep", "Gains", "State"]
 
 
 @dataclass(frozen=True)
@@ -38,18 +40,15 @@ class Gains:
     constraint: ca.SX
 
 
-def explicit_step(
-    mechanics: ForwardMechanics,
-    scheme: str,
-    lie: str,
-    substeps: int,
-    z: ca.SX,
-    s: ca.SX,
-    u: ca.SX,
-    dt: ca.SX,
-    gains: Gains,
-) -> tuple[ca.SX, ca.SX]:
-    """State (z, s) after a step of length `dt` with a constant control.
+class State(NamedTuple):
+    """Coordinates of the configuration, shape (nq,), and speeds, shape (ns,) [m/s, rad/s]."""
+
+    z: Affine
+    s: Affine
+
+
+class ExplicitStep:
+    """One step of an explicit method, for any length and control.
 
     Parameters
     ----------
@@ -59,86 +58,83 @@ def explicit_step(
     lie : {"plain", "baumgarte", "munthe_kaas"}
     substeps : int
         Steps of equal length that make up this one.
-    z : casadi.SX, shape (nq,)
-        Coordinates of the configuration.
-    s : casadi.SX, shape (ns,)
-        Speeds [m/s, rad/s].
-    u : casadi.SX, shape (nu,)
-    dt : casadi.SX
-        [s].
-    gains : Gains
     """
-    z_in, s_in, u_in, h = (
-        ca.SX.sym(n, k) for n, k in zip("zsuh", (z.numel(), s.numel(), u.numel(), 1), strict=True)
-    )
-    rates = ca.vertcat(gains.quaternion, gains.dcm, gains.constraint)
-    rates_in = ca.SX.sym("rates", 3)
-    inner = Gains(rates_in[0], rates_in[1], rates_in[2])
-    step = _group_step if lie == "munthe_kaas" else _plain_step
-    reached = step(mechanics, TABLEAUX[scheme], z_in, s_in, u_in, h, inner, lie == "baumgarte")
-    function = ca.Function("step", [z_in, s_in, u_in, h, rates_in], list(reached))
-    for _ in range(substeps):
-        z, s = function(z, s, u, dt / substeps, rates)
-    return z, s
+
+    def __init__(self, mechanics: ForwardMechanics, scheme: str, lie: str, substeps: int) -> None:
+        self._tableau = TABLEAUX[scheme]
+        self._substeps = substeps
+        self._is_on_group = lie == "munthe_kaas"
+        self._links = _Links(mechanics, is_stabilised=lie == "baumgarte")
+
+    def __call__(self, chain: Chain, before: State, u: Affine, dt: ca.SX, gains: Gains) -> State:
+        """State after a step of length `dt` [s] with the constant control u, as links of a chain."""
+        rates = ca.vertcat(gains.quaternion, gains.dcm, gains.constraint)
+        state, h = before, dt / self._substeps
+        step = self._group_step if self._is_on_group else self._plain_step
+        for _ in range(self._substeps):
+            state = step(chain, state, u, h, rates)
+        return state
+
+    def _plain_step(self, chain: Chain, at: State, u: Affine, h: ca.SX, rates: ca.SX) -> State:
+        slopes_z: list[Affine] = []
+        slopes_s: list[Affine] = []
+        for row in self._tableau.a:
+            arguments = [_moved(at.z, h, row, slopes_z), _moved(at.s, h, row, slopes_s), u]
+            slope_z, slope_s = chain.apply(self._links.plain, arguments, [rates])
+            slopes_z.append(slope_z)
+            slopes_s.append(slope_s)
+        b = self._tableau.b
+        return State(_moved(at.z, h, b, slopes_z), _moved(at.s, h, b, slopes_s))
+
+    def _group_step(self, chain: Chain, at: State, u: Affine, h: ca.SX, rates: ca.SX) -> State:
+        slopes_w: list[Affine] = []
+        slopes_s: list[Affine] = []
+        for row in self._tableau.a:
+            s_i = _moved(at.s, h, row, slopes_s)
+            if any(row):
+                arguments = [at.z, h * _sum(row, slopes_w), s_i, u]
+                slope_w, slope_s = chain.apply(self._links.in_algebra, arguments, [rates])
+            else:
+                slope_w, slope_s = chain.apply(self._links.at_identity, [at.z, s_i, u], [rates])
+            slopes_w.append(slope_w)
+            slopes_s.append(slope_s)
+        b = self._tableau.b
+        (z,) = chain.apply(self._links.exponential, [at.z, h * _sum(b, slopes_w)])
+        return State(z, _moved(at.s, h, b, slopes_s))
 
 
-def _plain_step(
-    mechanics: ForwardMechanics,
-    tableau: Tableau,
-    z: ca.SX,
-    s: ca.SX,
-    u: ca.SX,
-    h: ca.SX,
-    gains: Gains,
-    is_stabilised: bool,
-) -> tuple[ca.SX, ca.SX]:
-    slope = _slope_function(mechanics)
-    slopes_z: list[ca.SX] = []
-    slopes_s: list[ca.SX] = []
-    for row in tableau.a:
-        z_i, s_i = z + h * _sum(row, slopes_z), s + h * _sum(row, slopes_s)
-        v, rate = slope(z_i, s_i, u, gains.constraint)
-        k = mechanics.space.rate(z_i, v)
+class _Links:
+    """The functions that a step is made of."""
+
+    def __init__(self, mechanics: ForwardMechanics, *, is_stabilised: bool) -> None:
+        space = mechanics.space
+        z, s = ca.SX.sym("z", mechanics.nq), ca.SX.sym("s", mechanics.ns)
+        u, rates = ca.SX.sym("u", mechanics.nu), ca.SX.sym("rates", 3)
+        w = ca.SX.sym("w", mechanics.nv)
+        v, rate = mechanics.velocity(z, s, u), mechanics.speed_rate(z, s, u, rates[2])
+        self.at_identity = _function("at_identity", [z, s, u, rates], [v, rate])
+
+        along = space.rate(z, v)
         if is_stabilised:
-            k += mechanics.space.attraction(z_i, gains.quaternion, gains.dcm)
-        slopes_z.append(k)
-        slopes_s.append(rate)
-    return z + h * _sum(tableau.b, slopes_z), s + h * _sum(tableau.b, slopes_s)
+            along += space.attraction(z, rates[0], rates[1])
+        self.plain = _function("plain", [z, s, u, rates], [along, rate])
+
+        moved = space.integrate(z, w)
+        v, rate = self.at_identity(moved, s, u, rates)
+        first = space.bracket(w, v)
+        pulled_back = v + first / 2 + space.bracket(w, first) / 12  # Eqs. (51), (52)
+        self.in_algebra = _function("in_algebra", [z, w, s, u, rates], [pulled_back, rate])
+        self.exponential = _function("exponential", [z, w], [moved])  # Eq. (49)
 
 
-def _group_step(
-    mechanics: ForwardMechanics,
-    tableau: Tableau,
-    z: ca.SX,
-    s: ca.SX,
-    u: ca.SX,
-    h: ca.SX,
-    gains: Gains,
-    is_stabilised: bool,
-) -> tuple[ca.SX, ca.SX]:
-    slope, space = _slope_function(mechanics), mechanics.space
-    slopes_w: list[ca.SX] = []
-    slopes_s: list[ca.SX] = []
-    for row in tableau.a:
-        w, s_i = h * _sum(row, slopes_w), s + h * _sum(row, slopes_s)
-        z_i = space.integrate(z, w) if any(row) else z
-        v, rate = slope(z_i, s_i, u, gains.constraint)
-        if any(row):
-            first = space.bracket(w, v)
-            v = v + first / 2 + space.bracket(w, first) / 12  # Eq. (51), (52)
-        slopes_w.append(v)
-        slopes_s.append(rate)
-    return space.integrate(z, h * _sum(tableau.b, slopes_w)), s + h * _sum(tableau.b, slopes_s)
+def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+    return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
 
 
-def _slope_function(mechanics: ForwardMechanics) -> ca.Function:
-    """(z, s, u, gamma) -> v, ds/dt, in symbols of its own: rates along the motion are taken in them."""
-    z, s = ca.SX.sym("z", mechanics.nq), ca.SX.sym("s", mechanics.ns)
-    u, gamma = ca.SX.sym("u", mechanics.nu), ca.SX.sym("gamma")
-    outputs = [mechanics.velocity(z, s, u), mechanics.speed_rate(z, s, u, gamma)]
-    return ca.Function("slope", [z, s, u, gamma], [ca.densify(o) for o in outputs])
+def _moved(base: Affine, h: ca.SX, row: Sequence[Fraction], slopes: Sequence[Affine]) -> Affine:
+    return base + h * _sum(row, slopes) if any(row) else base
 
 
-def _sum(row: Sequence[Fraction], slopes: Sequence[ca.SX]) -> ca.SX | float:
+def _sum(row: Sequence[Fraction], slopes: Sequence[Affine]) -> Affine:
     terms = [float(a) * k for a, k in zip(row, slopes, strict=True) if a]
-    return sum(terms[1:], start=terms[0]) if terms else 0.0
+    return sum(terms[1:], start=terms[0])

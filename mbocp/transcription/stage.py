@@ -23,7 +23,9 @@ from dataclasses import dataclass
 import casadi as ca
 
 from mbocp.integrators import State, evaluation_point, step_rows
-from mbocp.integrators.runge_kutta import Gains, explicit_step
+from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.runge_kutta import ExplicitStep, Gains
+from mbocp.integrators.runge_kutta import State as StepState
 from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot
@@ -107,13 +109,12 @@ class _Stage:
 
     def functions(self) -> dict[str, ca.Function]:
         """By name."""
-        rows, cost = self._explicit() if self.shape.is_explicit else self._implicit()
-        found = self._with_derivatives(ca.densify(rows), cost + self._rate_cost())
+        found = self._explicit() if self.shape.is_explicit else self._implicit()
         if self.shape.path:
             found["path"] = self._path()
         return found
 
-    def _implicit(self) -> tuple[ca.SX, ca.SX]:
+    def _implicit(self) -> dict[str, ca.Function]:
         at, dt, mechanics = self.space.layout, self.of_horizon["dt"], self.mechanics
         before = State(self.at0[at.z], self.at0[at.s])
         after = State(self.at1[at.z], self.at1[at.s])
@@ -121,31 +122,57 @@ class _Stage:
         rows = step_rows(
             mechanics, self.shape.scheme, before, after, point, self.y, self.u, dt, is_flat=at.is_flat
         )
-        c = ca.vertcat(rows.kinematic, rows.momentum, self._remembered(), rows.constraint)
-        return c, self._running_cost(point.q, point.v)
+        c = ca.densify(ca.vertcat(rows.kinematic, rows.momentum, self._remembered(), rows.constraint))
+        cost = self._running_cost(point.q, point.v) + self._rate_cost()
+        z = ca.vertcat(self.d1, self.y, self.d0, self.u)
+        hessian, _ = ca.hessian(cost + ca.dot(self.m, c), z)
+        return self._made(c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), hessian)
 
-    def _explicit(self) -> tuple[ca.SX, ca.SX]:
+    def _explicit(self) -> dict[str, ca.Function]:
         """F(x0, u) - x1, and the cost at the beginning of the step as in Eq. (39) of [Manara2017]_."""
         mechanics = self.mechanics
         if not isinstance(mechanics, ForwardMechanics):
             raise TypeError("an explicit scheme needs ForwardMechanics")
         at, gains = self.space.layout, self.of_horizon["gains"]
-        z0, s0 = self.at0[at.z], self.at0[at.s]
-        z, s = explicit_step(
-            mechanics,
-            self.shape.scheme,
-            self.shape.lie,
-            self.shape.substeps,
-            z0,
-            s0,
-            self.u,
-            self.of_horizon["dt"],
-            Gains(gains[0], gains[1], gains[2]),
+        unknowns = ca.vertcat(self.d1, self.d0, self.u)
+        chain = Chain(unknowns if at.is_flat else ca.vertcat(ca.SX.zeros(2 * at.ndx), self.u))
+        root = chain.root()
+        d1, d0, u = root[: at.ndx], root[at.ndx : 2 * at.ndx], root[2 * at.ndx :]
+        before, after = self._states(chain, d0, self.x0), self._states(chain, d1, self.x1)
+        step = ExplicitStep(mechanics, self.shape.scheme, self.shape.lie, self.shape.substeps)
+        reached = step(chain, before, u, self.of_horizon["dt"], Gains(gains[0], gains[1], gains[2]))
+        if at.is_flat:
+            kinematic = reached.z - after.z
+        else:
+            (kinematic,) = chain.apply(_differences(mechanics), [after.z, reached.z])
+        pieces = [kinematic, reached.s - after.s]
+        if self.shape.weigh_rate:
+            pieces.append(u - self._remembered_of(d1, self.x1))
+        c = Affine.join(pieces)
+        q, s = self.at0[at.z], self.at0[at.s]
+        cost = self._running_cost(q, mechanics.velocity(q, s, self.u)) + self._rate_cost()
+        slope = ca.jacobian(cost, unknowns)
+        curvature, _ = ca.hessian(cost, unknowns)
+        tangents = [self.d0, self.d1]
+        others = [self.u, self.theta, self.rho]
+        cost, slope, curvature = at_zero_tangents(
+            self.space, [self.x0, self.x1], [cost, slope, curvature], others, tangents
         )
-        z1 = self.at1[at.z]
-        kinematic = z - z1 if at.is_flat else mechanics.space.difference(z1, z)
-        c = ca.vertcat(kinematic, s - self.at1[at.s], self._remembered())
-        return c, self._running_cost(z0, mechanics.velocity(z0, s0, self.u))
+        return self._made(
+            ca.densify(c.value), cost, chain.jacobian(c), slope, curvature + chain.hessian(c, self.m)
+        )
+
+    def _states(self, chain: Chain, d: Affine, x: ca.SX) -> StepState:
+        """State moved along the tangent d."""
+        at = self.space.layout
+        if at.is_flat:
+            return StepState(d[at.z], d[at.s])
+        (z,) = chain.apply(_retraction(self.mechanics), [d[: at.nw]], [x[at.z]])
+        return StepState(z, d[at.ds] + x[at.s])
+
+    def _remembered_of(self, d: Affine, x: ca.SX) -> Affine:
+        at = self.space.layout
+        return d[at.dr] if at.is_flat else d[at.dr] + x[at.r]
 
     def _remembered(self) -> ca.SX:
         return self.u - self.at1[self.space.layout.r] if self.shape.weigh_rate else ca.SX.zeros(0, 1)
@@ -177,15 +204,15 @@ class _Stage:
             cost += theta["potential"] * mechanics.potential_energy(q)
         return theta["dt"] * cost
 
-    def _with_derivatives(self, c: ca.SX, cost: ca.SX) -> dict[str, ca.Function]:
-        z = ca.vertcat(self.d1, self.y, self.d0, self.u)
-        dc_dz = ca.jacobian(c, z)
-        hessian, _ = ca.hessian(cost + ca.dot(self.m, c), z)
-        derivatives = [c, cost, dc_dz, ca.jacobian(cost, z), ca.triu(hessian)]
+    def _made(
+        self, c: ca.SX, cost: ca.SX, dc_dz: ca.SX, dl_dz: ca.SX, hessian: ca.SX
+    ) -> dict[str, ca.Function]:
+        derivatives = [c, cost, dc_dz, dl_dz, ca.triu(hessian)]
         others = [self.y, self.u, self.m, self.theta, self.rho]
-        derivatives = at_zero_tangents(
-            self.space, [self.x0, self.x1], derivatives, others, [self.d0, self.d1]
-        )
+        if not self.shape.is_explicit:
+            derivatives = at_zero_tangents(
+                self.space, [self.x0, self.x1], derivatives, others, [self.d0, self.d1]
+            )
         c, cost = derivatives[:2]
         arguments, parameters = [self.x0, self.x1, self.y, self.u], [self.theta, self.rho]
         return {
@@ -204,3 +231,13 @@ class _Stage:
         hessian, _ = ca.hessian(ca.dot(m, h), self.x1)
         outputs = [h, ca.jacobian(h, self.x1), ca.triu(hessian)]
         return ca.Function("path", [self.x1, m, self.u, self.theta], ca.cse(outputs))
+
+
+def _retraction(mechanics: JointMechanics) -> ca.Function:
+    d, z = ca.SX.sym("d", mechanics.nv), ca.SX.sym("z", mechanics.nq)
+    return ca.Function("retraction", [d, z], [ca.densify(mechanics.integrate(z, d))])
+
+
+def _differences(mechanics: JointMechanics) -> ca.Function:
+    z0, z1 = ca.SX.sym("z0", mechanics.nq), ca.SX.sym("z1", mechanics.nq)
+    return ca.Function("differences", [z0, z1], [ca.densify(mechanics.difference(z0, z1))])

@@ -19,8 +19,8 @@ from mbocp._arrays import Array
 from mbocp.integrators import EULER_SCHEMES, TAU
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, load_robot
-from mbocp.transcription.shape import Shape
 from mbocp.transcription.parameters import parameter_layout
+from mbocp.transcription.shape import Shape
 from mbocp.transcription.stage import build_functions
 
 pytestmark = pytest.mark.usefixtures("interpreted")

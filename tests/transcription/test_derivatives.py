@@ -9,9 +9,9 @@ import pytest
 
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
-from mbocp.transcription.shape import Shape
 from mbocp.transcription.end import build_end_functions
 from mbocp.transcription.parameters import parameter_layout
+from mbocp.transcription.shape import Shape
 from mbocp.transcription.stage import build_functions
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of
