@@ -12,7 +12,7 @@ from mbocp.solvers.records import IterationRecord, Phase, Status
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["Column", "IterationRecord", "Labels", "Phase", "Status"]
+__all__ = ["Column", "IterationRecord", "Labels", "Phase", "Status", "grouped"]
 
 
 class Column(NamedTuple):
@@ -69,7 +69,7 @@ class Labels:
             v=v,
             p=p,
             u=_columns(robot.u_labels),
-            lam=tuple(Column(c.name, f"J/{_grouped(c.unit)}") for c in constraints),
+            lam=tuple(Column(c.name, f"J/{grouped(c.unit)}") for c in constraints),
             mu=tuple(mu_q + mu_p),
             zeta=tuple(Column(c.name, f"cost/(s {c.unit})") for c in constraints),
         )
@@ -99,7 +99,8 @@ def _pair(label: Sequence[str]) -> Column:
     return Column(str(name), str(unit))
 
 
-def _grouped(unit: str) -> str:
+def grouped(unit: str) -> str:
+    """Put a unit of several factors in brackets, to divide by it."""
     return f"({unit})" if " " in unit or "/" in unit else unit
 
 

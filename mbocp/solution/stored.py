@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbocp.solution.files import FileContent
-from mbocp.solution.records import Column, IterationRecord, Labels, Phase
+from mbocp.solution.records import Column, IterationRecord, Labels, Phase, grouped
 
 if TYPE_CHECKING:
     from mbocp.solution.solution import Solution
@@ -110,4 +110,4 @@ def _columns(solution: Solution) -> dict[str, tuple[Column, ...]]:
 
 def dual_columns(columns: tuple[Column, ...]) -> tuple[Column, ...]:
     """Columns of the multipliers of bounds on `columns`."""
-    return tuple(Column(c.name, f"cost/({c.unit})" if c.unit else "cost") for c in columns)
+    return tuple(Column(c.name, f"cost/{grouped(c.unit)}" if c.unit else "cost") for c in columns)

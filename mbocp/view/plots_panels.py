@@ -215,7 +215,7 @@ def momentum_panel(solution: Solution) -> LinePanel:
 
 
 def drift_panel(solution: Solution, violation: Array | None) -> Panel:
-    """Return what should be zero, in logarithmic scale: drift of control momenta, violation of constraints.
+    """Return what should be zero, in logarithmic scale: drift of control momenta and rotations, constraints.
 
     `violation` has the shape (N + 1, nc); None leaves it out.
     """
@@ -232,6 +232,7 @@ def drift_panel(solution: Solution, violation: Array | None) -> Panel:
                 _log_points(
                     axes, solution.t, np.abs(violation[:, i]), rf"$\Phi$ {plain_text(column.name)}", first + i
                 )
+        _log_points(axes, solution.t, solution.manifold_drifts, "rotations", momenta.shape[1] + solution.nc)
         what = "Drift of invariants, violation of constraints" if solution.nc else "Drift of invariants"
         finish_axes(
             axes, title=what, ylabel=r"$|\xi_n - \xi_0|$, $|\Phi|$" if solution.nc else r"$|\xi_n - \xi_0|$"
@@ -241,6 +242,6 @@ def drift_panel(solution: Solution, violation: Array | None) -> Panel:
         if handles:
             strip_legend(axes, handles, labels, per_row=2)
         else:
-            _empty(axes, "none" if not momenta.size else "exactly zero")
+            _empty(axes, "exactly zero" if momenta.size or solution.manifold_drift == 0.0 else "none")
 
     return Panel(draw)

@@ -84,9 +84,9 @@ def test_csv_has_the_multipliers_of_limits_where_there_are_any(tmp_path: Path) -
     solution = limited()
     header, rows = read(solution.to_csv(tmp_path / "result.csv"))
     pulls = [name for name in header if name.startswith("lam_")]
-    assert pulls[:3] == ["lam_u:force_x [cost/(N)]", "lam_u:force_y [cost/(N)]", "lam_u:force_z [cost/(N)]"]
+    assert pulls[:3] == ["lam_u:force_x [cost/N]", "lam_u:force_y [cost/N]", "lam_u:force_z [cost/N]"]
     assert pulls[-2:] == ["lam_path:ceiling.z", "lam_path:clearance"]
-    assert "lam_q:x [cost/(m)]" not in header  # positions are free
+    assert "lam_q:x [cost/m]" not in header  # positions are free
     column = [row[header.index("lam_path:ceiling.z")] for row in rows]
     assert column[0] == ""
     assert np.array_equal([float(cell) for cell in column[1:]], solution.lam_path[:, 0])

@@ -154,6 +154,12 @@ def test_limits_of_a_configuration_with_an_angle() -> None:
     assert levels(panel(figure, "Configuration")) == {-1.0, 0.9}
 
 
+def test_invariants_with_the_drift_of_rotations() -> None:
+    axes = panel(plot_invariants(limited()), "Drift of invariants")
+    assert "rotations" in legend(axes)
+    assert "rotations" not in legend(panel(plot_invariants(pendulum()), "Drift of invariants"))
+
+
 def test_multipliers_of_active_limits() -> None:
     figure = plot_multipliers(limited())
     assert [title for title in titles(figure) if "limits" in title or "path" in title] == [
@@ -161,7 +167,7 @@ def test_multipliers_of_active_limits() -> None:
         "Multiplier of the limits of v",
         "Multiplier of the path",
     ]
-    assert panel(figure, "Multiplier of the limits of u").get_ylabel() == r"$\lambda^u$ [cost/(N)]"
+    assert panel(figure, "Multiplier of the limits of u").get_ylabel() == r"$\lambda^u$ [cost/N]"
     overview(limited()).canvas.draw()
 
 
