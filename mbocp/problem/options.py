@@ -126,6 +126,11 @@ class SolverOptions:
         object.__setattr__(self, "switch_iterations", steps)
 
     @property
+    def is_interior_point(self) -> bool:
+        """Whether the method itself is one of those that keep limits."""
+        return self.method in ("ipopt", "fatrop")
+
+    @property
     def newton_iterations(self) -> int:
         """Limit of a Newton method."""
         return _NEWTON_ITERATIONS if self.max_iterations is None else self.max_iterations

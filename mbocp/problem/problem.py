@@ -155,6 +155,11 @@ class Problem:
         return self.duration / self.num_steps
 
     @property
+    def is_bounded(self) -> bool:
+        """Whether there are inequalities: limits or path constraints."""
+        return self.limits.any_finite or bool(self.path)
+
+    @property
     def p_start(self) -> Array:
         """Momentum at the start, shape (nv,) [kg m/s, N m s]."""
         return self.robot.momentum(self.q_start, self.v_start)
@@ -286,7 +291,7 @@ class Problem:
         """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
         check_limits(self.robot, self.limits, self.q_start, self.v_start, self.goal)
         check_path(self.robot, self.path, self.q_start, self.v_start, self.goal)
-        if (self.limits.any_finite or self.path) and self.solver.method not in BOUNDED_METHODS:
+        if self.is_bounded and self.solver.method not in BOUNDED_METHODS:
             what = "limits" if self.limits.any_finite else "path"
             able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)
             raise ProblemError(
