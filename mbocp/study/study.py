@@ -142,11 +142,9 @@ class Study:
         """
         if self.by is not None:
             return self.by
+        axes_first = sorted(self.dimensions, key=lambda dimension: dimension.kind != "axis")
         return tuple(
-            name
-            for dimension in self.dimensions
-            for name in dimension.names
-            if _tells_groups(dimension, name)
+            name for dimension in axes_first for name in dimension.names if _tells_groups(dimension, name)
         )
 
     @cached_property

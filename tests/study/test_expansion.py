@@ -126,7 +126,7 @@ def test_groups_are_words_and_settings_but_no_goals(make: MakeStudy) -> None:
             "solver.hessian": {"choice": ["structured", "dense"]},
         },
     )
-    assert study.groups == ("horizon.steps", "solver.loop", "how", "solver.hessian")
+    assert study.groups == ("how", "horizon.steps", "solver.loop", "solver.hessian")
     assert make(grid={"horizon.steps": [5]}, summary={"by": []}).groups == ()
 
 
