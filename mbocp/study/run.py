@@ -22,6 +22,7 @@ from mbocp.study.task import Solve, make_problem, rehearse, run_task
 __all__ = ["Progress", "StudyWarning", "run_study"]
 
 _PERIOD = 0.25  # [s] between two looks at the clock of the file
+_SOME = 10  # tasks to try before a study is refused
 _TRIES = 3  # of a task whose pool broke away under it
 
 Progress = Callable[[int, int], object]
@@ -117,19 +118,22 @@ def run_study(
 
 def _check_kinds(study: Study, kinds: Sequence[Task]) -> None:
     """Make the first problem of each kind; if none can be made, the study is wrong and not its tasks."""
-    first: MbocpError | None = None
-    failed = []
-    for task in kinds:
-        try:
-            make_problem(study.job, task.overrides)
-        except MbocpError as error:
-            first = first if first is not None else error
-            failed.append((task, error))
-    if first is not None and len(failed) == len(kinds):
-        raise first
-    for task, reason in failed:
+    failed = [(task, error) for task in kinds if (error := _cannot_be_made(study, task)) is not None]
+    if len(failed) == len(kinds):
+        some = (study.task(index) for index in range(0, len(study), max(len(study) // _SOME, 1)))
+        if all(_cannot_be_made(study, task) for task in some):
+            raise failed[0][1]
+    for task, error in failed:
         values = ", ".join(f"{name} = {word(value)}" for name, value in task.values.items())
-        warnings.warn(f"task {task.index} ({values}) cannot be made: {reason}", StudyWarning, stacklevel=3)
+        warnings.warn(f"task {task.index} ({values}) cannot be made: {error}", StudyWarning, stacklevel=3)
+
+
+def _cannot_be_made(study: Study, task: Task) -> MbocpError | None:
+    try:
+        make_problem(study.job, task.overrides)
+    except MbocpError as error:
+        return error
+    return None
 
 
 def _check_version(file: RowFile) -> None:

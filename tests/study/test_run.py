@@ -216,6 +216,13 @@ def test_a_study_that_is_wrong_altogether_does_not_begin(make: MakeStudy, tmp_pa
     assert not path.exists()
 
 
+def test_a_first_task_that_cannot_be_is_no_reason_to_stop(make: MakeStudy, tmp_path: Path) -> None:
+    study = make(grid={"goal.q": [[0, 0, -4], [0, 0, -5]]})
+    with pytest.warns(StudyWarning, match=r"task 0 \(goal.q = \[0, 0, -4\]\) cannot be made"):
+        result = run_study(study, tmp_path / "rows.jsonl", workers=1)
+    assert ends(result) == ["error", "converged"]
+
+
 def test_a_kind_that_is_wrong_is_a_warning(make: MakeStudy, tmp_path: Path) -> None:
     study = make(grid={"integrator.scheme": ["se1", "se3"]})
     with pytest.warns(StudyWarning, match=r"task 1 \(integrator.scheme = se3\) cannot be made: .*'se3'"):
