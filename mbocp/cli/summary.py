@@ -101,8 +101,7 @@ def _scheme(solution: Solution) -> str:
     if solution.scheme not in EXPLICIT_SCHEMES:
         return f" by scheme {solution.scheme}"
     within = f", {solution.substeps} steps in each" if solution.substeps > 1 else ""
-    turning = any(column.unit == "" for column in solution.labels.q)  # quaternions, cosines, sines
-    how = f"; rotations: {solution.rotations}, {solution.lie}" if turning else ""
+    how = "" if solution.is_vector_space else f"; rotations: {solution.rotations}, {solution.lie}"
     return f" by scheme {solution.scheme}{within}{how}"
 
 
@@ -140,8 +139,8 @@ def _touches(limit: ActiveLimit) -> str:
 
 
 def _drift(solution: Solution) -> _Rows:
-    """How well rotations stay rotations, where anybody has looked."""
-    if math.isnan(solution.manifold_drift):
+    """How well rotations stay rotations, where there are any."""
+    if solution.is_vector_space or math.isnan(solution.manifold_drift):
         return []
     words = f"{solution.manifold_drift:.2e} at most"
     if not math.isnan(solution.manifold_drift_resimulated):

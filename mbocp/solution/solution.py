@@ -87,7 +87,7 @@ class Solution:
         Steps of an explicit scheme within one of the N.
     manifold_drifts : ndarray, shape (N + 1,)
         How far the rotations of the integrator's state are from their manifold: the largest
-        :math:`|\,|q| - 1|` or :math:`\|R^T R - I\|`; NaN if nobody evaluated it.
+        :math:`|\,|q| - 1|` or :math:`\|R^T R - I\|_F`; NaN if nobody evaluated it.
     manifold_drift, manifold_drift_resimulated : float
         The largest of them; and the largest when the start is integrated anew with the controls, which shows
         the integrator without the tolerance of the solver. NaN where not computed.
@@ -227,6 +227,11 @@ class Solution:
     def nc(self) -> int:
         """Holonomic constraints."""
         return int(self.lams.shape[1])
+
+    @property
+    def is_vector_space(self) -> bool:
+        """Whether every number of q is a length or an angle: no quaternions, no cosines and sines."""
+        return all(column.unit for column in self.labels.q)
 
     @property
     def duration(self) -> float:

@@ -112,7 +112,7 @@ def overview(solution: Solution, robot: Robot | None = None) -> Figure:
     ]
     tiles += _first_of_each_symbol(panels.multiplier_panels(solution))
     tiles += [panels.convergence_panel(solution), panels.hamiltonian_panel(solution)]
-    if solution.control_momenta.size or solution.nc or np.isfinite(solution.manifold_drift):
+    if solution.control_momenta.size or solution.nc or not solution.is_vector_space:
         tiles.append(panels.drift_panel(solution, _violation(solution, robot)))
     with house_style():
         paths = frame_paths(robot, solution.qs) if robot is not None and robot.trace_frames else None

@@ -31,16 +31,21 @@ def test_info_of_a_result_with_limits(folder: Path, run: Run) -> None:
     assert re.search(r"limits control force_x at its upper limit 25 N in \d+ of 20 steps", words)
     assert "path ceiling.z at its lower bound in 3 of 20 nodes" in words
     assert "violated by 1.00e-09 at most" in words
-    assert "drift of rotations 3.00e-09 at most; 1.00e-15 when simulated with the controls" in words
+    assert "drift of rotations" not in words
     facts = json.loads(run("info", "limited.h5", "--json").stdout)
     assert (facts["manifold_drift"], facts["manifold_drift_resimulated"]) == (3e-9, 1e-15)
     assert facts["limit_violation"] == 1e-9
 
 
 def test_info_says_how_rotations_are_kept(folder: Path, run: Run) -> None:
-    humanoid(scheme="rk4", lie="baumgarte", rotations="dcm").save(folder / "dcm.h5")
+    how = {"scheme": "rk4", "lie": "baumgarte", "rotations": "dcm"}
+    drift = {"manifold_drifts": np.full(101, 3e-9), "manifold_drift_resimulated": 1e-15}
+    humanoid(**how, **drift).save(folder / "dcm.h5")
     words = " ".join(run("info", "dcm.h5").stdout.split())
     assert "by scheme rk4; rotations: dcm, baumgarte" in words
+    assert "drift of rotations 3.00e-09 at most; 1.00e-15 when simulated with the controls" in words
+    humanoid().save(folder / "unknown.h5")  # nobody has looked
+    assert "drift of rotations" not in run("info", "unknown.h5").stdout
 
 
 def test_info_of_a_result_whose_limits_are_far(folder: Path, run: Run) -> None:
