@@ -70,12 +70,13 @@ def parse_problem(
 
 def _parse(text: str, label: Path | str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        document: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         lines = text.splitlines() or [""]
         end = f"at the end, line {len(lines)}, column {len(lines[-1]) + 1}"
         message = str(error).replace("at end of document", end)
         raise ProblemFileError(label, f"malformed TOML: {message}") from error
+    return document
 
 
 def _problem(
