@@ -14,10 +14,10 @@ from mbocp.paper.cases import Form, paper_problem, strategy_settings
 from mbocp.paper.data import Strategy
 from mbocp.problem import Problem
 from mbocp.solution import Solution, Status
+from mbocp.study.rows import NO_SOLVER, solver_seconds
 
 __all__ = ["Run", "finite", "measure", "run_strategy", "solved"]
 
-_NO_SOLVER = ("compile", "guess", "diagnostics")  # phases of a solve in which no solver works
 _LONG_ENOUGH = 0.3  # [s] of repeated runs; longer ones need no median
 _SAME_COST = 1e-8  # relative: the optimum is flat, and both runs end within 1e-9 of it
 
@@ -106,15 +106,15 @@ def measure(problem: Problem, repetitions: int = 1) -> Run:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a table has its own way to say that a run went wrong
         solution = solved(problem)
-        times = [_solver_seconds(solution)]
+        times = [solver_seconds(solution)]
         if repetitions > 1 and times[0] < _LONG_ENOUGH:
             times = []
             while len(times) < repetitions and sum(times) < _LONG_ENOUGH:
-                times.append(_solver_seconds(solved(problem)))
+                times.append(solver_seconds(solved(problem)))
     return Run(
         status=str(solution.status),
         advice=solution.advice,
-        iterations=tuple(p.iterations for p in solution.phases if p.name not in _NO_SOLVER),
+        iterations=tuple(p.iterations for p in solution.phases if p.name not in NO_SOLVER),
         seconds=median(times),
         solution=solution,
     )
@@ -131,7 +131,3 @@ def solved(problem: Problem, **how: Any) -> Solution:
 def finite(value: float) -> float | None:
     """Return None for what JSON has no number for."""
     return value if math.isfinite(value) else None
-
-
-def _solver_seconds(solution: Solution) -> float:
-    return sum(phase.wall_time_s for phase in solution.phases if phase.name not in _NO_SOLVER)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -32,13 +34,11 @@ def dask_executor(address: str, workers: int | None = None) -> Iterator[tuple[Ex
     settings = {"distributed.scheduler.allowed-failures": 0}
     with dask.config.set(settings):
         if address == "local":
-            with (
-                LocalCluster(
-                    n_workers=workers or available_workers(), threads_per_worker=1, dashboard_address=None
-                ) as cluster,
-                Client(cluster) as client,
-            ):
-                yield client.get_executor(), workers or available_workers()
+            count = workers or available_workers()
+            with _ignoring_ctrl_c():
+                cluster = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
+            with cluster, Client(cluster) as client:
+                yield client.get_executor(), count
             return
         try:
             client = Client(address, timeout=_PATIENCE)
@@ -49,3 +49,16 @@ def dask_executor(address: str, workers: int | None = None) -> Iterator[tuple[Ex
             if not threads:
                 raise StudyError(f"--scheduler {address}: the scheduler has no workers yet; start some")
             yield client.get_executor(), workers or threads
+
+
+@contextmanager
+def _ignoring_ctrl_c() -> Iterator[None]:
+    """Ctrl-C reaches all processes of a terminal; those that are started now leave it to this one."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)

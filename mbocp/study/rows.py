@@ -17,6 +17,7 @@ __all__ = [
     "CRASHED",
     "ERROR",
     "FIELDS",
+    "NO_SOLVER",
     "TIMEOUT",
     "check_record",
     "failure_row",
@@ -42,7 +43,7 @@ FIELDS: tuple[str, ...] = (
     "message",
 )
 
-_NO_SOLVER = ("compile", "guess", "diagnostics")  # phases of a solve in which no solver works
+NO_SOLVER = ("compile", "guess", "diagnostics")  # phases of a solve in which no solver works
 _LETTERS = {"q": "qs", "v": "vs", "p": "ps", "u": "us", "lam": "lams", "mu": "mus", "zeta": "zetas"}
 _DERIVED = ("q_final", "p_final", "u_first", "u_last", "num_steps", "control_hamiltonian")
 _BULKY = ("phases", "history", "labels", "options", "versions", "robot_spec", "problem_text")
@@ -91,7 +92,7 @@ def failure_row(status: str, message: str, seconds: float = math.nan) -> dict[st
 
 def solver_seconds(solution: Solution) -> float:
     """Wall time of the solver's phases, without compilation, guess and diagnostics [s]."""
-    return sum(phase.wall_time_s for phase in solution.phases if phase.name not in _NO_SOLVER)
+    return sum(phase.wall_time_s for phase in solution.phases if phase.name not in NO_SOLVER)
 
 
 def plain_json(value: Any) -> Any:
