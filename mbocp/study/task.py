@@ -81,6 +81,11 @@ class _Watch:
             self.is_over = True
             raise _TimeIsUp
 
+    def has_ended(self, solution: Solution) -> bool:
+        """Whether it was the time limit that ended a solve, here or in a solver that looks at it itself."""
+        stopped = self.limit is not None and str(solution.status) == "time_limit"
+        return self.is_over or stopped or self.allows_less_than(solver_seconds(solution))
+
     def allows_less_than(self, seconds: float) -> bool:
         """Whether so much time is too much."""
         return self.limit is not None and seconds > self.limit
@@ -124,7 +129,7 @@ def run_task(job: Job, overrides: Mapping[str, Any], custom: Solve | None = None
             return failure_row(TIMEOUT, watch.words, time.perf_counter() - clock)
         except Exception as error:
             return failure_row(ERROR, f"{type(error).__name__}: {error}", time.perf_counter() - clock)
-        if not solution.converged and (watch.is_over or watch.allows_less_than(solver_seconds(solution))):
+        if not solution.converged and watch.has_ended(solution):
             row |= {"status": TIMEOUT, "message": f"{watch.words}; {row['message']}"}
         return row
 
