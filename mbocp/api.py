@@ -17,6 +17,7 @@ from mbocp._arrays import Array
 from mbocp.assemble import Trajectory, assemble
 from mbocp.exceptions import NotConverged, ProblemError
 from mbocp.guess import guess_candidates, iterate_from_solution, make_guess
+from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.mechanics.symmetry import find_symmetries
 from mbocp.mechanics.symmetry_words import momentum_words
 from mbocp.problem import Problem, load_problem
@@ -25,6 +26,7 @@ from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solution.records import Labels
 from mbocp.solvers import IterationRecord, Methods, Outcome, Phase, SolverResult, Status, pursue
+from mbocp.solvers.reachability import dependent_end_rows
 from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = ["solve"]
@@ -75,17 +77,37 @@ def solve(
     clock = time.perf_counter()
     phases: list[Phase] = []
     with _timed(phases, "compile"):
-        programme = transcribe(problem)
+        programme, left_out = _programme(problem)
     outcome, guess_used = _solve_programme(problem, programme, warm_start, callback, phases)
     with _timed(phases, "diagnostics"):
         trajectory = assemble(problem, programme, outcome.result.iterate)
         meanings = _meanings(problem.robot, trajectory.control_momentum_names)
     solution = _solution(
-        problem, programme, outcome, trajectory, meanings, phases, guess_used, time.perf_counter() - clock
+        problem,
+        programme,
+        outcome,
+        trajectory,
+        meanings,
+        phases,
+        guess_used,
+        left_out,
+        time.perf_counter() - clock,
     )
     if check and not solution.converged:
         raise NotConverged(solution)
     return solution
+
+
+def _programme(problem: Problem) -> tuple[StagewiseProgramme, str]:
+    """Programme without end conditions that the dynamics meet by themselves, and which these are."""
+    programme = transcribe(problem)
+    if problem.scheme not in EXPLICIT_SCHEMES or problem.goal.redundant == "keep":
+        return programme, ""
+    rows = dependent_end_rows(programme, np.vstack(programme.end_rows))
+    if not rows:
+        return programme, ""
+    names = ", ".join(programme.describe_row(-1, row) for row in rows)
+    return transcribe(problem, rows), f"; left out, since the dynamics imply it: {names}"
 
 
 @contextmanager
@@ -103,7 +125,7 @@ def _solve_programme(
     phases: list[Phase],
 ) -> tuple[Outcome, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails."""
-    methods, best = Methods.of(problem.solver, programme), None
+    methods, best = Methods.of(problem.solver, programme, has_inequalities=problem.is_bounded), None
     history: list[IterationRecord] = []
     kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
     for attempt, kind in enumerate(kinds):
@@ -163,6 +185,7 @@ def _solution(
     meanings: tuple[str, ...],
     phases: list[Phase],
     guess_used: str,
+    left_out: str,
     seconds: float,
 ) -> Solution:
     result = outcome.result
@@ -171,7 +194,8 @@ def _solution(
         status=result.status,
         advice=result.advice
         + _other_root(problem, result, trajectory.qs[-1])
-        + _coarse_steps(problem, trajectory.vs),
+        + _coarse_steps(problem, trajectory.vs)
+        + left_out,
         solver=outcome.solver,
         iterations=sum(p.iterations for p in phases),
         cost=last.cost,
@@ -190,7 +214,7 @@ def _solution(
         versions=_versions(),
         labels=Labels.of_robot(problem.robot),
         control_momentum_meanings=meanings,
-        **{k: v for k, v in trajectory.fields().items() if k in Solution.__dataclass_fields__},  # TODO
+        **trajectory.fields(),
     )
 
 

@@ -5,8 +5,9 @@ came before. Differentiated as one graph, its Hessian repeats every stage for ev
 gives its own sparse derivatives, and the chain rule joins them:
 
 .. math::
-    \frac{da_k}{d\xi} = L_k + \sum_{j<k} L_{kj} \frac{\partial\varphi_j}{\partial a_j} \frac{da_j}{d\xi}, \qquad
-    \nabla^2 (m \cdot F) = \sum_k \frac{da_k}{d\xi}^T \nabla^2 (\bar o_k \cdot \varphi_k)(a_k) \frac{da_k}{d\xi}
+    \frac{da_k}{d\xi} &= L_k + \sum_{j<k} L_{kj} \frac{\partial\varphi_j}{\partial a_j} \frac{da_j}{d\xi} \\
+    \nabla^2 (m \cdot F) &= \sum_k \frac{da_k}{d\xi}^T \nabla^2 (\bar o_k \cdot \varphi_k)(a_k)
+        \frac{da_k}{d\xi}
 
 with the arguments :math:`a_k` of the links, linear in :math:`\xi` and in the links' outputs, and the adjoints
 :math:`\bar o_k` of these. For a step of eighteen unknowns this is an eighth of the operations.
@@ -37,7 +38,7 @@ class Affine:
     value: ca.SX
     parts: dict[int, ca.SX]
 
-    def __add__(self, other: Affine | float) -> Affine:
+    def __add__(self, other: Affine | ca.SX | float) -> Affine:
         if not isinstance(other, Affine):
             return Affine(self.value + other, self.parts)
         parts = dict(self.parts)
@@ -145,9 +146,7 @@ class Chain:
             if source:
                 adjoints[source] = adjoints[source] + matrix.T @ adjoint
 
-    def _derivatives(
-        self, function: ca.Function, count: int
-    ) -> tuple[ca.Function, ca.Function, ca.Function]:
+    def _derivatives(self, function: ca.Function, count: int) -> tuple[ca.Function, ca.Function, ca.Function]:
         """Outputs joined, their Jacobian, and the Hessian of w . outputs, in the first `count` arguments."""
         key = function.__hash__()
         if key not in self._derived:

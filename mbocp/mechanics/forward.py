@@ -88,8 +88,8 @@ class ForwardMechanics(JointMechanics):
         known = self._moved(q, ca.SX.zeros(self.ns), rates) + self._along(v, q, v)
         if not num_free:
             return pushed
-        # M of the free components from the inverse dynamics, which is linear in a: its recursion in the joints'
-        # own axes leaves constants constant, where the composite-body algorithm goes through the world.
+        # M of the free components from the inverse dynamics, which is linear in a: its recursion in the
+        # joints' own axes leaves constants constant; the composite-body algorithm goes through the world.
         a = ca.SX.sym("a", self.nv)
         mass = ca.jacobian(self.inverse_dynamics(q, v, a)[self._free], a)[:, self._free]
         missing = self.force(q, v, u) - self.inverse_dynamics(q, v, known)

@@ -20,6 +20,8 @@ class Status(str, Enum):
     SWEEP_FAILED = "sweep_failed"
     STAGNATED = "stagnated"
     SWITCHED = "switched"  # only between the phases of a hybrid
+    INFEASIBLE = "infeasible"
+    TIME_LIMIT = "time_limit"
     INTERRUPTED = "interrupted"
 
     def __str__(self) -> str:

@@ -12,6 +12,7 @@ from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
 from mbocp.solvers.fbsm_newton import FBSMNewton
 from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
+from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.solvers.run import Callback, SolverResult, run
@@ -21,6 +22,8 @@ __all__ = ["Methods", "Outcome", "pursue"]
 
 _WINDOW = 40  # iterations in which `auto` wants progress from Newton's method ...
 _PROGRESS = 0.5  # ... by this factor in the residual
+_INTERIOR_ITERATIONS = 1000
+INTERIOR_POINT = ("ipopt", "fatrop")
 _GRADIENT_STEPS = 25  # of the gradient phases of `auto`, as in the paper's hybrids
 
 
@@ -53,9 +56,12 @@ class Methods:
     theta_max: float
     switch: Switch
     control_weight: float
+    time_limit: float | None = None
+    linear_solver: str = "auto"
+    has_inequalities: bool = False
 
     @classmethod
-    def of(cls, options: Any, programme: StagewiseProgramme) -> Methods:
+    def of(cls, options: Any, programme: StagewiseProgramme, *, has_inequalities: bool = False) -> Methods:
         """Methods with the options of a problem."""
         return cls(
             method=options.method,
@@ -70,7 +76,15 @@ class Methods:
             theta_max=options.theta_max,
             switch=Switch(options.switch_residual, options.switch_cost, options.switch_iterations),
             control_weight=programme.control_weight,
+            time_limit=options.time_limit,
+            linear_solver=options.linear_solver,
+            has_inequalities=has_inequalities,
         )
+
+    @property
+    def interior_iterations(self) -> int:
+        """Limit of an interior-point method."""
+        return _INTERIOR_ITERATIONS if self.budget is None else self.budget
 
     def within(self, taken: int) -> Methods:
         """Methods with what is left of the budget."""
@@ -192,6 +206,8 @@ def pursue(
     label : str
         Put behind the phases' names.
     """
+    if methods.method in INTERIOR_POINT or (methods.method == "auto" and methods.has_inequalities):
+        return _interior(methods, programme, iterate, callback, first, label)
     runs = _Runs(programme, callback, first, label)
     if methods.method == "auto":
         return _auto(methods, iterate, runs)
@@ -201,6 +217,26 @@ def pursue(
         return runs.outcome(runs.run(solver, names[0], iterate), solver.name)
     gradient, newton = methods.solver(names[0], methods.switch), methods.solver(names[1])
     return _hybrid(gradient, newton, names, iterate, runs)
+
+
+def _interior(
+    methods: Methods,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    callback: Callback | None,
+    first: int,
+    label: str,
+) -> Outcome:
+    """An interior-point method; with `auto` IPOPT, whose restoration phase gets along with the most."""
+    name = "ipopt" if methods.method == "auto" else methods.method
+    clock = time.perf_counter()
+    solver = InteriorPoint(
+        name, methods.tolerance, methods.interior_iterations, methods.time_limit, methods.linear_solver
+    )
+    result = solver.run(programme, iterate, callback, name + label, first)
+    taken = sum(not record.is_guess for record in result.history)
+    title = f"auto: {solver.title}" if methods.method == "auto" else solver.title
+    return Outcome(result, (Phase(name + label, taken, time.perf_counter() - clock),), title)
 
 
 def _hybrid(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -26,6 +27,22 @@ class EndRows(NamedTuple):
 
     D_q: Array  # (ng_q, nv), acts on the tangent-space difference of q and q_d
     D_rate: Array  # (ng_rate, nv), acts on p - p_d or v - v_d
+
+    def without(self, rows: Sequence[int]) -> EndRows:
+        """Return the same less some rows, counted through both."""
+        count = len(self.D_q)
+        left_out = [r - count for r in rows if r >= count]
+        return EndRows(
+            np.delete(self.D_q, [r for r in rows if r < count], axis=0),
+            np.delete(self.D_rate, left_out, axis=0),
+        )
+
+    def words(self, robot: Robot) -> tuple[str, ...]:
+        """What each row is mostly about."""
+        pairs = [("", self.D_q), ("rate of ", self.D_rate)]
+        return tuple(
+            prefix + robot.v_labels[int(np.argmax(np.abs(row)))].name for prefix, D in pairs for row in D
+        )
 
 
 def end_condition_rows(robot: Robot, goal: Goal, *, is_explicit: bool = False) -> EndRows:

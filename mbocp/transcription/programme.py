@@ -7,7 +7,7 @@ subject to  c_n(x_{n-1}, x_n, y_n, u_{n-1}) = 0
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +16,10 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
-from mbocp.robot import Robot
 from mbocp.transcription.bounds import StateBounds, state_bounds
 from mbocp.transcription.compilation import CompiledFunctions, load_functions
 from mbocp.transcription.end import build_end_functions
-from mbocp.transcription.goal import end_condition_rows, guarded_parts
+from mbocp.transcription.goal import EndRows, end_condition_rows, guarded_parts
 from mbocp.transcription.layout import StateLayout
 from mbocp.transcription.parameters import COST_WEIGHTS, ParameterLayout, concatenated, parameter_layout
 from mbocp.transcription.shape import PathShape, Shape
@@ -80,6 +79,8 @@ class StagewiseProgramme:
         What a state consists of.
     space : ConfigurationSpace
         The group that its configurations belong to.
+    end_rows : EndRows
+        Projections of the end condition.
     functions, end_functions : CompiledFunctions
         Where the functions of the stages and of the end are.
     theta, rho, rho_terminal : ndarray
@@ -98,6 +99,8 @@ class StagewiseProgramme:
         Smallest second derivative of the running cost in a control, the unit of regularisation.
     describe_row : callable
         (stage, row) -> words for messages; stage -1 is the end condition.
+    path_names : tuple of str
+        Of the path functions, for messages.
     """
 
     num_steps: int
@@ -107,6 +110,7 @@ class StagewiseProgramme:
     num_guards: int
     layout: StateLayout
     space: ConfigurationSpace = field(compare=False)
+    end_rows: EndRows = field(compare=False)
     functions: CompiledFunctions
     end_functions: CompiledFunctions
     theta: Array
@@ -120,6 +124,11 @@ class StagewiseProgramme:
     dt: float
     control_weight: float
     describe_row: Callable[[int, int], str] = field(compare=False)
+    path_names: tuple[str, ...] = ()
+
+    def describe_path(self, row: int) -> str:
+        """Words for a path constraint."""
+        return f"path constraint {self.path_names[row]!r}"
 
     @property
     def num_unknowns(self) -> int:
@@ -137,8 +146,14 @@ def is_flat(problem: Problem) -> bool:
     return leaves_the_group or problem.is_bounded or problem.solver.is_interior_point
 
 
-def transcribe(problem: Problem) -> StagewiseProgramme:
+def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgramme:
     """Stagewise programme of a problem, compiled or from the cache.
+
+    Parameters
+    ----------
+    problem : Problem
+    without : sequence of int
+        Rows of the end condition to leave out.
 
     Raises
     ------
@@ -150,6 +165,7 @@ def transcribe(problem: Problem) -> StagewiseProgramme:
     robot = problem.robot
     space = ConfigurationSpace(robot.model, _rotations(problem))
     rows = end_condition_rows(robot, problem.goal, is_explicit=problem.scheme in EXPLICIT_SCHEMES)
+    rows = rows.without(without)
     guarded = guarded_parts(problem, space)
     shape = _shape(problem, rows.D_q.shape[0], rows.D_rate.shape[0], guarded)
     at = state_layout(robot, space.nz, shape)
@@ -167,6 +183,7 @@ def transcribe(problem: Problem) -> StagewiseProgramme:
         functions=load_functions(
             shape.stage_text, lambda: build_functions(mechanics_for(robot, shape), shape)
         ),
+        end_rows=rows,
         end_functions=load_functions(
             "end " + shape.end_text, lambda: build_end_functions(mechanics_for(robot, shape), shape)
         ),
@@ -180,7 +197,8 @@ def transcribe(problem: Problem) -> StagewiseProgramme:
         is_explicit=shape.is_explicit,
         dt=problem.dt,
         control_weight=_control_weight(problem),
-        describe_row=_row_describer(robot, at, problem.dt, problem.duration, is_explicit=shape.is_explicit),
+        describe_row=_row_describer(problem, at, rows),
+        path_names=tuple(label.name for constraint in problem.path for label in constraint.labels),
     )
 
 
@@ -284,15 +302,15 @@ def _mask(sizes: Mapping[str, int]) -> BoolArray:
     return np.concatenate(found)
 
 
-def _row_describer(
-    robot: Robot, at: StateLayout, dt: float, duration: float, *, is_explicit: bool
-) -> Callable[[int, int], str]:
+def _row_describer(problem: Problem, at: StateLayout, rows: EndRows) -> Callable[[int, int], str]:
+    robot, dt, duration = problem.robot, problem.dt, problem.duration
+    is_explicit, of_end = problem.scheme in EXPLICIT_SCHEMES, rows.words(robot)
     speeds = robot.speed_labels if is_explicit else robot.v_labels
     balance = "rate" if is_explicit else "momentum balance"
 
     def describe(stage: int, row: int) -> str:
         if stage < 0:
-            return f"end condition {row + 1} at t = {duration:g} s"
+            return f"end condition {row + 1} ({of_end[row]}) at t = {duration:g} s"
         when = f"in the step to t = {(stage + 1) * dt:g} s"
         if row < at.nw:
             name = robot.v_labels[row].name if at.nw == at.nv else f"coordinate {row + 1}"

@@ -8,7 +8,8 @@ coordinates themselves.
 Inputs and outputs (see `mbocp/_native/kernel/programme.hpp`):
 
 - values    (x0, x1, y, u, theta, rho)      -> c, l
-- jacobian  (x0, x1, y, u, theta, rho)      -> c, l, dc_dz, dl_dz; z = (x1, y, x0, u)
+- gradient  (x0, x1, y, u, theta, rho)      -> dl_dz; z = (x1, y, x0, u)
+- jacobian  (x0, x1, y, u, theta, rho)      -> c, l, dc_dz, dl_dz
 - complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
 - path      (x1, m, u, theta)               -> h, dh_dx1, upper Hessian of m'h in x1; with path constraints
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
@@ -217,6 +218,7 @@ class _Stage:
         arguments, parameters = [self.x0, self.x1, self.y, self.u], [self.theta, self.rho]
         return {
             "values": ca.Function("values", [*arguments, *parameters], ca.cse([c, cost])),
+            "gradient": ca.Function("gradient", [*arguments, *parameters], ca.cse(derivatives[3:4])),
             "jacobian": ca.Function("jacobian", [*arguments, *parameters], ca.cse(derivatives[:4])),
             "complete": ca.Function("complete", [*arguments, self.m, *parameters], ca.cse(derivatives)),
         }

@@ -1,0 +1,1 @@
+"""A stagewise programme as one sparse nonlinear programme, for interior-point solvers behind CasADi."""

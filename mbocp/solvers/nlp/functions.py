@@ -1,0 +1,304 @@
+"""The nonlinear programme's functions, out of the compiled functions of the stages.
+
+Values, gradient, Jacobian and Hessian are gathered from what the stage functions give, mapped over all
+stages, by one permutation each. Nothing is differentiated here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from mbocp._arrays import Array
+from mbocp.solvers.nlp.layout import Index, NlpLayout
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["NlpFunctions", "parameters"]
+
+
+def parameters(programme: StagewiseProgramme) -> Array:
+    """Everything about a programme that is a number, for the functions of its shape."""
+    return np.concatenate([programme.x_start, programme.theta, programme.rho.ravel(), programme.rho_terminal])
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Unknowns and parameters of the programme as symbols."""
+
+    w: ca.MX
+    p: ca.MX
+    x0: ca.MX  # (nx, N)
+    x1: ca.MX
+    y: ca.MX
+    u: ca.MX
+    nodes: ca.MX  # (nx, N): x_1 ... x_N
+    x_start: ca.MX
+    theta: ca.MX
+    rho: ca.MX
+    rho_end: ca.MX
+
+
+class NlpFunctions:
+    """Functions of w (unknowns) and p (parameters) for a programme's shape and number of steps.
+
+    Parameters
+    ----------
+    programme : StagewiseProgramme
+        Its numbers do not matter, see `parameters`.
+    layout : NlpLayout
+
+    Attributes
+    ----------
+    f, g, jac_g : casadi.Function
+        (w, p) -> cost; constraints; constraints and Jacobian.
+    """
+
+    def __init__(self, programme: StagewiseProgramme, layout: NlpLayout) -> None:
+        self._programme, self.layout = programme, layout
+        self._stage = {
+            name: programme.functions.function(name)
+            for name in ("values", "gradient", "jacobian", "complete")
+        }
+        self._end = {
+            name: programme.end_functions.function(name) for name in ("terminal_values", "terminal_complete")
+        }
+        if layout.nh:
+            self._stage["path"] = programme.functions.function("path")
+        if layout.num_guards:
+            self._end["guard"] = programme.end_functions.function("guard")
+        self.f = self._make("nlp_f", self._cost, ["f"])
+        self.g = self._make("nlp_g", lambda at: [self._constraints(at, self._mapped("values", at)[0])], ["g"])
+        self.jac_g = self._make("nlp_jac_g", self._constraints_and_jacobian, ["g", "jac_g_x"])
+
+    def gradient(self, *, has_cost: bool) -> ca.Function:
+        """(w, p) -> gradient of the cost, with the cost before it if so wanted."""
+        if has_cost:
+            return self._make(
+                "nlp_grad_f", lambda at: [*self._cost(at), self._gradient(at)], ["f", "grad_f_x"]
+            )
+        return self._make("nlp_grad_f", lambda at: [self._gradient(at)], ["grad_f_x"])
+
+    def first_order(self) -> ca.Function:
+        """(w, p, lam_f, lam_g) -> cost, constraints, gradient of the Lagrangian; nothing in p's direction."""
+        at = self._given()
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.layout.num_rows)
+        g, jacobian = self._constraints_and_jacobian(at)
+        slopes = lam_f * self._gradient(at) + ca.mtimes(jacobian.T, lam_g)
+        return ca.Function(
+            "nlp_grad",
+            [at.w, at.p, lam_f, lam_g],
+            [*self._cost(at), g, slopes, ca.MX.zeros(at.p.shape)],
+            ["x", "p", "lam_f", "lam_g"],
+            ["f", "g", "grad_gamma_x", "grad_gamma_p"],
+        )
+
+    def hessian(self, *, is_upper: bool) -> ca.Function:
+        """(w, p, lam_f, lam_g) -> upper triangle of the Lagrangian's Hessian; or its gradient and all."""
+        at = self._given()
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.layout.num_rows)
+        m = self.layout.sign * _taken(lam_g, self.layout.steps)
+        stages = self._mapped("complete", at, scale=lam_f, m=m)
+        upper = self._hessian(at, lam_f, lam_g, stages[4])
+        inputs, words = [at.w, at.p, lam_f, lam_g], ["x", "p", "lam_f", "lam_g"]
+        if is_upper:
+            return ca.Function("nlp_hess_l", inputs, [upper], words, ["triu_hess_gamma_x_x"])
+        slopes = self._gradient(at, "complete", stages[3], lam_f)
+        slopes += ca.mtimes(self._jacobian(at, stages[2], "complete").T, lam_g)
+        outputs = [slopes, ca.triu2symm(upper)]
+        return ca.Function("nlp_hess_l", inputs, outputs, words, ["grad_gamma_x", "hess_gamma_x_x"])
+
+    def _constraints_and_jacobian(self, at: _Given) -> list[ca.MX]:
+        stages = self._mapped("jacobian", at)
+        return [self._constraints(at, stages[0]), self._jacobian(at, stages[2])]
+
+    def _make(self, name: str, body: Callable[[_Given], list[ca.MX]], outputs: Sequence[str]) -> ca.Function:
+        at = self._given()
+        return ca.Function(name, [at.w, at.p], body(at), ["x", "p"], list(outputs))
+
+    def _given(self) -> _Given:
+        lay, pro = self.layout, self._programme
+        N, nr = lay.num_steps, pro.kinds[0].nr
+        sizes = [lay.nx, pro.theta.size, N * nr, pro.rho_terminal.size]
+        w, p = ca.MX.sym("x", lay.num_unknowns), ca.MX.sym("p", sum(sizes))
+        x_start, theta, rho, rho_end = ca.vertsplit(p, [0, *np.cumsum(sizes).tolist()])
+        blocks = ca.reshape(w[: N * lay.block], lay.block, N)
+        last = w[N * lay.block :]
+        x0 = blocks[: lay.nx, :]
+        nodes = ca.horzcat(x0[:, 1:], last)
+        u, y = blocks[lay.nx : lay.nx + lay.nu, :], blocks[lay.nx + lay.nu : lay.nx + lay.nu + lay.ny, :]
+        x1 = blocks[lay.nx + lay.nu + lay.ny :, :] if lay.is_lifted else nodes
+        return _Given(w, p, x0, x1, y, u, nodes, x_start, theta, ca.reshape(rho, nr, N), rho_end)
+
+    def _mapped(
+        self, name: str, at: _Given, *, scale: ca.MX | None = None, m: ca.MX | None = None
+    ) -> list[ca.MX]:
+        """Outputs of a stage function at all stages, side by side; the costs scaled."""
+        N = self.layout.num_steps
+        theta = ca.repmat(self._scaled(at.theta, self._programme.theta_weights, scale), 1, N)
+        between = [] if m is None else [m]
+        return list(
+            self._stage[name].map(N).call([at.x0, at.x1, at.y, at.u, *between, theta, at.rho], False, True)
+        )
+
+    @staticmethod
+    def _scaled(numbers: ca.MX, mask: NDArray[np.bool_], scale: ca.MX | None) -> ca.MX:
+        if scale is None:
+            return numbers
+        chosen = ca.DM(mask.astype(float))
+        return numbers * (1 + chosen * (scale - 1))
+
+    def _cost(self, at: _Given) -> list[ca.MX]:
+        psi = self._end["terminal_values"](at.nodes[:, -1], at.rho_end)[0]
+        return [ca.sum2(self._mapped("values", at)[1]) + psi]
+
+    def _constraints(self, at: _Given, rows: ca.MX) -> ca.MX:
+        lay = self.layout
+        c = lay.sign * rows
+        of_step = ca.vertcat(at.nodes - at.x1, c) if lay.is_lifted else c
+        start = at.x0[:, 0] - at.x_start
+        end = [self._end["terminal_values"](at.nodes[:, -1], at.rho_end)[1]]
+        if lay.num_guards:
+            end.append(self._guard(at)[0])
+        inner = of_step[:, 1:]
+        if lay.nh:
+            h = self._path(at)[0]
+            inner, last = ca.vertcat(inner, h[:, :-1]), h[:, -1]
+            end.append(last)
+        return ca.vertcat(of_step[:, 0], start, ca.vec(inner), *end)
+
+    def _path(self, at: _Given, m: ca.MX | None = None) -> list[ca.MX]:
+        N, lay = self.layout.num_steps, self.layout
+        m = ca.MX.zeros(lay.nh, N) if m is None else m
+        theta = ca.repmat(at.theta, 1, N)
+        return list(
+            self._stage["path"].map(N).call([at.nodes, m, ca.MX.zeros(lay.nu, N), theta], False, True)
+        )
+
+    def _guard(self, at: _Given, m: ca.MX | None = None) -> list[ca.MX]:
+        m = ca.MX.zeros(self.layout.num_guards) if m is None else m
+        return list(self._end["guard"].call([at.nodes[:, -1], m, at.rho_end]))
+
+    def _terminal(self, at: _Given, eta: ca.MX | None = None, scale: ca.MX | None = None) -> list[ca.MX]:
+        eta = ca.MX.zeros(self.layout.ng) if eta is None else eta
+        rho = self._scaled(at.rho_end, self._programme.terminal_weights, scale)
+        return list(self._end["terminal_complete"].call([at.nodes[:, -1], eta, rho]))
+
+    def _gradient(
+        self,
+        at: _Given,
+        source: str = "gradient",
+        slopes: ca.MX | None = None,
+        scale: ca.MX | None = None,
+    ) -> ca.MX:
+        lay, N = self.layout, self.layout.num_steps
+        if slopes is None:
+            slopes = self._mapped("gradient", at)[0]
+        entries = _Entries(ca.Sparsity.dense(lay.num_unknowns, 1))
+        function = self._stage[source]
+        _, columns = _pattern(function.sparsity_out(3 if source == "complete" else 0))
+        positions = lay.zs[:, columns]
+        entries.add(positions.ravel(), np.zeros(positions.size, np.int64), slopes.nz[:])
+        at_end = self._end["terminal_complete"].sparsity_out(3)
+        _, columns = _pattern(at_end)
+        entries.add(
+            lay.xs[N][columns], np.zeros(columns.size, np.int64), self._terminal(at, None, scale)[3].nz[:]
+        )
+        return entries.gathered()
+
+    def _jacobian(self, at: _Given, blocks: ca.MX, source: str = "jacobian") -> ca.MX:
+        lay, N = self.layout, self.layout.num_steps
+        entries = _Entries()
+        rows, columns = _pattern(self._stage[source].sparsity_out(2))
+        values = lay.sign * blocks.nz[:]
+        entries.add(lay.steps[:, rows].ravel(), lay.zs[:, columns].ravel(), values)
+        if lay.is_lifted:
+            entries.constant(lay.gaps.ravel(), lay.xs[1:].ravel(), 1.0)
+            entries.constant(lay.gaps.ravel(), lay.x_nexts.ravel(), -1.0)
+        entries.constant(lay.start, lay.xs[0], 1.0)
+        rows, columns = _pattern(self._end["terminal_complete"].sparsity_out(2))
+        entries.add(lay.end[rows], lay.xs[N][columns], self._terminal(at)[2].nz[:])
+        if lay.num_guards:
+            rows, columns = _pattern(self._end["guard"].sparsity_out(1))
+            entries.add(lay.guards[rows], lay.xs[N][columns], self._guard(at)[1].nz[:])
+        if lay.nh:
+            rows, columns = _pattern(self._stage["path"].sparsity_out(1))
+            entries.add(lay.path[:, rows].ravel(), lay.xs[1:, columns].ravel(), self._path(at)[1].nz[:])
+        return entries.gathered((lay.num_rows, lay.num_unknowns))
+
+    def _hessian(self, at: _Given, lam_f: ca.MX, lam_g: ca.MX, blocks: ca.MX) -> ca.MX:
+        """Upper triangle."""
+        lay, N = self.layout, self.layout.num_steps
+        entries = _Entries()
+
+        def add(unknowns: Index, pattern: ca.Sparsity, values: ca.MX) -> None:
+            rows, columns = _pattern(pattern)
+            i, j = unknowns[..., rows].ravel(), unknowns[..., columns].ravel()
+            entries.add(np.minimum(i, j), np.maximum(i, j), values.nz[:])
+
+        add(lay.zs, self._stage["complete"].sparsity_out(4), blocks)
+        end = self._terminal(at, lam_g[lay.end.tolist()], lam_f)[4]
+        add(lay.xs[N], self._end["terminal_complete"].sparsity_out(4), end)
+        if lay.num_guards:
+            curvature = self._guard(at, lam_g[lay.guards.tolist()])[2]
+            add(lay.xs[N], self._end["guard"].sparsity_out(2), curvature)
+        if lay.nh:
+            curvature = self._path(at, _taken(lam_g, lay.path))[2]
+            add(lay.xs[1:], self._stage["path"].sparsity_out(2), curvature)
+        return entries.gathered((lay.num_unknowns, lay.num_unknowns))
+
+
+def _taken(vector: ca.MX, rows: Index) -> ca.MX:
+    """Entries of a vector as a matrix, one column for each row of `rows`."""
+    return ca.reshape(vector.nz[rows.ravel().tolist()], rows.shape[1], rows.shape[0])
+
+
+def _pattern(sparsity: ca.Sparsity) -> tuple[Index, Index]:
+    """Rows and columns of the nonzeros, in their order."""
+    rows, columns = sparsity.get_triplet()
+    return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
+
+
+class _Entries:
+    """Entries of a sparse matrix from several vectors of values; those at one place add up."""
+
+    def __init__(self, sparsity: ca.Sparsity | None = None) -> None:
+        self._sparsity = sparsity
+        self._rows: list[Index] = []
+        self._columns: list[Index] = []
+        self._values: list[ca.MX] = []
+
+    def add(self, rows: Index, columns: Index, values: ca.MX) -> None:
+        """Values at places."""
+        self._rows.append(np.asarray(rows, dtype=np.int64))
+        self._columns.append(np.asarray(columns, dtype=np.int64))
+        self._values.append(ca.reshape(values, values.numel(), 1))
+
+    def constant(self, rows: Index, columns: Index, value: float) -> None:
+        """One value at places."""
+        self.add(rows, columns, ca.MX(ca.DM.ones(len(rows), 1) * value))
+
+    def gathered(self, shape: tuple[int, int] | None = None) -> ca.MX:
+        """The matrix."""
+        rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
+        sparsity = self._sparsity
+        if sparsity is None:
+            if shape is None:
+                raise ValueError("shape or sparsity is needed")
+            sparsity = ca.Sparsity.triplet(*shape, rows.tolist(), columns.tolist())
+        places = np.array(sparsity.get_nz((rows + columns * sparsity.shape[0]).tolist()), dtype=np.int64)
+        pool = ca.vertcat(*self._values, 0.0)
+        absent = rows.size  # the zero at the end
+        total = None
+        order = np.argsort(places, kind="stable")
+        rank = np.arange(rows.size) - np.searchsorted(places[order], places[order])
+        for layer in range(int(rank.max(initial=-1)) + 1):
+            taken = order[rank == layer]
+            sources = np.full(sparsity.nnz(), absent, dtype=np.int64)
+            sources[places[taken]] = taken
+            part = pool.nz[sources.tolist()]
+            total = part if total is None else total + part
+        return ca.MX(sparsity, total if total is not None else ca.MX.zeros(sparsity.nnz()))

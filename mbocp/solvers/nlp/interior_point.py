@@ -1,0 +1,324 @@
+r"""Direct multiple shooting by interior-point methods: IPOPT and fatrop, through CasADi.
+
+The nonlinear programme is eq. (39) of [Manara2017]_ for an explicit scheme, and the stagewise programme
+itself for any other: states and controls of all nodes are unknowns. Bounds, path constraints and guards of
+the end condition are inequalities.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.solvers.iterate import BoundMultipliers, Iterate
+from mbocp.solvers.nlp.functions import NlpFunctions, parameters
+from mbocp.solvers.nlp.layout import NlpLayout
+from mbocp.solvers.nlp.log import IterationLog
+from mbocp.solvers.nlp.watch import Watch
+from mbocp.solvers.nlp.words import advice_of, status_of
+from mbocp.solvers.records import IterationRecord
+from mbocp.solvers.run import Callback, SolverResult
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["InteriorPoint"]
+
+_FATROP_RELAXES = 1e-8  # relative to a bound, absolute below one
+_KEPT = 12  # solvers of different shapes kept in memory; a study with every formulation has six
+
+
+@dataclass(frozen=True)
+class InteriorPoint:
+    """One run of an interior-point solver.
+
+    Attributes
+    ----------
+    name : {"ipopt", "fatrop"}
+    tolerance : float
+        Of the solver's own error measure.
+    max_iterations : int
+    time_limit : float or None
+        [s].
+    linear_solver : {"auto", "mumps", "ma27"}
+        Of IPOPT.
+    """
+
+    name: str
+    tolerance: float
+    max_iterations: int
+    time_limit: float | None = None
+    linear_solver: str = "auto"
+
+    @property
+    def title(self) -> str:
+        """What it is called in output."""
+        return {"ipopt": "IPOPT", "fatrop": "fatrop"}[self.name]
+
+    def run(
+        self,
+        programme: StagewiseProgramme,
+        iterate: Iterate,
+        callback: Callback | None = None,
+        phase: str = "",
+        first: int = 0,
+    ) -> SolverResult:
+        """Solve from an iterate; its multipliers are not used."""
+        compiled = _compiled(_Key.of(self, programme))
+        lay, watch = compiled.layout, compiled.watch
+        log = IterationLog(phase or self.name, first, callback)
+        bounds = _bounds(programme, lay)
+        inner = _tightened(bounds) if self.name == "fatrop" else bounds
+        clock = time.perf_counter()
+        watch.begin(self.time_limit)
+        p = parameters(programme)
+        w0 = _packed(iterate, lay)
+        with _interruptible(watch), contextlib.redirect_stdout(log):
+            try:
+                found: dict[str, Any] | None = compiled.solver(x0=w0, p=p, **inner)
+            except RuntimeError:
+                if not watch.reason:
+                    raise
+                found = None
+        if log.failure is not None and not isinstance(log.failure, KeyboardInterrupt):
+            raise log.failure
+        stats = compiled.solver.stats() if found is not None else {}
+        w = np.array(found["x"]).ravel() if found is not None else watch.last
+        if w is None or watch.reason:
+            w = watch.last if watch.last is not None else w0
+        lam_g = np.array(found["lam_g"]).ravel() if found is not None else np.zeros(lay.num_rows)
+        record, lam_x = compiled.record(w, p, lam_g, bounds)
+        history = tuple(log.records)
+        taken = max(0, history[-1].iteration - first) if history else 0
+        last = history[-1] if history else record
+        record = replace(
+            record,
+            iteration=first + taken,
+            increment=last.increment,
+            step_length=last.step_length,
+            wall_time_s=time.perf_counter() - clock,
+            phase=phase or self.name,
+        )
+        status = status_of(self.name, stats, watch.reason)
+        words = advice_of(status, stats, programme, lay, compiled.violations(w, p, bounds), taken)
+        return SolverResult(status, words, _unpacked(w, lam_g, lam_x, lay), record, history or (record,))
+
+
+@dataclass(frozen=True)
+class _Key:
+    """What a solver object depends on; two programmes with the same key share it."""
+
+    name: str
+    tolerance: float
+    max_iterations: int
+    linear_solver: str
+    libraries: tuple[str, str]
+    layout: NlpLayout
+    programme: StagewiseProgramme
+
+    @classmethod
+    def of(cls, options: InteriorPoint, programme: StagewiseProgramme) -> _Key:
+        sources = (programme.functions, programme.end_functions)
+        libraries = tuple(str(f.library or hash(tuple(sorted(f.serialised.items())))) for f in sources)
+        return cls(
+            options.name,
+            options.tolerance,
+            options.max_iterations,
+            options.linear_solver,
+            (libraries[0], libraries[1]),
+            NlpLayout.of(programme, wants_gaps=options.name == "fatrop"),
+            programme,
+        )
+
+    def _identity(self) -> tuple[Any, ...]:
+        return (
+            self.name,
+            self.tolerance,
+            self.max_iterations,
+            self.linear_solver,
+            self.libraries,
+            self.layout,
+            self.programme.theta_weights.tobytes(),
+            self.programme.terminal_weights.tobytes(),
+            _kinds_of_bounds(self.programme),
+        )
+
+    def __hash__(self) -> int:
+        return hash(self._identity())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self._identity() == other._identity()
+
+
+class _Compiled:
+    """A solver object with its functions."""
+
+    def __init__(self, key: _Key) -> None:
+        self.layout = key.layout
+        functions = NlpFunctions(key.programme, key.layout)
+        self.functions, self.watch = functions, Watch(key.layout.num_unknowns)
+        is_ipopt = key.name == "ipopt"
+        w, p = ca.MX.sym("x", functions.f.numel_in(0)), ca.MX.sym("p", functions.f.numel_in(1))
+        watched = ca.Function("nlp_f", [w, p], [functions.f(w, p) + self.watch(w)], ["x", "p"], ["f"])
+        self.gradient = functions.gradient(has_cost=False)
+        cache = {
+            "nlp_f": watched,
+            "nlp_g": functions.g,
+            "nlp_grad_f": functions.gradient(has_cost=True) if is_ipopt else self.gradient,
+            "nlp_jac_g": functions.jac_g,
+            "nlp_hess_l": functions.hessian(is_upper=is_ipopt),
+            "nlp_grad": functions.first_order(),
+        }
+        options = {
+            "cache": cache,
+            "calc_lam_p": False,
+            "calc_lam_x": False,
+            "print_time": False,
+            "error_on_fail": False,
+            **(_ipopt_options(key) if is_ipopt else _fatrop_options(key)),
+        }
+        problem = {"x": w, "p": p, "f": functions.f(w, p), "g": functions.g(w, p)}
+        self.solver = ca.nlpsol("solver", key.name, problem, options)
+
+    def record(
+        self, w: Array, p: Array, lam_g: Array, bounds: dict[str, Array]
+    ) -> tuple[IterationRecord, Array]:
+        """Cost and residuals at a point, computed anew, and the multipliers of the bounds on unknowns.
+
+        These are what stationarity leaves for them; what is left of them where no bound is near counts as
+        residual, by the smaller of multiplier and distance.
+        """
+        rows, jacobian = self.functions.jac_g(w, p)
+        slopes: Array = np.array(self.gradient(w, p) + jacobian.T @ lam_g).ravel()
+        g: Array = np.array(rows).ravel()
+        distance = np.where(slopes > 0.0, w - bounds["lbx"], bounds["ubx"] - w)
+        lam_x = np.where(np.isfinite(bounds["lbx"]) | np.isfinite(bounds["ubx"]), -slopes, 0.0)
+        left = np.minimum(np.abs(slopes), np.abs(distance))
+        row_distance = np.where(lam_g < 0.0, g - bounds["lbg"], bounds["ubg"] - g)
+        unused = np.minimum(np.abs(lam_g), np.abs(row_distance))
+        missed = np.concatenate([_missed(w, bounds, "x"), _missed(g, bounds, "g")])
+        primal, dual = float(np.linalg.norm(missed)), float(np.linalg.norm(np.concatenate([left, unused])))
+        record = IterationRecord(
+            iteration=0,
+            residual=math.hypot(primal, dual),
+            cost=float(self.functions.f(w, p)),
+            primal=primal,
+            dual=dual,
+        )
+        return record, lam_x
+
+    def violations(self, w: Array, p: Array, bounds: dict[str, Array]) -> Array:
+        """By how much each row misses its bounds, shape (num_rows,)."""
+        return _missed(np.array(self.functions.g(w, p)).ravel(), bounds, "g")
+
+
+def _missed(values: Array, bounds: dict[str, Array], letter: str) -> Array:
+    lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
+    missed: Array = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
+    return missed
+
+
+@lru_cache(maxsize=_KEPT)
+def _compiled(key: _Key) -> _Compiled:
+    return _Compiled(key)
+
+
+def _ipopt_options(key: _Key) -> dict[str, Any]:
+    options: dict[str, Any] = {
+        "ipopt.tol": key.tolerance,
+        "ipopt.max_iter": key.max_iterations,
+        "ipopt.print_level": 5,
+        "ipopt.sb": "yes",
+        "ipopt.nlp_scaling_method": "none",
+        "ipopt.bound_relax_factor": 0.0,  # limits are limits
+        "ipopt.constr_viol_tol": min(1e-4, 10 * key.tolerance),
+    }
+    if key.linear_solver != "auto":
+        options["ipopt.linear_solver"] = key.linear_solver
+    return options
+
+
+def _fatrop_options(key: _Key) -> dict[str, Any]:
+    lay = key.layout
+    equality = np.ones(lay.num_rows, dtype=bool)
+    equality[lay.path.ravel()] = False
+    equality[lay.guards] = False
+    return {
+        "structure_detection": "manual",
+        "N": lay.num_steps,
+        "nx": [lay.nx] * (lay.num_steps + 1),
+        "nu": [lay.nw] * lay.num_steps + [0],
+        "ng": list(lay.rows_of_node),
+        "equality": equality.tolist(),
+        "fatrop.tolerance": key.tolerance,
+        "fatrop.max_iter": key.max_iterations,
+        "fatrop.print_level": 5,
+    }
+
+
+def _kinds_of_bounds(programme: StagewiseProgramme) -> bytes:
+    bounds = programme.bounds
+    sides = (bounds.x_lower, bounds.x_upper, bounds.u_lower, bounds.u_upper)
+    return b"".join(np.isfinite(side).tobytes() for side in sides)
+
+
+def _bounds(programme: StagewiseProgramme, lay: NlpLayout) -> dict[str, Array]:
+    given = programme.bounds
+    lbx, ubx = np.full(lay.num_unknowns, -np.inf), np.full(lay.num_unknowns, np.inf)
+    lbx[lay.xs[1:]], ubx[lay.xs[1:]] = given.x_lower, given.x_upper
+    lbx[lay.us], ubx[lay.us] = given.u_lower, given.u_upper
+    lbg, ubg = np.zeros(lay.num_rows), np.zeros(lay.num_rows)
+    lbg[lay.path], ubg[lay.path] = given.path_lower, given.path_upper
+    ubg[lay.guards] = np.inf
+    return {"lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
+
+
+def _tightened(bounds: dict[str, Array]) -> dict[str, Array]:
+    """Bounds less the part by which fatrop relaxes them, so that those given are kept."""
+    given = (bounds["lbx"], bounds["ubx"])
+    by = [np.where(np.isfinite(b), _FATROP_RELAXES * np.maximum(1.0, np.abs(b)), 0.0) for b in given]
+    return bounds | {"lbx": given[0] + by[0], "ubx": given[1] - by[1]}
+
+
+def _packed(iterate: Iterate, lay: NlpLayout) -> Array:
+    w = np.zeros(lay.num_unknowns)
+    w[lay.xs], w[lay.us], w[lay.ys] = iterate.xs, iterate.us, iterate.ys
+    w[lay.x_nexts] = iterate.xs[1:]
+    return w
+
+
+def _unpacked(w: Array, lam_g: Array, lam_x: Array, lay: NlpLayout) -> Iterate:
+    lam_xs = lam_x[lay.xs]
+    return Iterate(
+        xs=w[lay.xs],
+        ys=w[lay.ys],
+        us=w[lay.us],
+        ms=lay.sign * lam_g[lay.steps],
+        eta=lam_g[lay.end],
+        bounds=BoundMultipliers(xs=lam_xs, us=lam_x[lay.us], path=lam_g[lay.path], guard=lam_g[lay.guards]),
+    )
+
+
+@contextlib.contextmanager
+def _interruptible(watch: Watch) -> Iterator[None]:
+    """Let Ctrl-C end the solver at its next evaluation, with what it has."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
+    watch.is_wanted = lambda: not pressed
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        watch.is_wanted = lambda: True

@@ -1,0 +1,92 @@
+"""Iterations of an interior-point solver, read from the table that it prints.
+
+IPOPT and fatrop print the same columns: iteration, objective, inf_pr, inf_du, lg(mu), ||d||, lg(rg),
+alpha_du, alpha_pr, line search. Reading them gives one record an iteration, live, at no cost to the solver.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import time
+from collections.abc import Callable
+
+from mbocp.solvers.records import IterationRecord
+
+__all__ = ["IterationLog"]
+
+_NUMBER = r"[-+]?(?:\d+\.\d+e[-+]\d+|\d+\.\d+|nan|inf)"
+_LINE = re.compile(
+    rf"^\s*(?P<iteration>\d+)(?P<restoration>r?)\s+(?P<cost>{_NUMBER})\s+(?P<primal>{_NUMBER})\s+"
+    rf"(?P<dual>{_NUMBER})\s+\S+\s+(?P<step>{_NUMBER})\s+(?P<shift>-|{_NUMBER})\s+{_NUMBER}\s+"
+    rf"(?P<alpha>{_NUMBER})",
+    re.IGNORECASE,
+)
+
+
+class IterationLog(io.TextIOBase):
+    """A text stream that keeps iterations as records.
+
+    Parameters
+    ----------
+    phase : str
+        Name of the phase that the records belong to.
+    first : int
+        Iterations before, where they go on counting.
+    callback : callable, optional
+        Called with every record.
+    """
+
+    def __init__(
+        self, phase: str, first: int = 0, callback: Callable[[IterationRecord], object] | None = None
+    ) -> None:
+        super().__init__()
+        self.records: list[IterationRecord] = []
+        self.failure: BaseException | None = None
+        self._phase, self._first, self._callback = phase, first, callback
+        self._pieces: list[str] = []
+        self._clock = time.perf_counter()
+
+    def writable(self) -> bool:
+        """Yes."""
+        return True
+
+    def write(self, text: str) -> int:
+        """Take text as it comes, in pieces of any size."""
+        if "\n" not in text:
+            self._pieces.append(text)
+            return len(text)
+        *lines, rest = ("".join(self._pieces) + text).split("\n")
+        self._pieces = [rest] if rest else []
+        for line in lines:
+            self._read(line)
+        return len(text)
+
+    def _read(self, line: str) -> None:
+        found = _LINE.match(line)
+        if not found:
+            return
+        now = time.perf_counter()
+        iteration = int(found["iteration"])
+        shift = found["shift"]
+        record = IterationRecord(
+            iteration=self._first + iteration,
+            residual=max(float(found["primal"]), float(found["dual"])),
+            increment=float(found["step"]) if iteration else math.nan,
+            cost=float(found["cost"]),
+            step_length=float(found["alpha"]) if iteration else math.nan,
+            primal=float(found["primal"]),
+            dual=float(found["dual"]),
+            regularisation=0.0 if shift == "-" else 10.0 ** float(shift),
+            wall_time_s=now - self._clock,
+            phase=self._phase + (" (restoration)" if found["restoration"] else ""),
+        )
+        self._clock = now
+        self.records.append(record)
+        if self._callback is None or self.failure is not None:
+            return
+        try:
+            self._callback(record)
+        except BaseException as error:  # raised again by the solver's caller: C++ in between would lose it
+            self.failure = error

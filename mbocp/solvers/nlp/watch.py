@@ -1,0 +1,70 @@
+"""A look at the unknowns each time the cost is evaluated: time limit, Ctrl-C, and the last iterate."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+
+__all__ = ["Stopped", "Watch"]
+
+
+class Stopped(Exception):
+    """Thrown through the solver to end it."""
+
+
+class Watch(ca.Callback):
+    """Zero, as a function of the unknowns; evaluating it may end the solve.
+
+    Attributes
+    ----------
+    last : ndarray or None
+        Unknowns at the latest evaluation.
+    reason : str
+        Why the solve was ended: "", "interrupted" or "time_limit".
+    """
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.last: Array | None = None
+        self.reason = ""
+        self.is_wanted: Callable[[], bool] = lambda: True
+        self._size, self._deadline = size, math.inf
+        self.construct("watch", {})
+
+    def begin(self, time_limit: float | None) -> None:
+        """Start the clock."""
+        self.last, self.reason = None, ""
+        self._deadline = math.inf if time_limit is None else time.monotonic() + time_limit
+
+    def get_n_in(self) -> int:
+        """One."""
+        return 1
+
+    def get_n_out(self) -> int:
+        """One."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """A column of unknowns."""
+        return ca.Sparsity.dense(self._size, 1)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        """A number."""
+        return ca.Sparsity.dense(1, 1)
+
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
+        """Zero."""
+        if not self.is_wanted():
+            self.reason = "interrupted"
+        elif time.monotonic() > self._deadline:
+            self.reason = "time_limit"
+        if self.reason:
+            raise Stopped(self.reason)
+        self.last = np.array(arguments[0]).ravel()
+        return [ca.DM(0.0)]

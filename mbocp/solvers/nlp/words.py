@@ -1,0 +1,92 @@
+"""How an interior-point solver ended, as a status and advice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.solvers.nlp.layout import NlpLayout
+from mbocp.solvers.records import Status
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["advice_of", "status_of"]
+
+_IPOPT = {
+    "Solve_Succeeded": Status.CONVERGED,
+    "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Maximum_Iterations_Exceeded": Status.MAX_ITERATIONS,
+    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
+    "Search_Direction_Becomes_Too_Small": Status.LINE_SEARCH_FAILED,
+    "Restoration_Failed": Status.LINE_SEARCH_FAILED,
+    "Solved_To_Acceptable_Level": Status.LINE_SEARCH_FAILED,
+    "Diverging_Iterates": Status.DIVERGED,
+    "Invalid_Number_Detected": Status.DIVERGED,
+    "Error_In_Step_Computation": Status.SINGULAR,
+    "Not_Enough_Degrees_Of_Freedom": Status.INFEASIBLE,
+}
+
+
+def status_of(name: str, stats: Mapping[str, Any], stopped: str) -> Status:
+    """Status from what the solver returned; `stopped`: why mbocp ended it."""
+    if stopped:
+        return Status.INTERRUPTED if stopped == "interrupted" else Status.TIME_LIMIT
+    if stats.get("success"):
+        return Status.CONVERGED
+    if name == "ipopt":
+        return _IPOPT.get(str(stats.get("return_status")), Status.LINE_SEARCH_FAILED)
+    words = str(stats.get("unified_return_status"))
+    return Status.MAX_ITERATIONS if "LIMITED" in words else Status.LINE_SEARCH_FAILED
+
+
+def advice_of(
+    status: Status,
+    stats: Mapping[str, Any],
+    programme: StagewiseProgramme,
+    lay: NlpLayout,
+    violations: Array,
+    taken: int,
+) -> str:
+    """What the status means here, and what to do."""
+    worst = _worst(programme, lay, violations)
+    iterations = f"{taken} iteration{'' if taken == 1 else 's'}"
+    texts = {
+        Status.CONVERGED: "a local minimum: the solver's optimality error is below the tolerance",
+        Status.INFEASIBLE: "no motion meets all constraints, as far as the solver can see from this guess; "
+        "widen the limits, take a longer duration or another goal",
+        Status.MAX_ITERATIONS: f"not converged in {iterations}; raise solver.max_iterations, or start from "
+        "another guess",
+        Status.TIME_LIMIT: f"not converged within solver.time_limit, after {iterations}; raise it, or start "
+        "from another guess",
+        Status.LINE_SEARCH_FAILED: f"no step makes progress any more after {iterations}; the goal may be out "
+        "of reach within the limits; try a longer duration, wider limits, another guess, or the other of "
+        '"ipopt" and "fatrop"',
+        Status.DIVERGED: "the iterates left the finite numbers; take more steps or another guess",
+        Status.SINGULAR: "the linear system cannot be solved; look for constraints that depend on each other",
+        Status.INTERRUPTED: f"interrupted after {iterations}; the last iterate",
+    }
+    return texts[status] if status is Status.CONVERGED else f"{texts[status]}; {worst}"
+
+
+def _worst(programme: StagewiseProgramme, lay: NlpLayout, violations: Array) -> str:
+    row = int(np.argmax(violations))
+    size = f"({violations[row]:.1e})"
+    if violations[row] <= 1e-8:
+        return f"all constraints hold {size}"
+    describe = programme.describe_row
+    for name, rows in (("steps", lay.steps), ("gaps", lay.gaps)):
+        at = np.argwhere(rows == row)
+        if at.size:
+            step, index = (int(i) for i in at[0])
+            words = describe(step, index) if name == "steps" else f"the step to node {step + 1}"
+            return f"largest violation: {words} {size}"
+    at = np.argwhere(lay.path == row)
+    if at.size:
+        node, index = (int(i) for i in at[0])
+        when = (node + 1) * programme.dt
+        return f"largest violation: {programme.describe_path(index)} at t = {when:g} s {size}"
+    if row in lay.end:
+        return f"largest violation: {describe(-1, int(row - lay.end[0]))} {size}"
+    return f"largest violation: {'guard of the end condition' if row in lay.guards else 'start'} {size}"

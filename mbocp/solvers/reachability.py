@@ -1,0 +1,111 @@
+"""Which rows of an end condition the controls can act upon, independently of each other.
+
+Some systems meet a condition by themselves: a symmetric top without a torque about its axis keeps its spin.
+Such a row repeats the dynamics; with it the constraints of a problem are linearly dependent (no LICQ), and
+interior-point solvers crawl. The derivative of all rows in all controls shows them, at a motion with nothing
+special about it: one with random controls.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import OverdeterminedGoal
+from mbocp.solvers.native import kernel_programme
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["dependent_end_rows"]
+
+_RANK_TOLERANCE = 1e-9  # relative to the largest derivative: far above round-off, far below a real one
+_MET = 1e-6  # violation of a row that nothing acts upon beyond which the goal is out of reach
+_AMPLITUDE = 0.3  # of the random controls, relative to their bounds or to one
+_SWEEP_TOLERANCE, _SWEEP_ITERATIONS = 1e-10, 50
+
+
+class _Case:
+    """A programme, compared by all that the answer depends on; a goal's numbers are not among it."""
+
+    def __init__(self, programme: StagewiseProgramme, rows: Array) -> None:
+        self.programme = programme
+        sources = (programme.functions, programme.end_functions)
+        self._identity = (
+            tuple(str(s.library or hash(tuple(sorted(s.serialised.items())))) for s in sources),
+            programme.num_steps,
+            programme.dt,
+            np.round(programme.x_start, 9).tobytes(),
+            np.round(rows, 9).tobytes(),
+        )
+
+    def __hash__(self) -> int:
+        return hash(self._identity)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Case) and self._identity == other._identity
+
+
+def dependent_end_rows(programme: StagewiseProgramme, rows: Array) -> tuple[int, ...]:
+    """Rows of the end condition that the others and the dynamics imply.
+
+    Parameters
+    ----------
+    programme : StagewiseProgramme
+    rows : ndarray, shape (ng, k)
+        Projections of the end condition; a case that was seen is not looked at again.
+
+    Raises
+    ------
+    OverdeterminedGoal
+        If no control acts upon a row that is not met.
+    """
+    if programme.ng == 0:
+        return ()
+    dependent, missed = _examined(_Case(programme, rows))
+    if missed:
+        row = missed[0]
+        raise OverdeterminedGoal(
+            f"goal: no control acts upon {programme.describe_row(-1, row)}, which is not met by itself; "
+            "change the goal or the start there, or leave it out"
+        )
+    return dependent
+
+
+@lru_cache(maxsize=256)
+def _examined(case: _Case) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    programme = case.programme
+    native = kernel_programme(programme)
+    native.u = _random_controls(programme)
+    xs = np.zeros((programme.num_steps + 1, programme.x_start.size))
+    xs[0] = programme.x_start
+    native.x = xs.ravel()
+    if not native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS).ok:
+        return (), ()
+    native.evaluate()
+    native.gradient()
+    derivative = native.end_sensitivity().reshape(programme.ng, -1)
+    if not np.isfinite(derivative).all():
+        return (), ()
+    largest = np.abs(derivative).max(initial=0.0)
+    chosen: list[int] = []
+    basis = np.zeros((0, derivative.shape[1]))
+    for row, slope in enumerate(derivative):
+        left = slope - basis.T @ (basis @ slope)
+        left = left - basis.T @ (basis @ left)  # twice is enough
+        norm = float(np.linalg.norm(left))
+        if norm > _RANK_TOLERANCE * largest * np.sqrt(slope.size):
+            chosen.append(row)
+            basis = np.vstack([basis, left / norm])
+    dependent = tuple(row for row in range(programme.ng) if row not in chosen)
+    untouched = [r for r in dependent if np.abs(derivative[r]).max() <= _RANK_TOLERANCE * largest]
+    missed = tuple(r for r in untouched if abs(native.end_condition[r]) > _MET)
+    return dependent, missed
+
+
+def _random_controls(programme: StagewiseProgramme) -> Array:
+    bounds, size = programme.bounds, programme.num_steps
+    reach = np.minimum(np.minimum(np.abs(bounds.u_lower), np.abs(bounds.u_upper)), 1.0)
+    rng = np.random.default_rng(1)
+    controls: Array = _AMPLITUDE * reach * rng.uniform(-1.0, 1.0, (size, reach.size))
+    return controls.ravel()
