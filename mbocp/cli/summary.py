@@ -120,14 +120,18 @@ def _violation(solution: Solution) -> str:
 
 def _limits(solution: Solution) -> _Rows:
     """Which limits the motion touches, and by how much it leaves them; nothing where there are none."""
-    bounds = (solution.limits_u, solution.limits_v, solution.limits_q)
-    if not any(np.isfinite(bound).any() for bound in bounds) and not solution.path_names:
+    if not _is_bounded(solution):
         return []
     active = [_touches(limit) for limit in solution.active_limits]
     listed = "\n".join(active[:_MOST_LIMITS]) or "none is active"
     if len(active) > _MOST_LIMITS:
         listed += f"\nand {len(active) - _MOST_LIMITS} more"
     return [("limits", f"{listed}\nviolated by {solution.limit_violation:.2e} at most")]
+
+
+def _is_bounded(solution: Solution) -> bool:
+    bounds = (solution.limits_u, solution.limits_v, solution.limits_q)
+    return bool(solution.path_names) or any(bool(np.isfinite(bound).any()) for bound in bounds)
 
 
 def _touches(limit: ActiveLimit) -> str:
@@ -151,6 +155,8 @@ def _drift(solution: Solution) -> _Rows:
 def _conserved(solution: Solution) -> str | Text:
     """Control momenta, each with what it is on a line of its own."""
     if not solution.conserved:
+        if _is_bounded(solution):
+            return "none: no symmetry of robot, running cost and limits is known"
         return "none: robot and running cost have no symmetry"
     text = Text()
     for quantity in solution.conserved:

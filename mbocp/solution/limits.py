@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["ActiveLimit", "active_limits"]
 
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
-_PULLS = 1e-5  # part of the largest multiplier of a path constraint below which another counts as zero
+_PULLS = 1e-6  # part of the largest multiplier or adjoint; less is what a barrier leaves over
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,18 @@ def active_limits(solution: Solution) -> tuple[ActiveLimit, ...]:
         ("position", labels.q, solution.qs[1:], solution.limits_q),
     ):
         found += _touched(kind, columns, values, limits)
-    pulls = _PULLS * np.abs(solution.lam_path).max(initial=0.0)
+    pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
         for side, active in (("lower", multipliers < -pulls), ("upper", multipliers > pulls)):
             if active.any():
                 count = int(np.count_nonzero(active))
                 found.append(ActiveLimit("path", name, side, np.nan, "", count, len(active)))
     return tuple(found)
+
+
+def _largest(values: Array) -> float:
+    """Largest finite absolute value."""
+    return float(np.abs(np.where(np.isfinite(values), values, 0.0)).max(initial=0.0))
 
 
 def _touched(kind: str, columns: Sequence[Column], values: Array, limits: Array) -> Iterator[ActiveLimit]:

@@ -91,6 +91,7 @@ class LinePanel:
             owners = np.flatnonzero((near & (self.limits == limit)).any(axis=0))
             color = styles[owners[0]].color if len(owners) == 1 else GREY
             axes.axhline(limit, color=color, linestyle=(0, (6, 3)), linewidth=0.9, alpha=0.8)
+        far &= ~np.isin(self.limits, self.limits[near])  # drawn for another curve
         slack = _ROUND_OFF * np.maximum(1.0, np.abs(self.limits))  # infinite where nothing is limited
         outside = (values < self.limits[0] - slack[0]) | (values > self.limits[1] + slack[1])
         if outside.any():

@@ -113,17 +113,19 @@ def _limit_panels(solution: Solution) -> list[LinePanel]:
     """Return the multipliers of limits and path constraints that are active."""
     labels, t = solution.labels, solution.t
     names = tuple(Column(name, "") for name in solution.path_names)
+    title = "Multiplier of the"
     blocks = [
-        ("Multiplier of the limits of u", r"$\lambda^u$", dual_columns(labels.u), t, solution.lam_us, True),
-        ("Multiplier of the limits of v", r"$\lambda^v$", dual_columns(labels.v), t, solution.lam_vs, False),
-        ("Multiplier of the limits of q", r"$\lambda^q$", dual_columns(labels.q), t, solution.lam_qs, False),
-        ("Multiplier of the path", r"$\lambda^h$", names, t[1:], solution.lam_path, False),
+        ("control", f"{title} limits of u", r"$\lambda^u$", dual_columns(labels.u), t, solution.lam_us),
+        ("velocity", f"{title} limits of v", r"$\lambda^v$", dual_columns(labels.v), t, solution.lam_vs),
+        ("position", f"{title} limits of q", r"$\lambda^q$", dual_columns(labels.q), t, solution.lam_qs),
+        ("path", f"{title} path", r"$\lambda^h$", names, t[1:], solution.lam_path),
     ]
+    active = {limit.kind for limit in solution.active_limits}  # the others are what a barrier leaves over
     return [
         panel
-        for title, symbol, columns, times, values, step in blocks
-        if values.any()
-        for panel in line_panels(title, symbol, columns, times, values, step=step)
+        for kind, words, symbol, columns, times, values in blocks
+        if kind in active
+        for panel in line_panels(words, symbol, columns, times, values, step=kind == "control")
     ]
 
 

@@ -74,6 +74,12 @@ def test_limits_that_the_motion_touches() -> None:
     assert not any(name == "clearance" for _, name, _ in found)
 
 
+def test_what_a_barrier_leaves_over_is_not_active() -> None:
+    assert not [a for a in limited(lam_path=np.full((20, 2), 1e-9)).active_limits if a.kind == "path"]
+    broken = limited(mus=np.full((21, 6), np.nan), lam_path=np.full((20, 2), np.nan))
+    assert not [a for a in broken.active_limits if a.kind == "path"]
+
+
 def test_the_start_does_not_count_as_touching() -> None:
     vs = np.zeros((21, 3))
     vs[0] = 2.0

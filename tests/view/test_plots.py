@@ -144,6 +144,10 @@ def test_limits_of_the_problem_are_dashed() -> None:
     assert title == "limits dashed; 3 beyond their limit"
     far = dataclasses.replace(solution, limits_u=1000 * solution.limits_u)
     assert plot_controls(far).axes[0].get_title(loc="right") == "limits from 2e+04 not shown"
+    slow = solution.vs * [1.0, 1.0, 1e-3]
+    same = dataclasses.replace(solution, vs=slow, limits_v=np.outer([-2.0, 2.0], np.ones(3)))
+    velocity = panel(plot_states(same), "Velocity")
+    assert velocity.get_title(loc="right") == "limits dashed"  # also that of the slow one, on the same level
 
 
 def test_limits_of_a_configuration_with_an_angle() -> None:
@@ -169,6 +173,8 @@ def test_multipliers_of_active_limits() -> None:
     ]
     assert panel(figure, "Multiplier of the limits of u").get_ylabel() == r"$\lambda^u$ [cost/N]"
     overview(limited()).canvas.draw()
+    barrier = limited(lam_qs=np.full((21, 3), 1e-11), lam_path=np.full((20, 2), 1e-11))
+    assert not [t for t in titles(plot_multipliers(barrier)) if "limits of q" in t or "path" in t]
 
 
 def test_multipliers_of_a_constrained_system() -> None:
