@@ -18,8 +18,8 @@ from mbocp.solution._values import checked_arrays, json_copy, same
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
 from mbocp.solution.export import solution_dict, write_csv
 from mbocp.solution.files import read_content, write_content
-from mbocp.solution.integrator import integrator_of
 from mbocp.solution.limits import ActiveLimit, active_limits
+from mbocp.solution.problem_text import integrator_of, limits_of
 from mbocp.solution.records import IterationRecord, Labels, Phase, Status
 from mbocp.solution.stored import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, content_of, fields_of
 
@@ -92,7 +92,8 @@ class Solution:
         The largest of them; and the largest when the start is integrated anew with the controls, which shows
         the integrator without the tolerance of the solver. NaN where not computed.
     limits_u, limits_v, limits_q : ndarray, shape (2, nu), (2, nv), (2, nq)
-        Lower and upper limits of the problem, infinite where there are none.
+        Lower and upper limits of the problem, infinite where there are none; what is left out is what
+        `problem_text` says.
     limit_violation : float
         By how much the motion leaves limits and path constraints at most, in their own units.
     lam_us, lam_qs, lam_vs : ndarray, shape (N, nu), (N + 1, nq), (N + 1, nv)
@@ -175,6 +176,8 @@ class Solution:
     def __post_init__(self) -> None:
         object.__setattr__(self, "path_names", tuple(map(str, self.path_names)))
         given = {name: getattr(self, name) for name in (*ARRAYS, *OPTIONAL)}
+        for name, limits in limits_of(self.problem_text).items():
+            given[name] = given[name] if np.size(given[name]) else limits
         checked = checked_arrays(given, len(tuple(self.control_momentum_names)), len(self.path_names))
         for name, value in checked.items():
             object.__setattr__(self, name, value)

@@ -63,6 +63,16 @@ def test_without_limits_nothing_is_active() -> None:
     assert solution.limit_violation == 0.0
 
 
+def test_the_limits_are_those_of_the_problem_unless_they_are_given() -> None:
+    text = "[limits]\neffort = [[-1, 1], [-2, 2], [-inf, 3]]\nvelocity = true\n"
+    made = pendulum(problem_text=text)
+    np.testing.assert_array_equal(made.limits_u, [[-1, -2, -np.inf], [1, 2, 3]])
+    assert np.isinf(made.limits_v).all()  # what the robot's own are only the robot knows
+    np.testing.assert_array_equal(limited(problem_text=text).limits_u[0], [-20, -20, -20])
+    with pytest.raises(DimensionMismatch, match="limits_u"):
+        arm(problem_text=text)
+
+
 def test_limits_that_the_motion_touches() -> None:
     solution = limited()
     found = {(a.kind, a.name, a.side): a for a in solution.active_limits}
