@@ -1,0 +1,100 @@
+"""Limits and path constraints, solved: kept, active where multipliers are, and priced by them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+UR5 = EXAMPLES / "arms" / "ur5_limits.toml"
+UNICYCLE = EXAMPLES / "so3" / "unicycle_pendulum.toml"
+
+
+def solved(path: Path, *settings: str) -> mbocp.Solution:
+    solution = mbocp.solve(mbocp.load_problem(path, settings))
+    assert solution.converged, solution.advice
+    assert solution.limit_violation < 1e-6
+    return solution
+
+
+def check_complementarity(s: mbocp.Solution) -> None:
+    """Multipliers pull inwards, and only at their limits."""
+    for letter, values in (("u", s.us), ("v", s.vs), ("q", s.qs)):
+        lam, (lower, upper) = getattr(s, f"lam_{letter}s"), getattr(s, f"limits_{letter}")
+        active = np.abs(lam) > 1e-5 * max(1.0, np.abs(lam).max())
+        at = np.where(lam > 0.0, upper, lower)
+        assert np.abs(values - at)[active].max(initial=0.0) < 1e-5
+
+
+def test_an_arm_stopped_by_its_limits() -> None:
+    s = solved(UR5)
+    touched = {(a.kind, a.name, a.side) for a in s.active_limits}
+    assert ("velocity", "shoulder_pan_joint", "upper") in touched
+    check_complementarity(s)
+    free = mbocp.solve(mbocp.load_problem(UR5, ["limits={}", "solver=monolithic"]))
+    assert free.cost < s.cost
+    assert np.abs(free.vs).max() > 4.0 > np.abs(s.vs).max()
+
+
+def test_a_limit_that_nothing_touches_changes_nothing() -> None:
+    wide = solved(UR5, "limits={velocity=30.0}", "horizon.steps=40")
+    free = mbocp.solve(mbocp.load_problem(UR5, ["limits={}", "solver=monolithic", "horizon.steps=40"]))
+    assert wide.active_limits == ()
+    assert wide.cost == pytest.approx(free.cost, rel=1e-8)
+    np.testing.assert_allclose(wide.us, free.us, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "field"),
+    [
+        ("limits={{velocity={{shoulder_pan_joint={}}}}}", 3.15, "lam_vs"),
+        ("limits={{effort={{shoulder_lift_joint={}}}}}", 100.0, "lam_us"),
+        ("limits={{position={{elbow_joint=[-9, {}]}}}}", 1.55, "lam_qs"),
+    ],
+)
+def test_multipliers_are_the_price_of_a_limit(key: str, value: float, field: str) -> None:
+    """The cost changes by minus the multipliers as limits are widened."""
+    step = 1e-3 * value
+    less, more = (solved(UR5, "horizon.steps=40", key.format(value + sign * step)) for sign in (-1, 1))
+    s = solved(UR5, "horizon.steps=40", key.format(value))
+    assert s.active_limits
+    check_complementarity(s)
+    price = -np.abs(getattr(s, field)).sum()
+    assert (more.cost - less.cost) / (2 * step) == pytest.approx(price, rel=2e-2)
+
+
+@pytest.mark.parametrize(
+    ("constraint", "value"),
+    [
+        ('kind="position", y=[-9, {}]', 0.55),
+        ('kind="distance", point=[0, 0, 0], min={}', 0.68),
+        ('kind="distance", frame_b="base_link", min={}', 0.68),
+        ('kind="speed", max={}', 2.5),
+    ],
+)
+def test_multipliers_are_the_price_of_a_path_constraint(constraint: str, value: float) -> None:
+    def at(bound: float) -> mbocp.Solution:
+        table = f'path=[{{frame="tool0", {constraint.format(bound)}}}]'
+        return solved(UR5, "horizon.steps=40", "limits={}", table)
+
+    step = 1e-3 * value
+    s = at(value)
+    assert [a.kind for a in s.active_limits] == ["path"]
+    assert s.path_names[0].split(" ")[0] in constraint
+    slope = (at(value + step).cost - at(value - step).cost) / (2 * step)
+    assert slope == pytest.approx(-s.lam_path.sum(), rel=2e-2)
+
+
+def test_the_unicycle_keeps_its_limits_and_stands_upright() -> None:
+    s = solved(UNICYCLE)
+    assert np.abs(s.us[:, 0]).max() <= 2 * np.pi + 1e-6
+    assert np.abs(s.us[:, 1]).max() <= 6.0 + 1e-6
+    assert s.active_limits
+    check_complementarity(s)
+    assert s.manifold_drift_resimulated < 1e-12
+    problem = mbocp.load_problem(UNICYCLE)
+    assert np.abs(problem.robot.difference(problem.goal.q, s.q_final)).max() < 1e-6
