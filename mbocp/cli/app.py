@@ -153,12 +153,19 @@ def robots(
 @app.command()
 @reporting
 def paper(
+    which: Annotated[
+        str,
+        typer.Option(
+            "--paper", metavar="NAME", help="first: solution strategies; so3: integration of rotations."
+        ),
+    ] = "first",
     table: Annotated[
-        list[int] | None, typer.Option("--table", metavar="N", help="Table 1 to 7. Repeatable.")
+        list[int] | None,
+        typer.Option("--table", metavar="N", help="Table 1 to 7; so3: 3 or 4. Repeatable."),
     ] = None,
     figure: Annotated[
         list[int] | None,
-        typer.Option("--figure", metavar="N", help="Figure 2, 3, 4, 6, 7 or 8. Repeatable."),
+        typer.Option("--figure", metavar="N", help="Figure 2, 3, 4, 6, 7 or 8; so3: 3 to 12. Repeatable."),
     ] = None,
     everything: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
     output: Annotated[
@@ -166,26 +173,51 @@ def paper(
     ] = Path("paper"),
     pdf: Annotated[bool, typer.Option("--pdf", help="Figures as PDF, too, besides PNG.")] = False,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Only the two coarsest step sizes, each solved once.")
+        bool,
+        typer.Option("--quick", help="Coarsest step sizes, solved once; so3: a lattice of 2x2x2, few steps."),
     ] = False,
+    lattice: Annotated[
+        str | None, typer.Option(metavar="NxNxM", help="so3: places and yaw angles. [default: 13x13x12]")
+    ] = None,
+    variant: Annotated[
+        str | None, typer.Option(metavar="NAME", help="so3: corrected (default) or as_printed.")
+    ] = None,
+    solver: Annotated[
+        str | None, typer.Option(metavar="NAME", help="so3: ipopt (default) or fatrop, for the lattice.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="so3: processes. [default: one a processor]")
+    ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.jsonl", help="so3: rows of the lattice; taken as they are, if there."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="so3: go on with rows that are there.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Reproduce the first paper: its tables beside mbocp's numbers, and its figures.
+    """Reproduce a paper: its tables beside mbocp's numbers, and its figures.
 
     Without options, say what there is.
     """
-    from mbocp.cli.paper import print_overview, reproduce
+    from mbocp.cli import paper as first
+    from mbocp.cli import paper_so3 as second
 
-    if everything:
-        from mbocp.paper.figures import FIGURES
-        from mbocp.paper.tables import TITLES
-
-        table, figure = list(TITLES), list(FIGURES)
-    if not (table or figure):
-        print_overview()
+    wanted = second.Wanted(lattice, variant, solver, workers, results, resume)
+    if first.is_second(which):
+        request = wanted.request(output, quick=quick, pdf=pdf)
+        tables, figures = second.everything() if everything else (table or [], figure or [])
+        if tables or figures:
+            second.reproduce(tables, figures, request, as_json=as_json, quiet=quiet)
+        else:
+            second.print_overview()
         return
-    reproduce(table or [], figure or [], output, pdf=pdf, quick=quick, as_json=as_json, quiet=quiet)
+    first.refuse(wanted.option())
+    tables, figures = first.everything() if everything else (table or [], figure or [])
+    if tables or figures:
+        first.reproduce(tables, figures, output, pdf=pdf, quick=quick, as_json=as_json, quiet=quiet)
+    else:
+        first.print_overview()
 
 
 @app.command()

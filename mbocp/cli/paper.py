@@ -15,9 +15,32 @@ from rich.console import Console
 from rich.text import Text
 
 from mbocp.cli.console import output
-from mbocp.exceptions import ResultFileError
+from mbocp.exceptions import InvalidValue, MbocpError, ResultFileError
 
-__all__ = ["print_overview", "reproduce"]
+__all__ = ["check_folder", "everything", "is_second", "print_overview", "progress", "refuse", "reproduce"]
+
+PAPERS = ("first", "so3")
+
+
+def is_second(which: str) -> bool:
+    """Which paper is meant by the word after --paper."""
+    if which not in PAPERS:
+        raise InvalidValue("--paper", which, f"one of {', '.join(PAPERS)}")
+    return which == "so3"
+
+
+def refuse(option: str | None) -> None:
+    """Refuse an option that only the second paper has."""
+    if option is not None:
+        raise MbocpError(f"{option} belongs to the second paper; add --paper so3")
+
+
+def everything() -> tuple[list[int], list[int]]:
+    """Numbers of all tables and figures."""
+    from mbocp.paper.figures import FIGURES
+    from mbocp.paper.tables import TITLES
+
+    return list(TITLES), list(FIGURES)
 
 
 def print_overview() -> None:
@@ -33,6 +56,7 @@ def print_overview() -> None:
         for number, title in titles.items():
             console.print(Text.assemble((f"{option} {number}", "bold"), f"  {title}"))
     console.print("Give numbers, each option as often as you like, or --all.", style="dim")
+    console.print("The second paper: --paper so3", style="dim")
 
 
 def reproduce(
@@ -58,20 +82,20 @@ def reproduce(
     for number in figures:
         check_figure(number)
     if figures:
-        _check_folder(folder)
+        check_folder(folder)
     found: dict[str, Any] = {"machine": machine_line(), "tables": {}, "figures": {}}
     console, shown = output(), not (as_json or quiet)
     if shown:
         console.print(Text(found["machine"], style="dim"), soft_wrap=True)
         console.print()
     for number in dict.fromkeys(tables):
-        with _progress(quiet=not shown) as say:
+        with progress(quiet=not shown) as say:
             table = make_table(number, quick=quick, say=say)
         found["tables"][str(number)] = table.data
         if shown:
             table.print(console)
     for number in dict.fromkeys(figures):
-        with _progress(quiet=not shown) as say:
+        with progress(quiet=not shown) as say:
             paths = write_figure(number, folder, suffixes=(".png", ".pdf") if pdf else (".png",), say=say)
         found["figures"][str(number)] = [str(path) for path in paths]
         if shown:
@@ -80,7 +104,7 @@ def reproduce(
         typer.echo(json.dumps(found, indent=2, allow_nan=False))
 
 
-def _check_folder(folder: Path) -> None:
+def check_folder(folder: Path) -> None:
     """Refuse, before any work is done, a folder that cannot be written to."""
     if folder.exists() and not folder.is_dir():
         raise ResultFileError(folder, "--output is a file, expected the name of a folder")
@@ -90,7 +114,7 @@ def _check_folder(folder: Path) -> None:
 
 
 @contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[str], object]]:
+def progress(*, quiet: bool) -> Iterator[Callable[[str], object]]:
     """Say on stderr what is being worked on: on a terminal in one line that goes away."""
     console = Console(file=sys.stderr)
     if quiet:

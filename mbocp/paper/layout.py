@@ -49,7 +49,8 @@ class PaperTable:
 
     Attributes
     ----------
-    number : int
+    number : int or None
+        None: it is no table of the paper.
     title : str
     columns : tuple of Column
     sections : tuple of Section
@@ -59,7 +60,7 @@ class PaperTable:
         The numbers themselves, for JSON.
     """
 
-    number: int
+    number: int | None
     title: str
     columns: tuple[Column, ...]
     sections: tuple[Section, ...]
@@ -68,7 +69,8 @@ class PaperTable:
 
     def rich(self) -> Group:
         """For a console at least `WIDTH` letters wide."""
-        parts: list[Any] = [Text.assemble((f"Table {self.number}  ", "bold"), (self.title, "bold"))]
+        heading = self.title if self.number is None else f"Table {self.number}  {self.title}"
+        parts: list[Any] = [Text(heading, style="bold")]
         for section in self.sections:
             if section.title:
                 parts.append(Text(f"\n{section.title}", style="italic"))
