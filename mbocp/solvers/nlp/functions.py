@@ -20,6 +20,9 @@ from mbocp.transcription import StagewiseProgramme
 __all__ = ["NlpFunctions", "parameters"]
 
 
+_INPUTS = ["x", "p", "lam_f", "lam_g"]  # of functions of the Lagrangian
+
+
 def parameters(programme: StagewiseProgramme) -> Array:
     """Everything about a programme that is a number, for the functions of its shape."""
     return np.concatenate([programme.x_start, programme.theta, programme.rho.ravel(), programme.rho_terminal])
@@ -92,24 +95,25 @@ class NlpFunctions:
             "nlp_grad",
             [at.w, at.p, lam_f, lam_g],
             [*self._cost(at), g, slopes, ca.MX.zeros(at.p.shape)],
-            ["x", "p", "lam_f", "lam_g"],
+            _INPUTS,
             ["f", "g", "grad_gamma_x", "grad_gamma_p"],
         )
 
     def hessian(self, *, is_upper: bool) -> ca.Function:
-        """(w, p, lam_f, lam_g) -> upper triangle of the Lagrangian's Hessian; or its gradient and all."""
+        """(w, p, lam_f, lam_g) -> Hessian of the Lagrangian.
+
+        Its upper triangle alone; or all of it, behind the place of a gradient that fatrop never reads, and
+        which is zero here.
+        """
         at = self._given()
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.layout.num_rows)
         m = self.layout.sign * _taken(lam_g, self.layout.steps)
-        stages = self._mapped("complete", at, scale=lam_f, m=m)
-        upper = self._hessian(at, lam_f, lam_g, stages[4])
-        inputs, words = [at.w, at.p, lam_f, lam_g], ["x", "p", "lam_f", "lam_g"]
-        if is_upper:
-            return ca.Function("nlp_hess_l", inputs, [upper], words, ["triu_hess_gamma_x_x"])
-        slopes = self._gradient(at, "complete", stages[3], lam_f)
-        slopes += ca.mtimes(self._jacobian(at, stages[2], "complete").T, lam_g)
-        outputs = [slopes, ca.triu2symm(upper)]
-        return ca.Function("nlp_hess_l", inputs, outputs, words, ["grad_gamma_x", "hess_gamma_x_x"])
+        blocks = self._mapped("complete", at, scale=lam_f, m=m)[4]
+        hessian = self._hessian(at, lam_f, lam_g, blocks, is_upper=is_upper)
+        outputs, words = [hessian], ["triu_hess_gamma_x_x"]
+        if not is_upper:
+            outputs, words = [ca.MX.zeros(at.w.shape), hessian], ["grad_gamma_x", "hess_gamma_x_x"]
+        return ca.Function("nlp_hess_l", [at.w, at.p, lam_f, lam_g], outputs, _INPUTS, words)
 
     def _constraints_and_jacobian(self, at: _Given) -> list[ca.MX]:
         stages = self._mapped("jacobian", at)
@@ -187,32 +191,22 @@ class NlpFunctions:
         rho = self._scaled(at.rho_end, self._programme.terminal_weights, scale)
         return list(self._end["terminal_complete"].call([at.nodes[:, -1], eta, rho]))
 
-    def _gradient(
-        self,
-        at: _Given,
-        source: str = "gradient",
-        slopes: ca.MX | None = None,
-        scale: ca.MX | None = None,
-    ) -> ca.MX:
+    def _gradient(self, at: _Given) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
-        if slopes is None:
-            slopes = self._mapped("gradient", at)[0]
         entries = _Entries(ca.Sparsity.dense(lay.num_unknowns, 1))
-        function = self._stage[source]
-        _, columns = _pattern(function.sparsity_out(3 if source == "complete" else 0))
+        slopes = self._mapped("gradient", at)[0]
+        _, columns = _pattern(self._stage["gradient"].sparsity_out(0))
         positions = lay.zs[:, columns]
         entries.add(positions.ravel(), np.zeros(positions.size, np.int64), slopes.nz[:])
-        at_end = self._end["terminal_complete"].sparsity_out(3)
-        _, columns = _pattern(at_end)
-        entries.add(
-            lay.xs[N][columns], np.zeros(columns.size, np.int64), self._terminal(at, None, scale)[3].nz[:]
-        )
+        _, columns = _pattern(self._end["terminal_complete"].sparsity_out(3))
+        of_end = self._terminal(at)[3].nz[:]
+        entries.add(lay.xs[N][columns], np.zeros(columns.size, np.int64), of_end)
         return entries.gathered()
 
-    def _jacobian(self, at: _Given, blocks: ca.MX, source: str = "jacobian") -> ca.MX:
+    def _jacobian(self, at: _Given, blocks: ca.MX) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
         entries = _Entries()
-        rows, columns = _pattern(self._stage[source].sparsity_out(2))
+        rows, columns = _pattern(self._stage["jacobian"].sparsity_out(2))
         values = lay.sign * blocks.nz[:]
         entries.add(lay.steps[:, rows].ravel(), lay.zs[:, columns].ravel(), values)
         if lay.is_lifted:
@@ -229,15 +223,18 @@ class NlpFunctions:
             entries.add(lay.path[:, rows].ravel(), lay.xs[1:, columns].ravel(), self._path(at)[1].nz[:])
         return entries.gathered((lay.num_rows, lay.num_unknowns))
 
-    def _hessian(self, at: _Given, lam_f: ca.MX, lam_g: ca.MX, blocks: ca.MX) -> ca.MX:
-        """Upper triangle."""
+    def _hessian(self, at: _Given, lam_f: ca.MX, lam_g: ca.MX, blocks: ca.MX, *, is_upper: bool) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
         entries = _Entries()
 
         def add(unknowns: Index, pattern: ca.Sparsity, values: ca.MX) -> None:
             rows, columns = _pattern(pattern)
             i, j = unknowns[..., rows].ravel(), unknowns[..., columns].ravel()
-            entries.add(np.minimum(i, j), np.maximum(i, j), values.nz[:])
+            low, high, numbers = np.minimum(i, j), np.maximum(i, j), ca.reshape(values.nz[:], -1, 1)
+            entries.add(low, high, numbers)
+            if not is_upper:
+                apart = np.flatnonzero(low != high)
+                entries.add(high[apart], low[apart], numbers.nz[apart.tolist()])
 
         add(lay.zs, self._stage["complete"].sparsity_out(4), blocks)
         end = self._terminal(at, lam_g[lay.end.tolist()], lam_f)[4]

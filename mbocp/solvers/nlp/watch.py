@@ -58,7 +58,11 @@ class Watch(ca.Callback):
         """A number."""
         return ca.Sparsity.dense(1, 1)
 
-    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
+    def has_eval_buffer(self) -> bool:
+        """Yes: nothing is copied but the unknowns."""
+        return True
+
+    def eval_buffer(self, arguments: Sequence[memoryview], results: Sequence[memoryview]) -> int:
         """Zero."""
         if not self.is_wanted():
             self.reason = "interrupted"
@@ -66,5 +70,7 @@ class Watch(ca.Callback):
             self.reason = "time_limit"
         if self.reason:
             raise Stopped(self.reason)
-        self.last = np.array(arguments[0]).ravel()
-        return [ca.DM(0.0)]
+        self.last = np.frombuffer(arguments[0], dtype=np.float64).copy()
+        if results[0] is not None:
+            np.frombuffer(results[0], dtype=np.float64)[:] = 0.0
+        return 0
