@@ -200,11 +200,10 @@ def _hamiltonians(
     if not programme.is_explicit:
         return _control_hamiltonians(problem, programme, iterate, qs, vs, costates, zetas)
     at, dt = programme.layout, problem.dt
-    moved = np.diff(iterate.xs[:, : at.r.start], axis=0)
-    if not at.is_flat:
-        turned = [pin.difference(problem.robot.model, a, b) for a, b in pairwise(qs)]
-        moved = np.hstack([np.array(turned), moved[:, at.nz :]])
-    values: Array = np.einsum("ni,ni->n", iterate.ms[:, : at.dr.start], moved) / dt
+    turned = np.array([pin.difference(problem.robot.model, a, b) for a, b in pairwise(qs)])
+    moved = np.hstack([turned, np.diff(iterate.xs[:, at.s], axis=0)])
+    rows = _tangent_duals(programme, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+    values: Array = np.einsum("ni,ni->n", rows, moved) / dt
     return values + _running_cost(problem, qs[:-1], vs[:-1], iterate.us)
 
 
