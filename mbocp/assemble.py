@@ -67,12 +67,13 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
     at = programme.layout
     zs = iterate.xs[:, at.z]
     qs = programme.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
-    vs = _velocities(problem, programme, iterate, qs)
+    maps = _speed_maps(problem, programme, qs)
+    vs = _velocities(problem, iterate.xs[:, at.s], iterate.us, qs, maps)
     lams, zetas = iterate.ys / dt, iterate.ms[:, at.ndx :] / dt**2
     if programme.is_explicit and robot.nc:
         lams, zetas = _projected_multipliers(problem, qs, vs, iterate.us), np.zeros((N, robot.nc))
     duals = boundary_duals(programme, iterate)
-    costates = _velocity_duals(robot, qs, _tangent_duals(programme, zs, duals), programme)
+    costates = _velocity_duals(_tangent_duals(programme, zs, duals), maps, robot.nv)
     momenta, names = _momenta_of_symmetries(problem, qs, vs, costates)
     drifts = _drifts(programme, zs)
     return Trajectory(
@@ -96,18 +97,21 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
     )
 
 
-def _velocities(problem: Problem, programme: StagewiseProgramme, iterate: Iterate, qs: Array) -> Array:
-    """Velocities at the nodes; those that a control prescribes are the ones after the node."""
-    robot, speeds = problem.robot, iterate.xs[:, programme.layout.s]
+def _speed_maps(problem: Problem, programme: StagewiseProgramme, qs: Array) -> Array | None:
+    """V(q) at all nodes, shape (N + 1, nv, ns), where speeds are fewer than velocities."""
+    robot = problem.robot
     if not programme.is_explicit or not robot.drives:
+        return None
+    return np.array([robot.speed_map(q) for q in qs])
+
+
+def _velocities(problem: Problem, speeds: Array, us: Array, qs: Array, maps: Array | None) -> Array:
+    """Velocities at the nodes; those that a control prescribes are the ones after the node."""
+    if maps is None:
         return speeds
-    us = np.vstack([iterate.us, iterate.us[-1]])
-    return np.array(
-        [
-            robot.speed_map(q) @ s + robot.control_velocity_map(q) @ u
-            for q, s, u in zip(qs, speeds, us, strict=True)
-        ]
-    )
+    prescribed = [problem.robot.control_velocity_map(q) @ u for q, u in zip(qs, [*us, us[-1]], strict=True)]
+    velocities: Array = np.einsum("nij,nj->ni", maps, speeds) + np.array(prescribed)
+    return velocities
 
 
 def _projected_multipliers(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
@@ -133,15 +137,14 @@ def _tangent_duals(programme: StagewiseProgramme, zs: Array, duals: Array) -> Ar
     return np.hstack([along, duals[:, at.ds]])
 
 
-def _velocity_duals(robot: Robot, qs: Array, duals: Array, programme: StagewiseProgramme) -> Array:
-    """Duals of (q, v); where speeds are fewer than velocities, those of least norm."""
-    nv = robot.nv
-    if not programme.is_explicit or not robot.drives:
+def _velocity_duals(duals: Array, maps: Array | None, nv: int) -> Array:
+    """Duals of (q, v); where speeds are fewer than velocities, those of least norm.
+
+    The columns of V are unit vectors on different components, so that V itself is the pseudo-inverse of V'.
+    """
+    if maps is None:
         return duals
-    of_speeds = [
-        np.linalg.lstsq(robot.speed_map(q).T, d[nv:], rcond=None)[0] for q, d in zip(qs, duals, strict=True)
-    ]
-    return np.hstack([duals[:, :nv], of_speeds])
+    return np.hstack([duals[:, :nv], np.einsum("nij,nj->ni", maps, duals[:, nv:])])
 
 
 def _momenta_of_symmetries(
@@ -204,7 +207,17 @@ def _hamiltonians(
     moved = np.hstack([turned, np.diff(iterate.xs[:, at.s], axis=0)])
     rows = _tangent_duals(programme, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
     values: Array = np.einsum("ni,ni->n", rows, moved) / dt
-    return values + _running_cost(problem, qs[:-1], vs[:-1], iterate.us)
+    return values + _stage_costs(programme, iterate) / dt
+
+
+def _stage_costs(programme: StagewiseProgramme, iterate: Iterate) -> Array:
+    """Running cost of every step, from the stage functions, shape (N,)."""
+    N = programme.num_steps
+    arguments = (iterate.xs[:-1], iterate.xs[1:], iterate.ys, iterate.us)
+    theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
+    values = programme.functions.function("values").map(N)
+    costs: Array = np.asarray(values(*(a.T for a in arguments), theta, rho.T)[1]).ravel()
+    return costs
 
 
 def _control_hamiltonians(

@@ -161,8 +161,8 @@ def _states(problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Arra
     xs = np.zeros((len(qs), at.nx))
     xs[:, at.z] = programme.space.coordinates(qs)
     if programme.is_explicit and robot.drives:
-        maps = [robot.speed_map(q) for q in qs]
-        xs[:, at.s] = [np.linalg.lstsq(m, v, rcond=None)[0] for m, v in zip(maps, vs, strict=True)]
+        # The columns of V are unit vectors on different components: its transpose takes the nearest speeds.
+        xs[:, at.s] = [robot.speed_map(q).T @ v for q, v in zip(qs, vs, strict=True)]
     else:
         xs[:, at.s] = vs
     if at.nr:
