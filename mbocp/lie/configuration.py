@@ -8,7 +8,7 @@ numbers at 1, whose derivatives are infinite in the branch that is not taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -81,6 +81,18 @@ class ConfigurationSpace:
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
         """Tangent vector (nv,) at `z0` that leads to `z1`."""
         return self._join(lambda part: part.group.difference(z0[part.at_z], z1[part.at_z]))
+
+    def partial_difference(self, z0: ca.SX, z1: ca.SX, parts: Sequence[int]) -> ca.SX:
+        """Like `difference`, with zeros for all but some parts, whose logarithm may not be wanted."""
+        between = [
+            part.group.difference(z0[part.at_z], z1[part.at_z]) if i in parts else ca.SX.zeros(part.group.nv)
+            for i, part in enumerate(self.parts)
+        ]
+        return ca.vertcat(*between) if between else ca.SX.zeros(0, 1)
+
+    def weighed_parts(self, weights: Array) -> tuple[int, ...]:
+        """Parts in whose tangent directions a weight is not zero."""
+        return tuple(i for i, part in enumerate(self.parts) if np.any(weights[part.at_v]))
 
     def rate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """Derivative of the coordinates along the velocity v, shape (nz,)."""

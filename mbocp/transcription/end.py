@@ -13,7 +13,7 @@ from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.transcription.layout import StateSpace
 from mbocp.transcription.parameters import parameter_layout, pieces
 from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import at_zero_tangents, state_layout
+from mbocp.transcription.stage import at_zero_tangents, compared, state_layout
 
 __all__ = ["build_end_functions"]
 
@@ -43,7 +43,7 @@ def build_end_functions(mechanics: JointMechanics, shape: Shape) -> dict[str, ca
     )
     psi = ca.SX(0)
     if shape.penalise_q:
-        error = mechanics.difference(goal["q"], q)
+        error = compared(mechanics, goal["q"], q, shape.penalised_parts)
         psi += ca.dot(goal["weight_q"] * error, error) / 2
     if shape.penalise_rate:
         psi += ca.dot(goal["weight_rate"] * error_rate, error_rate) / 2

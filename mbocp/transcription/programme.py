@@ -167,7 +167,7 @@ def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgra
     rows = end_condition_rows(robot, problem.goal, is_explicit=problem.scheme in EXPLICIT_SCHEMES)
     rows = rows.without(without)
     guarded = guarded_parts(problem, space)
-    shape = _shape(problem, rows.D_q.shape[0], rows.D_rate.shape[0], guarded)
+    shape = _shape(problem, space, rows, guarded)
     at = state_layout(robot, space.nz, shape)
     layout = parameter_layout(shape, space.nz, robot.nv, robot.nu)
     ny = 0 if shape.is_explicit else robot.nc
@@ -228,7 +228,7 @@ def _control_weight(problem: Problem) -> float:
     return problem.dt * (float(positive.min()) if positive.size else 1.0)
 
 
-def _shape(problem: Problem, ng_q: int, ng_rate: int, guarded: tuple[int, ...]) -> Shape:
+def _shape(problem: Problem, space: ConfigurationSpace, rows: EndRows, guarded: tuple[int, ...]) -> Shape:
     cost, goal, nv = problem.cost, problem.goal, problem.robot.nv
     tracking = np.asarray(cost.tracking * cost.tracking_weights)
     penalised = goal.enforce in ("penalty", "both") and cost.terminal > 0
@@ -245,14 +245,16 @@ def _shape(problem: Problem, ng_q: int, ng_rate: int, guarded: tuple[int, ...]) 
         penalise_q=bool(penalised and np.any(cost.terminal_weights[:nv])),
         penalise_rate=bool(penalised and np.any(cost.terminal_weights[nv:])),
         rate=goal.rate,
-        ng_q=ng_q,
-        ng_rate=ng_rate,
+        ng_q=len(rows.D_q),
+        ng_rate=len(rows.D_rate),
         rotations=_rotations(problem),
         lie=problem.lie if is_explicit else "",
         substeps=problem.substeps if is_explicit else 1,
         is_flat=is_flat(problem) or problem.robot.is_vector_space,
         path=tuple(PathShape(p.kind, p.frame, p.other, p.axes) for p in problem.path),
         guarded=guarded,
+        tracked_parts=space.weighed_parts(tracking[:nv]),
+        penalised_parts=space.weighed_parts(np.asarray(cost.terminal_weights)[:nv]) if penalised else (),
     )
 
 

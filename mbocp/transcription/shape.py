@@ -14,8 +14,17 @@ from mbocp.integrators import EXPLICIT_SCHEMES
 
 __all__ = ["PathShape", "Shape"]
 
-_OF_THE_END = ("penalise_q", "penalise_rate", "rate", "ng_q", "ng_rate", "guarded")
-_OF_STAGES = ("lie", "substeps", "track_q", "track_p", "weigh_velocity", "weigh_potential", "path")
+_OF_THE_END = ("penalise_q", "penalise_rate", "rate", "ng_q", "ng_rate", "guarded", "penalised_parts")
+_OF_STAGES = (
+    "lie",
+    "substeps",
+    "tracked_parts",
+    "track_q",
+    "track_p",
+    "weigh_velocity",
+    "weigh_potential",
+    "path",
+)
 
 
 @dataclass(frozen=True)
@@ -55,6 +64,8 @@ class Shape:
     path : tuple of PathShape
     guarded : tuple of int
         Parts of the configuration space, by index, whose end condition is guarded.
+    tracked_parts, penalised_parts : tuple of int or None
+        Parts that the running and the terminal cost compare with their target; None: all.
     """
 
     robot: str
@@ -76,6 +87,8 @@ class Shape:
     is_flat: bool = False
     path: tuple[PathShape, ...] = ()
     guarded: tuple[int, ...] = ()
+    tracked_parts: tuple[int, ...] | None = None
+    penalised_parts: tuple[int, ...] | None = None
 
     @property
     def is_explicit(self) -> bool:

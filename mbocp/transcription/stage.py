@@ -35,7 +35,7 @@ from mbocp.transcription.parameters import ParameterLayout, parameter_layout, pi
 from mbocp.transcription.path import path_values
 from mbocp.transcription.shape import Shape
 
-__all__ = ["at_zero_tangents", "build_functions", "mechanics_for", "state_layout"]
+__all__ = ["at_zero_tangents", "build_functions", "compared", "mechanics_for", "state_layout"]
 
 
 def mechanics_for(robot: Robot, shape: Shape) -> JointMechanics:
@@ -194,7 +194,7 @@ class _Stage:
         theta, rho, mechanics, shape = self.of_horizon, self.of_stage, self.mechanics, self.shape
         cost = ca.dot(theta["effort"] * self.u, self.u) / 2
         if shape.track_q:
-            error = mechanics.difference(rho["target_q"], q)
+            error = compared(mechanics, rho["target_q"], q, shape.tracked_parts)
             cost += ca.dot(theta["weight_q"] * error, error) / 2
         if shape.track_p:
             error = mechanics.momentum(q, v) - rho["target_p"]
@@ -233,6 +233,13 @@ class _Stage:
         hessian, _ = ca.hessian(ca.dot(m, h), self.x1)
         outputs = [h, ca.jacobian(h, self.x1), ca.triu(hessian)]
         return ca.Function("path", [self.x1, m, self.u, self.theta], ca.cse(outputs))
+
+
+def compared(mechanics: JointMechanics, goal: ca.SX, q: ca.SX, parts: tuple[int, ...] | None) -> ca.SX:
+    """Tangent-space difference of the parts that matter: a logarithm has no derivative at a half-turn."""
+    if parts is None:
+        return mechanics.difference(goal, q)
+    return mechanics.space.partial_difference(goal, q, parts)
 
 
 def _retraction(mechanics: JointMechanics) -> ca.Function:
