@@ -262,6 +262,9 @@ def _fatrop_options(key: _Key) -> dict[str, Any]:
         "fatrop.tolerance": key.tolerance,
         "fatrop.max_iter": key.max_iterations,
         "fatrop.print_level": 5,
+        # Its short cut for tiny steps leaves the multipliers of equations as they are (1.1.8: the step length
+        # that it computes is local to a block), and the last barrier parameters are never reached.
+        "fatrop.tiny_step_tol": 0.0,
     }
 
 
