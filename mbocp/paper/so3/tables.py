@@ -8,13 +8,16 @@ from typing import Any
 
 from mbocp.exceptions import InvalidValue
 from mbocp.paper.layout import Column, PaperTable, Section
+from mbocp.paper.so3 import counts, timings
+from mbocp.paper.so3.counts import nodes_table
 from mbocp.paper.so3.outcomes import ENDS, Outcomes, Runs
 from mbocp.paper.so3.request import Request, Say
+from mbocp.paper.so3.timings import timing_table
 from mbocp.study import Spread
 
 __all__ = ["TITLES", "check_table", "make_table", "spread_words", "summary_table"]
 
-TITLES: Mapping[int, str] = {}
+TITLES: Mapping[int, str] = {3: counts.TITLE, 4: timings.TITLE}
 
 
 _SUMMARY = (
@@ -45,7 +48,7 @@ def check_table(number: int) -> None:
 def make_table(number: int, request: Request, say: Say = str) -> PaperTable:
     """Measure and lay out a table."""
     check_table(number)
-    raise NotImplementedError
+    return nodes_table() if number == 3 else timing_table(request, say)
 
 
 def summary_table(outcomes: Outcomes) -> PaperTable:
