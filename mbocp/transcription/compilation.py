@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 import warnings
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -155,13 +155,21 @@ def _sources_digest() -> str:
 
 def _is_sound(library: Path) -> bool:
     try:
+        state = library.stat()
+    except OSError:
+        return False
+    return state.st_uid == os.getuid() and _has_checksum(library, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=1024)
+def _has_checksum(library: Path, changed_ns: int, size: int) -> bool:
+    """Whether the file ends with the checksum of the rest; looked at once for each state of the file."""
+    try:
         content = library.read_bytes()
-        foreign = library.stat().st_uid != os.getuid()
     except OSError:
         return False
     body, trailer = content[:-_TRAILER], content[-_TRAILER:]
-    expected = _MAGIC + hashlib.sha256(body).hexdigest().encode()
-    return not foreign and trailer == expected
+    return trailer == _MAGIC + hashlib.sha256(body).hexdigest().encode()
 
 
 def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path) -> None:

@@ -35,6 +35,9 @@ def never() -> dict[str, ca.Function]:
     raise AssertionError("built although it is in the cache")
 
 
+LIBRARIES = 2  # of a shape: the functions of its stages, and those of its end
+
+
 def pendulum(**changes: object) -> Problem:
     problem = mbocp.load_problem(EXAMPLES / "paper" / "rigid_pendulum.toml", ["horizon.steps=10"])
     return problem.with_(**changes) if changes else problem
@@ -52,19 +55,23 @@ def test_second_call_builds_nothing(folder: Path) -> None:
 
 def test_tasks_of_one_shape_share_their_functions(folder: Path) -> None:
     transcribe(pendulum())
-    assert len(list(folder.glob("*.so"))) == 1
+    assert len(list(folder.glob("*.so"))) == LIBRARIES
     for settings in (
         ["horizon.duration=1.3", "horizon.steps=37"],
         ["start.q=[0, 5, 0]", "start.p=[0, 0, 1]"],
         ["goal.q=[3, 0, -4]", "cost.effort=0.3"],
     ):
         other = mbocp.load_problem(EXAMPLES / "paper" / "rigid_pendulum.toml", settings)
-        assert not transcribe(other).functions.compiled_now
-    assert len(list(folder.glob("*.so"))) == 1
+        programme = transcribe(other)
+        assert not programme.functions.compiled_now
+        assert not programme.end_functions.compiled_now
+    assert len(list(folder.glob("*.so"))) == LIBRARIES
     penalised = mbocp.load_problem(
         EXAMPLES / "paper" / "rigid_pendulum.toml", ['goal.enforce="penalty"', "cost.terminal=1.0"]
     )
-    assert transcribe(penalised).functions.compiled_now
+    programme = transcribe(penalised)
+    assert not programme.functions.compiled_now  # only the end is another one
+    assert programme.end_functions.compiled_now
 
 
 @pytest.mark.parametrize("damage", ["truncated", "overwritten", "empty", "foreign"])
@@ -143,4 +150,4 @@ def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:
     )
     transcribe(pendulum())
     assert transcribe(heavy).functions.compiled_now
-    assert len(list(folder.glob("*.so"))) == 2
+    assert len(list(folder.glob("*.so"))) == 2 * LIBRARIES
