@@ -9,7 +9,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from mbocp.exceptions import InvalidValue
+from mbocp.paper.so3.drift_figure import drift_figure
 from mbocp.paper.so3.lattice_figures import bar_figure, convergence_figure, success_figure
+from mbocp.paper.so3.path_figures import components_figure, path_figure, path_replay
 from mbocp.paper.so3.request import Request, Say, lattice_outcomes
 from mbocp.view.plots_style import house_style, save_figure
 
@@ -50,10 +52,24 @@ def _bars(name: str, title: str, ylabel: str) -> Callable[[Request, Say], Figure
     return draw
 
 
+def _path(number: int) -> tuple[Callable[[Request, Say], Figure], Write]:
+    def draw(_request: Request, say: Say) -> Figure:
+        return path_figure(number, say)
+
+    def page(request: Request, _say: Say) -> list[Path]:
+        return path_replay(number, request)
+
+    return draw, page
+
+
 FIGURES: Mapping[int, FigureSpec] = {
     3: FigureSpec("iterations over the number of tests", _convergence),
     4: FigureSpec("cost of the solutions", _bars("cost", "Cost", "cost")),
+    5: FigureSpec("motion with quaternions: time lapse, replay", *_path(5)),
+    6: FigureSpec("motion with rotation matrices: time lapse, replay", *_path(6)),
+    7: FigureSpec("components of the quaternion, controls", components_figure),
     8: FigureSpec("rate of success", _success),
+    9: FigureSpec("drift off the manifolds", drift_figure),
     10: FigureSpec(
         "iterations to convergence", _bars("iterations", "Iterations to convergence", "iterations")
     ),
