@@ -82,20 +82,20 @@ class InteriorPoint:
         watch.begin(self.time_limit)
         p = parameters(programme)
         w0 = _packed(iterate, lay)
-        with _interruptible(watch), contextlib.redirect_stdout(log):
+        with _interruptible(watch, log), contextlib.redirect_stdout(log):
             try:
                 found: dict[str, Any] | None = compiled.solver(x0=w0, p=p, **inner)
-            except RuntimeError:
+            except RuntimeError:  # fatrop throws where there is nothing to begin with
                 if not watch.reason:
                     raise
                 found = None
         if log.failure is not None and not isinstance(log.failure, KeyboardInterrupt):
             raise log.failure
-        stats = compiled.solver.stats() if found is not None else {}
-        w = np.array(found["x"]).ravel() if found is not None else watch.last
-        if w is None or watch.reason:
+        w, lam_g = w0, np.zeros(lay.num_rows)
+        if found is not None:
+            w, lam_g = np.array(found["x"]).ravel(), np.array(found["lam_g"]).ravel()
+        if watch.reason:
             w = watch.last if watch.last is not None else w0
-        lam_g = np.array(found["lam_g"]).ravel() if found is not None else np.zeros(lay.num_rows)
         record, lam_x = compiled.record(w, p, lam_g, bounds)
         history = tuple(log.records)
         taken = max(0, history[-1].iteration - first) if history else 0
@@ -108,7 +108,8 @@ class InteriorPoint:
             wall_time_s=time.perf_counter() - clock,
             phase=phase or self.name,
         )
-        status = status_of(self.name, stats, watch.reason)
+        stats = compiled.solver.stats() if found is not None else {}
+        status = status_of(self.name, stats, watch.reason, self.max_iterations)
         words = advice_of(status, stats, programme, lay, compiled.violations(w, p, bounds), taken)
         return SolverResult(status, words, _unpacked(w, lam_g, lam_x, lay), record, history or (record,))
 
@@ -168,13 +169,14 @@ class _Compiled:
         self.functions, self.watch = functions, Watch(key.layout.num_unknowns)
         is_ipopt = key.name == "ipopt"
         w, p = ca.MX.sym("x", functions.f.numel_in(0)), ca.MX.sym("p", functions.f.numel_in(1))
-        watched = ca.Function("nlp_f", [w, p], [functions.f(w, p) + self.watch(w)], ["x", "p"], ["f"])
+        rows, jacobian = functions.jac_g(w, p)
+        watched = ca.MX(jacobian.sparsity(), jacobian.nz[:] + self.watch(w))
         self.gradient = functions.gradient(has_cost=False)
         cache = {
-            "nlp_f": watched,
+            "nlp_f": functions.f,
             "nlp_g": functions.g,
             "nlp_grad_f": functions.gradient(has_cost=True) if is_ipopt else self.gradient,
-            "nlp_jac_g": functions.jac_g,
+            "nlp_jac_g": ca.Function("nlp_jac_g", [w, p], [rows, watched], ["x", "p"], ["g", "jac_g_x"]),
             "nlp_hess_l": functions.hessian(is_upper=is_ipopt),
             "nlp_grad": functions.first_order(),
         }
@@ -184,6 +186,7 @@ class _Compiled:
             "calc_lam_x": False,
             "print_time": False,
             "error_on_fail": False,
+            "show_eval_warnings": False,  # steps into the void are the line search's business
             **(_ipopt_options(key) if is_ipopt else _fatrop_options(key)),
         }
         problem = {"x": w, "p": p, "f": functions.f(w, p), "g": functions.g(w, p)}
@@ -260,7 +263,7 @@ def _fatrop_options(key: _Key) -> dict[str, Any]:
         "ng": list(lay.rows_of_node),
         "equality": equality.tolist(),
         "fatrop.tolerance": key.tolerance,
-        "fatrop.max_iter": key.max_iterations,
+        "fatrop.max_iter": key.max_iterations - 1,  # it takes one more
         "fatrop.print_level": 5,
         # Its short cut for tiny steps leaves the multipliers of equations as they are (1.1.8: the step length
         # that it computes is local to a block), and the last barrier parameters are never reached.
@@ -312,16 +315,15 @@ def _unpacked(w: Array, lam_g: Array, lam_x: Array, lay: NlpLayout) -> Iterate:
 
 
 @contextlib.contextmanager
-def _interruptible(watch: Watch) -> Iterator[None]:
-    """Let Ctrl-C end the solver at its next evaluation, with what it has."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+def _interruptible(watch: Watch, log: IterationLog) -> Iterator[None]:
+    """Let Ctrl-C, or what the callback raises, end the solver in its next iteration, with what it has."""
     pressed: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
-    watch.is_wanted = lambda: not pressed
+    watch.is_wanted = lambda: not pressed and log.failure is None
+    is_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number)) if is_main else None
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        if is_main:
+            signal.signal(signal.SIGINT, before)
         watch.is_wanted = lambda: True

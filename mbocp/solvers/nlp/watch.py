@@ -1,4 +1,4 @@
-"""A look at the unknowns each time the cost is evaluated: time limit, Ctrl-C, and the last iterate."""
+"""A look at the unknowns in every iteration: time limit, Ctrl-C, and the last iterate."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["Stopped", "Watch"]
-
-
-class Stopped(Exception):
-    """Thrown through the solver to end it."""
+__all__ = ["Watch"]
 
 
 class Watch(ca.Callback):
-    """Zero, as a function of the unknowns; evaluating it may end the solve.
+    """Zero, as a function of the unknowns; not a number once the solve shall end.
+
+    It belongs into the Jacobian, which is evaluated once an iteration, at its iterate, and without which no
+    solver goes on. What is thrown from here instead would be taken for a failed trial step.
 
     Attributes
     ----------
@@ -63,14 +62,13 @@ class Watch(ca.Callback):
         return True
 
     def eval_buffer(self, arguments: Sequence[memoryview], results: Sequence[memoryview]) -> int:
-        """Zero."""
+        """Zero, or not a number."""
         if not self.is_wanted():
             self.reason = "interrupted"
         elif time.monotonic() > self._deadline:
             self.reason = "time_limit"
-        if self.reason:
-            raise Stopped(self.reason)
-        self.last = np.frombuffer(arguments[0], dtype=np.float64).copy()
+        if not self.reason:
+            self.last = np.frombuffer(arguments[0], dtype=np.float64).copy()
         if results[0] is not None:
-            np.frombuffer(results[0], dtype=np.float64)[:] = 0.0
+            np.frombuffer(results[0], dtype=np.float64)[:] = math.nan if self.reason else 0.0
         return 0

@@ -29,7 +29,7 @@ _IPOPT = {
 }
 
 
-def status_of(name: str, stats: Mapping[str, Any], stopped: str) -> Status:
+def status_of(name: str, stats: Mapping[str, Any], stopped: str, max_iterations: int) -> Status:
     """Status from what the solver returned; `stopped`: why mbocp ended it."""
     if stopped:
         return Status.INTERRUPTED if stopped == "interrupted" else Status.TIME_LIMIT
@@ -37,8 +37,8 @@ def status_of(name: str, stats: Mapping[str, Any], stopped: str) -> Status:
         return Status.CONVERGED
     if name == "ipopt":
         return _IPOPT.get(str(stats.get("return_status")), Status.LINE_SEARCH_FAILED)
-    words = str(stats.get("unified_return_status"))
-    return Status.MAX_ITERATIONS if "LIMITED" in words else Status.LINE_SEARCH_FAILED
+    is_spent = int(stats.get("iter_count", 0)) >= max_iterations  # all that fatrop says
+    return Status.MAX_ITERATIONS if is_spent else Status.LINE_SEARCH_FAILED
 
 
 def advice_of(
