@@ -290,9 +290,14 @@ def _bounds(programme: StagewiseProgramme, lay: NlpLayout) -> dict[str, Array]:
 
 def _tightened(bounds: dict[str, Array]) -> dict[str, Array]:
     """Bounds less the part by which fatrop relaxes them, so that those given are kept."""
-    given = (bounds["lbx"], bounds["ubx"])
-    by = [np.where(np.isfinite(b), _FATROP_RELAXES * np.maximum(1.0, np.abs(b)), 0.0) for b in given]
-    return bounds | {"lbx": given[0] + by[0], "ubx": given[1] - by[1]}
+    found = {}
+    for letter in "xg":
+        lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
+        for side, bound, sign in (("lb", lower, 1.0), ("ub", upper, -1.0)):
+            is_relaxed = np.isfinite(bound) & (lower < upper)
+            by = np.where(is_relaxed, _FATROP_RELAXES * np.maximum(1.0, np.abs(bound)), 0.0)
+            found[side + letter] = bound + sign * by
+    return found
 
 
 def _packed(iterate: Iterate, lay: NlpLayout) -> Array:
