@@ -110,7 +110,8 @@ class InteriorPoint:
         )
         stats = compiled.solver.stats() if found is not None else {}
         status = status_of(self.name, stats, watch.reason, self.max_iterations)
-        words = advice_of(status, stats, programme, lay, compiled.violations(w, p, bounds), taken)
+        violations = compiled.violations(w, p, bounds)
+        words = advice_of(status, stats, programme, lay, violations, taken, record.residual)
         return SolverResult(status, words, _unpacked(w, lam_g, lam_x, lay), record, history or (record,))
 
 

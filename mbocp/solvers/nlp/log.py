@@ -69,6 +69,8 @@ class IterationLog(io.TextIOBase):
             return
         now = time.perf_counter()
         iteration = int(found["iteration"])
+        if self.records and self.records[-1].iteration == self._first + iteration:
+            return  # fatrop prints an iteration again where its restoration begins and ends
         shift = found["shift"]
         record = IterationRecord(
             iteration=self._first + iteration,

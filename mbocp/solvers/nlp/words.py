@@ -14,6 +14,8 @@ from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["advice_of", "status_of"]
 
+_NEAR = 1e-5  # residual below which a solver that stalls has found what it was looking for
+
 _IPOPT = {
     "Solve_Succeeded": Status.CONVERGED,
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
@@ -37,7 +39,8 @@ def status_of(name: str, stats: Mapping[str, Any], stopped: str, max_iterations:
         return Status.CONVERGED
     if name == "ipopt":
         return _IPOPT.get(str(stats.get("return_status")), Status.LINE_SEARCH_FAILED)
-    is_spent = int(stats.get("iter_count", 0)) >= max_iterations  # all that fatrop says
+    # All that fatrop says; one iteration is too few for it to take any.
+    is_spent = int(stats.get("iter_count", 0)) >= (max_iterations if max_iterations > 1 else 0)
     return Status.MAX_ITERATIONS if is_spent else Status.LINE_SEARCH_FAILED
 
 
@@ -48,6 +51,7 @@ def advice_of(
     lay: NlpLayout,
     violations: Array,
     taken: int,
+    residual: float,
 ) -> str:
     """What the status means here, and what to do."""
     worst = _worst(programme, lay, violations)
@@ -67,7 +71,14 @@ def advice_of(
         Status.SINGULAR: "the linear system cannot be solved; look for constraints that depend on each other",
         Status.INTERRUPTED: f"interrupted after {iterations}; the last iterate",
     }
-    return texts[status] if status is Status.CONVERGED else f"{texts[status]}; {worst}"
+    if status is Status.CONVERGED:
+        return texts[status]
+    if status is Status.LINE_SEARCH_FAILED and residual < _NEAR:
+        return (
+            f"near a solution, but no step makes progress any more after {iterations} "
+            f'(residual {residual:.1e}); raise solver.tolerance, or take the other of "ipopt" and "fatrop"'
+        )
+    return f"{texts[status]}; {worst}"
 
 
 def _worst(programme: StagewiseProgramme, lay: NlpLayout, violations: Array) -> str:
