@@ -51,7 +51,7 @@ class Wanted:
             folder=folder,
             lattice=parse_lattice(self.lattice) if self.lattice is not None else default,
             variant=self.variant or "corrected",
-            solver=self.solver or "ipopt",
+            solver=self.solver or "fatrop",
             workers=self.workers,
             quick=quick,
             results=self.results,

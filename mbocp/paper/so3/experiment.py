@@ -117,7 +117,9 @@ def example_file(name: str) -> Path:
     raise ProblemFileError(name, f"not found in {looked}; install mbocp again, or from its sources")
 
 
-def lattice_study(lattice: Lattice | None = None, variant: str = "corrected", solver: str = "ipopt") -> Study:
+def lattice_study(
+    lattice: Lattice | None = None, variant: str = "corrected", solver: str = "fatrop"
+) -> Study:
     """Study of all tasks of a lattice by the six formulations.
 
     With the defaults it is that of examples/so3/lattice.toml.

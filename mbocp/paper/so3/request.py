@@ -49,7 +49,7 @@ class Request:
     folder: Path = Path("paper")
     lattice: Lattice = field(default_factory=Lattice)
     variant: str = "corrected"
-    solver: str = "ipopt"
+    solver: str = "fatrop"
     workers: int | None = None
     quick: bool = False
     results: Path | None = None
