@@ -9,6 +9,7 @@ special about it: one with random controls.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,18 +63,27 @@ def dependent_end_rows(programme: StagewiseProgramme, rows: Array) -> tuple[int,
     """
     if programme.ng == 0:
         return ()
-    dependent, missed = _examined(_Case(programme, rows))
-    if missed:
-        row = missed[0]
-        raise OverdeterminedGoal(
-            f"goal: no control acts upon {programme.describe_row(-1, row)}, which is not met by itself; "
-            "change the goal or the start there, or leave it out"
-        )
-    return dependent
+    found = _examined(_Case(programme, rows))
+    if found.untouched:
+        values = programme.end_functions.function("terminal_values")
+        missed = np.asarray(values(found.x_end, programme.rho_terminal)[1]).ravel()
+        for row in found.untouched:
+            if abs(missed[row]) > _MET:
+                raise OverdeterminedGoal(
+                    f"goal: no control acts upon {programme.describe_row(-1, row)}, which is not met by "
+                    "itself; change the goal or the start there, or leave it out"
+                )
+    return found.dependent
+
+
+class _Found(NamedTuple):
+    dependent: tuple[int, ...]
+    untouched: tuple[int, ...]  # those of them that no control acts upon at all
+    x_end: Array  # state at the end of the motion that was looked at
 
 
 @lru_cache(maxsize=256)
-def _examined(case: _Case) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _examined(case: _Case) -> _Found:
     programme = case.programme
     native = kernel_programme(programme)
     native.u = _random_controls(programme)
@@ -81,12 +91,12 @@ def _examined(case: _Case) -> tuple[tuple[int, ...], tuple[int, ...]]:
     xs[0] = programme.x_start
     native.x = xs.ravel()
     if not native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS).ok:
-        return (), ()
+        return _Found((), (), programme.x_start)
     native.evaluate()
     native.gradient()
     derivative = native.end_sensitivity().reshape(programme.ng, -1)
     if not np.isfinite(derivative).all():
-        return (), ()
+        return _Found((), (), programme.x_start)
     largest = np.abs(derivative).max(initial=0.0)
     chosen: list[int] = []
     basis = np.zeros((0, derivative.shape[1]))
@@ -98,9 +108,8 @@ def _examined(case: _Case) -> tuple[tuple[int, ...], tuple[int, ...]]:
             chosen.append(row)
             basis = np.vstack([basis, left / norm])
     dependent = tuple(row for row in range(programme.ng) if row not in chosen)
-    untouched = [r for r in dependent if np.abs(derivative[r]).max() <= _RANK_TOLERANCE * largest]
-    missed = tuple(r for r in untouched if abs(native.end_condition[r]) > _MET)
-    return dependent, missed
+    untouched = tuple(r for r in dependent if np.abs(derivative[r]).max() <= _RANK_TOLERANCE * largest)
+    return _Found(dependent, untouched, np.array(native.x.reshape(xs.shape)[-1]))
 
 
 def _random_controls(programme: StagewiseProgramme) -> Array:
