@@ -128,6 +128,7 @@ def _solve_programme(
     methods, best = Methods.of(problem.solver, programme, has_inequalities=problem.is_bounded), None
     history: list[IterationRecord] = []
     kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
+    clock, limit = time.perf_counter(), problem.solver.time_limit
     for attempt, kind in enumerate(kinds):
         try:
             with _timed(phases, "guess"):
@@ -145,8 +146,9 @@ def _solve_programme(
                 raise  # there is nothing to return yet
             best = (_interrupted(best[0]), best[1])
             break
+        left = None if limit is None else max(0.0, limit - (time.perf_counter() - clock))
         outcome = pursue(
-            methods,
+            replace(methods, time_limit=left),
             programme,
             iterate,
             callback,
@@ -160,7 +162,7 @@ def _solve_programme(
             best = (outcome, words)
         elif result.status is Status.INTERRUPTED:
             best = (_interrupted(best[0]), best[1])
-        if result.status in (Status.CONVERGED, Status.INTERRUPTED):
+        if result.status in (Status.CONVERGED, Status.INTERRUPTED, Status.TIME_LIMIT):
             break
     if best is None:
         raise ProblemError("no initial guess could be made; give guess.kind and guess.u")

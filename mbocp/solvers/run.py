@@ -59,11 +59,13 @@ def run(
     phase: str = "",
     first: int = 0,
     watch: Watch | None = None,
+    deadline: float = math.inf,
 ) -> SolverResult:
     """Iterate until the solver ends or somebody presses Ctrl-C; the callback sees every record.
 
     `first` is the number of iterations before this run, where the records go on counting. `watch` sees the
-    records so far, and ends a run that it has no more hope in as stagnated.
+    records so far, and ends a run that it has no more hope in as stagnated. `deadline` is the time of
+    `time.perf_counter` at which no further iteration begins.
 
     Without convergence the iterate with the smallest residual is returned, unless the last one is it.
     """
@@ -77,6 +79,9 @@ def run(
             callback(history[0])
         while (status := solver.terminate(state)) is None:
             clock = time.perf_counter()
+            if clock > deadline:
+                status = Status.TIME_LIMIT
+                break
             state = solver.step(state)
             if first + state.iteration == history[-1].iteration:
                 continue  # no step was taken; `terminate` knows why
@@ -141,6 +146,8 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme) -
         Status.SWEEP_FAILED: f"the forward sweep fails {_place(state, programme)}: the guess's controls lead "
         'where no step can be solved; take more steps, another guess, or "monolithic", which needs no sweep',
         Status.SWITCHED: f"handed over after {taken}",
+        Status.TIME_LIMIT: f"not converged within solver.time_limit, after {taken} {reached}; raise it, or "
+        "start from a better guess",
         Status.DIVERGED: 'the iterates left the finite numbers; use globalisation = "default", a shorter '
         "step or a better guess",
         Status.INTERRUPTED: f"interrupted after {taken}; the best iterate so far",

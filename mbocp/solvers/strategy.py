@@ -24,6 +24,7 @@ _WINDOW = 40  # iterations in which `auto` wants progress from Newton's method .
 _PROGRESS = 0.5  # ... by this factor in the residual
 _INTERIOR_ITERATIONS = 1000
 INTERIOR_POINT = ("ipopt", "fatrop")
+_STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)  # by the user, at once or ahead
 _GRADIENT_STEPS = 25  # of the gradient phases of `auto`, as in the paper's hybrids
 
 
@@ -142,9 +143,15 @@ class _Runs:
     """Collects the runs of a strategy."""
 
     def __init__(
-        self, programme: StagewiseProgramme, callback: Callback | None, first: int, label: str
+        self,
+        programme: StagewiseProgramme,
+        callback: Callback | None,
+        first: int,
+        label: str,
+        time_limit: float | None,
     ) -> None:
         self.programme, self.callback, self.first, self.label = programme, callback, first, label
+        self.deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
         self.history: list[IterationRecord] = []
         self.phases: list[Phase] = []
         self.last: SolverResult | None = None
@@ -168,6 +175,7 @@ class _Runs:
                 name + self.label,
                 first=self.first,
                 watch=_has_stalled if is_watched else None,
+                deadline=self.deadline,
             )
         except KeyboardInterrupt:
             if self.last is None:
@@ -208,7 +216,7 @@ def pursue(
     """
     if methods.method in INTERIOR_POINT or (methods.method == "auto" and methods.has_inequalities):
         return _interior(methods, programme, iterate, callback, first, label)
-    runs = _Runs(programme, callback, first, label)
+    runs = _Runs(programme, callback, first, label, methods.time_limit)
     if methods.method == "auto":
         return _auto(methods, iterate, runs)
     names = methods.method.split("+")
@@ -245,7 +253,7 @@ def _hybrid(
     """Gradient steps, then Newton's method from where they came to, section 5.3."""
     solver = f"{gradient.name}, then {newton.name}"
     begun = runs.run(gradient, names[0], iterate)
-    if begun.status is Status.INTERRUPTED:
+    if begun.status in _STOPPED:
         return runs.outcome(begun, solver)
     told = "" if begun.status in (Status.SWITCHED, Status.CONVERGED) else f"{names[0]} {_ended(begun)}"
     start = iterate if begun.status is Status.SWEEP_FAILED else begun.iterate
@@ -271,7 +279,7 @@ def _auto(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
 
     def is_over() -> bool:
         spent = methods.budget is not None and runs.taken >= methods.budget
-        return bool(results) and (spent or results[-1].status in (Status.CONVERGED, Status.INTERRUPTED))
+        return bool(results) and (spent or results[-1].status in (Status.CONVERGED, *_STOPPED))
 
     def attempt(name: str, start: Iterate, *, is_watched: bool = True) -> None:
         if is_over():
@@ -307,6 +315,8 @@ def _best(results: Sequence[SolverResult], *, spent: bool) -> SolverResult:
     best = min(results, key=lambda r: r.record.residual if math.isfinite(r.record.residual) else math.inf)
     if last.status is Status.INTERRUPTED:
         return last if best is last else best.interrupted()
+    if last.status is Status.TIME_LIMIT:
+        return replace(best, status=last.status, advice=last.advice)
     if spent and best.status is not Status.MAX_ITERATIONS:
         reached = (
             f"not converged within solver.max_iterations (residual {best.record.residual:.1e}); raise it"
@@ -326,6 +336,7 @@ def _ended(result: SolverResult) -> str:
         Status.CONVERGED: "converged",
         Status.SWITCHED: "handed over",
         Status.INTERRUPTED: "was interrupted",
+        Status.TIME_LIMIT: "ran out of time",
         Status.STAGNATED: "made no progress any more",
     }
     return f"{words.get(result.status, f'ended as {result.status}')} {after}"
