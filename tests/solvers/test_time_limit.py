@@ -1,0 +1,71 @@
+"""`solver.time_limit` ends every method, and counts for all guesses and phases together."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.problem import Problem
+from mbocp.solution import IterationRecord, Status
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "auto", "ipopt", "fatrop")
+
+
+def pendulum(*settings: str) -> Problem:
+    return mbocp.load_problem(EXAMPLES / "paper" / "rigid_pendulum.toml", ["horizon.steps=20", *settings])
+
+
+def wait_at(number: int, seconds: float) -> Callable[[IterationRecord], None]:
+    def callback(record: IterationRecord) -> None:
+        if record.iteration == number:
+            time.sleep(seconds)
+
+    return callback
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_ends_with_what_it_has(method: str) -> None:
+    mbocp.solve(pendulum("solver.max_iterations=1"), solver=method)  # whatever has to be built is there
+    s = mbocp.solve(pendulum("solver.time_limit=0.25"), solver=method, callback=wait_at(2, 0.5))
+    assert s.status is Status.TIME_LIMIT
+    assert not s.converged
+    assert s.iterations == 2
+    assert "not converged within solver.time_limit, after 2 iterations" in s.advice
+    assert "raise it" in s.advice
+    assert np.isfinite(s.us).all()
+    assert mbocp.solve(pendulum("solver.time_limit=60"), solver=method).converged
+
+
+@pytest.mark.parametrize("method", ["monolithic", "ipopt"])
+def test_other_guesses_get_what_is_left(method: str) -> None:
+    """The first guess runs into its limit of iterations; the second has no time."""
+    problem = mbocp.load_problem(
+        EXAMPLES / "arms" / "ur5_reach.toml",
+        ["horizon.steps=20", "solver.max_iterations=3", "solver.time_limit=0.4"],
+    )
+    mbocp.solve(problem, solver=method)
+    s = mbocp.solve(problem, solver=method, callback=wait_at(3, 0.6))
+    assert not s.converged
+    guesses = {r.phase for r in s.history}
+    assert len(guesses) == 2
+    assert s.iterations == 3  # and none from the second
+
+
+def test_phases_share_it() -> None:
+    problem = mbocp.load_problem(
+        EXAMPLES / "paper" / "cart_pendulum_elastic.toml",
+        ["horizon.steps=200", "solver.globalisation=none", "solver.time_limit=1.5"],
+    )
+    s = mbocp.solve(problem, solver="auto", callback=wait_at(45, 1.6))
+    assert s.status is Status.TIME_LIMIT
+    assert [p.name for p in s.phases if p.name not in ("compile", "guess", "diagnostics")] == [
+        "monolithic",
+        "fbsm_bb",
+    ]
+    assert "fbsm_bb ran out of time after" in s.advice
