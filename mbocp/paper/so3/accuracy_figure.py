@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from mbocp.paper.so3.accuracy import METHODS, SUFFIXES, Curve, accuracy_curves
 from mbocp.paper.so3.request import Request, Say
+from mbocp.solution.atomic import atomic_path
 from mbocp.view.plots_style import GREY, PALETTE, new_figure
 
-__all__ = ["accuracy_figure", "draw_curves"]
+__all__ = ["accuracy_figure", "accuracy_file", "draw_curves"]
 
 _CROSSES = 1e4  # where the paper draws what makes no sense
 _FLOOR = 1e-16
@@ -30,8 +33,31 @@ _LOOKS: dict[str, dict[str, Any]] = {
 
 def accuracy_figure(request: Request, say: Say = str) -> Figure:
     """Solve what the figure shows, and draw it."""
-    with_time = accuracy_curves(quick=request.quick, workers=request.workers, say=say)
-    return draw_curves(with_time)
+    return draw_curves(_curves(request.quick, request.workers, say))
+
+
+def accuracy_file(request: Request, say: Say = str) -> list[Path]:
+    """Write the numbers behind the figure as JSON."""
+    curves = _curves(request.quick, request.workers, say)
+    facts = [
+        {"rotations": c.rotations, "integrator": c.label, "points": [p.to_dict() for p in c.points]}
+        for c in curves
+    ]
+    path = request.folder / "so3_fig12.json"
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(facts, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return [path]
+
+
+_made: dict[tuple[bool, int | None], list[Curve]] = {}
+
+
+def _curves(quick: bool, workers: int | None, say: Say) -> list[Curve]:
+    """Solved once a process."""
+    key = (quick, workers)
+    if key not in _made:
+        _made[key] = accuracy_curves(quick=quick, workers=workers, say=say)
+    return _made[key]
 
 
 def draw_curves(curves: Sequence[Curve]) -> Figure:
@@ -45,6 +71,7 @@ def draw_curves(curves: Sequence[Curve]) -> Figure:
         axes.set(xscale="log", yscale="log")
         axes.set_title(_TITLES[rotations], loc="left")
         axes.set_xlabel("time of a Newton iteration [ms]")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.axhline(_CROSSES, color=GREY, lw=0.6, zorder=0)

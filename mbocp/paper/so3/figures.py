@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from mbocp.exceptions import InvalidValue
-from mbocp.paper.so3.accuracy_figure import accuracy_figure
+from mbocp.paper.so3.accuracy_figure import accuracy_figure, accuracy_file
 from mbocp.paper.so3.drift_figure import drift_figure
 from mbocp.paper.so3.lattice_figures import bar_figure, convergence_figure, success_figure
 from mbocp.paper.so3.path_figures import components_figure, path_figure, path_replay
@@ -75,7 +75,7 @@ FIGURES: Mapping[int, FigureSpec] = {
         "iterations to convergence", _bars("iterations", "Iterations to convergence", "iterations")
     ),
     11: FigureSpec("CPU time to convergence", _bars("seconds", "CPU time to convergence", "time")),
-    12: FigureSpec("accuracy against the time of an iteration", accuracy_figure),
+    12: FigureSpec("accuracy against the time of an iteration", accuracy_figure, accuracy_file),
 }
 LATTICE_FIGURES = (3, 4, 8, 10, 11)
 _SKETCHES = (1, 2)

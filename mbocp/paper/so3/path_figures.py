@@ -16,7 +16,7 @@ from mbocp.paper.so3.data import CHOICES, UNICYCLE
 from mbocp.paper.so3.motions import Motion, task_motion
 from mbocp.paper.so3.request import Request, Say
 from mbocp.robot import Robot
-from mbocp.view.plots_style import GREY, PALETTE, finish_axes, mark_time, new_figure, strip_legend
+from mbocp.view.plots_style import PALETTE, finish_axes, mark_time, new_figure, strip_legend
 from mbocp.view.replay import write_replay
 
 __all__ = ["LABELS", "components_figure", "path_figure", "path_replay"]
@@ -43,9 +43,6 @@ def path_figure(number: int, say: Say = str) -> Figure:
         _axle(axes, solution.qs[i], fade)
     axes.plot(*joint.T, color=_RED, lw=1.8)
     axes.plot(*tip.T, color=_GREEN, lw=1.8)
-    ground = tip.copy()
-    ground[:, 2] = 0.0
-    axes.plot(*ground.T, color=GREY, lw=0.7, alpha=0.6)
     _finish(axes, np.vstack([joint, tip]))
     axes.set_title(
         f"{LABELS[number]}: x = y = 0.5 m, θ = π; cost {solution.cost:.3f}, {solution.iterations} iterations",
@@ -139,7 +136,7 @@ def _finish(axes: Any, points: Array) -> None:
     low, high = points.min(axis=0) - 0.05, points.max(axis=0) + 0.05
     low[2] = min(low[2], 0.0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.1)
+    axes.set_box_aspect(high - low, zoom=1.25)
     axes.view_init(*_VIEW)
     for name in "xyz":
         getattr(axes, f"set_{name}label")(f"${name}$ [m]")
