@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.problem import PathConstraint, Problem
-from mbocp.robot import Robot
+from mbocp.problem import Problem
 from mbocp.solvers import Iterate
 from mbocp.transcription import StagewiseProgramme
 
@@ -41,27 +39,11 @@ def path_along(problem: Problem, qs: Array, vs: Array) -> Array:
     """Values of the path constraints at the nodes 1..N, shape (N, nh) [m, m/s]."""
     if not problem.path:
         return np.zeros((len(qs) - 1, 0))
-    robot = problem.robot
     rows = [
-        np.concatenate([_value(robot, constraint, q, v) for constraint in problem.path])
+        np.concatenate([constraint.values(problem.robot, q, v) for constraint in problem.path])
         for q, v in zip(qs[1:], vs[1:], strict=True)
     ]
     return np.array(rows)
-
-
-def _value(robot: Robot, constraint: PathConstraint, q: Array, v: Array) -> Array:
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    position = data.oMf[constraint.frame].translation
-    if constraint.kind == "position":
-        return np.asarray(position[list(constraint.axes)])
-    if constraint.kind == "distance":
-        away = constraint.point if constraint.other is None else data.oMf[constraint.other].translation
-        return np.array([np.linalg.norm(position - away)])
-    jacobian = pin.computeFrameJacobian(
-        robot.model, robot.model.createData(), q, constraint.frame, pin.LOCAL_WORLD_ALIGNED
-    )
-    return np.array([np.linalg.norm(jacobian[:3] @ v)])
 
 
 def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -> float:
