@@ -67,7 +67,7 @@ def replaced(page: str, name: str, text: str) -> str:
     pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
     made, count = pattern.subn(lambda _: f"{begin}\n\n{text}\n{end}", page)
     if count != 1:
-        raise SystemExit(f"docs/paper.md: found the markers of {name!r} {count} times, expected once")
+        raise SystemExit(f"documentation: found the markers of {name!r} {count} times, expected once")
     return made
 
 

@@ -183,7 +183,8 @@ def paper(
         str | None, typer.Option(metavar="NAME", help="so3: corrected (default) or as_printed.")
     ] = None,
     solver: Annotated[
-        str | None, typer.Option(metavar="NAME", help="so3: fatrop (default) or ipopt, for the lattice.")
+        str | None,
+        typer.Option(metavar="NAME", help="so3: fatrop or ipopt. [default: fatrop, as_printed: ipopt]"),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="so3: processes. [default: one a processor]")

@@ -44,14 +44,15 @@ class Wanted:
     def request(self, folder: Path, *, quick: bool, pdf: bool) -> Request:
         """Check all of it."""
         from mbocp.paper.so3.experiment import Lattice, parse_lattice
-        from mbocp.paper.so3.request import QUICK_LATTICE, Request
+        from mbocp.paper.so3.request import DEFAULT_SOLVERS, QUICK_LATTICE, Request
 
         default = QUICK_LATTICE if quick else Lattice()
+        variant = self.variant or "corrected"
         return Request(
             folder=folder,
             lattice=parse_lattice(self.lattice) if self.lattice is not None else default,
-            variant=self.variant or "corrected",
-            solver=self.solver or "fatrop",
+            variant=variant,
+            solver=self.solver or DEFAULT_SOLVERS.get(variant, "fatrop"),
             workers=self.workers,
             quick=quick,
             results=self.results,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -118,7 +118,10 @@ def example_file(name: str) -> Path:
 
 
 def lattice_study(
-    lattice: Lattice | None = None, variant: str = "corrected", solver: str = "fatrop"
+    lattice: Lattice | None = None,
+    variant: str = "corrected",
+    solver: str = "fatrop",
+    labels: Sequence[str] | None = None,
 ) -> Study:
     """Study of all tasks of a lattice by the six formulations.
 
@@ -131,6 +134,8 @@ def lattice_study(
     variant : {"corrected", "as_printed"}
         See `VARIANTS`.
     solver : {"ipopt", "fatrop"}
+    labels : sequence of str, optional
+        Formulations to try; default: all six.
     """
     check_choice("variant", variant, VARIANTS)
     check_choice("solver", solver, SOLVERS)
@@ -145,6 +150,9 @@ def lattice_study(
         "goal.q.base_y": side,
         "goal.q.yaw": turn if lattice.yaws > 1 else [0.0],
     }
+    if labels is not None:
+        (axis,) = tables["axis"]
+        axis["values"] = [value for value in axis["values"] if value["label"] in labels]
     return Study.from_tables(tables, source=path)
 
 

@@ -163,8 +163,9 @@ def outcomes_of(result: StudyResult) -> Outcomes:
     known = [one.label for one in FORMULATIONS]
     labels = [label for label in known if label in by_label] + [x for x in by_label if x not in known]
     problem = result.header["tables"]["problem"]
+    (axis,) = result.header["tables"]["axis"]
     return Outcomes(
-        runs=tuple(_runs(label, by_label[label], len(known)) for label in labels),
+        runs=tuple(_runs(label, by_label[label], len(axis["values"])) for label in labels),
         num_tasks=result.num_tasks,
         is_complete=result.is_complete,
         solver=_solver(problem),

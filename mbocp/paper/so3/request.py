@@ -12,11 +12,12 @@ from mbocp.paper.so3.experiment import SOLVERS, VARIANTS, Lattice, check_choice,
 from mbocp.paper.so3.outcomes import Outcomes, outcomes_of
 from mbocp.study import StudyResult, run_study
 
-__all__ = ["QUICK_LATTICE", "Request", "Say", "lattice_outcomes"]
+__all__ = ["DEFAULT_SOLVERS", "QUICK_LATTICE", "Request", "Say", "lattice_outcomes"]
 
 Say = Callable[[str], object]
 
 QUICK_LATTICE = Lattice(2, 2)
+DEFAULT_SOLVERS = {"corrected": "fatrop", "as_printed": "ipopt"}  # a repeated condition stalls fatrop
 
 _REPORTS = 100  # lines about the progress of a lattice
 
