@@ -98,7 +98,7 @@ def top(rotations: str, lie: str, method: str) -> Solution:
 
 
 @pytest.mark.parametrize("rotations", ["quaternion", "dcm"])
-@pytest.mark.parametrize("lie", ["plain", "baumgarte", "munthe_kaas"])
+@pytest.mark.parametrize("lie", ["plain", pytest.param("baumgarte", marks=pytest.mark.slow), "munthe_kaas"])
 def test_attitudes_in_all_coordinates(rotations: str, lie: str) -> None:
     """One optimum, to the error of the discretisation; for methods on the group to round-off."""
     newton = top("quaternion", "munthe_kaas", "monolithic")
@@ -130,6 +130,13 @@ def test_steps_become_gaps_for_fatrop_alone() -> None:
 
 def _options(method: str) -> mbocp.problem.SolverOptions:
     return mbocp.problem.SolverOptions(method=method)
+
+
+@pytest.mark.parametrize("method", ["fbsm_newton", "fbsm_bb+monolithic"])
+def test_sweeps_run_along_explicit_schemes(method: str) -> None:
+    for rotations, lie in (("quaternion", "munthe_kaas"), ("dcm", "plain")):
+        newton = top(rotations, lie, "monolithic")
+        assert top(rotations, lie, method).cost == pytest.approx(newton.cost, rel=1e-9)
 
 
 def test_a_warm_start_begins_where_a_solve_ended() -> None:

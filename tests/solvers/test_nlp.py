@@ -98,7 +98,7 @@ CASES: dict[str, tuple[Callable[[], Problem], bool]] = {
     "towed-se1-lifted": (lambda: towed("se1"), True),
     "towed-midpoint-lifted": (lambda: towed("midpoint"), True),
 }
-SLOW = ("drone-munthe_kaas-quaternion", "towed-midpoint-lifted")
+SLOW = ("drone-munthe_kaas-quaternion", "drone-baumgarte-dcm", "towed-se1", "towed-midpoint-lifted")
 
 
 class Nlp:
