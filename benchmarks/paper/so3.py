@@ -21,8 +21,7 @@ from mbocp.paper.so3.tables import TITLES, check_table, make_table, summary_tabl
 __all__ = ["PAGE", "choices_table", "main"]
 
 PAGE = DOCS / "paper_so3.md"
-_DPI, _COLORS = 110, 128  # pictures of some 50 kB
-_UNITS = {"yaw_rate": "rad/s", "acceleration": "m/s^2", "c_x": "1/m^2", "c_y": "1/m^2", "c_theta": "1/rad^2"}
+_DPI, _COLORS = 130, 128  # pictures of some 30 kB
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -58,9 +57,8 @@ def choices_table() -> str:
     for names, words in entries:
         each = names.split(", ")
         values = ", ".join(f"{getattr(CHOICES, name):.6g}" for name in each)
-        unit = f" {_UNITS[each[0]]}" if each[0] in _UNITS else ""
         symbols = ", ".join(f"`{name}`" for name in each)
-        lines.append(f"| {symbols} | {values}{unit} | {' '.join(words.split())} |")
+        lines.append(f"| {symbols} | {values} | {' '.join(words.split())} |")
     return "\n".join(lines) + "\n"
 
 
