@@ -141,6 +141,7 @@ def _convergence(axes: Axes, runs: Runs) -> None:
         ha="right",
         fontsize=6.5,
         color="#444444",
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
     )
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
     spread = max(float(np.abs(means[len(means) // 20 :] - last).max()), 3 * BAND * last)
