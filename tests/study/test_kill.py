@@ -19,7 +19,12 @@ from mbocp.study import StudyResult
 
 from .conftest import EXAMPLES
 
-MBOCP = [sys.executable, "-c", "from mbocp.cli import main; main()", "study"]
+# As from a terminal: what runs in a shell's background inherits that Ctrl-C is ignored.
+RUN = """import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from mbocp.cli import main
+main()"""
+MBOCP = [sys.executable, "-c", RUN, "study"]
 PATIENCE = 60.0  # [s] for what takes a second or two
 
 
