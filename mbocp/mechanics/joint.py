@@ -13,7 +13,7 @@ import numpy as np
 
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.forces import force_element_energy, force_element_force
-from mbocp.robot import Robot
+from mbocp.robot import Robot, constraint_rows
 from mbocp.symbolic import model_functions
 from mbocp.symbolic.matrices import call_with_matrices
 
@@ -123,13 +123,18 @@ class JointMechanics:
         """Position of a frame's origin in the world, shape (3,) [m]."""
         return self._call(self._functions.frame_placement(frame_id), q)[1]
 
+    def joint_displacement(self, joint_id: int, q: ca.SX) -> ca.SX:
+        """Angle [rad] or length [m] of a joint with one velocity; of continuous ones in -pi ... pi."""
+        start = self.robot.model.joints[joint_id].idx_q
+        numbers = next(q[part.at_z] for part in self.space.parts if part.at_q.start == start)
+        return ca.atan2(numbers[1], numbers[0]) if numbers.shape[0] == 2 else numbers
+
     def constraints(self, q: ca.SX) -> ca.SX:
-        """Holonomic constraints Phi(q), shape (nc,) [m^2 for rods]."""
-        rows = []
-        for rod in self.robot.constraints:
-            d = self.frame_position(rod.frame_a, q) - self.frame_position(rod.frame_b, q)
-            rows.append((ca.dot(d, d) - rod.length**2) / 2)
-        return ca.vertcat(*rows) if rows else ca.SX.zeros(0, 1)
+        """Holonomic constraints Phi(q), the rows that are kept, shape (nc,) [m, rad, m^2 for rods]."""
+        rows = [constraint_rows(constraint, self, q) for constraint in self.robot.constraints]
+        if not rows:
+            return ca.SX.zeros(0, 1)
+        return ca.vertcat(*rows)[list(self.robot.kept_rows)]
 
     def constraint_jacobian(self, q: ca.SX) -> ca.SX:
         """Derivative of Phi in tangent coordinates, shape (nc, nv)."""

@@ -125,7 +125,8 @@ def _motion_rows(robot: Robot, q: Array, features: Array) -> list[Array]:
     model, data = robot.model, robot.model.createData()
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
-    for element in (*robot.constraints, *robot.forces):
+    rows.append(np.hstack([robot.closure_jacobian(q) @ features, np.zeros((len(robot.closure_labels), 6))]))
+    for element in robot.forces:
         a, b = element.frame_a, element.frame_b
         d = data.oMf[a].translation - data.oMf[b].translation
         rate = (_point_jacobian(robot, data, a) - _point_jacobian(robot, data, b)) @ features

@@ -1,12 +1,23 @@
 """Robots: loading, and what the rest of mbocp sees of them.
 
-`load_robot` makes a `Robot` from a name, a URDF or a robot.toml. Numeric Pinocchio only; the symbolic
-functions of the same model come from `mbocp.symbolic`.
+`load_robot` makes a `Robot` from a name, a URDF or a robot.toml. Numeric Pinocchio, and the equations of the
+holonomic constraints; the symbolic functions of the same model come from `mbocp.symbolic`.
 """
 
 from __future__ import annotations
 
 from mbocp.robot.checks import SingularMassMatrix
+from mbocp.robot.constraint_equations import Kinematics, constraint_rows
+from mbocp.robot.constraints import (
+    Constraint,
+    Coupling,
+    Hinge,
+    Point,
+    PointOnLine,
+    PointOnPlane,
+    Rod,
+    Weld,
+)
 from mbocp.robot.describe import describe
 from mbocp.robot.load import load_robot, robot_from_spec
 from mbocp.robot.notices import InitialPoseWarning, MissingMeshWarning, NormalisationWarning
@@ -18,7 +29,6 @@ from mbocp.robot.parts import (
     Label,
     Limits,
     QuarticSpring,
-    Rod,
     SpringDamper,
 )
 from mbocp.robot.robot import Robot
@@ -27,19 +37,28 @@ from mbocp.robot.sources import RobotEntry, list_robots
 __all__ = [
     "Actuation",
     "Connector",
+    "Constraint",
+    "Coupling",
     "Drive",
     "FrameActuator",
+    "Hinge",
     "InitialPoseWarning",
+    "Kinematics",
     "Label",
     "Limits",
     "MissingMeshWarning",
     "NormalisationWarning",
+    "Point",
+    "PointOnLine",
+    "PointOnPlane",
     "QuarticSpring",
     "Robot",
     "RobotEntry",
     "Rod",
     "SingularMassMatrix",
     "SpringDamper",
+    "Weld",
+    "constraint_rows",
     "describe",
     "list_robots",
     "load_robot",

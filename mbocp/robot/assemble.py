@@ -12,6 +12,16 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import joints, kinematics
+from mbocp.robot.constraints import (
+    Constraint,
+    Coupling,
+    Hinge,
+    Point,
+    PointOnLine,
+    PointOnPlane,
+    Rod,
+    Weld,
+)
 from mbocp.robot.drive_tables import DriveReader
 from mbocp.robot.locking import refuse_follower
 from mbocp.robot.parts import (
@@ -21,10 +31,21 @@ from mbocp.robot.parts import (
     Label,
     Limits,
     QuarticSpring,
-    Rod,
     SpringDamper,
 )
-from mbocp.robot.schema import JointActuator, RobotTable, Thruster, Wrench
+from mbocp.robot.schema import (
+    ConstraintTable,
+    CouplingTable,
+    HingeTable,
+    JointActuator,
+    LineTable,
+    PlaneTable,
+    PointTable,
+    RobotTable,
+    RodTable,
+    Thruster,
+    Wrench,
+)
 
 __all__ = ["Assembly"]
 
@@ -155,20 +176,48 @@ class Assembly:
 
     # Constraints and forces
 
-    def constraints(self) -> tuple[Rod, ...]:
+    def constraints(self) -> tuple[Constraint, ...]:
         """Holonomic constraints."""
-        rods = []
-        for number, table in enumerate(self.table.constraints):
-            where = f"constraint[{number}]"
-            a, b = self.pair(table.frames, where)
+        found = [self._constraint(table, number) for number, table in enumerate(self.table.constraints)]
+        self._refuse_repeated("constraint", [constraint.name for constraint in found])
+        return tuple(found)
+
+    def _constraint(self, table: ConstraintTable, number: int) -> Constraint:
+        where, name = f"constraint[{number}]", table.name or f"{table.type}_{number}"
+        if isinstance(table, CouplingTable):
+            return self._coupling(table, where, name)
+        a, b = self.pair(table.frames, where)
+        if isinstance(table, RodTable):
             length = table.length or self._distance(a, b)
             if length <= 0.0:
                 self._refuse(
                     f"{where}.length", "not given, and the frames coincide at the initial pose: give a length"
                 )
-            rods.append(Rod(table.name or f"rod_{number}", a, b, length, table.frames))
-        self._refuse_repeated("constraint", [rod.name for rod in rods])
-        return tuple(rods)
+            return Rod(name, a, b, length, table.frames)
+        if isinstance(table, HingeTable):
+            return Hinge(name, a, b, table.frames, table.axis, table.axis_b or table.axis)
+        if isinstance(table, PlaneTable):
+            return PointOnPlane(name, a, b, table.frames, table.normal)
+        if isinstance(table, LineTable):
+            return PointOnLine(name, a, b, table.frames, table.axis)
+        return (Point if isinstance(table, PointTable) else Weld)(name, a, b, table.frames)
+
+    def _coupling(self, table: CouplingTable, where: str, name: str) -> Coupling:
+        for locked in (joint for joint in table.joints if joint in self.locked):
+            self._refuse(
+                f"{where}.joints", f"joint {locked!r} is locked: lock the other, too, or take this out"
+            )
+        a, b = (joints.joint_id(self.model, joint, self.robot) for joint in table.joints)
+        for joint in (a, b):
+            refuse_follower(self.model, joint, self.robot)
+            kind = joints.joint_kind(self.model, joint)
+            if len(kind.v) != 1:
+                reason = f"joint {self.model.names[joint]!r} is {kind.word} and has {len(kind.v)} velocities"
+                self._refuse(f"{where}.joints", f"{reason}; a coupling takes joints with one")
+        kinds = [joints.joint_kind(self.model, joint) for joint in (a, b)]
+        periodic = (not kinds[0].is_vector, not kinds[1].is_vector)
+        unit = kinds[0].v[0][1]
+        return Coupling(name, a, b, table.ratio, table.offset, table.joints, unit, periodic)
 
     def forces(self) -> tuple[QuarticSpring | SpringDamper, ...]:
         """Springs and dampers."""
@@ -193,10 +242,14 @@ class Assembly:
         self._refuse_repeated("spring or spring_damper", [force.name for force in found])
         return tuple(found)
 
-    def connectors(self, pairs: Iterable[Rod | QuarticSpring | SpringDamper]) -> tuple[Connector, ...]:
+    def connectors(
+        self, elements: Iterable[Constraint | QuarticSpring | SpringDamper]
+    ) -> tuple[Connector, ...]:
         """What a replay draws between frames: the [[visual]] tables, else a rod or coil for each pair."""
         shown: dict[tuple[int, ...], Connector | None] = {}
-        for pair in pairs:
+        for pair in elements:
+            if not isinstance(pair, Rod | QuarticSpring | SpringDamper):
+                continue  # what closes a loop joins frames that are at one place, or shows itself
             kind = "rod" if isinstance(pair, Rod) else "spring"
             radius, color = _LOOKS[kind]
             shown[_key(pair.frame_a, pair.frame_b)] = Connector(

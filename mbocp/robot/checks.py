@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["SingularMassMatrix", "check_mechanics"]
 
 _RANK = 1e-9  # relative singular value below which rows count as dependent
-_ON_CONSTRAINT = 1e-6  # relative to the square of the rod's length
+_ON_CONSTRAINT = 1e-6  # [m, rad, m^2]
 _SHARE = 1e-3  # share of the null vector from which a joint is named
 
 
@@ -65,11 +65,11 @@ def check_mechanics(robot: Robot) -> None:
 
 
 def _check_pose(robot: Robot) -> bool:
-    residual = robot.constraint_residual(robot.q0)
+    residual = robot.closure_residual(robot.q0)
     bad = [
-        f"{rod.name!r} by {value:.3g} m^2"
-        for rod, value in zip(robot.constraints, residual, strict=True)
-        if abs(value) > _ON_CONSTRAINT * rod.length**2
+        f"{label.name!r} by {value:.3g} {label.unit}"
+        for label, value in zip(robot.closure_labels, residual, strict=True)
+        if abs(value) > _ON_CONSTRAINT
     ]
     if bad:
         warnings.warn(
@@ -84,15 +84,15 @@ def _check_pose(robot: Robot) -> bool:
 def _check_rank(robot: Robot, jacobian: Array) -> None:
     kept: list[Array] = []
     dependent = []
-    for rod, row in zip(robot.constraints, jacobian, strict=True):
+    for label, row in zip(robot.constraint_labels, jacobian, strict=True):
         norm = float(np.linalg.norm(row))
-        candidate = [*kept, row / norm] if norm > _RANK * rod.length else kept
+        candidate = [*kept, row / norm] if norm > _RANK else kept
         if len(candidate) > len(kept) and np.linalg.matrix_rank(np.array(candidate), tol=_RANK) == len(
             candidate
         ):
             kept = candidate
         else:
-            dependent.append(rod.name)
+            dependent.append(label.name)
     if dependent:
         raise UnsupportedRobot(
             f"robot {robot.name!r}: at the initial pose the constraints depend on each other or on nothing "

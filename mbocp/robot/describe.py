@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbocp.robot import joints
+from mbocp.robot.constraints import Constraint, Coupling, Rod
 from mbocp.robot.drives import moved_joints
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
@@ -43,10 +44,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         ],
         "drives": [_drive(robot, drive) for drive in robot.drives],
         "speeds": [{"name": label.name, "unit": label.unit} for label in robot.speed_labels],
-        "constraints": [
-            {"name": rod.name, "type": rod.kind, "frames": list(rod.frames), "length": rod.length}
-            for rod in robot.constraints
-        ],
+        "constraints": [_constraint(robot, constraint) for constraint in robot.constraints],
         "forces": [_force(force) for force in robot.forces],
         "frames": list(robot.frame_names),
         "trace_frames": list(robot.trace_frames),
@@ -85,6 +83,23 @@ def _drive(robot: Robot, drive: Drive) -> dict[str, Any]:
         "frame": frame,
         "direction": direction,
     }
+
+
+def _constraint(robot: Robot, constraint: Constraint) -> dict[str, Any]:
+    start = 0
+    for other in robot.constraints[: robot.constraints.index(constraint)]:
+        start += len(other.rows)
+    rows = [label.name for label in constraint.rows]
+    redundant = [name for i, name in enumerate(rows) if start + i in robot.redundant_rows]
+    facts: dict[str, Any] = {"name": constraint.name, "type": constraint.kind}
+    if isinstance(constraint, Coupling):
+        numbers = {"ratio": constraint.ratio, "offset": constraint.offset}
+        facts |= {"joints": list(constraint.joints), **numbers}
+    else:
+        facts["frames"] = list(constraint.frames)
+    if isinstance(constraint, Rod):
+        facts["length"] = constraint.length
+    return {**facts, "rows": rows, "redundant_rows": redundant}
 
 
 def _force(force: Any) -> dict[str, Any]:

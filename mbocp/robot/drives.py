@@ -153,9 +153,9 @@ def _check_impulse(robot: Robot, drive: Drive, q: Array) -> None:
         )
     rates = robot.constraint_jacobian(q) @ column
     if np.abs(rates).max(initial=0.0) > _ROUND_OFF:
-        rod = robot.constraints[int(np.argmax(np.abs(rates)))]
+        row = robot.constraint_labels[int(np.argmax(np.abs(rates)))]
         raise UnsupportedRobot(
-            f"robot {robot.name!r}: the motion of drive {drive.name!r} pulls at constraint {rod.name!r}. "
+            f"robot {robot.name!r}: the motion of drive {drive.name!r} pulls at constraint {row.name!r}. "
             f"{remedy}"
         )
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mbocp._arrays import Array
 from mbocp.exceptions import UnknownJoint, UnsupportedRobot
 from mbocp.robot.parts import Label
 
@@ -16,6 +18,7 @@ __all__ = [
     "JointKind",
     "check_joints",
     "configuration_slice",
+    "displacement",
     "joint_id",
     "joint_kind",
     "joint_names",
@@ -138,6 +141,12 @@ def velocity_slice(model: pin.Model, joint: int) -> slice:
     """Range of the joint in v; empty for a mimic joint."""
     j = model.joints[joint]
     return slice(j.idx_v, j.idx_v + j.nv)
+
+
+def displacement(model: pin.Model, joint: int, q: Array) -> float:
+    """Angle [rad] or length [m] of a joint with one velocity; that of a continuous one in -pi ... pi."""
+    numbers = q[configuration_slice(model, joint)]
+    return math.atan2(numbers[1], numbers[0]) if len(numbers) == 2 else float(numbers[0])
 
 
 def position_labels(model: pin.Model) -> tuple[Label, ...]:

@@ -1,4 +1,4 @@
-"""What a robot consists of beside its multibody model: actuation, constraints, forces, limits, labels.
+"""What a robot consists of beside its multibody model: actuation, forces, limits, labels.
 
 All of it is data. A frame is an index into `pin.Model.frames`; frame 0 is the universe, called "world".
 """
@@ -20,7 +20,6 @@ __all__ = [
     "Label",
     "Limits",
     "QuarticSpring",
-    "Rod",
     "SpringDamper",
 ]
 
@@ -184,36 +183,6 @@ class Actuation:
     def is_constant(self) -> bool:
         """Whether B does not depend on q."""
         return not self.frame_actuators
-
-
-@dataclass(frozen=True)
-class Rod:
-    r"""A massless rigid rod between two frames.
-
-    .. math:: \Phi(q) = \tfrac12 \left(|p_a - p_b|^2 - l^2\right) \quad [\mathrm{m}^2]
-
-    Parameters
-    ----------
-    name : str
-        Appears in messages and as the label of the multiplier.
-    frame_a, frame_b : int
-        Frames whose origins it joins.
-    length : float
-        l [m].
-    frames : (str, str)
-        Names of the two frames, for messages.
-    """
-
-    name: str
-    frame_a: int
-    frame_b: int
-    length: float
-    frames: tuple[str, str] = ("", "")
-
-    kind = "rod"
-
-    def __post_init__(self) -> None:
-        _require_positive(f"rod {self.name!r}: length", self.length)
 
 
 @dataclass(frozen=True)

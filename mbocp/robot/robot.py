@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import drives, joints, kinematics
+from mbocp.robot.closure import Closure
+from mbocp.robot.constraints import Constraint
 from mbocp.robot.notices import NormalisationWarning
-from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, Rod, SpringDamper
+from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 
 __all__ = ["Robot"]
 
@@ -50,8 +52,8 @@ class Robot:
         Shapes and paths of the meshes that were found. The `geometry` of a mesh is an empty placeholder.
     actuation : Actuation
         B(q).
-    constraints : tuple of Rod
-        Phi(q) = 0, one row each.
+    constraints : tuple of Constraint
+        Phi(q) = 0, see `mbocp.robot.constraints`.
     forces : tuple of QuarticSpring or SpringDamper
         f(q, v).
     q0 : ndarray, shape (nq,)
@@ -71,13 +73,15 @@ class Robot:
     rotations : {"quaternion", "dcm"}
         How explicit schemes represent the rotations of free-flyers and ball joints in their state: four
         numbers or the nine of a direction cosine matrix. q has the quaternion in either case.
+    redundant_rows : tuple of int
+        Rows that the equations leave out because the others imply them; counted over all constraints.
     """
 
     name: str
     model: pin.Model
     visual_model: pin.GeometryModel
     actuation: Actuation
-    constraints: tuple[Rod, ...]
+    constraints: tuple[Constraint, ...]
     forces: tuple[QuarticSpring | SpringDamper, ...]
     q0: Array
     limits: Limits
@@ -87,6 +91,7 @@ class Robot:
     spec: Mapping[str, Any] = field(default_factory=dict)
     description: str = ""
     rotations: str = "quaternion"
+    redundant_rows: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.rotations not in _ROTATIONS:
@@ -119,8 +124,8 @@ class Robot:
 
     @property
     def nc(self) -> int:
-        """Number of holonomic constraints."""
-        return len(self.constraints)
+        """Number of rows of the holonomic constraints that the equations keep."""
+        return len(self.kept_rows)
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
@@ -174,9 +179,19 @@ class Robot:
         return (*(self.v_labels[dof] for dof in drives.free_dofs(self)), *stated)
 
     @cached_property
+    def closure_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each row of the constraints, the redundant ones included."""
+        return tuple(label for constraint in self.constraints for label in constraint.rows)
+
+    @cached_property
+    def kept_rows(self) -> tuple[int, ...]:
+        """Rows of the constraints that the equations keep, counted over all constraints in order."""
+        return tuple(i for i in range(len(self.closure_labels)) if i not in self.redundant_rows)
+
+    @cached_property
     def constraint_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each constraint."""
-        return tuple(Label(rod.name, "m^2") for rod in self.constraints)
+        """Name and unit of each row that the equations keep."""
+        return tuple(self.closure_labels[i] for i in self.kept_rows)
 
     @cached_property
     def is_vector_space(self) -> bool:
@@ -196,6 +211,8 @@ class Robot:
         for actuator in self.actuation.frame_actuators:
             digest.update(repr(actuator.frame_id).encode() + actuator.direction.tobytes())
         digest.update(repr((self.actuation.labels, self.constraints, self.forces)).encode())
+        if self.redundant_rows:
+            digest.update(repr(self.redundant_rows).encode())
         for drive in self.drives:
             digest.update(
                 repr((drive.control, drive.dofs, drive.frame_id)).encode() + drive.direction.tobytes()
@@ -307,17 +324,28 @@ class Robot:
         return frozen_array(np.hstack(columns))
 
     def constraint_residual(self, q: ArrayLike) -> Array:
-        """Phi(q), shape (nc,) [m^2]."""
-        pairs = kinematics.distances(self.model, self._vector(q, self.nq, "q"), self.constraints)
-        lengths = np.array([rod.length for rod in self.constraints])
-        return frozen_array(0.5 * (np.einsum("ij,ij->i", pairs, pairs) - lengths**2))
+        """Phi(q), the rows that the equations keep, shape (nc,) [m, rad, m^2]."""
+        return frozen_array(self.closure_residual(q)[self._kept])
 
     def constraint_jacobian(self, q: ArrayLike) -> Array:
-        """dPhi_dq in tangent coordinates, shape (nc, nv) [m]."""
-        q = self._vector(q, self.nq, "q")
-        pairs = kinematics.distances(self.model, q, self.constraints)
-        jacobians = kinematics.distance_jacobians(self.model, q, self.constraints)
-        return frozen_array(np.einsum("ij,ijk->ik", pairs, jacobians))
+        """dPhi_dq in tangent coordinates, the rows that the equations keep, shape (nc, nv)."""
+        return frozen_array(self.closure_jacobian(q)[self._kept])
+
+    def closure_residual(self, q: ArrayLike) -> Array:
+        """Residual of all rows of the constraints, the redundant ones included [m, rad, m^2]."""
+        return frozen_array(self._closure.residual(self._vector(q, self.nq, "q")))
+
+    def closure_jacobian(self, q: ArrayLike) -> Array:
+        """Derivative of `closure_residual` in tangent coordinates, shape (rows, nv)."""
+        return frozen_array(self._closure.jacobian(self._vector(q, self.nq, "q")))
+
+    @cached_property
+    def _closure(self) -> Closure:
+        return Closure(self.model, self.constraints)
+
+    @property
+    def _kept(self) -> NDArray[np.intp]:
+        return np.array(self.kept_rows, dtype=np.intp)
 
     def potential_energy(self, q: ArrayLike) -> float:
         """Potential energy of gravity and of the force elements [J]."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -26,15 +27,22 @@ else:
 __all__ = [
     "TABLES",
     "ActuationTable",
+    "ConstraintTable",
+    "CouplingTable",
     "DriveTable",
+    "HingeTable",
     "InitialTable",
     "JointActuator",
+    "LineTable",
+    "PlaneTable",
+    "PointTable",
     "QuarticSpringTable",
     "RobotTable",
     "RodTable",
     "SpringDamperTable",
     "Thruster",
     "VisualTable",
+    "WeldTable",
     "Wrench",
     "read_robot_toml",
 ]
@@ -44,6 +52,15 @@ Numbers: TypeAlias = FiniteFloat | list[FiniteFloat]
 Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0)]
 Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
 FramePair: TypeAlias = tuple[str, str]
+
+
+def _has_direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(vector):
+        raise ValueError("must not be zero")
+    return vector
+
+
+Direction: TypeAlias = Annotated[Vector3, AfterValidator(_has_direction)]
 
 
 class _Table(BaseModel):
@@ -142,6 +159,58 @@ class RodTable(_Pair):
     length: PositiveFloat | None = None
 
 
+class PointTable(_Pair):
+    """The origins of two frames coincide."""
+
+    type: Literal["point"]
+
+
+class HingeTable(_Pair):
+    """The origins of two frames coincide, and an axis of one with an axis of the other."""
+
+    type: Literal["hinge"]
+    axis: Direction = (0.0, 0.0, 1.0)
+    axis_b: Direction | None = None
+
+
+class WeldTable(_Pair):
+    """Two frames coincide."""
+
+    type: Literal["weld"]
+
+
+class PlaneTable(_Pair):
+    """The origin of the first frame stays in a plane of the second."""
+
+    type: Literal["plane"]
+    normal: Direction = (0.0, 0.0, 1.0)
+
+
+class LineTable(_Pair):
+    """The origin of the first frame stays on a line of the second."""
+
+    type: Literal["line"]
+    axis: Direction = (0.0, 0.0, 1.0)
+
+
+class CouplingTable(_Table):
+    """Two joints move together."""
+
+    type: Literal["coupling"]
+    name: str | None = None
+    joints: FramePair
+    ratio: FiniteFloat = 1.0
+    offset: FiniteFloat = 0.0
+
+    @model_validator(mode="after")
+    def _two_joints(self) -> CouplingTable:
+        if self.joints[0] == self.joints[1]:
+            raise ValueError(f"joints must be two different joints, got {self.joints[0]!r} twice")
+        if self.ratio == 0.0:
+            raise ValueError("ratio must not be zero; to hold a joint still, lock it")
+        return self
+
+
 class QuarticSpringTable(_Pair):
     """A spring with a quartic potential."""
 
@@ -183,6 +252,10 @@ class VisualTable(_Table):
 
 
 Actuator: TypeAlias = Annotated[JointActuator | Wrench | Thruster, Field(discriminator="type")]
+ConstraintTable: TypeAlias = Annotated[
+    RodTable | PointTable | HingeTable | WeldTable | PlaneTable | LineTable | CouplingTable,
+    Field(discriminator="type"),
+]
 
 
 class RobotTable(_Table):
@@ -202,7 +275,7 @@ class RobotTable(_Table):
     actuation: ActuationTable = ActuationTable()
     actuators: list[Actuator] = Field(default=[], alias="actuator")
     drives: list[DriveTable] = Field(default=[], alias="drive")
-    constraints: list[RodTable] = Field(default=[], alias="constraint")
+    constraints: list[ConstraintTable] = Field(default=[], alias="constraint")
     springs: list[QuarticSpringTable] = Field(default=[], alias="spring")
     spring_dampers: list[SpringDamperTable] = Field(default=[], alias="spring_damper")
     initial: InitialTable | None = None
@@ -278,7 +351,15 @@ TABLES: dict[str, tuple[type[_Table], ...]] = {
     "actuation": (ActuationTable,),
     "actuator": (JointActuator, Wrench, Thruster),
     "drive": (DriveTable,),
-    "constraint": (RodTable,),
+    "constraint": (
+        RodTable,
+        PointTable,
+        HingeTable,
+        WeldTable,
+        PlaneTable,
+        LineTable,
+        CouplingTable,
+    ),
     "spring": (QuarticSpringTable,),
     "spring_damper": (SpringDamperTable,),
     "initial": (InitialTable,),

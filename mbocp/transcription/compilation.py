@@ -147,9 +147,10 @@ def _sources_digest() -> str:
     """Digest of the modules that write the stage functions: a change in them makes old entries stale."""
     root = Path(__file__).parent.parent
     digest = hashlib.sha256()
-    for package in ("lie", "mechanics", "integrators", "transcription", "symbolic"):
-        for source in sorted((root / package).glob("*.py")):
-            digest.update(source.read_bytes())
+    folders = [root / name for name in ("lie", "mechanics", "integrators", "transcription", "symbolic")]
+    sources = [source for folder in folders for source in sorted(folder.glob("*.py"))]
+    for source in (*sources, root / "robot" / "constraint_equations.py"):
+        digest.update(source.read_bytes())
     return digest.hexdigest()
 
 

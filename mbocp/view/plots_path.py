@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from mbocp._arrays import Array
+from mbocp.robot.constraints import Rod
 from mbocp.robot.joints import joint_kind
 from mbocp.view.plots_style import GREY, finish_axes, line_style, plain_text, strip_legend
 
@@ -179,7 +180,8 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
     for frame in ids:
         joint = model.frames[frame].parentJoint
         lines.append((data.oMi[joint].translation.copy(), data.oMf[frame].translation.copy()))
-    for element in (*robot.constraints, *robot.forces):
+    rods = [constraint for constraint in robot.constraints if isinstance(constraint, Rod)]
+    for element in (*rods, *robot.forces):
         lines.append(
             tuple(data.oMf[frame].translation.copy() for frame in (element.frame_a, element.frame_b))
         )

@@ -23,7 +23,15 @@ def test_ur5() -> None:
 
 def test_constraints_and_forces() -> None:
     rigid, elastic = describe(load_robot("rigid_pendulum")), describe(load_robot("elastic_pendulum"))
-    assert rigid["constraints"] == [{"name": "rod", "type": "rod", "frames": ["bob", "world"], "length": 5.0}]
+    (rod,) = rigid["constraints"]
+    assert rod == {
+        "name": "rod",
+        "type": "rod",
+        "frames": ["bob", "world"],
+        "length": 5.0,
+        "rows": ["rod"],
+        "redundant_rows": [],
+    }
     assert rigid["dofs"] == 2
     (spring,) = elastic["forces"]
     assert spring["type"] == "quartic_spring"

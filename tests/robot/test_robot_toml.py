@@ -185,9 +185,9 @@ WRONG = {
     r"gravity\[2\]: got nan: Input should be a finite number": "gravity = [0, 0, nan]",
     r"free_flyer: got 'perhaps'": 'free_flyer = "perhaps"',
     r"actuation\.motors: unknown key; valid names: joints": "[actuation]\nmotors = []",
-    r"constraint\[0\]\.type: this key is required": '[[constraint]]\nframes = ["l1", "l2"]',
-    r"constraint\[0\]\.type: unknown type 'hinge', known: rod": (
-        '[[constraint]]\ntype = "hinge"\nframes = ["l1", "l2"]'
+    r"constraint\[0\]: type is required: type": '[[constraint]]\nframes = ["l1", "l2"]',
+    r"constraint\[0\]: unknown type 'ball', known: rod, point, hinge, weld, plane, line, coupling": (
+        '[[constraint]]\ntype = "ball"\nframes = ["l1", "l2"]'
     ),
     r"constraint\[0\]\.frames: this key is required": '[[constraint]]\ntype = "rod"',
     r"constraint\[0\]\.length: got -1": '[[constraint]]\ntype = "rod"\nframes = ["l1", "l2"]\nlength = -1',
