@@ -1,6 +1,20 @@
 """Equations of motion of a robot, symbolic in CasADi, by choice of coordinates."""
 
+from typing import TypeAlias
+
 from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity
 from mbocp.mechanics.joint import JointMechanics
+from mbocp.mechanics.natural import NaturalMechanics
+from mbocp.mechanics.natural_space import NaturalSpace, natural_mechanics
 
-__all__ = ["JointMechanics", "dual_of_momentum", "dual_of_velocity"]
+Mechanics: TypeAlias = JointMechanics | NaturalMechanics
+
+__all__ = [
+    "JointMechanics",
+    "Mechanics",
+    "NaturalMechanics",
+    "NaturalSpace",
+    "dual_of_momentum",
+    "dual_of_velocity",
+    "natural_mechanics",
+]

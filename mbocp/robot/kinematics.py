@@ -56,9 +56,24 @@ def frame_id(model: pin.Model, name: str, robot: str) -> int:
 
 def mass_matrix(model: pin.Model, q: Array) -> Array:
     """Full symmetric joint-space mass matrix."""
+    if any(joint.shortname() == "JointModelMimic" for joint in model.joints):
+        return _mass_columns(model, q)
     upper = np.triu(pin.crba(model, model.createData(), q))
     full: Array = upper + np.triu(upper, 1).T
     return full
+
+
+def _mass_columns(model: pin.Model, q: Array) -> Array:
+    """Mass matrix by inverse dynamics, a column at a time.
+
+    Pinocchio's own algorithm (3.x) misses entries where a joint with several velocities is between a mimic
+    joint and its leader.
+    """
+    data, rest = model.createData(), np.zeros(model.nv)
+    still = pin.rnea(model, data, q, rest, rest).copy()
+    columns = [pin.rnea(model, data, q, rest, unit) - still for unit in np.eye(model.nv)]
+    mass: Array = np.array(columns).T
+    return 0.5 * (mass + mass.T)
 
 
 def scaled_spectrum(mass: Array) -> tuple[Array, Array]:

@@ -1,0 +1,72 @@
+"""What each kind of joint asks of two bodies in natural coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.mechanics.bodies import Body
+
+__all__ = ["JointRow", "joint_rows", "perpendiculars"]
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One constraint: the body that it belongs to, its name among that body's, unit and value."""
+
+    body: Body
+    name: str
+    unit: str
+    value: ca.SX
+
+
+def joint_rows(body: Body, axes: ca.SX, away: ca.SX, D: ca.SX) -> Iterator[JointRow]:
+    """Constraints of a body's joint.
+
+    Parameters
+    ----------
+    body : Body
+    axes : casadi.SX, shape (3, 3)
+        Axes of the joint on the parent, in the world.
+    away : casadi.SX, shape (3,)
+        From the joint's place on the parent to the body's origin, in world axes [m].
+    D : casadi.SX, shape (3, 3)
+        Axes of the body in the world.
+
+    Yields
+    ------
+    JointRow
+        Of second degree in the coordinates of both bodies.
+    """
+    kind = body.kind
+    if kind == "floating":
+        return
+    if kind in ("revolute", "continuous", "spherical"):
+        for i, letter in enumerate("xyz"):
+            yield JointRow(body, f"joint {letter}", "m", away[i])
+    if kind in ("revolute", "continuous"):
+        own = D @ ca.DM(body.axis)
+        for i, other in enumerate(perpendiculars(body.axis)):
+            yield JointRow(body, f"axis {i + 1}", "", ca.dot(axes @ ca.DM(other), own))
+    if kind in ("prismatic", "translation"):
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            yield JointRow(body, f"turn {i + 1}", "", ca.dot(axes[:, i], D[:, j]))
+    if kind == "prismatic":
+        for i, other in enumerate(perpendiculars(body.axis)):
+            yield JointRow(body, f"aside {i + 1}", "m", ca.dot(axes @ ca.DM(other), away))
+    if kind == "planar":
+        yield JointRow(body, "height", "m", ca.dot(axes[:, 2], away))
+        for i in range(2):
+            yield JointRow(body, f"tilt {i + 1}", "", ca.dot(axes[:, i], D[:, 2]))
+
+
+def perpendiculars(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors that make a right-handed system with the unit vector `axis`: b1 x b2 = axis."""
+    start = np.eye(3)[(int(np.argmax(np.abs(axis))) + 1) % 3]
+    first = start - axis * (axis @ start)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first)
