@@ -91,7 +91,8 @@ class Body:
         """Direction of a joint with one axis, in its own frame, shape (3,)."""
         linear, angular = self.axes[:3, 0], self.axes[3:, 0]
         along: Array = linear if self.kind == "prismatic" else angular
-        return along / np.linalg.norm(along)
+        unit: Array = along / np.linalg.norm(along)
+        return unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +183,7 @@ def body_tree(robot: Robot) -> BodyTree:
     Raises
     ------
     UnsupportedRobot
-        For what natural coordinates cannot describe, naming the joint: rotor inertias, helical joints.
+        For what natural coordinates cannot describe, naming the joint: helical joints, drives.
     """
     model = robot.model
     _refuse(robot)
@@ -207,16 +208,11 @@ def body_tree(robot: Robot) -> BodyTree:
 def _refuse(robot: Robot) -> None:
     model = robot.model
     for joint in range(1, model.njoints):
-        name, moved = model.names[joint], model.joints[joint]
+        name = model.names[joint]
         if joint_kind(model, joint).word == "helical":
             raise UnsupportedRobot(
                 f"robot {robot.name!r}: joint {name!r} is helical, which natural coordinates do not know; "
                 'take coordinates = "joint"'
-            )
-        if np.any(model.armature[moved.idx_v : moved.idx_v + moved.nv]):
-            raise UnsupportedRobot(
-                f"robot {robot.name!r}: joint {name!r} has a rotor inertia (armature), for which the mass matrix "
-                'in natural coordinates is not constant; take coordinates = "joint"'
             )
     if robot.drives:
         raise UnsupportedRobot(

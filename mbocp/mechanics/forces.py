@@ -9,13 +9,13 @@ import casadi as ca
 from mbocp.robot import QuarticSpring, SpringDamper
 
 if TYPE_CHECKING:
-    from mbocp.mechanics.joint import JointMechanics
+    from mbocp.mechanics import Mechanics
 
 __all__ = ["force_element_energy", "force_element_force"]
 
 
 def force_element_force(
-    element: QuarticSpring | SpringDamper, mechanics: JointMechanics, q: ca.SX, v: ca.SX
+    element: QuarticSpring | SpringDamper, mechanics: Mechanics, q: ca.SX, v: ca.SX
 ) -> ca.SX:
     """Generalised force of one element, shape (nv,) [N, N m].
 
@@ -23,7 +23,7 @@ def force_element_force(
     ----------
     element : QuarticSpring or SpringDamper
         What acts between two frames.
-    mechanics : JointMechanics
+    mechanics : JointMechanics or NaturalMechanics
         Gives the frames' positions and the tangent map.
     q, v : casadi.SX
         Configuration (nq,), velocity (nv,).
@@ -43,7 +43,7 @@ def force_element_force(
     return -dd_dq.T @ direction * (element.stiffness * (distance - element.length) + element.damping * rate)
 
 
-def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: JointMechanics, q: ca.SX) -> ca.SX:
+def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: Mechanics, q: ca.SX) -> ca.SX:
     """Potential energy of one element [J]."""
     d = _span(element, mechanics, q)
     if isinstance(element, QuarticSpring):  # V = c/4 (|d|^2 - l^2)^2, before eq. (45) and in section 6.3.2
@@ -53,5 +53,5 @@ def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: Joint
     return element.stiffness / 2 * (ca.norm_2(d) - element.length) ** 2
 
 
-def _span(element: QuarticSpring | SpringDamper, mechanics: JointMechanics, q: ca.SX) -> ca.SX:
+def _span(element: QuarticSpring | SpringDamper, mechanics: Mechanics, q: ca.SX) -> ca.SX:
     return mechanics.frame_position(element.frame_a, q) - mechanics.frame_position(element.frame_b, q)

@@ -1,14 +1,17 @@
-r"""Natural coordinates: positions and directors, a constant mass matrix, and constraints for all that is rigid.
+r"""Natural coordinates: positions and directors, a constant mass matrix, constraints for all that is rigid.
 
-The equations are those of the paper, (1)-(3), with :math:`p = M v` and a constant M for any URDF: every body is
-twelve numbers (see `mbocp.mechanics.bodies`), six constraints keep its directors orthonormal, and its joint is
-the constraints that it imposes: 5 for revolute, continuous and prismatic joints, 3 for ball, planar and
-translation joints, none for a free-flyer, one more for a joint that mimics another. Loops come on top. Nothing is
-of more than second degree but couplings and planar joints between two bodies.
+The equations are those of the paper, (1)-(3), with :math:`p = M v` and a constant M for any URDF: every body
+is twelve numbers (see `mbocp.mechanics.bodies`), six constraints keep its directors orthonormal, and its
+joint is the constraints that it imposes: 5 for revolute, continuous and prismatic joints, 3 for ball, planar and
+translation joints, none for a free-flyer, one more for a joint that mimics another. Loops come on top.
+Nothing is of more than second degree but couplings and planar joints between two bodies.
 
-A joint's torque acts on the directors through a matrix that is linear in them: a torque tau about the axis a of
-the body gives :math:`f_{d_i} = \tfrac{\tau}{2} D (a \times e_i)`, which is :math:`\tfrac{\tau}{2} \sum_j a_j\,
-d_j \times d_i` on the constraints; the parent gets the opposite.
+A joint's torque acts on the directors through a matrix that is linear in them: a torque tau about the axis a
+of the body gives :math:`f_{d_i} = \tfrac{\tau}{2} D (a \times e_i)`, which is on the constraints
+:math:`\tfrac{\tau}{2} \sum_j a_j\, d_j \times d_i`; the parent gets the opposite.
+
+Rotors that turn with a joint (`armature` of the Pinocchio model) have the energy :math:`\tfrac12 a_j \dot
+\theta_j^2`, whose part of M is the only one that varies.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array
 from mbocp.mechanics.bodies import SIZE, Body, BodyTree, body_tree
@@ -91,11 +95,11 @@ class NaturalMechanics:
     # Configurations
 
     def integrate(self, q: ca.SX, dv: ca.SX) -> ca.SX:
-        """q + dv."""
+        """Coordinates moved, q + dv."""
         return q + dv
 
     def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
-        """q1 - q0."""
+        """What leads from q0 to q1."""
         return q1 - q0
 
     def derivative(self, function: Callable[[ca.SX], ca.SX], q: ca.SX) -> ca.SX:
@@ -149,16 +153,25 @@ class NaturalMechanics:
     # Equations of motion
 
     def mass_matrix(self, q: ca.SX) -> ca.SX:
-        """M, shape (nv, nv); constant."""
-        return self._mass
+        """M, shape (nv, nv); constant but for rotors."""
+        rotors, g = self._rotors(q)
+        return self._mass + g.T @ (_scaled(rotors, g)) if rotors.size else self._mass
 
     def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """p = M v, shape (nv,)."""
-        return self._mass @ v
+        """Momentum p = M v, shape (nv,)."""
+        return self.mass_matrix(q) @ v
 
     def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
-        """M a less the force of gravity, shape (nv,): there is nothing quadratic in the velocities."""
-        return self._mass @ a - self._gravity()
+        """M a less the force of gravity, shape (nv,): only rotors add what is quadratic in the velocities."""
+        total = self._mass @ a - self._gravity()
+        rotors, g = self._rotors(q)
+        if rotors.size:
+            at = ca.SX.sym("q", self.nq)
+            turning = ca.Function(
+                "turning", [at, w := ca.SX.sym("v", self.nv)], [ca.jtimes(self._rotors(at)[1] @ w, at, w)]
+            )
+            total += g.T @ (ca.SX(ca.DM(rotors)) * (g @ a + turning(q, v)))
+        return total
 
     def force(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """B(q) u plus the force elements', shape (nv,)."""
@@ -230,10 +243,20 @@ class NaturalMechanics:
         return out
 
     def joint_momentum(self, q: ca.SX, p: ca.SX) -> ca.SX:
-        """Canonical momenta of the joints, J' p, shape (robot.nv,); of the joints' motions of `joint_velocity`."""
+        """Canonical momenta of the joints, J' p, shape (robot.nv,)."""
         return self.joint_motions(q).T @ p
 
     # Parts
+
+    def _rotors(self, q: ca.SX) -> tuple[Array, ca.SX]:
+        """Inertias of the rotors that there are, shape (k, 1), and their rates per v, shape (k, nv)."""
+        inertias = np.asarray(self.robot.model.armature, dtype=float)
+        turning = np.flatnonzero(inertias)
+        if not turning.size:
+            return np.zeros((0, 1)), ca.SX.zeros(0, self.nv)
+        at, v = ca.SX.sym("q", self.nq), ca.SX.sym("v", self.nv)
+        rates = ca.jacobian(self.joint_velocity(at, v)[turning.tolist()], v)
+        return inertias[turning][:, None], ca.Function("rotors", [at], [rates])(q)
 
     def _tree_rows(self, q: ca.SX) -> Iterator[JointRow]:
         for body in self.tree.turning:
@@ -289,8 +312,8 @@ class NaturalMechanics:
         force, moment = np.where(np.abs(wrench) < 1e-14, 0.0, wrench).reshape(2, 3)
         if body.slides:
             out = np.zeros(self.nv)
-            at = self.tree.sliding.index(body.at_v)
-            out[at : at + effort.size] = effort
+            first = self.tree.sliding.index(body.at_v)
+            out[first : first + effort.size] = effort
             return ca.sparsify(ca.SX(ca.DM(out)))
         at = self.placement(body.joint, q)
         total = self._push(body.joint, at.axes @ _constant(force), np.zeros(3), q)
@@ -351,7 +374,7 @@ class NaturalMechanics:
         return ca.vertcat(at.axes.T @ linear, at.axes.T @ (angular - spin))
 
     def joint_motions(self, q: ca.SX) -> ca.SX:
-        """Derivative J of the coordinates in the joints' motions, on the constraints, shape (nv, robot.nv)."""
+        """Derivative J of the coordinates in the joints' motions, shape (nv, robot.nv)."""
         J = ca.SX.zeros(self.nv, self.robot.nv)
         for body in self.tree.bodies:
             owner, ratio = (self.tree.body(body.leader), body.ratio) if body.leader else (body, 1.0)
@@ -401,7 +424,12 @@ def turn(body: Body, axes: ca.SX) -> tuple[ca.SX, ca.SX]:
     )
 
 
-def _constant(value: Array | Sequence[float]) -> ca.SX:
+def _scaled(factors: Array, rows: ca.SX) -> ca.SX:
+    """Rows times a factor each."""
+    return ca.diag(ca.SX(ca.DM(factors))) @ rows
+
+
+def _constant(value: ArrayLike) -> ca.SX:
     """A constant with structural zeros; what turns by right angles leaves round-off behind."""
     array = np.asarray(value, dtype=float)
     return ca.sparsify(ca.SX(ca.DM(np.where(np.abs(array) < _ROUND_OFF, 0.0, array))))

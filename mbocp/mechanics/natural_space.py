@@ -49,11 +49,11 @@ class NaturalSpace:
         self.nq, self.nz, self.nv = mechanics.robot.nq, mechanics.nq, mechanics.nv
 
     def integrate(self, z: ca.SX, v: ca.SX) -> ca.SX:
-        """z + v."""
+        """Coordinates moved, z + v."""
         return z + v
 
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
-        """z1 - z0."""
+        """What leads from z0 to z1."""
         return z1 - z0
 
     def defects(self, z: ca.SX) -> ca.SX:
