@@ -23,6 +23,7 @@ from mbocp.exceptions import (
 from mbocp.robot import joints
 from mbocp.robot.assemble import Assembly
 from mbocp.robot.ball_joints import make_spherical
+from mbocp.robot.chain import chain_description, chain_urdf, num_links
 from mbocp.robot.checks import check_mechanics
 from mbocp.robot.drives import check_drives
 from mbocp.robot.examples import load_example
@@ -38,7 +39,7 @@ __all__ = ["load_robot", "robot_from_spec"]
 LockOption: TypeAlias = dict[str, float | list[float]] | list[str]
 
 # A URDF that says "mimic" means it. example-robot-data builds its models without, and so do its names here.
-_MIMIC = {"toml": True, "urdf": True, "example": False}
+_MIMIC = {"toml": True, "urdf": True, "chain": True, "example": False}
 
 _BASE_NQ = 7  # numbers of a free-flyer's configuration
 
@@ -50,7 +51,7 @@ class _Body:
     model: pin.Model
     visuals: pin.GeometryModel
     q0: Array
-    urdf: Path
+    urdf: Path | None
     name: str
     table: RobotTable
     file: Path
@@ -194,6 +195,8 @@ def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tup
         return _Body(
             example.model, example.visuals, example.q0, example.path, source.name, RobotTable(), example.path
         )
+    if source.kind == "chain":
+        return _chain(source.name, bool(free_flyer), follow)
     table, path, name, folders = RobotTable(), source.path, None, [*dirs, *source.package_dirs]
     if source.kind == "toml":
         table = read_robot_toml(source.path)
@@ -211,6 +214,13 @@ def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tup
     model = make_spherical(model, table.spherical, name or urdf.name)
     visuals = build_visuals(urdf, model, folders)
     return _Body(model, visuals, pin.neutral(model), path, name or urdf.name, table, source.path)
+
+
+def _chain(name: str, free_flyer: bool, mimic: bool) -> _Body:
+    links = num_links(name) or 0
+    urdf, table = chain_urdf(links), RobotTable(description=chain_description(links))
+    model = build_model(urdf, free_flyer=free_flyer, mimic=mimic)
+    return _Body(model, build_visuals(urdf, model, []), pin.neutral(model), None, name, table, urdf.path)
 
 
 def _assemble(

@@ -1,12 +1,13 @@
-"""Where a robot comes from: a path, a folder of robots/, example-robot-data, robot_descriptions.
+"""Where a robot comes from: a path, a folder of robots/, a chain, example-robot-data, robot_descriptions.
 
 Look-up order of `find_source`:
 
 1. a `Path`, or a text with a path separator or the ending .urdf, .xml or .toml: that file or folder;
 2. a folder of that name with a robot.toml in it, under the folders of MBOCP_ROBOT_PATH, then under mbocp's
    robots/;
-3. a name of example-robot-data ("ur5", "panda", "talos");
-4. a name of robot_descriptions ("panda_description"), if that package is installed.
+3. "chain_N": a chain of N links, see `mbocp.robot.chain`;
+4. a name of example-robot-data ("ur5", "panda", "talos");
+5. a name of robot_descriptions ("panda_description"), if that package is installed.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any, Literal
 
 import mbocp
 from mbocp.exceptions import RobotFileError, UnknownRobot
-from mbocp.robot import examples
+from mbocp.robot import chain, examples
 from mbocp.robot.schema import read_robot_toml
 
 __all__ = ["RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
@@ -33,12 +34,12 @@ _FILE_ENDINGS = (".urdf", ".xml", ".toml", ".xacro")
 
 @dataclass(frozen=True)
 class Source:
-    """What a name or path stands for: a robot.toml, a URDF, or a loader of example-robot-data.
+    """What a name or path stands for: a robot.toml, a URDF, a chain, or a loader of example-robot-data.
 
     `address` is the name or absolute path that leads here again from any folder.
     """
 
-    kind: Literal["toml", "urdf", "example"]
+    kind: Literal["toml", "urdf", "chain", "example"]
     name: str
     address: str
     path: Path
@@ -70,6 +71,8 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
     for folder in robot_folders():
         if (folder / spec / TOML).is_file():
             return Source("toml", spec, spec, folder / spec / TOML)
+    if chain.num_links(spec) is not None:
+        return Source("chain", spec, spec, Path())
     if spec in examples.names():
         return Source("example", spec, spec, Path())
     described = _from_robot_descriptions(spec)
@@ -96,6 +99,8 @@ def list_robots() -> list[RobotEntry]:
         for file in sorted(folder.glob(f"*/{TOML}")):
             entry = RobotEntry(file.parent.name, "robots/", _description(file))
             found.setdefault(entry.name, entry)
+    words = f"{chain.chain_description(8)}; chain_N has N, 1 to {chain.MOST_LINKS}"
+    found.setdefault(chain.EXAMPLE, RobotEntry(chain.EXAMPLE, "chains of any length", words))
     for name in examples.names():
         found.setdefault(name, RobotEntry(name, "example-robot-data", examples.description(name)))
     return list(found.values())

@@ -1,0 +1,122 @@
+"""A hanging chain of any number of equal links, made when it is asked for: "chain_1", "chain_2", ...
+
+It shows how things scale with the number of bodies: links of 0.25 m and 0.5 kg on revolute joints about the
+same axis, all with motors; at zero the chain hangs straight down.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+from mbocp.exceptions import UnsupportedRobot
+from mbocp.robot.urdf import Urdf
+
+__all__ = ["EXAMPLE", "MOST_LINKS", "chain_description", "chain_urdf", "num_links"]
+
+EXAMPLE = "chain_8"
+MOST_LINKS = 1000  # beyond that, only the compiler would find out that it is too much
+_LENGTH, _RADIUS, _MASS = 0.25, 0.018, 0.5  # [m, m, kg]
+_ACROSS = _MASS * (3 * _RADIUS**2 + _LENGTH**2) / 12  # [kg m^2], of a cylinder
+_ALONG = _MASS * _RADIUS**2 / 2
+_COLORS = ("blue", "orange")
+_HEAD = """<?xml version="1.0"?>
+<robot name="{name}">
+  <material name="steel"><color rgba="0.35 0.35 0.38 1"/></material>
+  <material name="blue"><color rgba="0.16 0.36 0.62 1"/></material>
+  <material name="orange"><color rgba="0.95 0.60 0.10 1"/></material>
+  <link name="link_0">
+    <visual>
+      <origin xyz="0 0 0.035"/>
+      <geometry><box size="0.16 0.12 0.03"/></geometry>
+      <material name="steel"/>
+    </visual>
+  </link>
+"""
+_LINK = """  <link name="link_{n}">
+    <inertial>
+      <origin xyz="0 0 {half}"/>
+      <mass value="{mass}"/>
+      <inertia ixx="{across}" ixy="0" ixz="0" iyy="{across}" iyz="0" izz="{along}"/>
+    </inertial>
+    <visual>
+      <origin rpy="1.5707963267948966 0 0"/>
+      <geometry><cylinder radius="{joint}" length="{width}"/></geometry>
+      <material name="steel"/>
+    </visual>
+    <visual>
+      <origin xyz="0 0 {half}"/>
+      <geometry><cylinder radius="{radius}" length="{length}"/></geometry>
+      <material name="{color}"/>
+    </visual>
+  </link>
+  <joint name="joint_{n}" type="revolute">
+    <origin xyz="0 0 {place}"/>
+    <parent link="link_{before}"/><child link="link_{n}"/>
+    <axis xyz="0 -1 0"/>
+    <limit effort="0" velocity="0"/>
+  </joint>
+"""
+_TIP = """  <link name="tip"/>
+  <joint name="tip_mount" type="fixed">
+    <origin xyz="0 0 {place}"/>
+    <parent link="link_{before}"/><child link="tip"/>
+  </joint>
+</robot>
+"""
+
+
+def num_links(name: str) -> int | None:
+    """Number of links of the chain that a name stands for; None if it is no name of a chain.
+
+    Raises
+    ------
+    UnsupportedRobot
+        For a chain of no link, or of more than MOST_LINKS.
+    """
+    found = re.fullmatch(r"chain_(-?\d+)", name)
+    if found is None:
+        return None
+    links = int(found[1])
+    if not 1 <= links <= MOST_LINKS or found[1] != str(links):
+        raise UnsupportedRobot(
+            f"robot {name!r}: a chain has 1 to {MOST_LINKS} links: chain_1, chain_2, ..., chain_{MOST_LINKS}"
+        )
+    return links
+
+
+def chain_description(links: int) -> str:
+    """One line about a chain."""
+    return f"Hanging chain of {links} equal {'links' if links > 1 else 'link'} on actuated revolute joints"
+
+
+def chain_urdf(links: int) -> Urdf:
+    """URDF of a chain, in memory: its path names no file.
+
+    Parameters
+    ----------
+    links : int
+        Number of links, at least 1.
+    """
+    name = f"chain_{links}"
+    text = _HEAD.format(name=name) + "".join(_link(n) for n in range(1, links + 1))
+    text += _TIP.format(place=-_LENGTH, before=f"{links}")
+    return Urdf(Path(f"{name}.urdf"), text, ElementTree.fromstring(text))
+
+
+def _link(number: int) -> str:
+    return _LINK.format(
+        n=number,
+        before=number - 1,
+        half=-_LENGTH / 2,
+        place=-_LENGTH if number > 1 else 0,
+        mass=_MASS,
+        across=f"{_ACROSS:.6g}",
+        along=f"{_ALONG:.6g}",
+        joint=1.5 * _RADIUS,
+        width=3 * _RADIUS,
+        radius=_RADIUS,
+        length=_LENGTH,
+        color=_COLORS[number % 2],
+    )
