@@ -15,6 +15,7 @@ __all__ = [
     "DimensionMismatch",
     "InconsistentStart",
     "InvalidValue",
+    "LoopNotClosed",
     "MbocpError",
     "NativeMismatch",
     "NotConverged",
@@ -113,6 +114,17 @@ class UnknownFrame(RobotError):
 
 class UnsupportedRobot(RobotError):
     """A feature of the robot that mbocp does not support, by name."""
+
+
+class LoopNotClosed(RobotError):
+    """Holonomic constraints that no configuration near the given one fulfils.
+
+    `rows` has the names of the rows that stay violated, the worst first, and `residual` by how much.
+    """
+
+    def __init__(self, robot: str, rows: Sequence[str], residual: Sequence[float], words: str) -> None:
+        self.robot, self.rows, self.residual = robot, tuple(rows), tuple(residual)
+        super().__init__(f"robot {robot!r}: {words}")
 
 
 class ProblemError(MbocpError):

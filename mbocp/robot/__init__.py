@@ -31,6 +31,7 @@ from mbocp.robot.parts import (
     QuarticSpring,
     SpringDamper,
 )
+from mbocp.robot.redundancy import singular_closure
 from mbocp.robot.robot import Robot
 from mbocp.robot.sources import RobotEntry, list_robots
 
@@ -63,4 +64,5 @@ __all__ = [
     "list_robots",
     "load_robot",
     "robot_from_spec",
+    "singular_closure",
 ]

@@ -1,9 +1,8 @@
-"""Whether the robot's mechanics are well posed at its initial pose."""
+"""Whether the robot's masses are well posed at its initial pose."""
 
 from __future__ import annotations
 
 import json
-import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +12,6 @@ from mbocp._linear import null_space
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
 from mbocp.robot.drives import free_dofs
-from mbocp.robot.notices import InitialPoseWarning
 
 if TYPE_CHECKING:
     from mbocp.robot.robot import Robot
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
 __all__ = ["SingularMassMatrix", "check_mechanics"]
 
 _RANK = 1e-9  # relative singular value below which rows count as dependent
-_ON_CONSTRAINT = 1e-6  # [m, rad, m^2]
 _SHARE = 1e-3  # share of the null vector from which a joint is named
 
 
@@ -39,22 +36,14 @@ class SingularMassMatrix(UnsupportedRobot):
 
 
 def check_mechanics(robot: Robot) -> None:
-    """Check mass matrix and constraints at the initial pose.
+    """Check the mass matrix at the initial pose.
 
     Raises
     ------
-    UnsupportedRobot
-        If the mass matrix is singular (naming the joints) or constraints depend on each other (naming them).
-
-    Warns
-    -----
-    InitialPoseWarning
-        If the initial pose violates a constraint.
+    SingularMassMatrix
+        Naming the joints, unless constraints make up for it.
     """
-    on_constraints = _check_pose(robot)
     jacobian = robot.constraint_jacobian(robot.q0)
-    if on_constraints:
-        _check_rank(robot, jacobian)
     free = free_dofs(robot)  # what drives move needs no mass
     mass = robot.mass_matrix(robot.q0)[np.ix_(free, free)]
     if not kinematics.is_singular(mass):
@@ -62,43 +51,6 @@ def check_mechanics(robot: Robot) -> None:
     basis = null_space(jacobian[:, free], _RANK)
     if kinematics.is_singular(basis.T @ mass @ basis):
         raise _singular(robot, mass, free)
-
-
-def _check_pose(robot: Robot) -> bool:
-    residual = robot.closure_residual(robot.q0)
-    bad = [
-        f"{label.name!r} by {value:.3g} {label.unit}"
-        for label, value in zip(robot.closure_labels, residual, strict=True)
-        if abs(value) > _ON_CONSTRAINT
-    ]
-    if bad:
-        warnings.warn(
-            f"robot {robot.name!r}: the initial pose violates {', '.join(bad)}; give another in [initial] of "
-            "its robot.toml, and a start that fits in the problem",
-            InitialPoseWarning,
-            stacklevel=2,
-        )
-    return not bad
-
-
-def _check_rank(robot: Robot, jacobian: Array) -> None:
-    kept: list[Array] = []
-    dependent = []
-    for label, row in zip(robot.constraint_labels, jacobian, strict=True):
-        norm = float(np.linalg.norm(row))
-        candidate = [*kept, row / norm] if norm > _RANK else kept
-        if len(candidate) > len(kept) and np.linalg.matrix_rank(np.array(candidate), tol=_RANK) == len(
-            candidate
-        ):
-            kept = candidate
-        else:
-            dependent.append(label.name)
-    if dependent:
-        raise UnsupportedRobot(
-            f"robot {robot.name!r}: at the initial pose the constraints depend on each other or on nothing "
-            f"that moves (rank {len(kept)} of {robot.nc}): {', '.join(map(repr, dependent))}; take out "
-            "what is redundant or choose another initial pose"
-        )
 
 
 def _singular(robot: Robot, mass: Array, free: list[int]) -> SingularMassMatrix:

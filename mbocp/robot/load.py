@@ -27,6 +27,7 @@ from mbocp.robot.chain import chain_description, chain_urdf, num_links
 from mbocp.robot.checks import check_mechanics
 from mbocp.robot.drives import check_drives
 from mbocp.robot.examples import load_example
+from mbocp.robot.initial_pose import close_loops
 from mbocp.robot.locking import lock_joints, pose_by_joint
 from mbocp.robot.robot import Robot
 from mbocp.robot.schema import RobotTable, read_robot_toml
@@ -257,6 +258,10 @@ def _assemble(
         description=body.table.description,
         rotations=rotations or body.table.rotations or "quaternion",
     )
+    initial = body.table.initial
+    is_whole = initial is not None and not isinstance(initial.q, dict)
+    given = () if initial is None or is_whole else [j for j in initial.q if j in robot.joint_names]
+    robot = close_loops(robot, given, is_whole=is_whole)
     check_drives(robot)
     check_mechanics(robot)
     return robot

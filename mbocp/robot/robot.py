@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
-from mbocp.robot import drives, joints, kinematics
+from mbocp.robot import closing, drives, joints, kinematics
 from mbocp.robot.closure import Closure
 from mbocp.robot.constraints import Constraint
 from mbocp.robot.notices import NormalisationWarning
@@ -293,6 +293,50 @@ class Robot:
         """Tangent vector at `q0` that leads to `q1`, shape (nv,)."""
         q0, q1 = self._vector(q0, self.nq, "q0"), self._vector(q1, self.nq, "q1")
         return frozen_array(pin.difference(self.model, q0, q1))
+
+    # Closed loops
+
+    def assemble(self, q: ArrayLike, *, fixed: Sequence[str] = ()) -> Array:
+        """Nearest configuration that fulfils the holonomic constraints, in the norm of the mass matrix.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+            Configuration [m, rad, unit quaternion xyzw].
+        fixed : sequence of str
+            Joints that stay where they are.
+
+        Returns
+        -------
+        q : ndarray, shape (nq,)
+            With residuals below 1e-10 [m, rad, m^2], round-off as a rule; `q` itself without constraints.
+
+        Raises
+        ------
+        LoopNotClosed
+            If no configuration near `q` closes the loops, naming rows and residuals.
+        UnknownJoint
+            For a name in `fixed` that the robot does not have.
+        """
+        return frozen_array(closing.assemble(self, self._vector(q, self.nq, "q"), fixed))
+
+    def assemble_velocity(self, q: ArrayLike, v: ArrayLike, *, fixed: Sequence[str] = ()) -> Array:
+        """Nearest velocity along the holonomic constraints at `q`, in the norm of the mass matrix.
+
+        Parameters
+        ----------
+        q, v : array_like, shapes (nq,), (nv,)
+            Configuration that closes the loops, and velocity [m, rad, s].
+        fixed : sequence of str
+            Joints whose velocity stays.
+
+        Returns
+        -------
+        v : ndarray, shape (nv,)
+            Where the fixed joints allow no velocity along the constraints, one that violates them least.
+        """
+        q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
+        return frozen_array(closing.assemble_velocity(self, q, v, closing.components(self, fixed)))
 
     # Mechanics, numerically
 

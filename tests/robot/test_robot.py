@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mbocp._arrays import Array
-from mbocp.exceptions import DimensionMismatch, InvalidValue, UnknownFrame
+from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed, UnknownFrame
 from mbocp.robot import InitialPoseWarning, NormalisationWarning, Robot, load_robot
 from tests.robot import urdfs
 
@@ -160,9 +160,17 @@ def test_frame_actuators_do_the_work_of_their_wrench(braced: Robot) -> None:
 
 
 def test_an_initial_pose_off_the_constraints_is_told(tmp_path: Path) -> None:
+    toml = TOML.replace('frames = ["l3", "l1"]', 'frames = ["l3", "l1"]\nlength = 0.6')
+    path = urdfs.write(tmp_path, urdfs.chain(*["revolute"] * 3), toml)
+    with pytest.warns(InitialPoseWarning, match="the initial pose violates 'brace' by .*the nearest"):
+        robot = load_robot(path)
+    assert abs(robot.constraint_residual(robot.q0)[0]) < 1e-14
+
+
+def test_a_rod_that_is_too_long_is_refused_by_name(tmp_path: Path) -> None:
     toml = TOML.replace('frames = ["l3", "l1"]', 'frames = ["l3", "l1"]\nlength = 0.7')
     path = urdfs.write(tmp_path, urdfs.chain(*["revolute"] * 3), toml)
-    with pytest.warns(InitialPoseWarning, match="the initial pose violates 'brace' by -0.0"):
+    with pytest.raises(LoopNotClosed, match=r"the nearest configuration violates 'brace' by -0\.\d+ m\^2"):
         load_robot(path)
 
 

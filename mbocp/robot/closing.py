@@ -1,0 +1,242 @@
+"""Configurations and velocities that close the loops: projection in the kinetic metric, and continuation.
+
+A projection takes Gauss-Newton steps that are the shortest in the norm of the mass matrix: light links follow
+heavy ones. A continuation goes towards a target in small steps and closes the loops at each: the mechanism
+stays in the assembly mode that it starts in (elbow up or down), where one long step might change it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from mbocp._arrays import Array
+from mbocp._linear import null_space
+from mbocp.exceptions import LoopNotClosed
+from mbocp.robot.constraints import Weld
+
+if TYPE_CHECKING:
+    from mbocp.robot.robot import Robot
+
+__all__ = ["SLACK", "assemble", "assemble_velocity", "components", "follow", "gauss_newton", "violations"]
+
+SLACK = 1e-4  # [m, rad, m^2] what URDFs with six digits leave of rows that are implied by others
+
+_CLOSED = 1e-10  # [m, rad, m^2] of the rows that are kept; 1e-15 is usual
+_ROUND_OFF = 1e-15
+_ITERATIONS = 60  # quadratic at the end: six to ten are typical
+_LONGEST = 0.4  # [rad, m] step of one joint within an iteration
+_ATTEMPTS = 6  # the first from where the pose is, the others from around it
+_MASSLESS = 1e-6  # part of the largest inertia that every joint has at least in the metric
+_RANK = 1e-9
+_STRIDE, _SHORTEST_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
+_KICKS = 4
+_ARRIVED = 1e-9  # [rad, m]
+_TURNED = 0.5  # [rad] rows of a weld that vanish with more than this between its frames are deceiving
+
+
+def assemble(robot: Robot, q: Array, fixed: Sequence[str] = (), allowed: float = _CLOSED) -> Array:
+    """Nearest configuration that closes the loops but for `allowed`, see `Robot.assemble`."""
+    free = ~components(robot, fixed)
+    if not robot.constraints:
+        return q
+    rng = np.random.default_rng(0)
+    nearest = q
+    for attempt in range(_ATTEMPTS):
+        # [m, rad] away from where the Jacobian is singular
+        offset = np.where(free, 0.1 * attempt * rng.standard_normal(robot.nv), 0.0)
+        found = gauss_newton(robot, robot.integrate(q, offset), free, robot.kept_rows)
+        if not violations(robot, found, allowed):
+            return found
+        nearest = found if attempt == 0 else nearest
+    raise _not_closed(robot, nearest, fixed, allowed)
+
+
+def components(robot: Robot, joints: Sequence[str]) -> NDArray[np.bool_]:
+    """Velocity components of some joints, shape (nv,)."""
+    chosen = np.zeros(robot.nv, dtype=np.bool_)
+    for name in joints:
+        chosen[robot.velocity_indices(name)] = True
+    return chosen
+
+
+def assemble_velocity(robot: Robot, q: Array, v: Array, held: NDArray[np.bool_]) -> Array:
+    """Nearest velocity along the constraints, see `Robot.assemble_velocity`."""
+    if not robot.nc:
+        return v
+    free = ~held
+    jacobian, out = robot.constraint_jacobian(q), np.array(v)
+    for _ in range(2):  # the second removes the round-off of the first
+        out[free] += _shortest(_metric(robot, q)[np.ix_(free, free)], jacobian[:, free], -jacobian @ out, 0.0)
+    return out
+
+
+def follow(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
+    """Go from `q` towards `target` in small steps, the loops closed all the way.
+
+    Each step goes along the constraints, as straight to the target as they allow; where none gets nearer, a
+    few small kicks are tried.
+
+    Parameters
+    ----------
+    q : ndarray, shape (nq,)
+        A configuration that closes the loops.
+    target : ndarray, shape (nq,)
+        Where the wanted components go.
+    wanted : ndarray of bool, shape (nv,)
+        Velocity components of whole joints that shall arrive; the others are found.
+
+    Returns
+    -------
+    q : ndarray, shape (nq,)
+        Where it arrives: at the target if it can, else as near to it as this way leads.
+    """
+    rng, kicks, step = np.random.default_rng(0), 0, _STRIDE
+    nearest = q
+    while (left := _left(robot, q, target, wanted)).max(initial=0.0) > _ARRIVED:
+        found = _stride(robot, q, target, wanted, step)
+        if found is not None:
+            q, step = found, min(2.0 * step, _STRIDE)
+        elif step > _SHORTEST_STRIDE:
+            step /= 4.0
+        else:
+            if left.max() < _left(robot, nearest, target, wanted).max():
+                nearest = q
+            if kicks == _KICKS:
+                return nearest
+            q, step, kicks = _kicked(robot, nearest, rng), _STRIDE, kicks + 1
+    placed = _with(robot, q, target, wanted)
+    found = gauss_newton(robot, placed, ~wanted, robot.kept_rows)
+    return q if violations(robot, found) else found
+
+
+def gauss_newton(robot: Robot, q: Array, free: NDArray[np.bool_], rows: Sequence[int]) -> Array:
+    """Reduce the residual of some rows in the free velocity components as far as it goes."""
+    chosen = list(rows)
+    damping = 0.0
+    residual = robot.closure_residual(q)[chosen]
+    for _ in range(_ITERATIONS):
+        if np.abs(residual).max(initial=0.0) < _ROUND_OFF:
+            break
+        jacobian = robot.closure_jacobian(q)[chosen][:, free]
+        step = np.zeros(robot.nv)
+        step[free] = _shortest(_metric(robot, q)[np.ix_(free, free)], jacobian, -residual, damping)
+        step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), _LONGEST))
+        tried = robot.integrate(q, step)
+        after = robot.closure_residual(tried)[chosen]
+        if np.linalg.norm(after) < np.linalg.norm(residual):
+            q, residual, damping = tried, after, damping / 10.0 if damping > 1e-8 else 0.0
+        elif np.abs(residual).max() < _CLOSED or damping > 1e3:
+            break
+        else:
+            damping = max(10.0 * damping, 1e-4)
+    return q
+
+
+def violations(robot: Robot, q: Array, allowed: float = _CLOSED) -> list[tuple[str, float, str]]:
+    """Name, residual and unit of each row that q violates, the worst first.
+
+    Redundant rows may be violated by what six digits in a URDF leave. A weld whose frames are turned against
+    each other where its rows vanish (half turns) is violated by the angle.
+    """
+    residual = robot.closure_residual(q)
+    limits = np.where(np.isin(np.arange(residual.size), robot.kept_rows), allowed, SLACK)
+    labels = robot.closure_labels
+    found = [
+        (labels[i].name, float(residual[i]), labels[i].unit)
+        for i in np.flatnonzero(np.abs(residual) > limits)
+    ]
+    found += [(weld.name, angle, "rad") for weld, angle in _turned(robot, q)]
+    return sorted(found, key=lambda row: -abs(row[1]))
+
+
+def _turned(robot: Robot, q: Array) -> list[tuple[Weld, float]]:
+    """Welds whose frames do not coincide although their rows vanish, with the angle between them [rad]."""
+    welds = [constraint for constraint in robot.constraints if isinstance(constraint, Weld)]
+    data = robot.model.createData()
+    if welds:
+        pin.framesForwardKinematics(robot.model, data, q)
+    turns = [data.oMf[w.frame_b].rotation.T @ data.oMf[w.frame_a].rotation for w in welds]
+    angles = [float(np.linalg.norm(pin.log3(turn))) for turn in turns]
+    return [(weld, angle) for weld, angle in zip(welds, angles, strict=True) if angle > _TURNED]
+
+
+def _left(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
+    """What is missing of the wanted components."""
+    return np.abs(robot.difference(q, target)[wanted])
+
+
+def _stride(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_], longest: float) -> Array | None:
+    """Configuration a step nearer to the target; None if a step of this length leads nowhere."""
+    basis = null_space(robot.constraint_jacobian(q), _RANK)
+    missing = robot.difference(q, target)[wanted]
+    ahead = basis @ np.linalg.lstsq(basis[wanted], missing, rcond=1e-6)[0]
+    size = float(np.abs(ahead).max(initial=0.0))
+    if size < _ARRIVED:
+        return None
+    guess = robot.integrate(q, ahead * min(1.0, longest / size))
+    found = gauss_newton(robot, guess, np.ones(robot.nv, dtype=np.bool_), robot.kept_rows)
+    corrected = float(np.abs(robot.difference(guess, found)).max())
+    after = robot.difference(found, target)[wanted]
+    nearer = np.linalg.norm(after) < np.linalg.norm(missing) * (1.0 - 1e-6)
+    # A correction as long as the step itself may be another assembly mode.
+    is_short = corrected <= 0.5 * min(size, longest)
+    return found if nearer and is_short and not violations(robot, found) else None
+
+
+def _kicked(robot: Robot, q: Array, rng: np.random.Generator) -> Array:
+    basis = null_space(robot.constraint_jacobian(q), _RANK)
+    away = basis @ rng.normal(scale=_STRIDE, size=basis.shape[1])
+    found = gauss_newton(robot, robot.integrate(q, away), np.ones(robot.nv, dtype=np.bool_), robot.kept_rows)
+    return q if violations(robot, found) else found
+
+
+def _with(robot: Robot, q: Array, target: Array, chosen: NDArray[np.bool_]) -> Array:
+    """Configuration q with some joints, whole ones, as in the target."""
+    out = np.array(q)
+    for name in robot.joint_names:
+        where = robot.velocity_indices(name)
+        if where.stop > where.start and chosen[where].all():
+            out[robot.configuration_indices(name)] = target[robot.configuration_indices(name)]
+    return out
+
+
+def _metric(robot: Robot, q: Array) -> Array:
+    """Mass matrix in which nothing is massless."""
+    mass = robot.mass_matrix(q)
+    least = _MASSLESS * float(np.diag(mass).max(initial=0.0)) or 1.0
+    metric: Array = mass + least * np.eye(robot.nv)
+    return metric
+
+
+def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> Array:
+    """Step with J step = wanted that is the shortest in a metric; with damping, shorter."""
+    if not metric.size:
+        return np.zeros(0)
+    root = np.linalg.cholesky(metric)
+    scaled = np.linalg.solve(root, jacobian.T).T  # J L^-T
+    u, singular, vt = np.linalg.svd(scaled, full_matrices=False)
+    largest = float(singular.max(initial=0.0))
+    used = singular > _RANK * largest
+    inverse = np.zeros_like(singular)
+    inverse[used] = singular[used] / (singular[used] ** 2 + damping * largest**2)
+    step: Array = np.linalg.solve(root.T, vt.T @ (inverse * (u.T @ wanted)))
+    return step
+
+
+def _not_closed(robot: Robot, q: Array, fixed: Sequence[str], allowed: float) -> LoopNotClosed:
+    bad = violations(robot, q, allowed)
+    words = ", ".join(f"{name!r} by {value:.3g} {unit}" for name, value, unit in bad[:3])
+    with_held = f" with {', '.join(map(repr, fixed))} held" if fixed else ""
+    advice = (
+        f"give other positions of {', '.join(map(repr, fixed))}, or leave one of them out"
+        if fixed
+        else "begin nearer to a configuration that closes, or correct the frames and lengths"
+    )
+    rows, residual = [row[0] for row in bad], [row[1] for row in bad]
+    reason = f"the loops cannot be closed{with_held}: the nearest configuration violates {words}; {advice}"
+    return LoopNotClosed(robot.name, rows, residual, reason)
