@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
+from mbocp.problem.assembly import assembled, assembled_velocity
 from mbocp.problem.cost import Cost
 from mbocp.problem.drives import without_driven_velocities
 from mbocp.problem.goal import Goal
@@ -120,15 +121,19 @@ def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
     q: Array = np.array(robot.q0)
     if table.q is not None:
         with located("start.q"):
-            q, _ = configuration_from(robot, table.q, robot.q0, "start.q")
+            q, written = configuration_from(robot, table.q, robot.q0, "start.q")
             q = np.array(robot.normalise(q, name="start.q"))
+            q = assembled(robot, q, written, assemble=table.assemble, base=robot.q0)
     if table.v is not None and table.p is not None:
         raise ProblemError("start: give v or p, not both")
     if table.p is not None:
         p, _ = _tangent(robot, table.p, "start.p")
-        return q, np.array(robot.velocity_from_momentum(q, p))
-    v = _tangent(robot, table.v, "start.v")[0] if table.v is not None else np.zeros(robot.nv)
-    return q, v
+        v = np.array(robot.velocity_from_momentum(q, p))
+        return q, np.array(robot.assemble_velocity(q, v)) if table.assemble else v
+    if table.v is None:
+        return q, np.zeros(robot.nv)
+    v, active = _tangent(robot, table.v, "start.v")
+    return q, assembled_velocity(robot, q, v, active, assemble=table.assemble)
 
 
 def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
@@ -138,12 +143,16 @@ def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
         with located("goal.q"):
             q, q_active = configuration_from(robot, table.q, q_start, "goal.q")
             q = np.array(robot.normalise(q, name="goal.q"))
+            if table.assemble:
+                q = assembled(robot, q, q_active, assemble=True, base=q_start)
     if table.v is not None and table.p is not None:
         raise ProblemError("goal: give v or p, not both")
     rate = "v" if table.v is not None else "p"
     written = table.v if table.v is not None else table.p
     if written is not None:
         value, rate_active = _tangent(robot, written, f"goal.{rate}")
+    if table.assemble and rate == "v" and rate_active.all():
+        value = assembled_velocity(robot, q, value, rate_active, assemble=True)
     given = table.q is not None or written is not None
     enforce = table.enforce if table.enforce is not None else ("exact" if given else "none")
     goal = Goal(

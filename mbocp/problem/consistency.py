@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
 from mbocp.problem.goal import Goal
 from mbocp.robot import Robot
+from mbocp.robot.closing import violations
 
 __all__ = [
     "CONSISTENCY_TOLERANCE",
@@ -19,68 +18,47 @@ __all__ = [
     "check_goal_rate",
     "check_position",
     "check_velocity",
-    "complete_goal",
     "project_on_constraints",
     "tangent_space",
 ]
 
 # A start typed with nine digits is accepted; one that is off by what a person can measure is not. The first
 # step of the mechanics removes what is left.
-CONSISTENCY_TOLERANCE = 1e-8  # [m^2 for a rod, and its rate in m^2/s]
+CONSISTENCY_TOLERANCE = 1e-8  # [m, rad, m^2 for a rod, and their rates]
 
 _RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero
 _PROJECTION_STEPS = 30  # Gauss-Newton is quadratic here: six are typical
-_ATTEMPTS = 5  # the first from where the start is, the others from around it
 
 
 def check_position(robot: Robot, q: Array, key: str) -> None:
     """Refuse a configuration that violates a holonomic constraint."""
-    if robot.nc:
-        advice = "correct q so that the constraint holds"
-        _refuse_residual(robot, robot.constraint_residual(q), key, "m^2", advice)
+    bad = violations(robot, q, CONSISTENCY_TOLERANCE) if robot.nc else []
+    if bad:
+        table = key.partition(".")[0]
+        advice = f"correct q so that the constraint holds, or say {table}.assemble = true for the nearest one"
+        raise _violates(robot, *bad[0], key, advice)
 
 
 def check_velocity(robot: Robot, q: Array, v: Array, key: str) -> None:
     """Refuse a velocity that leaves the constraint manifold."""
-    if robot.nc:
-        rate = robot.constraint_jacobian(q) @ v
-        advice = "give a velocity or momentum that is tangential to the constraint"
-        _refuse_residual(robot, rate, key, "m^2/s", advice)
-
-
-def complete_goal(robot: Robot, q: Array, active: BoolArray) -> Array:
-    """Return the goal with its free directions moved so that the constraints hold.
-
-    Gauss-Newton on Phi(q) = 0 over the tangent directions that the goal leaves free; with none of them it
-    only checks.
-
-    Raises
-    ------
-    InconsistentStart
-        If no configuration with the wanted entries meets the constraints.
-    """
     if not robot.nc:
-        return q
-    free = np.flatnonzero(~active)
-    rng = np.random.default_rng(0)
-    completed = q
-    for attempt in range(_ATTEMPTS if free.size else 0):
-        offset = np.zeros(robot.nv)
-        offset[free] = (
-            0.1 * attempt * rng.standard_normal(free.size)
-        )  # [m, rad] away from where Phi_q is singular
-        completed = project_on_constraints(robot, robot.integrate(q, offset), free)
-        if np.abs(robot.constraint_residual(completed)).max() <= CONSISTENCY_TOLERANCE:
-            break
-    check_position(robot, completed, "goal.q")
-    return completed
+        return
+    rate = robot.constraint_jacobian(q) @ v
+    worst = int(np.abs(rate).argmax())
+    if np.abs(rate[worst]) > CONSISTENCY_TOLERANCE:
+        label = robot.constraint_labels[worst]
+        advice = (
+            "give a velocity or momentum that is tangential to the constraint, or say "
+            f"{key}.assemble = true for the nearest one"
+        )
+        raise _violates(robot, label.name, float(rate[worst]), f"{label.unit}/s", key, advice)
 
 
 def project_on_constraints(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
     """Gauss-Newton on Phi(q) = 0 in the directions `free`."""
     for _ in range(_PROJECTION_STEPS):
         residual = robot.constraint_residual(q)
-        if np.abs(residual).max() < 1e-14:  # [m^2] round-off of a rod of some metres
+        if np.abs(residual).max() < 1e-14:  # round-off of some metres
             break
         step = np.zeros(robot.nv)
         dPhi_dq = robot.constraint_jacobian(q)[:, free]
@@ -137,14 +115,10 @@ def _rate_matrix(robot: Robot, goal: Goal) -> Array:
     return robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
 
 
-def _refuse_residual(robot: Robot, residual: Array, key: str, unit: str, advice: str) -> None:
-    worst = int(np.abs(residual).argmax())
-    if np.abs(residual[worst]) <= CONSISTENCY_TOLERANCE:
-        return
-    names: Sequence[str] = [label.name for label in robot.constraint_labels]
-    raise InconsistentStart(
-        f"{key}: violates constraint {names[worst]!r} of robot {robot.name!r} by {residual[worst]:.3g} "
-        f"{unit} (allowed: {CONSISTENCY_TOLERANCE:g}); {advice}"
+def _violates(robot: Robot, row: str, value: float, unit: str, key: str, advice: str) -> InconsistentStart:
+    return InconsistentStart(
+        f"{key}: violates constraint {row!r} of robot {robot.name!r} by {value:.3g} {unit} (allowed: "
+        f"{CONSISTENCY_TOLERANCE:g}); {advice}"
     )
 
 

@@ -13,12 +13,12 @@ import numpy as np
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.problem._checks import check_choice, check_finite, check_integer, check_positive
+from mbocp.problem.assembly import complete_goal
 from mbocp.problem.consistency import (
     check_end_conditions,
     check_goal_rate,
     check_position,
     check_velocity,
-    complete_goal,
 )
 from mbocp.problem.cost import Cost
 from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
@@ -138,7 +138,7 @@ class Problem:
         check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)
         if self.robot.nu == 0:
             raise ProblemError(
-                f"robot: {self.robot.name!r} has no controls; name the driven joints in robot.actuated "
+                f"robot: {self.robot.name!r} has no actuator; name the driven joints in robot.actuated "
                 "(a free-flyer's root_joint takes a wrench), or write actuators into a robot.toml"
             )
         object.__setattr__(self, "limits", self.limits.completed(self.robot))
@@ -258,7 +258,10 @@ class Problem:
         for key, default in (("guard", True), ("redundant", "drop")):
             check_unused(f"goal.{key}", getattr(goal, key), default, self.scheme)
         if goal.is_exact:
-            goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active))
+            q, words = complete_goal(robot, goal.q, goal.q_active, self.q_start)
+            goal = replace(goal, q=q)
+            if words:
+                warnings.warn(words, ProblemWarning, stacklevel=4)
             check_goal_rate(robot, goal)
             check_driven_rate(robot, goal)
             check_end_conditions(robot, goal, self.num_steps)

@@ -182,6 +182,7 @@ class StartTable(_Table):
     q: VectorOrNamed = None
     v: VectorOrNamed = None
     p: VectorOrNamed = None
+    assemble: bool = False
 
 
 class GoalTable(_Table):
@@ -190,6 +191,7 @@ class GoalTable(_Table):
     q: VectorOrNamed = None
     v: VectorOrNamed = None
     p: VectorOrNamed = None
+    assemble: bool = False
     enforce: str | None = None
     guard: bool = True
     redundant: str = "drop"

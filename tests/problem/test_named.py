@@ -79,7 +79,7 @@ def test_written_values_read_back(robot: str, request: pytest.FixtureRequest) ->
 
 
 def test_robot_without_controls_is_refused() -> None:
-    with pytest.raises(ProblemError, match=r"robot: 'hector' has no controls; name the driven joints"):
+    with pytest.raises(ProblemError, match=r"robot: 'hector' has no actuator; name the driven joints"):
         Problem.create("hector", 1.0, 20)
 
 

@@ -1,0 +1,151 @@
+"""Start and goal of a robot with closed loops: what was written, and the joints that follow from it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbocp._arrays import Array, BoolArray
+from mbocp._linear import null_space
+from mbocp.exceptions import InconsistentStart
+from mbocp.problem.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
+from mbocp.robot import Robot
+from mbocp.robot.closing import follow, violations
+
+__all__ = ["assembled", "assembled_velocity", "complete_goal"]
+
+_ARRIVED = 1e-6  # [rad, m] a continuation that comes so near has arrived
+_ATTEMPTS = 5  # the first from where the start is, the others from around it
+_INDEPENDENT = 0.05  # part of a motion along the constraints that a driven joint must make
+
+
+def assembled(robot: Robot, q: Array, active: BoolArray, *, assemble: bool, base: Array) -> Array:
+    """Return `q` with its loops closed.
+
+    Parameters
+    ----------
+    q : ndarray, shape (nq,)
+    active : ndarray of bool, shape (nv,)
+        Which directions were written. If those of some joints only, the others are found.
+    assemble : bool
+        Whether what was written in full may move; if not, it is left as it is.
+    base : ndarray, shape (nq,)
+        A configuration that closes the loops; the joints that were not written are looked for from there.
+
+    Raises
+    ------
+    LoopNotClosed
+        If no configuration with the written joints closes the loops, or none near one written in full.
+    """
+    if not violations(robot, q, CONSISTENCY_TOLERANCE):
+        return q
+    if active.all() or not active.any():
+        return np.array(robot.assemble(q)) if assemble else q
+    reached = follow(robot, base, q, active)
+    if _distance(robot, reached, q, active) <= _ARRIVED:
+        return reached
+    written = [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
+    return np.array(robot.assemble(q, fixed=written))
+
+
+def assembled_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, assemble: bool) -> Array:
+    """Return `v` along the constraints: the joints that were not written follow those that were."""
+    if not robot.nc or np.abs(robot.constraint_jacobian(q) @ v).max() <= CONSISTENCY_TOLERANCE:
+        return v
+    if active.all():
+        return np.array(robot.assemble_velocity(q, v)) if assemble else v
+    written = [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
+    return np.array(robot.assemble_velocity(q, v, fixed=written))
+
+
+def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> tuple[Array, str]:
+    """Return the goal with its free directions moved so that the constraints hold, and what is odd about it.
+
+    The way leads from the start in small steps, the loops closed: the goal lies in the start's assembly mode.
+
+    Returns
+    -------
+    q : ndarray, shape (nq,)
+    words : str
+        Empty, or that no way was found on which the mechanism stays closed.
+
+    Raises
+    ------
+    InconsistentStart
+        If no configuration with the wanted entries meets the constraints.
+    """
+    if not robot.nc or not active.any():
+        return q, ""
+    if active.all() or not violations(robot, q, CONSISTENCY_TOLERANCE):
+        check_position(robot, q, "goal.q")
+        return q, _another_mode(robot, q_start, q) if active.all() else ""
+    reached = follow(robot, q_start, q, active)
+    if _distance(robot, reached, q, active) <= _ARRIVED:
+        return reached, ""
+    short = _short(robot, reached, q, active)
+    found = _anywhere(robot, q, np.flatnonzero(~active))
+    try:
+        check_position(robot, found, "goal.q")
+    except InconsistentStart as error:
+        raise InconsistentStart(f"{error}; from the start, the mechanism comes as near as {short}") from None
+    return found, (
+        f"goal.q: closes the loops of robot {robot.name!r}, but on the way there from the start, closed, the "
+        f"mechanism gets stuck ({short}): it may be another assembly mode"
+    )
+
+
+def _anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
+    """Gauss-Newton on Phi(q) = 0 over the free directions, from several places."""
+    rng = np.random.default_rng(0)
+    found = q
+    for attempt in range(_ATTEMPTS):
+        offset = np.zeros(robot.nv)
+        # [m, rad] away from where Phi_q is singular
+        offset[free] = 0.1 * attempt * rng.standard_normal(free.size)
+        found = project_on_constraints(robot, robot.integrate(q, offset), free)
+        if not violations(robot, found, CONSISTENCY_TOLERANCE):
+            break
+    return found
+
+
+def _another_mode(robot: Robot, q_start: Array, q: Array) -> str:
+    """Words if no way from the start to a goal was found: straight ahead, or by driving some joints."""
+    everything = np.ones(robot.nv, dtype=np.bool_)
+    nearest = q_start
+    for wanted in (everything, _driving(robot, q_start)):
+        reached = follow(robot, q_start, q, wanted)
+        if _distance(robot, reached, q, everything) <= _ARRIVED:
+            return ""
+        nearest = reached
+    return (
+        f"goal.q: may lie in another assembly mode of robot {robot.name!r} than the start, out of reach: no "
+        f"way was found on which the loops stay closed (nearest: {_short(robot, nearest, q, everything)})"
+    )
+
+
+def _driving(robot: Robot, q: Array) -> BoolArray:
+    """Joints whose motion determines that of the mechanism, those with a motor first."""
+    basis = null_space(robot.constraint_jacobian(q), 1e-9)
+    chosen = np.zeros(robot.nv, dtype=np.bool_)
+    has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
+    slices = [robot.velocity_indices(name) for name in robot.joint_names]
+    for where in sorted(slices, key=lambda s: not has_motor[s].any()):
+        if basis.shape[1] == 0 or where.stop == where.start:
+            continue
+        rows = basis[where]
+        if np.linalg.svd(rows, compute_uv=False)[: rows.shape[0]].min() < _INDEPENDENT:
+            continue
+        chosen[where] = True
+        basis = basis @ null_space(rows, 1e-9)
+    return chosen
+
+
+def _distance(robot: Robot, q: Array, target: Array, active: BoolArray) -> float:
+    return float(np.abs(robot.difference(q, target)[active]).max(initial=0.0))
+
+
+def _short(robot: Robot, q: Array, target: Array, active: BoolArray) -> str:
+    missing = np.where(active, robot.difference(q, target), 0.0)
+    worst = int(np.abs(missing).argmax())
+    label = robot.v_labels[worst]
+    return f"{label.name} {abs(missing[worst]):.3g} {label.unit.removesuffix('/s')} off"
