@@ -26,6 +26,7 @@ class Kind:
         scale_y: Array,
         scale_m: Array,
         scale_ru: Array,
+        groups: Sequence[tuple[int, int, Sequence[int]]] = (),
     ) -> None: ...
 
 class Terminal:

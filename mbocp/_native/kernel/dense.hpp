@@ -55,6 +55,36 @@ inline void gemm_tn(int m, int n, int k, const double* A, int lda, const double*
     }
 }
 
+// Rows of C (m x n) += scale A B over V vectors of columns.
+template <int V>
+inline void gemm_nn_columns(int m, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc,
+                            double scale) {
+    for (int i = 0; i < m; ++i) {
+        Vec sum[V];
+        for (int v = 0; v < V; ++v) sum[v] = Vec{0.0, 0.0, 0.0, 0.0};
+        for (int p = 0; p < k; ++p) {
+            const double a = A[i * lda + p];
+            for (int v = 0; v < V; ++v) sum[v] += a * load(B + p * ldb + 4 * v);
+        }
+        for (int v = 0; v < V; ++v) store(C + i * ldc + 4 * v, load(C + i * ldc + 4 * v) + scale * sum[v]);
+    }
+}
+
+// C (m x n) += scale A B with A (m x k), B (k x n), all row-major; n is rounded up to whole vectors.
+inline void gemm_nn(int m, int n, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc,
+                    double scale = 1.0) {
+    int j = 0;
+    for (; j + 24 <= padded(n); j += 24) gemm_nn_columns<6>(m, k, A, lda, B + j, ldb, C + j, ldc, scale);
+    switch ((padded(n) - j) / 4) {
+        case 1: gemm_nn_columns<1>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
+        case 2: gemm_nn_columns<2>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
+        case 3: gemm_nn_columns<3>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
+        case 4: gemm_nn_columns<4>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
+        case 5: gemm_nn_columns<5>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
+        default: break;
+    }
+}
+
 // y += a x, without the alias checks and the unrolling that make short loops long.
 __attribute__((always_inline)) inline void axpy(int n, double a, const double* x, double* y) {
     int j = 0;

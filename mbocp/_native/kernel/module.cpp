@@ -3,6 +3,7 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <stdexcept>
@@ -57,7 +58,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             "__init__",
             [](Kind* self, int nx, int ndx, int ny, int nu, int nr, Function values, Function jacobian,
                Function complete, const Input& scale_c, const Input& scale_y, const Input& scale_m,
-               const Input& scale_ru) {
+               const Input& scale_ru, const std::vector<std::tuple<int, int, std::vector<int>>>& groups) {
                 new (self) Kind();
                 self->nx = nx, self->ndx = ndx, self->ny = ny, self->nu = nu, self->nr = nr;
                 self->values = std::move(values), self->jacobian = std::move(jacobian);
@@ -70,10 +71,12 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
                 };
                 check(self->scale_c, self->nc(), "scale_c"), check(self->scale_y, ny, "scale_y");
                 check(self->scale_m, self->nc(), "scale_m"), check(self->scale_ru, nu, "scale_ru");
+                for (const auto& [first, rows, columns] : groups) self->groups.push_back({first, rows, columns});
             },
             nb::kw_only(), nb::arg("nx"), nb::arg("ndx"), nb::arg("ny"), nb::arg("nu"), nb::arg("nr"),
             nb::arg("values"), nb::arg("jacobian"), nb::arg("complete"), nb::arg("scale_c"), nb::arg("scale_y"),
-            nb::arg("scale_m"), nb::arg("scale_ru"));
+            nb::arg("scale_m"), nb::arg("scale_ru"),
+            nb::arg("groups") = std::vector<std::tuple<int, int, std::vector<int>>>());
 
     nb::class_<Terminal>(module, "Terminal")
         .def(

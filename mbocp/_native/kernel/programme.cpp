@@ -1,5 +1,6 @@
 #include "programme.hpp"
 
+#include <map>
 #include <stdexcept>
 
 namespace mbocp {
@@ -22,6 +23,7 @@ void Kind::prepare() {
     check_output(jacobian, 2, nc(), nw() + ns(), "jacobian");
     check_output(complete, 2, nc(), nw() + ns(), "complete");
     check_output(complete, 4, nw() + ns(), nw() + ns(), "complete");
+    if (!groups.empty()) prepare_structure();
     const int ldw = padded(nw()), lds = padded(ns());
     const auto split = [&](int j) { return j < nw(); };
     const auto derivatives = [&](const StageFunction& f, std::vector<Target>& jacobian_targets,
@@ -53,6 +55,19 @@ void Kind::prepare() {
     }
 }
 
+void Kind::prepare_structure() {
+    const Pattern &all = complete->outputs[2], &first = jacobian->outputs[2];
+    structure = std::make_shared<Structure>(all, ndx, ny, nu, groups);
+    hessian = SparseRows::symmetric(complete->outputs[4]);
+    std::map<std::pair<int, int>, int> place;
+    for (int k = 0; k < all.nnz(); ++k) place[{all.row[k], all.column[k]}] = k;
+    for (int k = 0; k < first.nnz(); ++k) {
+        const auto found = place.find({first.row[k], first.column[k]});
+        if (found == place.end()) throw std::invalid_argument("jacobian: a nonzero that complete does not have");
+        first_place.push_back(found->second);
+    }
+}
+
 Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract,
                      Function difference)
     : kinds_(std::move(kinds)), stage_kind_(std::move(stage_kind)), terminal_(std::move(terminal)),
@@ -63,6 +78,11 @@ Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Termi
         if (kind.nx != nx_ || kind.ndx != ndx_) throw std::invalid_argument("kinds differ in the size of the state");
         kind.prepare();
     }
+    is_structured_ = kinds_[0].structure != nullptr;
+    nd_ = is_structured_ ? 2 * kinds_[0].structure->d + kinds_[0].structure->nr : ndx_;
+    for (const auto& kind : kinds_)
+        if ((kind.structure != nullptr) != is_structured_ || (is_structured_ && kind.ny != kinds_[0].ny))
+            throw std::invalid_argument("kinds differ in their structure");
     check_output(terminal_.values, 1, ng_, 1, "terminal values");
     check_output(terminal_.complete, 2, ng_, ndx_, "terminal complete");
     check_output(retract_, 0, nx_, 1, "retract");
@@ -71,34 +91,45 @@ Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Termi
 }
 
 void Programme::allocate() {
-    std::size_t total = 0, pivots = 0;
+    std::size_t total = 0, pivots = 0, space = 0;
     int ny = 0, nu = 0, nm = 0, nr = 0;
     y_offset = u_offset = m_offset = r_offset = {0};
-    const int ldx = padded(ndx_), ldg = padded(ng_);
+    const int ldx = padded(ndx_), ldg = padded(ng_), ldd = padded(nd_);
     // Each stage's blocks, in the order in which the factorisation walks through them.
-    const auto lay_out = [&](const Kind& k, double* base, Stage* stage) {
+    const auto lay_out = [&](const Kind& k, double* base, Stage* stage, int* ints) {
         std::size_t at = 0;
         const auto take = [&](double*& target, std::size_t size) {
             if (base) target = base + at;
             at += (size + 3) / 4 * 4;
         };
-        Stage unused;
+        Stage unused{};
         Stage& s = stage ? *stage : unused;
+        double* step = nullptr;
         const std::size_t nw = k.nw(), pw = padded(k.nw()), ps = padded(k.ns()), nc = k.nc();
         take(s.c, nc), take(s.gw, nw), take(s.gs, k.ns()), take(s.lw, nw), take(s.ls, k.ns());
-        take(s.Jw, nc * pw), take(s.Js, nc * ps);
-        take(s.Hww, pw * pw), take(s.Hws, pw * ps), take(s.Hss, ps * ps);
-        take(s.LU, nc * pw), take(s.T, pw * ps);
+        if (k.structure) {
+            take(s.J, k.complete->outputs[2].nnz()), take(s.H, k.complete->outputs[4].nnz());
+            take(step, k.structure->num_doubles()), take(s.T, nw * padded(nd_ + k.nu));
+            take(s.B, static_cast<std::size_t>(ndx_) * ldd), take(s.b, ndx_), take(s.h, nw + k.ns());
+        } else {
+            take(s.Jw, nc * pw), take(s.Js, nc * ps);
+            take(s.Hww, pw * pw), take(s.Hws, pw * ps), take(s.Hss, ps * ps);
+            take(s.LU, nc * pw), take(s.T, pw * ps);
+        }
         take(s.Quu, static_cast<std::size_t>(k.nu) * padded(k.nu));
-        take(s.K, static_cast<std::size_t>(padded(k.nu)) * ldx), take(s.Keta, static_cast<std::size_t>(k.nu) * ldg);
-        take(s.P, static_cast<std::size_t>(ldx) * ldx), take(s.S, static_cast<std::size_t>(ndx_) * ldg);
-        take(s.t0, nw), take(s.k, k.nu), take(s.p, ndx_);
+        take(s.K, static_cast<std::size_t>(padded(k.nu)) * ldd), take(s.Keta, static_cast<std::size_t>(k.nu) * ldg);
+        take(s.P, static_cast<std::size_t>(ldd) * ldd), take(s.S, static_cast<std::size_t>(nd_) * ldg);
+        take(s.t0, nw), take(s.k, k.nu), take(s.p, nd_);
+        if (k.structure && base) k.structure->place(s.step, step, ints);
         return at;
+    };
+    const auto num_pivots = [&](const Kind& k) {
+        return k.nu + (k.structure ? nd_ + static_cast<int>(k.structure->num_ints()) : k.nc());
     };
     for (const int index : stage_kind_) {
         const Kind& k = kinds_.at(static_cast<std::size_t>(index));
-        total += lay_out(k, nullptr, nullptr);
-        pivots += static_cast<std::size_t>(k.nc() + k.nu);
+        total += lay_out(k, nullptr, nullptr, nullptr);
+        pivots += static_cast<std::size_t>(num_pivots(k));
         y_offset.push_back(ny += k.ny), u_offset.push_back(nu += k.nu);
         m_offset.push_back(nm += k.nc()), r_offset.push_back(nr += k.nr);
     }
@@ -110,14 +141,24 @@ void Programme::allocate() {
     for (int n = 0; n < N; ++n) {
         const Kind& k = kinds_[static_cast<std::size_t>(stage_kind_[n])];
         Stage& s = stages_[n];
-        s.kind = &k, s.pivot = pivot, s.definite = true;
-        base += lay_out(k, base, &s);
-        pivot += k.nc() + k.nu;
+        s = Stage{};
+        s.kind = &k, s.pivot = pivot, s.definite = true, s.chosen = pivot + k.nu;
+        s.control_pivot = pivot + (k.structure ? 0 : k.nc());
+        base += lay_out(k, base, &s, pivot + k.nu + nd_);
+        pivot += num_pivots(k);
         const std::size_t pw = padded(k.nw()), ps = padded(k.ns());
         max_nw_ = std::max(max_nw_, k.nw()), max_ns_ = std::max(max_ns_, k.ns());
         diagonal_.resize(std::max(diagonal_.size(), static_cast<std::size_t>(k.nu)));
-        largest = std::max(largest, pw * pw + 2 * pw * ps + ps * ps + 8 * (pw + ps) + (ps + 4) * (ldx + ldg));
+        if (k.structure) {
+            largest = std::max(largest, 12 * (pw + ps) + static_cast<std::size_t>(ldx) * (2 * ldx + 4));
+            const std::size_t pm = padded(nd_ + k.nu);
+            space = std::max(space, (2 * (pw + ps) + pm) * pm + (2 * ldd + padded(k.nu)) * (pm + ldg) + 2 * (pw + ps) +
+                                        k.structure->work_size(static_cast<int>(pm)));
+        } else {
+            largest = std::max(largest, pw * pw + 2 * pw * ps + ps * ps + 8 * (pw + ps) + (ps + 4) * (ldx + ldg));
+        }
     }
+    space_.assign(space, 0.0), both_.assign(is_structured_ ? 2 * static_cast<std::size_t>(max_nw_ + max_ns_) : 0, 0.0);
     x.assign(static_cast<std::size_t>(N + 1) * nx_, 0.0);
     y.assign(ny, 0.0), u.assign(nu, 0.0), m.assign(nm, 0.0), eta.assign(ng_, 0.0);
     rho_.assign(nr, 0.0);
@@ -187,20 +228,23 @@ bool Programme::evaluate_stage(int n, const double* multipliers, Evaluation& e) 
     double* blocks[] = {s.Jw, s.Js, s.Hww, s.Hws, s.Hss, s.lw, s.ls};
     const Pattern& c = f.outputs[0];
     for (int i = 0; i < c.nnz(); ++i) s.c[c.row[i]] = f.res[0][i];
-    for (std::size_t i = 0; i < k.to_jacobian.size(); ++i)
-        blocks[k.to_jacobian[i].block][k.to_jacobian[i].offset] = f.res[2][i];
     for (std::size_t i = 0; i < k.to_gradient.size(); ++i)
         blocks[k.to_gradient[i].block][k.to_gradient[i].offset] = f.res[3][i];
-    for (std::size_t i = 0; i < k.to_hessian.size(); ++i) {
-        const auto& t = k.to_hessian[i];
-        blocks[t.block][t.offset] = f.res[4][i];
-        if (t.mirror >= 0) blocks[t.block][t.mirror] = f.res[4][i];
+    if (k.structure) {
+        dense::copy(f.res[2], s.J, f.outputs[2].nnz());
+        dense::copy(f.res[4], s.H, f.outputs[4].nnz());
+    } else {
+        for (std::size_t i = 0; i < k.to_jacobian.size(); ++i)
+            blocks[k.to_jacobian[i].block][k.to_jacobian[i].offset] = f.res[2][i];
+        for (std::size_t i = 0; i < k.to_hessian.size(); ++i) {
+            const auto& t = k.to_hessian[i];
+            blocks[t.block][t.offset] = f.res[4][i];
+            if (t.mirror >= 0) blocks[t.block][t.mirror] = f.res[4][i];
+        }
     }
-    const double* now = m.data() + m_offset[n];
     dense::copy(s.lw, s.gw, k.nw());
     dense::copy(s.ls, s.gs, k.ns());
-    dense::gemv_t(k.nc(), k.nw(), s.Jw, padded(k.nw()), now, s.gw);
-    dense::gemv_t(k.nc(), k.ns(), s.Js, padded(k.ns()), now, s.gs);
+    add_jacobian_transposed(n, m.data() + m_offset[n], s.gw, s.gs);
     return ok;
 }
 

@@ -15,6 +15,7 @@
 #include "dense.hpp"
 #include "pool.hpp"
 #include "stage_function.hpp"
+#include "structure.hpp"
 
 namespace mbocp {
 
@@ -42,7 +43,17 @@ struct Kind {
     };
     std::vector<Target> to_jacobian, to_hessian, to_gradient;  // of `complete`
     std::vector<Target> to_first_jacobian, to_first_gradient;  // of `jacobian`
+
+    // Groups of constraint rows, or none; with them the stage's derivatives stay sparse (see structure.hpp).
+    std::vector<GroupOfRows> groups;
+    std::shared_ptr<const Structure> structure;
+    SparseRows hessian;            // over z
+    std::vector<int> first_place;  // of the nonzeros of `jacobian` among those of `complete`
+
     void prepare();  // scatter tables from the functions' patterns
+
+private:
+    void prepare_structure();
 };
 
 struct Terminal {
@@ -142,8 +153,13 @@ private:
         double *Jw, *Js, *Hww, *Hws, *Hss;                // derivatives
         double *LU, *T, *Quu, *K, *Keta, *P, *S;          // factorisation
         double *t0, *k, *p;                               // one right-hand side
-        int* pivot;
+        int *pivot, *control_pivot;
         bool definite;
+        // With a structure: values of the sparse derivatives, T with rows (x, y), reachable states dx = B xi + b with
+        // xi = dx[chosen], and h = H z plus the right-hand side.
+        double *J, *H, *B, *b, *h;
+        int* chosen;
+        StepFactor step;
     };
     struct Residual {  // right-hand side of the linear system, stage after stage
         Numbers c, w, s, x_terminal, g;
@@ -154,11 +170,37 @@ private:
     bool evaluate_terminal(Evaluation& e);
     bool evaluate_first(int n, Evaluation& e);
     bool adjoint_stage(int n, const double* after, bool auxiliary);
+    bool auxiliary_stage(int n, double* now);
+    void copy_state_jacobian(int n, double* F, int ld) const;
+    void feed_back(int n, const double* dx, double* du) const;
     void close_loop(int n, const double* du, double* dx) const;
     bool simulate_stage(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep);
     double stationarity() const;
     void allocate();
     bool condense(int n, Factorisation& result);
+    // What condensing ends with: controls eliminated from the quadratic form q(i, j) over (state before, controls) and
+    // its columns QS of eta, the remainder to the stage before. `kept` is workspace of nu rows.
+    template <class Quadratic>
+    bool eliminate_controls(int n, Quadratic q, const double* QS, double* kept, Factorisation& result);
+    void solve_controls(const Stage& s, double* k) const;
+    // A stage's derivatives and its step, dense or sparse. z = (w, s) = (x, y; x_before, u).
+    void add_jacobian(int n, const double* dw, const double* ds, double* c) const;
+    void add_jacobian_transposed(int n, const double* dm, double* w, double* s) const;
+    void add_hessian(int n, const double* dw, const double* ds, double* w, double* s);
+    double factor_step(int n);
+    double factor_step_of(int n, const StageFunction& jacobian);
+    void store_first_jacobian(int n, const StageFunction& jacobian);
+    void solve_step(int n, double* c);
+    void solve_step_transposed(int n, double* w);
+    // The same for stages with a structure, in reduced.cpp.
+    bool reduce(int n, Factorisation& result);
+    bool condense_reduced(int n, Factorisation& result);
+    void reduce_end(const double* P);
+    void particular_states(const Residual& rhs);
+    void backward_start_reduced(const Residual& rhs, Numbers& r);
+    void backward_stage_reduced(int n, const Residual& rhs, Numbers& r);
+    void forward_reduced(const Residual& rhs, Step& out);
+    void multipliers_reduced(const Residual& rhs, Step& out);
     struct Check {  // rhs + KKT d, its largest entry, and d'Hd
         Residual& left;
         double largest = 0, curvature = 0;
@@ -178,6 +220,8 @@ private:
     Terminal terminal_;
     Function retract_, difference_;
     int N, nx_, ndx_, ng_;
+    int nd_ = 0;              // entries of a state that value functions and gains are over: all, or the chosen ones
+    bool is_structured_ = false;
     Numbers theta_, rho_, rho_terminal_;
     Pool pool_;
     std::vector<int> pivots_;
@@ -195,6 +239,8 @@ private:
     bool factorised_ = false, backward_done_ = false;  // the latter: for the residual of the last evaluation
     Numbers eta_rhs_;
     Numbers sweep_c_, sweep_dx_, sweep_before_, planned_;       // workspace of the sweeps
+    Numbers auxiliary_S_;                                       // of the auxiliary adjoint: what A_n leaves at x_n
+    Numbers space_, both_;                                      // workspace of stages with a structure
     int max_nw_ = 0, max_ns_ = 0;
 };
 

@@ -7,40 +7,22 @@
 // parallel and the Schur complement of eta singular to working precision. The quadratic programme is therefore first
 // augmented by rho/2 |g + g_x dx|^2, which changes neither its solution nor the inertia of its KKT matrix, but closes
 // the loop: S then follows A + BK, and the Schur complement tends to -1/rho.
-#include <Eigen/Dense>
 #include <algorithm>
 #include <stdexcept>
 
-#include "programme.hpp"
+#include "controls.hpp"
 
 namespace mbocp {
 using dense::padded;
 
-namespace {
-
-using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-using MatrixMap = Eigen::Map<RowMatrix, 0, Eigen::OuterStride<>>;
-
-constexpr double singular = 1e-15;  // relative pivot or eigenvalue below which a matrix counts as singular
-
-// Negative eigenvalues of a symmetric matrix; -1 when it is singular.
-int count_negative(const Eigen::VectorXd& eigenvalues) {
-    const double largest = eigenvalues.cwiseAbs().maxCoeff();
-    if (!(eigenvalues.cwiseAbs().minCoeff() > singular * largest)) return -1;
-    return static_cast<int>((eigenvalues.array() < 0).count());
-}
-
-}  // namespace
-
 bool Programme::condense(int n, Factorisation& result) {
     Stage& s = stages_[n];
     const Kind& k = *s.kind;
-    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, nd = ndx_;
-    const int pw = padded(nw), ps = padded(ns), pu = padded(nu), px = padded(nd), pg = padded(ng_);
+    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nd = ndx_;
+    const int pw = padded(nw), ps = padded(ns), px = padded(nd), pg = padded(ng_);
 
     // dw = T ds + t0 from the linearised step.
-    dense::copy(s.Jw, s.LU, nc * pw);
-    const double pivot = dense::lu_factor(nc, s.LU, pw, s.pivot);
+    const double pivot = factor_step(n);
     result.smallest_pivot = std::min(result.smallest_pivot, pivot);
     if (pivot < singular) return false;
     for (int i = 0; i < nc * ps; ++i) s.T[i] = -s.Js[i];
@@ -66,66 +48,7 @@ bool Programme::condense(int n, Factorisation& result) {
         dense::gemm_tn(ns, ng_, nd, s.T, ps, s.S, pg, QS, pg);
     }
 
-    // Controls: K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
-    for (int i = 0; i < nu; ++i) {
-        for (int j = 0; j < nu; ++j) s.Quu[i * pu + j] = q(nd + i, nd + j);
-        diagonal_[i] = s.Quu[i * pu + i];
-        for (int j = 0; j < nd; ++j) s.K[i * px + j] = -q(nd + i, j);
-        for (int g = 0; g < ng_; ++g) s.Keta[i * pg + g] = -QS[(nd + i) * pg + g];
-    }
-    int* control_pivot = s.pivot + nc;
-    double* kept = W;  // Qux rows, needed after K overwrites them; W's columns are free once P's part is taken
-    double* P_before = n > 0 ? stages_[n - 1].P : nullptr;
-    if (P_before)
-        for (int i = 0; i < nd; ++i)
-            for (int j = 0; j < nd; ++j) P_before[i * px + j] = q(i, j);
-    for (int i = 0; i < nu * px; ++i) kept[i] = -s.K[i];
-    s.definite = dense::cholesky(nu, s.Quu, pu);
-    if (s.definite) {
-        dense::cholesky_solve(nu, s.Quu, pu, s.K, px, px);
-        if (ng_) dense::cholesky_solve(nu, s.Quu, pu, s.Keta, pg, pg);
-    } else {
-        // `cholesky` has spoilt the lower triangle: the upper one still holds Quu.
-        for (int i = 0; i < nu; ++i)
-            for (int j = 0; j < i; ++j) s.Quu[i * pu + j] = s.Quu[j * pu + i];
-        for (int i = 0; i < nu; ++i) s.Quu[i * pu + i] = diagonal_[i];
-        const MatrixMap map(s.Quu, nu, nu, Eigen::OuterStride<>(pu));
-        if (!map.allFinite()) return false;
-        const Eigen::SelfAdjointEigenSolver<RowMatrix> eigen(map, Eigen::EigenvaluesOnly);
-        const int negative = count_negative(eigen.eigenvalues());
-        if (negative < 0) return false;
-        result.negative += negative;
-        if (dense::lu_factor(nu, s.Quu, pu, control_pivot) == 0.0) return false;
-        dense::lu_solve(nu, s.Quu, pu, control_pivot, s.K, px, px);
-        if (ng_) dense::lu_solve(nu, s.Quu, pu, control_pivot, s.Keta, pg, pg);
-    }
-
-    if (P_before) {
-        dense::gemm_tn(nd, nd, nu, kept, px, s.K, px, P_before, px);
-        for (int i = 0; i < nd; ++i)
-            for (int j = 0; j < i; ++j) {
-                const double mean = 0.5 * (P_before[i * px + j] + P_before[j * px + i]);
-                P_before[i * px + j] = P_before[j * px + i] = mean;
-            }
-    }
-    if (ng_) {
-        if (n > 0) {
-            double* S_before = stages_[n - 1].S;
-            for (int i = 0; i < nd; ++i)
-                for (int g = 0; g < ng_; ++g) {
-                    double sum = QS[i * pg + g];
-                    for (int j = 0; j < nu; ++j) sum += kept[j * px + i] * s.Keta[j * pg + g];
-                    S_before[i * pg + g] = sum;
-                }
-        }
-        for (int g = 0; g < ng_; ++g)
-            for (int h = 0; h < ng_; ++h) {
-                double sum = 0;
-                for (int j = 0; j < nu; ++j) sum += QS[(nd + j) * pg + g] * s.Keta[j * pg + h];
-                R_[g * pg + h] += sum;
-            }
-    }
-    return true;
+    return eliminate_controls(n, q, QS, W, result);  // W's columns are free once q is no longer asked
 }
 
 Factorisation Programme::factorise(double shift, double augment) {
@@ -134,18 +57,26 @@ Factorisation Programme::factorise(double shift, double augment) {
     shift_ = shift;
     Stage& last = stages_.back();
     augment_ = augment, factorised_ = false;
-    dense::copy(Hterm_.data(), last.P, padded(ndx_) * padded(ndx_));
+    backward_done_ = false;
+    for (int n = 0; is_structured_ && n < N; ++n)
+        if (!reduce(n, f)) return f.bad_stage = n, f;
+    const int px = padded(ndx_);
+    double* P = is_structured_ ? scratch_.data() : last.P;
+    dense::copy(Hterm_.data(), P, px * px);
     for (int i = 0; i < ndx_; ++i)
         for (int j = 0; j < ndx_; ++j)
             for (int g = 0; g < ng_; ++g)
-                last.P[i * padded(ndx_) + j] += augment * Sterm_[i * padded(ng_) + g] * Sterm_[j * padded(ng_) + g];
-    if (ng_) dense::copy(Sterm_.data(), last.S, ndx_ * padded(ng_));
+                P[i * px + j] += augment * Sterm_[i * padded(ng_) + g] * Sterm_[j * padded(ng_) + g];
+    if (is_structured_) {
+        reduce_end(P);
+    } else if (ng_) {
+        dense::copy(Sterm_.data(), last.S, ndx_ * padded(ng_));
+    }
     std::fill(R_.begin(), R_.end(), 0.0);
     gather_residual(rhs_);
-    backward_done_ = false;
     backward_start(rhs_, eta_rhs_);
     for (int n = N - 1; n >= 0; --n) {
-        if (!condense(n, f)) {
+        if (!(is_structured_ ? condense_reduced(n, f) : condense(n, f))) {
             f.bad_stage = n;
             return f;
         }
@@ -188,10 +119,11 @@ void Programme::gather_residual(Residual& out) const {
 
 // The backward half of KKT * d = -rhs at stage n: t0, k and p from the right-hand side, and its share of r (eta's).
 void Programme::backward_stage(int n, const Residual& rhs, Numbers& r) {
+    if (is_structured_) return backward_stage_reduced(n, rhs, r);
     Stage& s = stages_[n];
     const Kind& k = *s.kind;
     const int nd = ndx_, px = padded(nd), pg = padded(ng_);
-    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns), pu = padded(nu);
+    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns);
     double* h = scratch_.data();
     double* q = h + padded(max_nw_);
     for (int i = 0; i < nc; ++i) s.t0[i] = -rhs.c[m_offset[n] + i];
@@ -205,11 +137,7 @@ void Programme::backward_stage(int n, const Residual& rhs, Numbers& r) {
     dense::gemv_t(nw, ns, s.T, ps, h, q);
     dense::gemv_t(nw, ns, s.Hws, ps, s.t0, q);
     for (int i = 0; i < nu; ++i) s.k[i] = -q[nd + i];
-    if (s.definite) {
-        dense::cholesky_solve_vector(nu, s.Quu, pu, s.k);
-    } else {
-        dense::lu_solve_vector(nu, s.Quu, pu, s.pivot + nc, s.k);
-    }
+    solve_controls(s, s.k);
     if (ng_) {
         dense::gemv_t(nd, ng_, s.S, pg, s.t0, r.data());
         dense::gemv_t(nu, ng_, s.Keta, pg, q + nd, r.data());
@@ -223,6 +151,7 @@ void Programme::backward_stage(int n, const Residual& rhs, Numbers& r) {
 
 void Programme::backward_start(const Residual& rhs, Numbers& r) {
     r = rhs.g;
+    if (is_structured_) return backward_start_reduced(rhs, r);
     std::copy(rhs.x_terminal.begin(), rhs.x_terminal.end(), stages_.back().p);
     dense::gemv(ndx_, ng_, Sterm_.data(), padded(ng_), rhs.g.data(), stages_.back().p, augment_);
 }
@@ -240,6 +169,13 @@ void Programme::forward(const Residual& rhs, const Numbers& r, Step& out, Check*
     std::fill(out.deta.begin(), out.deta.end(), 0.0);
     if (ng_) dense::gemv(ng_, ng_, R_factor_.data(), ng_, r.data(), out.deta.data(), -1.0);
     std::fill(out.dx.begin(), out.dx.begin() + nd, 0.0);
+    if (is_structured_) {
+        forward_reduced(rhs, out);
+        multipliers_reduced(rhs, out);
+        for (int n = 0; check && n < N; ++n) check_stage(n, rhs, out, *check);
+        if (check) check_end(rhs, out, *check);
+        return;
+    }
     for (int n = 0; n < N; ++n) {
         Stage& s = stages_[n];
         const Kind& k = *s.kind;
@@ -277,10 +213,11 @@ void Programme::check_stage(int n, const Residual& rhs, const Step& d, Check& ch
     const int nd = ndx_;
     Stage& s = stages_[n];
     const Kind& k = *s.kind;
-    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu, pw = padded(nw), ps = padded(ns);
+    const int nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu;
     double* ds = scratch_.data() + padded(max_nw_) + padded(max_ns_);
     double* dw = ds + padded(max_ns_);
     double* Hw = dw + padded(max_nw_);
+    double* Hs = Hw + padded(max_nw_);
     Residual& out = check.left;
     dense::copy(d.dx.data() + static_cast<std::size_t>(n) * nd, ds, nd);
     dense::copy(d.du.data() + u_offset[n], ds + nd, nu);
@@ -288,25 +225,19 @@ void Programme::check_stage(int n, const Residual& rhs, const Step& d, Check& ch
     dense::copy(d.dy.data() + y_offset[n], dw + nd, k.ny);
     double* c = out.c.data() + m_offset[n];
     dense::copy(rhs.c.data() + m_offset[n], c, nc);
-    dense::gemv(nc, nw, s.Jw, pw, dw, c);
-    dense::gemv(nc, ns, s.Js, ps, ds, c);
+    add_jacobian(n, dw, ds, c);
     dense::zero(Hw, nw);
-    dense::gemv(nw, nw, s.Hww, pw, dw, Hw);
-    dense::gemv(nw, ns, s.Hws, ps, ds, Hw);
+    dense::zero(Hs, ns);
+    add_hessian(n, dw, ds, Hw, Hs);
     for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
     for (int i = 0; i < nw; ++i) check.curvature += dw[i] * Hw[i];
     double* w = out.w.data() + m_offset[n];
     for (int i = 0; i < nw; ++i) w[i] = rhs.w[m_offset[n] + i] + Hw[i];
     const double* dm = d.dm.data() + m_offset[n];
-    dense::gemv_t(nc, nw, s.Jw, pw, dm, w);
-    double* Hs = Hw;
-    dense::zero(Hs, ns);
-    dense::gemv(ns, ns, s.Hss, ps, ds, Hs);
-    dense::gemv_t(nw, ns, s.Hws, ps, dw, Hs);
     for (int i = 0; i < ns; ++i) check.curvature += ds[i] * Hs[i];
     double* r = out.s.data() + u_offset[n] + n * nd;
     for (int i = 0; i < ns; ++i) r[i] = rhs.s[u_offset[n] + n * nd + i] + Hs[i];
-    dense::gemv_t(nc, ns, s.Js, ps, dm, r);
+    add_jacobian_transposed(n, dm, w, r);
     if (n > 0) {  // both contributions to x_{n-1} belong to one row
         double* before = out.w.data() + m_offset[n - 1];
         for (int i = 0; i < nd; ++i) before[i] += r[i];

@@ -15,10 +15,9 @@ constexpr double singular = 1e-15;  // relative pivot below which a step's matri
 
 // One implicit step by Newton's method, with the step halved where the residual grows.
 bool Programme::simulate_stage(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep) {
-    Stage& s = stages_[n];
-    const Kind& k = *s.kind;
+    const Kind& k = *stages_[n].kind;
     StageFunction& f = *k.jacobian;
-    const int nc = k.nc(), ld = padded(k.nw());
+    const int nc = k.nc();
     double* x1 = x.data() + static_cast<std::size_t>(n + 1) * nx_;
     double* y1 = y.data() + y_offset[n];
     if (!warm) {
@@ -50,12 +49,9 @@ bool Programme::simulate_stage(int n, double tolerance, int max_iterations, bool
             before = norm, factor = 1.0;
             std::copy(x1, x1 + nx_, x_before);
             std::copy(y1, y1 + k.ny, y_before);
-            dense::zero(s.LU, nc * ld);
-            for (std::size_t i = 0; i < k.to_first_jacobian.size(); ++i)
-                if (k.to_first_jacobian[i].block == JW) s.LU[k.to_first_jacobian[i].offset] = f.res[2][i];
-            if (dense::lu_factor(nc, s.LU, ld, s.pivot) == 0.0) return false;
+            if (factor_step_of(n, f) == 0.0) return false;
             dense::copy(c, direction, nc);
-            dense::lu_solve_vector(nc, s.LU, ld, s.pivot, direction);
+            solve_step(n, direction);
             has_direction = true;
         } else if ((factor *= 0.5) < 1e-6 || !has_direction) {
             return false;
@@ -86,8 +82,7 @@ Sweep Programme::simulate(double tolerance, int max_iterations, bool warm, bool 
                 std::fill(sweep_dx_.begin(), sweep_dx_.end(), 0.0);
                 const Pattern& pattern = difference_->outputs[0];
                 for (int i = 0; i < pattern.nnz(); ++i) sweep_dx_[pattern.row[i]] = difference_->res[0][i];
-                const Stage& s = stages_[n];
-                dense::gemv(s.kind->nu, ndx_, s.K, padded(ndx_), sweep_dx_.data(), u.data() + u_offset[n]);
+                feed_back(n, sweep_dx_.data(), u.data() + u_offset[n]);
             }
             std::copy(now + nx_, now + 2 * nx_, next);
             std::swap(planned, next);
@@ -115,11 +110,31 @@ bool Programme::evaluate_first(int n, Evaluation& e) {
     e.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
     double* blocks[] = {s.Jw, s.Js, s.Hww, s.Hws, s.Hss, s.lw, s.ls};
     for (int i = 0; i < f.outputs[0].nnz(); ++i) s.c[f.outputs[0].row[i]] = f.res[0][i];
-    for (std::size_t i = 0; i < k.to_first_jacobian.size(); ++i)
-        blocks[k.to_first_jacobian[i].block][k.to_first_jacobian[i].offset] = f.res[2][i];
+    store_first_jacobian(n, f);
     for (std::size_t i = 0; i < k.to_first_gradient.size(); ++i)
         blocks[k.to_first_gradient[i].block][k.to_first_gradient[i].offset] = f.res[3][i];
     return ok;
+}
+
+// A_n of the auxiliary adjoint from what A_{n+1} leaves at the step's end, and its part of eq. (44) in `now`.
+bool Programme::auxiliary_stage(int n, double* now) {
+    const int nd = ndx_, nw = stages_[n].kind->nw(), ns = stages_[n].kind->ns(), ld = padded(nd);
+    double *mine = A.data() + static_cast<std::size_t>(n) * nd * ng_, *left = auxiliary_S_.data();
+    double *F = scratch_.data(), *column = F + nd * ld;
+    std::vector<int> pivot(static_cast<std::size_t>(nd));
+    copy_state_jacobian(n, F, ld);
+    if (dense::lu_factor(nd, F, ld, pivot.data()) < singular) return false;
+    Numbers rows(static_cast<std::size_t>(nw), 0.0), of_w(rows.size()), of_s(static_cast<std::size_t>(ns));
+    for (int g = 0; g < ng_; ++g) {  // Eq. (42): F_x' A_{n-1} = -(what A_n leaves at x_n)
+        for (int i = 0; i < nd; ++i) column[i] = -left[g * nd + i];
+        dense::lu_solve_transposed(nd, F, ld, pivot.data(), column);
+        for (int i = 0; i < nd; ++i) rows[i] = mine[i * ng_ + g] = column[i];
+        std::fill(of_w.begin(), of_w.end(), 0.0), std::fill(of_s.begin(), of_s.end(), 0.0);
+        add_jacobian_transposed(n, rows.data(), of_w.data(), of_s.data());
+        for (int j = nd; j < nw; ++j) now[j] -= of_w[j] * eta[g];
+        std::copy(of_s.begin(), of_s.begin() + nd, left + g * nd);
+    }
+    return true;
 }
 
 // Multipliers of stage n from what the later part of the Lagrangian says about x_n (`after`, all of it; with the
@@ -127,51 +142,38 @@ bool Programme::evaluate_first(int n, Evaluation& e) {
 bool Programme::adjoint_stage(int n, const double* after, bool auxiliary) {
     Stage& s = stages_[n];
     const Kind& k = *s.kind;
-    const int nc = k.nc(), nw = k.nw(), ns = k.ns(), nd = ndx_, pw = padded(nw), ps = padded(ns), pg = padded(ng_);
+    const int nw = k.nw(), nd = ndx_;
     double* now = m.data() + m_offset[n];
     for (int i = 0; i < nw; ++i) now[i] = -s.lw[i] - (i < nd ? after[i] : 0.0);
-    double* mine = A.data() + static_cast<std::size_t>(n) * nd * ng_;
-    if (auxiliary) {  // Eq. (42): F_x' A_{n-1} = -(what A_n leaves at x_n), in S; then its part of eq. (44)
-        double* F = scratch_.data();
-        double* column = F + nd * padded(nd);
-        for (int i = 0; i < nd; ++i) dense::copy(s.Jw + i * pw, F + i * padded(nd), nd);
-        if (dense::lu_factor(nd, F, padded(nd), s.pivot) < singular) return false;
-        for (int g = 0; g < ng_; ++g) {
-            for (int i = 0; i < nd; ++i) column[i] = -s.S[i * pg + g];
-            dense::lu_solve_transposed(nd, F, padded(nd), s.pivot, column);
-            for (int i = 0; i < nd; ++i) mine[i * ng_ + g] = column[i];
-        }
-        for (int i = 0; i < nd; ++i) {
-            double total = 0;  // (A eta)_i
-            for (int g = 0; g < ng_; ++g) total += mine[i * ng_ + g] * eta[g];
-            for (int j = nd; j < nw; ++j) now[j] -= s.Jw[i * pw + j] * total;
-        }
-        if (n > 0) {
-            double* S = stages_[n - 1].S;
-            dense::zero(S, nd * pg);
-            for (int i = 0; i < nd; ++i)
-                for (int j = 0; j < nd; ++j)
-                    for (int g = 0; g < ng_; ++g) S[j * pg + g] += s.Js[i * ps + j] * mine[i * ng_ + g];
-        }
-    }
-    dense::copy(s.Jw, s.LU, nc * pw);
-    if (dense::lu_factor(nc, s.LU, pw, s.pivot) < singular) return false;
-    dense::lu_solve_transposed(nc, s.LU, pw, s.pivot, now);
+    const double* mine = A.data() + static_cast<std::size_t>(n) * nd * ng_;
+    if (auxiliary && !auxiliary_stage(n, now)) return false;
+    if (factor_step(n) < singular) return false;
+    solve_step_transposed(n, now);
     if (auxiliary) {  // Eq. (33)
         std::copy(now, now + nd, sigma.begin() + static_cast<std::ptrdiff_t>(n) * nd);
         for (int i = 0; i < nd; ++i)
             for (int g = 0; g < ng_; ++g) now[i] += mine[i * ng_ + g] * eta[g];
     }
-    dense::copy(s.ls, s.gs, ns);
-    dense::gemv_t(nc, ns, s.Js, ps, now, s.gs);
+    dense::copy(s.ls, s.gs, k.ns());
     dense::copy(s.lw, s.gw, nw);
-    dense::gemv_t(nc, nw, s.Jw, pw, now, s.gw);
+    add_jacobian_transposed(n, now, s.gw, s.gs);
     return true;
 }
 
-// What a change of the state means through the feedback: dx += K' du.
+// What the feedback makes of a deviation of the state: du += K dx.
+void Programme::feed_back(int n, const double* dx, double* du) const {
+    const Stage& s = stages_[n];
+    if (!is_structured_) return dense::gemv(s.kind->nu, nd_, s.K, padded(nd_), dx, du);
+    for (int j = 0; n > 0 && j < nd_; ++j)
+        for (int i = 0; i < s.kind->nu; ++i) du[i] += s.K[i * padded(nd_) + j] * dx[stages_[n - 1].chosen[j]];
+}
+
+// And what a change of the control means through it: dx += K' du.
 void Programme::close_loop(int n, const double* du, double* dx) const {
-    dense::gemv_t(stages_[n].kind->nu, ndx_, stages_[n].K, padded(ndx_), du, dx);
+    const Stage& s = stages_[n];
+    if (!is_structured_) return dense::gemv_t(s.kind->nu, nd_, s.K, padded(nd_), du, dx);
+    for (int j = 0; n > 0 && j < nd_; ++j)
+        for (int i = 0; i < s.kind->nu; ++i) dx[stages_[n - 1].chosen[j]] += s.K[i * padded(nd_) + j] * du[i];
 }
 
 Evaluation Programme::gradient(bool auxiliary, bool feedback) {
@@ -181,7 +183,9 @@ Evaluation Programme::gradient(bool auxiliary, bool feedback) {
     if (auxiliary) {
         sigma.assign(static_cast<std::size_t>(N) * ndx_, 0.0);
         A.assign(static_cast<std::size_t>(N) * ndx_ * ng_, 0.0);
-        if (ng_) dense::copy(Sterm_.data(), stages_.back().S, ndx_ * padded(ng_));
+        auxiliary_S_.assign(static_cast<std::size_t>(ng_) * ndx_, 0.0);  // a row for each entry of eta
+        for (int g = 0; g < ng_; ++g)
+            for (int i = 0; i < ndx_; ++i) auxiliary_S_[g * ndx_ + i] = Sterm_[i * padded(ng_) + g];
     }
     Numbers after = auxiliary ? psix_ : rterm_;
     double squared = 0;
@@ -192,7 +196,7 @@ Evaluation Programme::gradient(bool auxiliary, bool feedback) {
         if (!ok) return e;
         dense::copy(s.gs, after.data(), ndx_);
         if (auxiliary && n > 0)
-            dense::gemv(ndx_, ng_, stages_[n - 1].S, padded(ng_), eta.data(), after.data(), -1.0);
+            dense::gemv_t(ng_, ndx_, auxiliary_S_.data(), ndx_, eta.data(), after.data(), -1.0);
         if (feedback) close_loop(n, s.gs + ndx_, after.data());
         for (int i = 0; i < k.nu; ++i) {
             const double v = s.gs[ndx_ + i] * k.scale_ru[i];
@@ -214,21 +218,18 @@ Evaluation Programme::gradient(bool auxiliary, bool feedback) {
 Numbers Programme::end_sensitivity(bool feedback) {
     const int nd = ndx_, pg = padded(ng_), total = u_offset[N];
     Numbers out(static_cast<std::size_t>(ng_) * total, 0.0);
-    Numbers p(nd), column(max_nw_);
+    Numbers p(nd), column(max_nw_), ds(max_ns_);
     for (int g = 0; g < ng_; ++g) {
         for (int i = 0; i < nd; ++i) p[i] = Sterm_[i * pg + g];
         for (int n = N - 1; n >= 0; --n) {
-            const Stage& s = stages_[n];
-            const Kind& k = *s.kind;
-            const int nc = k.nc(), ps = padded(k.ns());
-            for (int i = 0; i < nc; ++i) column[i] = i < nd ? -p[i] : 0.0;
-            dense::lu_solve_transposed(nc, s.LU, padded(k.nw()), s.pivot, column.data());
+            const Kind& k = *stages_[n].kind;
+            for (int i = 0; i < k.nc(); ++i) column[i] = i < nd ? -p[i] : 0.0;
+            solve_step_transposed(n, column.data());
             double* du = out.data() + static_cast<std::size_t>(g) * total + u_offset[n];
-            std::fill(p.begin(), p.end(), 0.0);
-            for (int i = 0; i < nc; ++i) {
-                dense::axpy(nd, column[i], s.Js + i * ps, p.data());
-                dense::axpy(k.nu, column[i], s.Js + i * ps + nd, du);
-            }
+            std::fill(ds.begin(), ds.end(), 0.0);
+            add_jacobian_transposed(n, column.data(), nullptr, ds.data());
+            std::copy(ds.begin(), ds.begin() + nd, p.begin());
+            std::copy(ds.begin() + nd, ds.begin() + nd + k.nu, du);
             if (feedback) close_loop(n, du, p.data());
         }
     }
@@ -262,9 +263,9 @@ Numbers Programme::reduced_hessian(double shift) {
     for (Stage& s : stages_) {
         const Kind& k = *s.kind;
         const int pw = padded(k.nw()), ps = padded(k.ns());
-        dense::copy(s.Jw, s.LU, k.nc() * pw);
-        if (dense::lu_factor(k.nc(), s.LU, pw, s.pivot) < singular)
+        if (factor_step(static_cast<int>(&s - stages_.data())) < singular)
             throw std::runtime_error("reduced_hessian: the matrix of a step is singular");
+        if (is_structured_) continue;
         for (int i = 0; i < k.nc() * ps; ++i) s.T[i] = -s.Js[i];
         dense::lu_solve(k.nc(), s.LU, pw, s.pivot, s.T, ps, ps);
     }
@@ -287,7 +288,12 @@ Numbers Programme::reduced_hessian(double shift) {
             dense::copy(d.dx.data() + static_cast<std::size_t>(n) * nd, ds, nd);
             dense::copy(d.du.data() + u_offset[n], ds + nd, k.nu);
             dense::zero(dw, k.nw());
-            dense::gemv(k.nw(), k.ns(), s.T, padded(k.ns()), ds, dw);
+            if (is_structured_) {
+                k.structure->Js.times(s.J, ds, dw, -1.0);
+                solve_step(n, dw);
+            } else {
+                dense::gemv(k.nw(), k.ns(), s.T, padded(k.ns()), ds, dw);
+            }
             dense::copy(dw, d.dx.data() + static_cast<std::size_t>(n + 1) * nd, nd);
             dense::copy(dw + nd, d.dy.data() + y_offset[n], k.ny);
         }
@@ -304,21 +310,18 @@ Numbers Programme::reduced_hessian(double shift) {
         for (int n = N - 1; n >= 0; --n) {
             const Stage& s = stages_[n];
             const Kind& k = *s.kind;
-            const int nw = k.nw(), ns = k.ns(), pw = padded(nw), ps = padded(ns);
+            const int nw = k.nw(), ns = k.ns();
             dense::copy(d.dx.data() + static_cast<std::size_t>(n) * nd, ds, nd);
             dense::copy(d.du.data() + u_offset[n], ds + nd, k.nu);
             dense::copy(d.dx.data() + static_cast<std::size_t>(n + 1) * nd, dw, nd);
             dense::copy(d.dy.data() + y_offset[n], dw + nd, k.ny);
             dense::zero(dm, nw);
-            dense::gemv(nw, nw, s.Hww, pw, dw, dm);
-            dense::gemv(nw, ns, s.Hws, ps, ds, dm);
+            dense::zero(hs, ns);
+            add_hessian(n, dw, ds, dm, hs);
             for (int i = 0; i < nd; ++i) dm[i] += p[i] + shift * dw[i];
             for (int i = 0; i < nw; ++i) dm[i] = -dm[i];
-            dense::lu_solve_transposed(k.nc(), s.LU, pw, s.pivot, dm);
-            dense::zero(hs, ns);
-            dense::gemv(ns, ns, s.Hss, ps, ds, hs);
-            dense::gemv_t(nw, ns, s.Hws, ps, dw, hs);
-            dense::gemv_t(k.nc(), ns, s.Js, ps, dm, hs);
+            solve_step_transposed(n, dm);
+            add_jacobian_transposed(n, dm, nullptr, hs);
             dense::copy(hs, p.data(), nd);
             dense::copy(hs + nd, out + ng_ + u_offset[n], k.nu);
         }
