@@ -214,7 +214,7 @@ def _solution(
         guess_used=guess_used,
         options=asdict(problem.solver),
         versions=_versions(),
-        labels=Labels.of_robot(problem.robot),
+        labels=Labels.of_robot(problem.robot, programme.constraint_labels),
         control_momentum_meanings=meanings,
         **trajectory.fields(),
     )

@@ -14,8 +14,10 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.inequalities import inequalities
 from mbocp.integrators import TAU, evaluation_points
-from mbocp.mechanics import dual_of_momentum
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import NaturalSpace, dual_of_momentum
 from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.natural import natural_hamiltonians, natural_momenta, natural_violation
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.solution.diagnostics import constraint_violation, control_momenta
@@ -67,9 +69,11 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
     at = programme.layout
     zs = iterate.xs[:, at.z]
     qs = programme.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
+    lams, zetas = iterate.ys / dt, iterate.ms[:, at.ndx :] / dt**2
+    if isinstance(programme.space, NaturalSpace):
+        return _natural(problem, programme, programme.space, iterate, qs, lams, zetas)
     maps = _speed_maps(problem, programme, qs)
     vs = _velocities(problem, iterate.xs[:, at.s], iterate.us, qs, maps)
-    lams, zetas = iterate.ys / dt, iterate.ms[:, at.ndx :] / dt**2
     if programme.is_explicit and robot.nc:
         lams, zetas = _projected_multipliers(problem, qs, vs, iterate.us), np.zeros((N, robot.nc))
     duals = boundary_duals(programme, iterate)
@@ -90,6 +94,46 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
         control_momenta=momenta,
         control_momentum_names=names,
         constraint_violation=constraint_violation(robot, qs, vs).position,
+        manifold_drifts=drifts,
+        manifold_drift=float(drifts.max(initial=0.0)),
+        manifold_drift_resimulated=_resimulated_drift(programme, iterate),
+        **inequalities(problem, programme, iterate, qs, vs),
+    )
+
+
+def _natural(
+    problem: Problem,
+    programme: StagewiseProgramme,
+    space: NaturalSpace,
+    iterate: Iterate,
+    qs: Array,
+    lams: Array,
+    zetas: Array,
+) -> Trajectory:
+    """Trajectories of the joints from an iterate in natural coordinates; constraints are the bodies'."""
+    robot, N, at = problem.robot, problem.num_steps, programme.layout
+    zs = iterate.xs[:, at.z]
+    vs = space.velocities(zs, iterate.xs[:, at.s])
+    duals = boundary_duals(programme, iterate)[:, : at.nw + at.ns]
+    costates = space.costates(zs, vs, duals)
+    momenta, names = natural_momenta(problem, programme, iterate, duals, _weighed(problem))
+    drifts = _drifts(programme, zs)
+    return Trajectory(
+        t=np.arange(N + 1, dtype=np.float64) * problem.dt,
+        qs=qs,
+        vs=vs,
+        ps=_momenta(robot, qs, vs),
+        us=iterate.us,
+        lams=lams,
+        mus=np.array([dual_of_momentum(robot, *row) for row in zip(qs, vs, costates, strict=True)]),
+        zetas=zetas,
+        eta=iterate.eta,
+        control_hamiltonians=natural_hamiltonians(
+            problem, programme, iterate, duals, _stage_costs(programme, iterate)
+        ),
+        control_momenta=momenta,
+        control_momentum_names=names,
+        constraint_violation=natural_violation(programme, zs),
         manifold_drifts=drifts,
         manifold_drift=float(drifts.max(initial=0.0)),
         manifold_drift_resimulated=_resimulated_drift(programme, iterate),
@@ -129,7 +173,7 @@ def _tangent_duals(programme: StagewiseProgramme, zs: Array, duals: Array) -> Ar
     """Duals of the coordinates as duals of tangent vectors; those of remembered controls are left out."""
     at = programme.layout
     along = duals[:, : at.nw]
-    if at.is_flat and not programme.space.is_vector:
+    if at.is_flat and isinstance(programme.space, ConfigurationSpace) and not programme.space.is_vector:
         z, v = ca.SX.sym("z", at.nz), ca.SX.sym("v", at.nv)
         c = ca.SX.sym("c", at.nz)
         pulled = ca.Function("pulled", [z, c], [ca.gradient(ca.dot(c, programme.space.rate(z, v)), v)])
@@ -167,7 +211,7 @@ def _drifts(programme: StagewiseProgramme, zs: Array) -> Array:
 
 def _resimulated_drift(programme: StagewiseProgramme, iterate: Iterate) -> float:
     """Largest drift of the forward simulation with the iterate's controls; NaN if it cannot be made."""
-    if programme.space.is_vector:
+    if programme.space.is_vector and isinstance(programme.space, ConfigurationSpace):
         return 0.0
     native = kernel_programme(programme)
     iterate.load_into(native)

@@ -6,6 +6,7 @@ hot path.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,17 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
 from mbocp.integrators import TAU, evaluation_points
-from mbocp.mechanics import dual_of_velocity
-from mbocp.problem import Problem
-from mbocp.problem.consistency import project_on_constraints
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import NaturalSpace, dual_of_velocity
+from mbocp.natural import natural_iterate
+from mbocp.problem import Guess, Problem
+from mbocp.problem.assembly import closed_way
+from mbocp.problem.consistency import project_on_constraints, tangent_space
 from mbocp.robot import Robot
 from mbocp.solution import Solution
-from mbocp.solvers import Iterate, zero_multipliers
+from mbocp.solvers import Iterate, Methods, SolverResult, Status, pursue, zero_multipliers
 from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import StagewiseProgramme
+from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = ["guess_candidates", "iterate_from_solution", "make_guess"]
 
@@ -29,6 +33,7 @@ _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is ro
 _SWEEP_ITERATIONS = 50
 _NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `_driven_line`
 _EXPLICIT_TAU = 1.0  # explicit schemes begin a line like SE1: its velocities lag by half a step, no more
+_SAYS_ENOUGH = 1e-6  # part that written joints have in every motion that the constraints allow
 _EQUILIBRIUM = 1e-8  # relative part of the gravity force that the controls may leave uncompensated
 
 
@@ -41,7 +46,9 @@ def guess_candidates(problem: Problem) -> tuple[str, ...]:
     """
     if problem.guess.kind != "auto":
         return (problem.guess.kind,)
-    kinds = ["line"] if problem.goal.q_active.all() else []
+    if problem.coordinates == "natural":  # far from a solution Newton's method gets on badly there
+        return ("joint", *guess_candidates(problem.with_(coordinates="joint")))
+    kinds = ["line"] if _is_whole(problem) else []
     if _can_hold(problem):
         kinds.append("hold")
     return (*kinds, "control")
@@ -55,6 +62,8 @@ def make_guess(kind: str, problem: Problem, programme: StagewiseProgramme) -> tu
     ProblemError
         If the forward simulation with a constant control fails, or a saved solution does not fit.
     """
+    if kind == "joint":
+        return _from_joints(problem, programme)
     if kind == "control":
         u = np.zeros(problem.robot.nu) if problem.guess.u is None else problem.guess.u
         return _simulated(
@@ -89,6 +98,8 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
     """
     robot, N, dt = problem.robot, problem.num_steps, programme.dt
     got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], saved.lams.shape[1])
+    if saved.coordinates == "natural":  # whose multipliers belong to other constraints
+        got = (*got[:3], robot.nc)
     if got != (robot.nq, robot.nv, robot.nu, robot.nc):
         raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, robot.nc))
     nodes = np.linspace(0.0, saved.num_steps, N + 1)
@@ -103,10 +114,13 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
     vs = _between(saved.vs, left, share)
     middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
     us = saved.us[middle]
+    if isinstance(programme.space, NaturalSpace):
+        return natural_iterate(problem, programme, programme.space, qs, vs, us)
     xs = _states(problem, programme, qs, vs, us)
-    if programme.is_explicit or (programme.layout.is_flat and not robot.is_vector_space):
-        impulses = dt * saved.lams[middle][:, : programme.kinds[0].ny]
-        return zero_multipliers(programme, xs, impulses, us)
+    lams = saved.lams[middle] if saved.coordinates != "natural" else np.zeros((N, robot.nc))
+    is_flat = programme.layout.is_flat and not robot.is_vector_space
+    if programme.is_explicit or is_flat or saved.coordinates == "natural":
+        return zero_multipliers(programme, xs, dt * lams[:, : programme.kinds[0].ny], us)
     mus = _row_multipliers(saved, problem, left, share)
     return Iterate(
         xs=xs,
@@ -174,11 +188,9 @@ def _states(problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Arra
 def _hold(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     robot, N = problem.robot, problem.num_steps
     u, lam = _balance(robot, problem.q_start, np.zeros(robot.nv), np.zeros(robot.nv))
-    us, ys = np.tile(u, (N, 1)), np.tile(problem.dt * lam, (N, 1))[:, : programme.kinds[0].ny]
     qs = np.tile(problem.q_start, (N + 1, 1))
-    return zero_multipliers(
-        programme, _states(problem, programme, qs, np.zeros((N + 1, robot.nv)), us), ys, us
-    )
+    still, us = np.zeros((N + 1, robot.nv)), np.tile(u, (N, 1))
+    return _iterate(problem, programme, qs, still, us, np.tile(lam, (N, 1)))
 
 
 def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
@@ -191,8 +203,42 @@ def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     accelerations = np.diff(vs, axis=0) / dt
     balanced = [_balance(robot, q, v, a) for q, v, a in zip(q_taus, v_taus, accelerations, strict=True)]
     us, lams = np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
-    ys = dt * lams[:, : programme.kinds[0].ny]
+    return _iterate(problem, programme, qs, vs, us, lams)
+
+
+def _iterate(
+    problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Array, us: Array, lams: Array
+) -> Iterate:
+    """Iterate at a motion of the joints with the multipliers of the robot's constraints, adjoints zero."""
+    if isinstance(programme.space, NaturalSpace):
+        return natural_iterate(problem, programme, programme.space, qs, vs, us)
+    ys = problem.dt * lams[:, : programme.kinds[0].ny]
     return zero_multipliers(programme, _states(problem, programme, qs, vs, us), ys, us)
+
+
+def _from_joints(problem: Problem, programme: StagewiseProgramme) -> tuple[Iterate, str]:
+    """Optimum in joint coordinates, in natural ones; or what comes nearest to it."""
+    best: SolverResult | None = None
+    joint = problem.with_(coordinates="joint", guess=Guess(), solver=replace(problem.solver, method="auto"))
+    stepwise = transcribe(joint)
+    methods = Methods.of(joint.solver, stepwise, has_inequalities=joint.is_bounded)
+    taken = 0
+    for kind in guess_candidates(joint):
+        result = pursue(methods, stepwise, make_guess(kind, joint, stepwise)[0]).result
+        if result.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        taken += sum(not record.is_guess for record in result.history)
+        if best is None or result.record.residual < best.record.residual:
+            best = result
+        if result.status is Status.CONVERGED:
+            break
+    if best is None:
+        raise ProblemError("no guess could be made in joint coordinates; give guess.kind")
+    found, at = best.iterate, stepwise.layout
+    qs = stepwise.space.configurations(found.xs[:, at.z]) if at.is_flat else found.xs[:, at.z]
+    iterate = _iterate(problem, programme, qs, found.xs[:, at.s], found.us, found.ys / problem.dt)
+    what = "optimum" if best.status is Status.CONVERGED else f"best iterate ({best.status})"
+    return iterate, f"{what} in joint coordinates after {taken} iterations, mapped to bodies"
 
 
 def _driven_line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
@@ -216,32 +262,39 @@ def _at_rest(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     """Configurations on the line, every velocity and control zero: agrees with no kinematics, on purpose."""
     robot, N = problem.robot, problem.num_steps
     qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
-    us = np.zeros((N, robot.nu))
-    xs = _states(problem, programme, qs, np.zeros((N + 1, robot.nv)), us)
-    return zero_multipliers(programme, xs, np.zeros((N, programme.kinds[0].ny)), us)
+    still, us = np.zeros((N + 1, robot.nv)), np.zeros((N, robot.nu))
+    return _iterate(problem, programme, qs, still, us, np.zeros((N, robot.nc)))
 
 
 def _straight(problem: Problem, shares: Array) -> Array:
     """Configurations between start and goal, shares of the way from one to the other."""
-    robot = problem.robot
-    qs = np.array([pin.interpolate(robot.model, problem.q_start, problem.goal.q, s) for s in shares])
-    return np.array([project_on_constraints(robot, q, np.arange(robot.nv)) for q in qs]) if robot.nc else qs
+    return _on_the_way(problem.robot, problem.q_start, problem.goal.q, shares)
+
+
+def _on_the_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array:
+    """Configurations on the straight line, or as near to it as closed loops allow."""
+    every = np.arange(robot.nv)
+    if robot.nc:
+        way = closed_way(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
+        if way is not None:
+            return way
+    qs = np.array([pin.interpolate(robot.model, q_start, q_goal, s) for s in shares])
+    return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs
 
 
 def _line_states(problem: Problem, programme: StagewiseProgramme) -> tuple[Array, Array]:
     """Nodes on the straight line from start to goal, with velocities that the scheme's kinematics ask for."""
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
     tau = TAU.get(problem.scheme, _EXPLICIT_TAU)
-    v_start = problem.v_start if programme.is_explicit else programme.x_start[programme.layout.s]
+    is_own = not programme.is_explicit and isinstance(programme.space, ConfigurationSpace)
+    v_start = programme.x_start[programme.layout.s] if is_own else problem.v_start
     model, q_start = robot.model, problem.q_start
     s = np.linspace(0.0, 1.0, N + 1)
     if tau == 0.0:  # the first step goes where the start velocity says, whatever the controls
         s = np.append(0.0, np.linspace(0.0, 1.0, N))
         q_start = pin.integrate(model, q_start, dt * v_start)
     blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
-    qs = np.array([pin.interpolate(model, q_start, problem.goal.q, b) for b in blend])
-    if robot.nc:
-        qs = np.array([project_on_constraints(robot, q, np.arange(robot.nv)) for q in qs])
+    qs = _on_the_way(robot, q_start, problem.goal.q, blend)
     qs[0] = problem.q_start
     steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)])
     if tau == 1.0:
@@ -266,6 +319,16 @@ def _balance(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
     columns = np.hstack([robot.actuation_matrix(q), -robot.constraint_jacobian(q).T])
     found = np.linalg.lstsq(columns, _required_force(robot, q, v, a), rcond=None)[0]
     return found[: robot.nu], found[robot.nu :]
+
+
+def _is_whole(problem: Problem) -> bool:
+    """Whether the goal says all of the end configuration, or enough for the constraints to say the rest."""
+    active = problem.goal.q_active
+    if active.all() or not active.any():
+        return bool(active.all())
+    allowed = tangent_space(problem.robot, problem.goal.q)
+    singular = np.linalg.svd(allowed[active], compute_uv=False)
+    return len(singular) >= allowed.shape[1] and singular[: allowed.shape[1]].min(initial=1.0) > _SAYS_ENOUGH
 
 
 def _can_hold(problem: Problem) -> bool:

@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
+from mbocp.robot import Robot
 from mbocp.solvers import Iterate
+from mbocp.solvers.iterate import BoundMultipliers
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["inequalities", "path_along"]
@@ -64,7 +67,7 @@ def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -
 def _multipliers(
     problem: Problem, programme: StagewiseProgramme, iterate: Iterate, path: Array
 ) -> dict[str, Array]:
-    robot, N, at = problem.robot, problem.num_steps, programme.layout
+    robot, N = problem.robot, problem.num_steps
     lam_qs, lam_vs = np.zeros((N + 1, robot.nq)), np.zeros((N + 1, robot.nv))
     bounds = iterate.bounds
     if bounds is None:
@@ -81,12 +84,19 @@ def _multipliers(
         lam_qs[:, part.at_q.start : part.at_q.start + plain] = bounds.xs[
             :, part.at_z.start : part.at_z.start + plain
         ]
-    free = (
-        [i for i in range(robot.nv) if i not in set(robot.driven)] if programme.is_explicit else slice(None)
-    )
-    num_free = robot.nv - len(robot.driven) if programme.is_explicit else robot.nv
-    lam_vs[:, free] = bounds.xs[:, at.s][:, :num_free]
+    if isinstance(programme.space, ConfigurationSpace):
+        _put_velocities(lam_vs, bounds, programme, robot)
     # Distances and speeds are kept as squares: d(h^2) = 2 h dh.
     is_square = np.array([p.kind != "position" for p in problem.path for _ in p.lower], dtype=bool)
     factors = np.where(is_square, 2.0 * path, 1.0) if problem.path else np.ones_like(path)
     return {"lam_us": bounds.us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * factors}
+
+
+def _put_velocities(
+    lam_vs: Array, bounds: BoundMultipliers, programme: StagewiseProgramme, robot: Robot
+) -> None:
+    free = (
+        [i for i in range(robot.nv) if i not in set(robot.driven)] if programme.is_explicit else slice(None)
+    )
+    num_free = robot.nv - len(robot.driven) if programme.is_explicit else robot.nv
+    lam_vs[:, free] = bounds.xs[:, programme.layout.s][:, :num_free]

@@ -28,6 +28,7 @@ LAYERS = (
     "solution",
     "view",
     "inequalities",
+    "natural",
     "assemble",
     "guess",
     "api",

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp.mechanics import JointMechanics
+from mbocp.mechanics import Mechanics
 
 __all__ = ["EULER_SCHEMES", "TAU", "State", "StepRows", "evaluation_point", "step_rows"]
 
@@ -61,7 +61,7 @@ class StepRows(NamedTuple):
     constraint: ca.SX  # (nc,) Phi / dt
 
 
-def evaluation_point(mechanics: JointMechanics, scheme: str, before: State, after: State, dt: ca.SX) -> State:
+def evaluation_point(mechanics: Mechanics, scheme: str, before: State, after: State, dt: ca.SX) -> State:
     """State at which forces and running cost of the step are evaluated.
 
     It is an end of the step itself where tau is 0 or 1: the kinematic row makes both the same, and this is
@@ -77,7 +77,7 @@ def evaluation_point(mechanics: JointMechanics, scheme: str, before: State, afte
 
 
 def step_rows(
-    mechanics: JointMechanics,
+    mechanics: Mechanics,
     scheme: str,
     before: State,
     after: State,
@@ -92,7 +92,7 @@ def step_rows(
 
     Parameters
     ----------
-    mechanics : JointMechanics
+    mechanics : JointMechanics or NaturalMechanics
         Equations of motion.
     scheme : str
         One of `EULER_SCHEMES`.

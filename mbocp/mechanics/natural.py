@@ -1,8 +1,8 @@
 r"""Natural coordinates: positions and directors, a constant mass matrix, constraints for all that is rigid.
 
 The equations are those of the paper, (1)-(3), with :math:`p = M v` and a constant M for any URDF: every body
-is twelve numbers (see `mbocp.mechanics.bodies`), six constraints keep its directors orthonormal, and its
-joint is the constraints that it imposes: 5 for revolute, continuous and prismatic joints, 3 for ball, planar and
+is twelve numbers (see `mbocp.mechanics.bodies`), six constraints keep its directors orthonormal, its joint is
+the constraints that it imposes: 5 for revolute, continuous and prismatic joints, 3 for ball, planar and
 translation joints, none for a free-flyer, one more for a joint that mimics another. Loops come on top.
 Nothing is of more than second degree but couplings and planar joints between two bodies.
 
@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array
+from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.bodies import SIZE, Body, BodyTree, body_tree
 from mbocp.mechanics.forces import force_element_energy, force_element_force
 from mbocp.mechanics.natural_joints import JointRow, joint_rows, perpendiculars
@@ -60,6 +61,8 @@ class NaturalMechanics:
     tree : BodyTree
     nq, nv, nu, nc : int
         Sizes of coordinates, of their rates (the same), controls, constraints.
+    joint_space : ConfigurationSpace
+        What `joint_coordinates` are coordinates of.
     num_loops : int
         How many of the constraints, the last ones, are those of `robot.constraints`.
 
@@ -77,6 +80,7 @@ class NaturalMechanics:
         self.nq = self.nv = self.tree.n
         self.nu = robot.nu
         self.num_loops = robot.nc
+        self.joint_space = ConfigurationSpace(robot.model, "dcm")
         self._mass = _mass_matrix(self.tree)
         self._sliding = {
             b.joint: self.tree.sliding_placement(b.joint) for b in self.tree.bodies if b.slides
@@ -91,6 +95,20 @@ class NaturalMechanics:
         self.nc = len(self.constraint_labels)
         loops = self._loops(q)
         self._constraints = ca.Function("Phi", [q], [ca.vertcat(*(row.value for row in rows), loops)])
+
+    # Names
+
+    @property
+    def coordinate_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each coordinate."""
+        slides = [self.robot.v_labels[i].name for i in self.tree.sliding]
+        turning = [
+            Label(f"{body.name} {part}{letter}", "m" if part == "r" else "")
+            for body in self.tree.turning
+            for part in ("r", "d1", "d2", "d3")
+            for letter in "xyz"
+        ]
+        return (*(Label(name, "m") for name in slides), *turning)
 
     # Configurations
 
@@ -156,6 +174,12 @@ class NaturalMechanics:
         """M, shape (nv, nv); constant but for rotors."""
         rotors, g = self._rotors(q)
         return self._mass + g.T @ (_scaled(rotors, g)) if rotors.size else self._mass
+
+    def mass_at(self, z: Array) -> Array:
+        """M at coordinates z as numbers, shape (nv, nv)."""
+        q = ca.SX.sym("q", self.nq)
+        found: Array = ca.Function("M", [q], [self.mass_matrix(q)])(z).full()
+        return found
 
     def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Momentum p = M v, shape (nv,)."""
@@ -241,6 +265,25 @@ class NaturalMechanics:
                 twist = self._relative_twist(body, q, v)
                 out[body.at_v : body.at_v + width] = _constant(np.linalg.pinv(body.axes)) @ twist
         return out
+
+    def joint_difference(self, goal: ca.SX, q: ca.SX, parts: Sequence[int] | None = None) -> ca.SX:
+        """Tangent vector of the joints from `goal` to q, shape (robot.nv,); angles the shorter way round.
+
+        Parameters
+        ----------
+        goal : casadi.SX
+            As `joint_coordinates` returns it.
+        parts : sequence of int, optional
+            Parts of the joints' configuration space that matter; zeros for the others.
+        """
+        at = self.joint_coordinates(q)
+        wanted = range(len(self.joint_space.parts)) if parts is None else parts
+        away = self.joint_space.partial_difference(goal, at, wanted)
+        for body in self.tree.turning:
+            if body.kind == "revolute" and not body.leader:
+                angle = away[body.at_v]
+                away[body.at_v] = ca.atan2(ca.sin(angle), ca.cos(angle))
+        return away
 
     def joint_momentum(self, q: ca.SX, p: ca.SX) -> ca.SX:
         """Canonical momenta of the joints, J' p, shape (robot.nv,)."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.lie import ConfigurationSpace
 from mbocp.lie.configuration import Part
 from mbocp.mechanics.bodies import SIZE
 from mbocp.mechanics.natural import NaturalMechanics
@@ -71,7 +70,7 @@ class NaturalSpace:
     def configurations(self, zs: Array) -> Array:
         """Joint configurations, shape (k, nq), of the nodes of a motion (k, nz)."""
         found = np.asarray(_maps(self.mechanics).configuration.map(len(zs))(zs.T)).T
-        return self._unwound(self._joint_space.configurations(found))
+        return self._unwound(self.mechanics.joint_space.configurations(found))
 
     def velocities(self, zs: Array, ws: Array) -> Array:
         """Joint velocities, shape (k, robot.nv), of coordinates and their rates."""
@@ -116,10 +115,6 @@ class NaturalSpace:
                 moved[:, at] = np.cross(angular, zs[:, at]) + (linear if k == 0 else 0.0)
                 turned[:, at] = np.cross(angular, ws[:, at])
         return np.hstack([moved, turned])
-
-    @cached_property
-    def _joint_space(self) -> ConfigurationSpace:
-        return ConfigurationSpace(self.mechanics.robot.model, "dcm")
 
     def _unwound(self, qs: Array) -> Array:
         """Angles of revolute joints without jumps, beginning with the turn of the start."""

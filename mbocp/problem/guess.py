@@ -12,9 +12,9 @@ from mbocp.problem._checks import check_choice, check_finite
 
 __all__ = ["GUESSES", "Guess", "GuessKind"]
 
-GuessKind = Literal["auto", "control", "line", "at_rest", "hold", "solution"]
+GuessKind = Literal["auto", "control", "line", "at_rest", "hold", "joint", "solution"]
 
-GUESSES: tuple[GuessKind, ...] = ("auto", "control", "line", "at_rest", "hold", "solution")
+GUESSES: tuple[GuessKind, ...] = ("auto", "control", "line", "at_rest", "hold", "joint", "solution")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,11 +23,12 @@ class Guess:
 
     Attributes
     ----------
-    kind : {"auto", "control", "line", "at_rest", "hold", "solution"}
+    kind : {"auto", "control", "line", "at_rest", "hold", "joint", "solution"}
         ``control``: a constant control and the forward simulation with it (the paper's);
         ``line``: a straight line in the configuration space with inverse dynamics;
         ``at_rest``: the same line with all velocities and controls zero, which no dynamics agree with;
         ``hold``: stay at the start with gravity compensated;
+        ``joint``: the optimum in joint coordinates, for natural coordinates only;
         ``solution``: a saved solution, of any number of steps;
         ``auto``: what suits the problem.
     u : ndarray, shape (nu,), optional

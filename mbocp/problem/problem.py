@@ -20,6 +20,7 @@ from mbocp.problem.consistency import (
     check_position,
     check_velocity,
 )
+from mbocp.problem.coordinates import check_coordinates
 from mbocp.problem.cost import Cost
 from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
 from mbocp.problem.goal import Goal
@@ -32,7 +33,7 @@ from mbocp.robot import Robot
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
-COORDINATES: tuple[str, ...] = ("joint",)
+COORDINATES: tuple[str, ...] = ("joint", "natural")
 
 
 class ProblemWarning(UserWarning):
@@ -72,8 +73,9 @@ class Problem:
         N.
     robot : Robot
         The mechanics f, and the holonomic constraints Phi.
-    coordinates : {"joint"}
-        In which coordinates the mechanics are written.
+    coordinates : {"joint", "natural"}
+        In which coordinates the mechanics are written: the joints' own, or positions and directors of all
+        bodies, see `mbocp.mechanics.natural`. Start, goal and results are those of the joints in either case.
     scheme : {"se1", "se2", "midpoint", "euler", "heun", "rk4", "rkf5"}
         How time is discretised, see `mbocp.integrators`; the last four are explicit.
     lie : {"plain", "baumgarte", "munthe_kaas"}
@@ -116,7 +118,7 @@ class Problem:
     duration: float
     num_steps: int
     robot: Robot
-    coordinates: Literal["joint"] = "joint"
+    coordinates: Literal["joint", "natural"] = "joint"
     scheme: Scheme = "se1"
     lie: Lie = "munthe_kaas"
     substeps: int = 1
@@ -142,12 +144,15 @@ class Problem:
                 "(a free-flyer's root_joint takes a wrench), or write actuators into a robot.toml"
             )
         object.__setattr__(self, "limits", self.limits.completed(self.robot))
+        check_coordinates(self.robot, self.coordinates, self.scheme, self.limits)
         object.__setattr__(self, "path", tuple(self.path))
         self._check_start()
         self._check_goal()
         self._check_cost()
         self._check_inequalities()
         self.guess.check_dimensions(self.robot.nu)
+        if self.guess.kind == "joint" and self.coordinates == "joint":
+            raise ProblemError('guess.kind: "joint" is for coordinates = "natural"; take another, or "auto"')
 
     @property
     def dt(self) -> float:

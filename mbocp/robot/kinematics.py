@@ -72,8 +72,9 @@ def _mass_columns(model: pin.Model, q: Array) -> Array:
     data, rest = model.createData(), np.zeros(model.nv)
     still = pin.rnea(model, data, q, rest, rest).copy()
     columns = [pin.rnea(model, data, q, rest, unit) - still for unit in np.eye(model.nv)]
-    mass: Array = np.array(columns).T
-    return 0.5 * (mass + mass.T)
+    rows = np.array(columns)
+    mass: Array = 0.5 * (rows + rows.T)
+    return mass
 
 
 def scaled_spectrum(mass: Array) -> tuple[Array, Array]:

@@ -21,13 +21,14 @@ _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
 
 
 def integrator_of(problem_text: str) -> dict[str, Any]:
-    """`scheme`, `lie`, `substeps` and `rotations` of a problem file; "" and 1 if the text is not TOML."""
+    """`coordinates` and what the integrator is, of a problem file; "" and 1 if the text is not TOML."""
     problem = _parsed(problem_text)
     if problem is None:
-        return {"scheme": "", "lie": "", "substeps": 1, "rotations": ""}
+        return {"coordinates": "", "scheme": "", "lie": "", "substeps": 1, "rotations": ""}
     written, robot = problem.get("integrator", {}), problem.get("robot", {})
     rotations = robot.get("rotations", "quaternion") if isinstance(robot, dict) else "quaternion"
     return {
+        "coordinates": str(problem.get("coordinates", "joint")),
         "scheme": str(written.get("scheme", "se1")),
         "lie": str(written.get("lie", "munthe_kaas")),
         "substeps": int(written.get("substeps", 1)),

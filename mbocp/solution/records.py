@@ -56,11 +56,18 @@ class Labels:
             object.__setattr__(self, name, _columns(getattr(self, name)))
 
     @classmethod
-    def of_robot(cls, robot: Robot) -> Labels:
-        """Columns of a trajectory of `robot`; the adjoints' units are those of the cost over the state's."""
+    def of_robot(cls, robot: Robot, constraints: Iterable[Any] | None = None) -> Labels:
+        """Columns of a trajectory of `robot`; the adjoints' units are those of the cost over the state's.
+
+        Parameters
+        ----------
+        robot : Robot
+        constraints : iterable of labels, optional
+            Of the constraints, if they are others than the robot's own.
+        """
         v = _columns(robot.v_labels)
         p = _columns(robot.p_labels)
-        constraints = _columns(robot.constraint_labels)
+        rows = _columns(robot.constraint_labels if constraints is None else constraints)
         # mu^q is dual to the tangent of q, whose unit is that of v times a second.
         mu_q = [Column(c.name, f"cost/{_over_rate(c.unit)}") for c in v]
         mu_p = [Column(c.name, f"cost/({c.unit})") for c in p]
@@ -69,9 +76,9 @@ class Labels:
             v=v,
             p=p,
             u=_columns(robot.u_labels),
-            lam=tuple(Column(c.name, f"J/{grouped(c.unit)}") for c in constraints),
+            lam=tuple(Column(c.name, f"J/{grouped(c.unit)}" if c.unit else "J") for c in rows),
             mu=tuple(mu_q + mu_p),
-            zeta=tuple(Column(c.name, f"cost/(s {c.unit})") for c in constraints),
+            zeta=tuple(Column(c.name, f"cost/(s {c.unit})" if c.unit else "cost/s") for c in rows),
         )
 
     def completed(self, **sizes: int) -> Labels:

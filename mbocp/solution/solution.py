@@ -80,6 +80,9 @@ class Solution:
         Eq. (15), a column for each symmetry in `control_momentum_names`.
     control_momentum_names, control_momentum_meanings : tuple of str
         Symmetry of each control momentum, and what it is in terms of the adjoints; "" if nobody says.
+    coordinates : str
+        In which the mechanics were written, see `mbocp.problem.Problem`. With "natural" the constraints, of
+        `lams` and `zetas`, are those of rigid bodies and joints, too.
     scheme, lie, rotations : str
         Integrator, see `mbocp.problem.Problem` and `mbocp.robot.Robot`; what is left out is what
         `problem_text` says.
@@ -160,6 +163,7 @@ class Solution:
     lam_path: Array = field(default_factory=_absent)
     path_names: tuple[str, ...] = ()
 
+    coordinates: str = ""
     scheme: str = ""
     lie: str = ""
     substeps: int = 0

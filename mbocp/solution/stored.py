@@ -49,7 +49,17 @@ NUMBERS = (
     "wall_time_s",
 )
 COUNTS = ("iterations", "unknowns", "substeps")
-WORDS = ("advice", "solver", "problem_name", "robot_name", "guess_used", "scheme", "lie", "rotations")
+WORDS = (
+    "advice",
+    "solver",
+    "problem_name",
+    "robot_name",
+    "guess_used",
+    "coordinates",
+    "scheme",
+    "lie",
+    "rotations",
+)
 _STRUCTURES = ("phases", "history", "robot_spec", "options", "versions")
 _LABELLED = ("q", "v", "p", "u", "lam", "mu", "zeta")
 

@@ -10,6 +10,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.transcription.layout import StateLayout
 
@@ -43,7 +44,7 @@ class StateBounds:
         return int(self.path_lower.size)
 
 
-def state_bounds(problem: Problem, space: ConfigurationSpace, at: StateLayout) -> StateBounds:
+def state_bounds(problem: Problem, space: ConfigurationSpace | NaturalSpace, at: StateLayout) -> StateBounds:
     """Limits and path constraints of a problem in terms of its programme.
 
     Raises
@@ -59,7 +60,8 @@ def state_bounds(problem: Problem, space: ConfigurationSpace, at: StateLayout) -
         source = slice(part.at_q.start, part.at_q.start + plain)
         target = slice(part.at_z.start, part.at_z.start + plain)
         lower[target], upper[target] = limits.q_lower[source], limits.q_upper[source]
-    lower[at.s], upper[at.s] = _speed_bounds(problem)
+    if not isinstance(space, NaturalSpace):  # whose bodies have no limits, see `mbocp.problem`
+        lower[at.s], upper[at.s] = _speed_bounds(problem)
     squares = [constraint.kind != "position" for constraint in problem.path]
     sides = {
         side: [

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import NaturalMechanics
 
 __all__ = ["StateLayout", "StateSpace"]
 
@@ -82,7 +83,7 @@ class StateSpace:
     """Symbolic maps of states."""
 
     layout: StateLayout
-    configurations: ConfigurationSpace
+    configurations: ConfigurationSpace | NaturalMechanics
 
     def retract(self, x: ca.SX, dx: ca.SX) -> ca.SX:
         """State moved along a tangent."""

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.mechanics import Mechanics, NaturalMechanics
 from mbocp.transcription.shape import Shape
 
-__all__ = ["COST_WEIGHTS", "ParameterLayout", "concatenated", "parameter_layout", "pieces"]
+__all__ = ["COST_WEIGHTS", "ParameterLayout", "Sizes", "concatenated", "parameter_layout", "pieces"]
 
 # Parameters in which the costs are linear: all of them scaled, the costs are.
 COST_WEIGHTS = ("effort", "weight_q", "weight_p", "weight_rate", "velocity", "potential", "control_rate")
@@ -26,23 +28,36 @@ class ParameterLayout:
     terminal: Mapping[str, int]
 
 
-def parameter_layout(shape: Shape, nz: int, nv: int, nu: int) -> ParameterLayout:
-    """Parameters that the stage functions of `shape` take.
+class Sizes(NamedTuple):
+    """Sizes of what the parameters speak of; in joint coordinates the last two repeat the first."""
 
-    Parameters
-    ----------
-    shape : Shape
-    nz, nv, nu : int
-        Sizes of a configuration's coordinates, of velocity and control.
-    """
+    nz: int  # coordinates of a configuration
+    nv: int  # its tangent directions
+    nu: int
+    joint_nz: int  # coordinates of the joints, which costs compare
+    joint_nv: int  # velocities of the joints, which costs weigh
+
+    @classmethod
+    def of(cls, mechanics: Mechanics) -> Sizes:
+        """Sizes of a robot in its coordinates."""
+        if isinstance(mechanics, NaturalMechanics):
+            joints = (mechanics.joint_space.nz, mechanics.robot.nv)
+        else:
+            joints = (mechanics.nq, mechanics.nv)
+        return cls(mechanics.nq, mechanics.nv, mechanics.nu, *joints)
+
+
+def parameter_layout(shape: Shape, sizes: Sizes) -> ParameterLayout:
+    """Parameters that the stage functions of `shape` take."""
+    nz, nv, nu, joint_nz, joint_nv = sizes
     theta = {"dt": 1, "effort": nu}
     stage = {}
     if shape.track_q:
-        theta["weight_q"], stage["target_q"] = nv, nz
+        theta["weight_q"], stage["target_q"] = joint_nv, joint_nz
     if shape.track_p:
-        theta["weight_p"], stage["target_p"] = nv, nv
+        theta["weight_p"], stage["target_p"] = joint_nv, joint_nv
     if shape.weigh_velocity:
-        theta["velocity"] = nv
+        theta["velocity"] = joint_nv
     if shape.weigh_potential:
         theta["potential"] = 1
     if shape.weigh_rate:
@@ -53,9 +68,13 @@ def parameter_layout(shape: Shape, nz: int, nv: int, nu: int) -> ParameterLayout
         theta["path_points"] = 3 * len(shape.path)
     terminal = {"q": nz, "rate": nv, "D_q": shape.ng_q * nv, "D_rate": shape.ng_rate * nv}
     if shape.penalise_q:
-        terminal["weight_q"] = nv
+        terminal["weight_q"] = joint_nv
+        if shape.is_natural:
+            terminal["joint_q"] = joint_nz
     if shape.penalise_rate:
-        terminal["weight_rate"] = nv
+        terminal["weight_rate"] = joint_nv
+        if shape.is_natural:
+            terminal["joint_rate"] = joint_nv
     return ParameterLayout(theta, stage, terminal)
 
 

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from mbocp.mechanics import JointMechanics
+from mbocp.mechanics import Mechanics
 from mbocp.transcription.shape import PathShape
 
 __all__ = ["path_values"]
 
 
-def path_values(
-    mechanics: JointMechanics, path: Sequence[PathShape], points: ca.SX, q: ca.SX, v: ca.SX
-) -> ca.SX:
+def path_values(mechanics: Mechanics, path: Sequence[PathShape], points: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
     """Values h of all path constraints; distances and speeds squared, so that they are smooth at zero.
 
     Parameters

@@ -15,13 +15,22 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import NaturalMechanics, NaturalSpace
 from mbocp.problem import Problem
+from mbocp.robot import Label
 from mbocp.transcription.bounds import StateBounds, state_bounds
 from mbocp.transcription.compilation import CompiledFunctions, load_functions
 from mbocp.transcription.end import build_end_functions
 from mbocp.transcription.goal import EndRows, end_condition_rows, guarded_parts
 from mbocp.transcription.layout import StateLayout
-from mbocp.transcription.parameters import COST_WEIGHTS, ParameterLayout, concatenated, parameter_layout
+from mbocp.transcription.natural import EndTarget, natural_coordinates, natural_end
+from mbocp.transcription.parameters import (
+    COST_WEIGHTS,
+    ParameterLayout,
+    Sizes,
+    concatenated,
+    parameter_layout,
+)
 from mbocp.transcription.shape import PathShape, Shape
 from mbocp.transcription.stage import build_functions, mechanics_for, state_layout
 from mbocp.transcription.start import start_state
@@ -46,6 +55,9 @@ class StageKind:
         which no step can bring down.
     scale_ru : ndarray, shape (nu,)
         From the gradient in u to grad_u H of eq. (28) [1/s].
+    groups : tuple of (int, int, tuple of int)
+        Constraints in the order in which they can be eliminated, in natural coordinates body by body: first
+        row among the constraints, number of rows, and the coordinates that they are solved for.
     """
 
     nx: int
@@ -57,6 +69,7 @@ class StageKind:
     scale_y: Array
     scale_m: Array
     scale_ru: Array
+    groups: tuple[tuple[int, int, tuple[int, ...]], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,7 +91,7 @@ class StagewiseProgramme:
     layout : StateLayout
         What a state consists of.
     space : ConfigurationSpace
-        The group that its configurations belong to.
+        The group that its configurations belong to, or natural coordinates.
     end_rows : EndRows
         Projections of the end condition.
     functions, end_functions : CompiledFunctions
@@ -101,6 +114,8 @@ class StagewiseProgramme:
         (stage, row) -> words for messages; stage -1 is the end condition.
     path_names : tuple of str
         Of the path functions, for messages.
+    constraint_labels : tuple of Label
+        Name and unit of each holonomic constraint.
     """
 
     num_steps: int
@@ -109,7 +124,7 @@ class StagewiseProgramme:
     ng: int
     num_guards: int
     layout: StateLayout
-    space: ConfigurationSpace = field(compare=False)
+    space: ConfigurationSpace | NaturalSpace = field(compare=False)
     end_rows: EndRows = field(compare=False)
     functions: CompiledFunctions
     end_functions: CompiledFunctions
@@ -125,6 +140,7 @@ class StagewiseProgramme:
     control_weight: float
     describe_row: Callable[[int, int], str] = field(compare=False)
     path_names: tuple[str, ...] = ()
+    constraint_labels: tuple[Label, ...] = ()
 
     def describe_path(self, row: int) -> str:
         """Words for a path constraint."""
@@ -163,18 +179,24 @@ def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgra
         If the scheme cannot begin with the start velocity in steps of this length.
     """
     robot = problem.robot
-    space = ConfigurationSpace(robot.model, _rotations(problem))
+    natural = natural_coordinates(problem)
+    joints = ConfigurationSpace(robot.model, _rotations(problem)) if natural is None else natural.joint_space
+    space = joints if natural is None else NaturalSpace(natural, problem.q_start)
+    guarded = guarded_parts(problem, joints)
     rows = end_condition_rows(robot, problem.goal, is_explicit=problem.scheme in EXPLICIT_SCHEMES)
     rows = rows.without(without)
-    guarded = guarded_parts(problem, space)
-    shape = _shape(problem, space, rows, guarded)
-    at = state_layout(robot, space.nz, shape)
-    layout = parameter_layout(shape, space.nz, robot.nv, robot.nu)
-    ny = 0 if shape.is_explicit else robot.nc
-    theta, rho, rho_terminal = _parameters(problem, shape, layout, space, rows.D_q, rows.D_rate)
+    shape = _shape(problem, joints, rows, guarded, is_natural=natural is not None)
+    at = state_layout(robot, space.nz, space.nv, shape)
+    sizes = Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv)
+    layout = parameter_layout(shape, sizes)
+    ny = 0 if shape.is_explicit else (robot.nc if natural is None else natural.nc)
+    end = EndTarget(*rows, np.asarray(problem.goal.value))
+    if natural is not None:
+        end = natural_end(problem, natural, rows)
+    theta, rho, rho_terminal = _parameters(problem, layout, space, joints, end)
     return StagewiseProgramme(
         num_steps=problem.num_steps,
-        kinds=(_kind(at, ny, robot.nu, sum(layout.stage.values()), problem.dt),),
+        kinds=(_kind(at, ny, robot.nu, sum(layout.stage.values()), problem.dt, natural),),
         stage_kind=(0,) * problem.num_steps,
         ng=shape.ng_q + shape.ng_rate,
         num_guards=len(guarded),
@@ -197,8 +219,9 @@ def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgra
         is_explicit=shape.is_explicit,
         dt=problem.dt,
         control_weight=_control_weight(problem),
-        describe_row=_row_describer(problem, at, rows),
+        describe_row=_row_describer(problem, at, rows, natural),
         path_names=tuple(label.name for constraint in problem.path for label in constraint.labels),
+        constraint_labels=robot.constraint_labels if natural is None else natural.constraint_labels,
     )
 
 
@@ -206,7 +229,9 @@ def _rotations(problem: Problem) -> str:
     return problem.robot.rotations if problem.scheme in EXPLICIT_SCHEMES else "quaternion"
 
 
-def _kind(at: StateLayout, ny: int, nu: int, nr: int, dt: float) -> StageKind:
+def _kind(
+    at: StateLayout, ny: int, nu: int, nr: int, dt: float, natural: NaturalMechanics | None
+) -> StageKind:
     return StageKind(
         nx=at.nx,
         ndx=at.ndx,
@@ -217,6 +242,7 @@ def _kind(at: StateLayout, ny: int, nu: int, nr: int, dt: float) -> StageKind:
         scale_y=np.full(ny, 1 / dt),
         scale_m=np.concatenate([np.ones(at.ndx), np.full(ny, 1 / dt)]),
         scale_ru=np.full(nu, 1 / dt),
+        groups=() if natural is None else natural.groups,
     )
 
 
@@ -228,14 +254,21 @@ def _control_weight(problem: Problem) -> float:
     return problem.dt * (float(positive.min()) if positive.size else 1.0)
 
 
-def _shape(problem: Problem, space: ConfigurationSpace, rows: EndRows, guarded: tuple[int, ...]) -> Shape:
+def _shape(
+    problem: Problem,
+    joints: ConfigurationSpace,
+    rows: EndRows,
+    guarded: tuple[int, ...],
+    *,
+    is_natural: bool,
+) -> Shape:
     cost, goal, nv = problem.cost, problem.goal, problem.robot.nv
     tracking = np.asarray(cost.tracking * cost.tracking_weights)
     penalised = goal.enforce in ("penalty", "both") and cost.terminal > 0
     is_explicit = problem.scheme in EXPLICIT_SCHEMES
     return Shape(
         robot=problem.robot.fingerprint,
-        coordinates=problem.coordinates,
+        coordinates="natural" if is_natural else "joint",
         scheme=problem.scheme,
         track_q=bool(np.any(tracking[:nv])),
         track_p=bool(np.any(tracking[nv:])),
@@ -250,21 +283,20 @@ def _shape(problem: Problem, space: ConfigurationSpace, rows: EndRows, guarded: 
         rotations=_rotations(problem),
         lie=problem.lie if is_explicit else "",
         substeps=problem.substeps if is_explicit else 1,
-        is_flat=is_flat(problem) or problem.robot.is_vector_space,
+        is_flat=is_flat(problem) or is_natural or problem.robot.is_vector_space,
         path=tuple(PathShape(p.kind, p.frame, p.other, p.axes) for p in problem.path),
         guarded=guarded,
-        tracked_parts=space.weighed_parts(tracking[:nv]),
-        penalised_parts=space.weighed_parts(np.asarray(cost.terminal_weights)[:nv]) if penalised else (),
+        tracked_parts=joints.weighed_parts(tracking[:nv]),
+        penalised_parts=joints.weighed_parts(np.asarray(cost.terminal_weights)[:nv]) if penalised else (),
     )
 
 
 def _parameters(
     problem: Problem,
-    shape: Shape,
     layout: ParameterLayout,
-    space: ConfigurationSpace,
-    D_q: Array,
-    D_rate: Array,
+    space: ConfigurationSpace | NaturalSpace,
+    joints: ConfigurationSpace,
+    end: EndTarget,
 ) -> tuple[Array, Array, Array]:
     cost, goal, robot, N = problem.cost, problem.goal, problem.robot, problem.num_steps
     weights = cost.tracking * np.asarray(cost.tracking_weights)
@@ -283,18 +315,20 @@ def _parameters(
     nv, terminal = robot.nv, cost.terminal * np.asarray(cost.terminal_weights)
     rows: dict[str, Array] = {}
     if "target_q" in layout.stage:
-        target_q = space.coordinates(np.atleast_2d(cost.target_q))
-        rows["target_q"] = np.broadcast_to(target_q, (N, space.nz))
+        target_q = joints.coordinates(np.atleast_2d(cost.target_q))
+        rows["target_q"] = np.broadcast_to(target_q, (N, joints.nz))
     rows["target_p"] = np.broadcast_to(np.asarray(cost.target_p), (N, nv))
     rows["has_before"] = (np.arange(N) > 0).astype(float)[:, None]
     rho = np.hstack([rows[name] for name in layout.stage]).ravel() if layout.stage else np.zeros(0)
     at_end: dict[str, Array] = {
         "q": space.coordinates(np.asarray(goal.q)[None])[0],
-        "rate": np.asarray(goal.value),
-        "D_q": D_q.ravel(order="F"),  # CasADi reshapes by columns
-        "D_rate": D_rate.ravel(order="F"),
+        "rate": end.rate,
+        "D_q": end.D_q.ravel(order="F"),  # CasADi reshapes by columns
+        "D_rate": end.D_rate.ravel(order="F"),
         "weight_q": terminal[:nv],
         "weight_rate": terminal[nv:],
+        "joint_q": joints.coordinates(np.asarray(goal.q)[None])[0],
+        "joint_rate": np.asarray(goal.value),
     }
     return concatenated(named, layout.theta), np.ascontiguousarray(rho), concatenated(at_end, layout.terminal)
 
@@ -304,23 +338,29 @@ def _mask(sizes: Mapping[str, int]) -> BoolArray:
     return np.concatenate(found)
 
 
-def _row_describer(problem: Problem, at: StateLayout, rows: EndRows) -> Callable[[int, int], str]:
+def _row_describer(
+    problem: Problem, at: StateLayout, rows: EndRows, natural: NaturalMechanics | None
+) -> Callable[[int, int], str]:
     robot, dt, duration = problem.robot, problem.dt, problem.duration
     is_explicit, of_end = problem.scheme in EXPLICIT_SCHEMES, rows.words(robot)
     speeds = robot.speed_labels if is_explicit else robot.v_labels
     balance = "rate" if is_explicit else "momentum balance"
+    positions, constraints = robot.v_labels, robot.constraint_labels
+    if natural is not None:
+        positions = speeds = natural.coordinate_labels
+        constraints = natural.constraint_labels
 
     def describe(stage: int, row: int) -> str:
         if stage < 0:
             return f"end condition {row + 1} ({of_end[row]}) at t = {duration:g} s"
         when = f"in the step to t = {(stage + 1) * dt:g} s"
         if row < at.nw:
-            name = robot.v_labels[row].name if at.nw == at.nv else f"coordinate {row + 1}"
+            name = positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"
             return f"kinematics of {name} {when}"
         if row < at.nw + at.ns:
             return f"{balance} of {speeds[row - at.nw].name} {when}"
         if row < at.ndx:
             return f"remembered control {robot.u_labels[row - at.nw - at.ns].name} {when}"
-        return f"constraint {robot.constraint_labels[row - at.ndx].name} {when}"
+        return f"constraint {constraints[row - at.ndx].name} {when}"
 
     return describe

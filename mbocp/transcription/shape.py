@@ -96,6 +96,11 @@ class Shape:
         return self.scheme in EXPLICIT_SCHEMES
 
     @property
+    def is_natural(self) -> bool:
+        """Whether a state is in natural coordinates."""
+        return self.coordinates == "natural"
+
+    @property
     def stage_text(self) -> str:
         """Canonical text of what the functions of a stage depend on, the material of their cache key."""
         return self._text(_OF_THE_END)

@@ -27,34 +27,50 @@ from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains
 from mbocp.integrators.runge_kutta import State as StepState
-from mbocp.mechanics import JointMechanics
+from mbocp.mechanics import JointMechanics, Mechanics, NaturalMechanics, natural_mechanics
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot
 from mbocp.transcription.layout import StateLayout, StateSpace
-from mbocp.transcription.parameters import ParameterLayout, parameter_layout, pieces
+from mbocp.transcription.parameters import ParameterLayout, Sizes, parameter_layout, pieces
 from mbocp.transcription.path import path_values
 from mbocp.transcription.shape import Shape
 
-__all__ = ["at_zero_tangents", "build_functions", "compared", "mechanics_for", "state_layout"]
+__all__ = [
+    "at_zero_tangents",
+    "build_functions",
+    "compared",
+    "joint_rate",
+    "mechanics_for",
+    "state_layout",
+    "state_space",
+]
 
 
-def mechanics_for(robot: Robot, shape: Shape) -> JointMechanics:
-    """Equations of motion in the form that the shape's scheme asks for."""
+def mechanics_for(robot: Robot, shape: Shape) -> Mechanics:
+    """Equations of motion in the form that the shape's coordinates and scheme ask for."""
+    if shape.is_natural:
+        return natural_mechanics(robot)
     return ForwardMechanics(robot, shape.rotations) if shape.is_explicit else JointMechanics(robot)
 
 
-def state_layout(robot: Robot, nz: int, shape: Shape) -> StateLayout:
-    """Pieces of the states of a shape; `nz` coordinates to a configuration."""
-    ns = robot.num_speeds if shape.is_explicit else robot.nv
+def state_layout(robot: Robot, nz: int, nv: int, shape: Shape) -> StateLayout:
+    """Pieces of the states of a shape; a configuration has `nz` coordinates and `nv` directions."""
+    ns = robot.num_speeds if shape.is_explicit else nv
     nr = robot.nu if shape.weigh_rate else 0
-    return StateLayout(nz=nz, nv=robot.nv, ns=ns, nr=nr, is_flat=shape.is_flat or robot.is_vector_space)
+    is_flat = shape.is_flat or shape.is_natural or robot.is_vector_space
+    return StateLayout(nz=nz, nv=nv, ns=ns, nr=nr, is_flat=is_flat)
 
 
-def build_functions(mechanics: JointMechanics, shape: Shape) -> dict[str, ca.Function]:
+def state_space(mechanics: Mechanics, shape: Shape) -> StateSpace:
+    """Maps of the states of a shape."""
+    at = state_layout(mechanics.robot, mechanics.nq, mechanics.nv, shape)
+    return StateSpace(at, mechanics if isinstance(mechanics, NaturalMechanics) else mechanics.space)
+
+
+def build_functions(mechanics: Mechanics, shape: Shape) -> dict[str, ca.Function]:
     """All functions of a stage of `shape` as CasADi functions, by name."""
-    robot = mechanics.robot
-    layout = parameter_layout(shape, mechanics.nq, mechanics.nv, mechanics.nu)
-    space = StateSpace(state_layout(robot, mechanics.nq, shape), mechanics.space)
+    layout = parameter_layout(shape, Sizes.of(mechanics))
+    space = state_space(mechanics, shape)
     functions = _Stage(mechanics, shape, layout, space).functions()
     nx, ndx = space.layout.nx, space.layout.ndx
     x, dx, moved = ca.SX.sym("x", nx), ca.SX.sym("dx", ndx), ca.SX.sym("x_moved", nx)
@@ -82,7 +98,7 @@ def at_zero_tangents(
 class _Stage:
     """The pieces of a step in symbols, and the functions made of them."""
 
-    mechanics: JointMechanics
+    mechanics: Mechanics
     shape: Shape
     layout: ParameterLayout
     space: StateSpace
@@ -197,10 +213,11 @@ class _Stage:
             error = compared(mechanics, rho["target_q"], q, shape.tracked_parts)
             cost += ca.dot(theta["weight_q"] * error, error) / 2
         if shape.track_p:
-            error = mechanics.momentum(q, v) - rho["target_p"]
+            error = joint_rate(mechanics, "p", q, v) - rho["target_p"]
             cost += ca.dot(theta["weight_p"] * error, error) / 2
         if shape.weigh_velocity:
-            cost += ca.dot(theta["velocity"] * v, v) / 2
+            joint_v = joint_rate(mechanics, "v", q, v)
+            cost += ca.dot(theta["velocity"] * joint_v, joint_v) / 2
         if shape.weigh_potential:
             cost += theta["potential"] * mechanics.potential_energy(q)
         return theta["dt"] * cost
@@ -235,14 +252,25 @@ class _Stage:
         return ca.Function("path", [self.x1, m, self.u, self.theta], ca.cse(outputs))
 
 
-def compared(mechanics: JointMechanics, goal: ca.SX, q: ca.SX, parts: tuple[int, ...] | None) -> ca.SX:
+def joint_rate(mechanics: Mechanics, rate: str, q: ca.SX, v: ca.SX) -> ca.SX:
+    """Velocities ("v") or momenta ("p") of the joints."""
+    if isinstance(mechanics, NaturalMechanics):
+        if rate == "v":
+            return mechanics.joint_velocity(q, v)
+        return mechanics.joint_momentum(q, mechanics.momentum(q, v))
+    return v if rate == "v" else mechanics.momentum(q, v)
+
+
+def compared(mechanics: Mechanics, goal: ca.SX, q: ca.SX, parts: tuple[int, ...] | None) -> ca.SX:
     """Tangent-space difference of the parts that matter: a logarithm has no derivative at a half-turn."""
+    if isinstance(mechanics, NaturalMechanics):
+        return mechanics.joint_difference(goal, q, parts)
     if parts is None:
         return mechanics.difference(goal, q)
     return mechanics.space.partial_difference(goal, q, parts)
 
 
-def _retraction(mechanics: JointMechanics) -> ca.Function:
+def _retraction(mechanics: Mechanics) -> ca.Function:
     d, z = ca.SX.sym("d", mechanics.nv), ca.SX.sym("z", mechanics.nq)
     return ca.Function("retraction", [d, z], [ca.densify(mechanics.integrate(z, d))])
 

@@ -9,6 +9,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
 from mbocp.integrators import EXPLICIT_SCHEMES, TAU
 from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.transcription.layout import StateLayout
@@ -20,7 +21,7 @@ _SMALL_STEP = 1e-12  # relative to the velocity: the next one would be round-off
 _FAR = 10.0  # times the wanted velocity: no small correction of it any more
 
 
-def start_state(problem: Problem, space: ConfigurationSpace, at: StateLayout) -> Array:
+def start_state(problem: Problem, space: ConfigurationSpace | NaturalSpace, at: StateLayout) -> Array:
     r"""State x_0 = (z_0, s_0, 0), shape (nx,), that fits the scheme.
 
     It is the problem's start, but for SE2 on a constrained system. There the first step moves to
@@ -42,6 +43,12 @@ def start_state(problem: Problem, space: ConfigurationSpace, at: StateLayout) ->
         return np.concatenate([space.coordinates(q[None])[0], robot.speeds(q, v), remembered])
     if TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
         v = _discrete_velocity(robot, q, v, problem.dt)
+    if isinstance(space, NaturalSpace):
+        z = space.coordinates(q[None])[0]
+        w = space.rates(q[None], v[None])[0]
+        if TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
+            w = (space.coordinates(robot.integrate(q, problem.dt * v)[None])[0] - z) / problem.dt
+        return np.concatenate([z, w, remembered])
     return np.concatenate([q, v, remembered])
 
 

@@ -13,10 +13,9 @@ from mbocp._arrays import Array
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.transcription.layout import StateSpace
-from mbocp.transcription.parameters import parameter_layout, pieces
+from mbocp.transcription.parameters import Sizes, parameter_layout, pieces
 from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import build_functions, state_layout
+from mbocp.transcription.stage import build_functions, state_space
 from tests.integrators.explicit import mechanics_of, robot_named, start_of
 
 # --- small chains -----------------------------------------------------------------------------------------
@@ -162,8 +161,8 @@ def test_stage_derivatives_are_those_of_the_whole_graph(
     robot, mechanics = robot_named(name), mechanics_of(name, rotations)
     shape = shape_of(name, rotations, scheme, lie, substeps, is_flat)
     functions = build_functions(mechanics, shape)
-    space = StateSpace(state_layout(robot, mechanics.nq, shape), mechanics.space)
-    at, layout = space.layout, parameter_layout(shape, mechanics.nq, robot.nv, robot.nu)
+    space = state_space(mechanics, shape)
+    at, layout = space.layout, parameter_layout(shape, Sizes.of(mechanics))
     d0, d1 = ca.SX.sym("d0", at.ndx), ca.SX.sym("d1", at.ndx)
     x0, x1, u = ca.SX.sym("x0", at.nx), ca.SX.sym("x1", at.nx), ca.SX.sym("u", robot.nu)
     theta, m = ca.SX.sym("theta", sum(layout.theta.values())), ca.SX.sym("m", at.ndx)

@@ -19,7 +19,7 @@ from mbocp._arrays import Array
 from mbocp.integrators import EULER_SCHEMES, TAU
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, load_robot
-from mbocp.transcription.parameters import parameter_layout
+from mbocp.transcription.parameters import Sizes, parameter_layout
 from mbocp.transcription.shape import Shape
 from mbocp.transcription.stage import build_functions
 
@@ -219,7 +219,7 @@ class StageMap:
         nv, nq = robot.nv, robot.nq
         shape = Shape("", "joint", scheme, True, True, True, False, False, "p", 0, 0)
         self.robot, self.functions = robot, build_functions(JointMechanics(robot), shape)
-        layout, rng = parameter_layout(shape, nq, nv, robot.nu), np.random.default_rng(11)
+        layout, rng = parameter_layout(shape, Sizes(nq, nv, robot.nu, nq, nv)), np.random.default_rng(11)
         self.theta = rng.uniform(0.2, 1.0, sum(layout.theta.values()))
         self.theta[0] = self.dt = 0.05  # [s]
         q = robot.q0 if robot.nc else robot.integrate(robot.q0, 0.3 * rng.standard_normal(nv))

@@ -124,7 +124,7 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
         ("guess.file='gone.h5'", "guess.file", "no such file"),
         ("guess.kind='control'", "guess", "needs the key 'u'"),
         ("guess.kind='solution'", "guess", "needs the key 'file'"),
-        ("coordinates='natural'", "coordinates", """got 'natural', expected "joint\""""),
+        ("coordinates='polar'", "coordinates", """got 'polar', expected "joint" | "natural\""""),
         (
             "integrator.scheme='rk3'",
             "integrator.scheme",

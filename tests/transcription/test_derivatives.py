@@ -10,7 +10,7 @@ import pytest
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
 from mbocp.transcription.end import build_end_functions
-from mbocp.transcription.parameters import parameter_layout
+from mbocp.transcription.parameters import Sizes, parameter_layout
 from mbocp.transcription.shape import Shape
 from mbocp.transcription.stage import build_functions
 from tests.mechanics.models import POINT, chain
@@ -54,7 +54,7 @@ class Stage:
         shape = Shape(robot.fingerprint, "joint", scheme, True, True, True, True, True, "p", nv, nv)
         mechanics = JointMechanics(robot)
         self.functions = build_functions(mechanics, shape) | build_end_functions(mechanics, shape)
-        layout = parameter_layout(shape, nq, nv, robot.nu)
+        layout = parameter_layout(shape, Sizes(nq, nv, robot.nu, nq, nv))
         rng = np.random.default_rng(7)
         self.x0, self.x1 = self.random_state(rng), self.random_state(rng)
         # Close states: the logarithm of a far rotation is nowhere smooth enough for a finite difference.

@@ -1,0 +1,115 @@
+"""Motions in natural coordinates: iterates from motions of the joints, and what iterates say of them."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.integrators import TAU
+from mbocp.mechanics import NaturalMechanics, NaturalSpace
+from mbocp.mechanics.symmetry import find_symmetries
+from mbocp.problem import Problem
+from mbocp.solvers import Iterate, zero_multipliers
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["natural_hamiltonians", "natural_iterate", "natural_momenta", "natural_violation"]
+
+
+def natural_iterate(
+    problem: Problem, programme: StagewiseProgramme, space: NaturalSpace, qs: Array, vs: Array, us: Array
+) -> Iterate:
+    """Iterate at a motion of the joints: all bodies where the joints put them, adjoints zero.
+
+    Velocities are those of the scheme's kinematics: for SE1 chords, (q_n - q_{n-1})/dt, which the joints'
+    velocities are not. The multipliers balance the momenta best, in the least-squares sense.
+
+    Parameters
+    ----------
+    qs, vs : ndarray, shapes (N + 1, nq), (N + 1, nv)
+        Of the joints.
+    us : ndarray, shape (N, nu)
+    """
+    at, N = programme.layout, problem.num_steps
+    xs = np.zeros((N + 1, at.nx))
+    xs[:, at.z] = space.coordinates(qs)
+    if TAU[problem.scheme] == 1.0:
+        xs[1:, at.s] = np.diff(xs[:, at.z], axis=0) / problem.dt
+    else:
+        xs[:, at.s] = space.rates(qs, vs)
+    if at.nr:
+        xs[1:, at.r] = us
+    xs[0] = programme.x_start
+    return zero_multipliers(programme, xs, _impulses(programme, xs, us), us)
+
+
+def _impulses(programme: StagewiseProgramme, xs: Array, us: Array) -> Array:
+    """Impulses y that leave the least of the momentum rows, by normal equations, shape (N, ny)."""
+    at, N, ny = programme.layout, programme.num_steps, programme.kinds[0].ny
+    theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
+    step = programme.functions.function("jacobian").map(N)
+    c, _, derivatives, _ = step(xs[:-1].T, xs[1:].T, np.zeros((ny, N)), us.T, theta, rho.T)
+    rows = np.asarray(c)[at.ds].T
+    blocks = derivatives.sparse().tocsc()
+    width = blocks.shape[1] // N
+    columns = (np.arange(N)[:, None] * width + at.ndx + np.arange(ny)).ravel()
+    push = -blocks[at.ds][:, columns].toarray().reshape(-1, N, ny).transpose(1, 0, 2)  # G'
+    normal = push.transpose(0, 2, 1) @ push
+    found: Array = np.linalg.solve(normal, push.transpose(0, 2, 1) @ rows[:, :, None])[:, :, 0]
+    return found
+
+
+def natural_hamiltonians(
+    problem: Problem, programme: StagewiseProgramme, iterate: Iterate, duals: Array, stage_costs: Array
+) -> Array:
+    """H = L + mu . f + zeta . Phi of every step, eq. (11), shape (N,), where the mass matrix is constant.
+
+    The kinematic row's dual is taken at tau, as in joint coordinates.
+    """
+    at, dt, tau = programme.layout, problem.dt, TAU[problem.scheme]
+    vs, rows = iterate.xs[:, at.s], iterate.ms
+    velocity = tau * vs[1:] + (1.0 - tau) * vs[:-1]
+    along = tau * duals[:-1, : at.nw] + (1.0 - tau) * rows[:, : at.nw]
+    mechanics = _mechanics(programme)
+    inertial = np.diff(vs, axis=0) / dt @ mechanics.mass_at(iterate.xs[0, at.z])
+    values = stage_costs / dt + np.einsum("ni,ni->n", along, velocity)
+    total: Array = values + np.einsum("ni,ni->n", rows[:, at.ds], inertial)
+    return total
+
+
+def natural_momenta(
+    problem: Problem, programme: StagewiseProgramme, iterate: Iterate, duals: Array, tracked: Array | None
+) -> tuple[Array, tuple[str, ...]]:
+    """Control momenta, eq. (15): sums of q x mu^q + p x mu^p over all points and directors.
+
+    In the duals c of (z, w) it is c . (X z, X w) with the rotation X: exactly what a step keeps.
+
+    Returns
+    -------
+    momenta : ndarray, shape (N + 1, k)
+    names : tuple of str
+    """
+    at, robot = programme.layout, problem.robot
+    nodes = len(iterate.xs)
+    if problem.path or not isinstance(programme.space, NaturalSpace):
+        return np.zeros((nodes, 0)), ()
+    mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
+    kept = [s for s in find_symmetries(robot) if not s.touches(mask)]
+    zs, ws = iterate.xs[:, at.z], iterate.xs[:, at.s]
+    columns = [np.einsum("ni,ni->n", duals, programme.space.generator(s, zs, ws)) for s in kept]
+    momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
+    return momenta, tuple(s.name for s in kept)
+
+
+def natural_violation(programme: StagewiseProgramme, zs: Array) -> float:
+    """Largest violation of any constraint along a motion, those of rigid bodies and joints included."""
+    mechanics = _mechanics(programme)
+    z = ca.SX.sym("z", mechanics.nq)
+    rows = ca.Function("Phi", [z], [ca.densify(mechanics.constraints(z))]).map(len(zs))
+    return float(np.abs(np.asarray(rows(zs.T))).max(initial=0.0))
+
+
+def _mechanics(programme: StagewiseProgramme) -> NaturalMechanics:
+    if not isinstance(programme.space, NaturalSpace):
+        raise TypeError("not a programme in natural coordinates")
+    return programme.space.mechanics
