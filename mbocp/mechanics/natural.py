@@ -87,7 +87,7 @@ class NaturalMechanics:
         } | {0: self.tree.sliding_placement(0)}
         q = ca.SX.sym("q", self.nq)
         rows = list(self._tree_rows(q))
-        self.groups = _groups(rows, self.tree)
+        self.groups = _groups(rows, self.tree, self.num_loops)
         self.constraint_labels: tuple[Label, ...] = (
             *(Label(f"{row.body.name} {row.name}", row.unit) for row in rows),
             *robot.constraint_labels,
@@ -490,10 +490,15 @@ def _mass_matrix(tree: BodyTree) -> ca.SX:
     return ca.sparsify(ca.SX(ca.DM(M)))
 
 
-def _groups(rows: Sequence[JointRow], tree: BodyTree) -> tuple[tuple[int, int, tuple[int, ...]], ...]:
-    """First row, number of rows and own columns of each body's constraints, parents first."""
+def _groups(
+    rows: Sequence[JointRow], tree: BodyTree, num_loops: int
+) -> tuple[tuple[int, int, tuple[int, ...]], ...]:
+    """First row, number of rows and own columns of each body's constraints, parents first; then the loops'."""
     found = []
     for body in tree.turning:
         mine = [i for i, row in enumerate(rows) if row.body is body]
-        found.append((mine[0], len(mine), tuple(range(body.at, body.at + SIZE))))
+        if mine:
+            found.append((mine[0], len(mine), tuple(range(body.at, body.at + SIZE))))
+    if num_loops:
+        found.append((len(rows), num_loops, tuple(range(tree.n))))
     return tuple(found)
