@@ -10,11 +10,12 @@ from mbocp._linear import null_space
 from mbocp.exceptions import InconsistentStart
 from mbocp.problem.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
 from mbocp.robot import Robot
-from mbocp.robot.closing import follow, violations
+from mbocp.robot.closing import follow, gauss_newton, violations
 
-__all__ = ["assembled", "assembled_velocity", "complete_goal"]
+__all__ = ["assembled", "assembled_velocity", "closed_way", "complete_goal"]
 
 _ARRIVED = 1e-6  # [rad, m] a continuation that comes so near has arrived
+_LEAP = 0.3  # [rad, m] longer steps to the next configuration of a way are taken in smaller ones
 _ATTEMPTS = 5  # the first from where the start is, the others from around it
 _INDEPENDENT = 0.05  # part of a motion along the constraints that a driven joint must make
 
@@ -76,9 +77,9 @@ def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> 
     """
     if not robot.nc or not active.any():
         return q, ""
-    if active.all() or not violations(robot, q, CONSISTENCY_TOLERANCE):
+    if active.all():
         check_position(robot, q, "goal.q")
-        return q, _another_mode(robot, q_start, q) if active.all() else ""
+        return q, _another_mode(robot, q_start, q)
     reached = follow(robot, q_start, q, active)
     if _distance(robot, reached, q, active) <= _ARRIVED:
         return reached, ""
@@ -92,6 +93,36 @@ def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> 
         f"goal.q: closes the loops of robot {robot.name!r}, but on the way there from the start, closed, the "
         f"mechanism gets stuck ({short}): it may be another assembly mode"
     )
+
+
+def closed_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array | None:
+    """Configurations from start to goal with the loops closed all the way.
+
+    The joints that drive the mechanism, those with motors first, are on the straight line; the others follow.
+
+    Parameters
+    ----------
+    q_start, q_goal : ndarray, shape (nq,)
+        They close the loops.
+    shares : ndarray, shape (n,)
+        How far along the line each configuration is; the last is 1.
+
+    Returns
+    -------
+    qs : ndarray, shape (n, nq), or None
+        None if this way gets stuck or leads elsewhere.
+    """
+    driving, whole = _driving(robot, q_start), robot.difference(q_start, q_goal)
+    q, qs = q_start, []
+    for share in shares:
+        target = robot.integrate(q_start, share * whole)
+        step = np.where(driving, robot.difference(q, target), 0.0)
+        near = gauss_newton(robot, robot.integrate(q, step), ~driving, robot.kept_rows)
+        is_near = np.abs(robot.difference(q, near)).max() < _LEAP and not violations(robot, near)
+        q = near if is_near else follow(robot, q, target, driving)
+        qs.append(q)
+    everything = np.ones(robot.nv, dtype=np.bool_)
+    return np.array(qs) if _distance(robot, q, q_goal, everything) <= _ARRIVED else None
 
 
 def _anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
