@@ -58,7 +58,9 @@ void Kind::prepare() {
 void Kind::prepare_structure() {
     const Pattern &all = complete->outputs[2], &first = jacobian->outputs[2];
     structure = std::make_shared<Structure>(all, ndx, ny, nu, groups);
-    hessian = SparseRows::symmetric(complete->outputs[4]);
+    hessian = SymmetricRows(complete->outputs[4]);
+    hessian_rows = std::max(hessian.last_row(nw()), ndx);
+    hessian_before = hessian.touches(nw(), nw() + ndx);
     std::map<std::pair<int, int>, int> place;
     for (int k = 0; k < all.nnz(); ++k) place[{all.row[k], all.column[k]}] = k;
     for (int k = 0; k < first.nnz(); ++k) {
@@ -110,7 +112,7 @@ void Programme::allocate() {
         if (k.structure) {
             take(s.J, k.complete->outputs[2].nnz()), take(s.H, k.complete->outputs[4].nnz());
             take(step, k.structure->num_doubles()), take(s.T, nw * padded(nd_ + k.nu));
-            take(s.B, static_cast<std::size_t>(ndx_) * ldd), take(s.b, ndx_), take(s.h, nw + k.ns());
+            take(s.B, static_cast<std::size_t>(ndx_) * ldd), take(s.b, ndx_), take(s.Hz, nw + k.ns());
         } else {
             take(s.Jw, nc * pw), take(s.Js, nc * ps);
             take(s.Hww, pw * pw), take(s.Hws, pw * ps), take(s.Hss, ps * ps);
@@ -232,7 +234,7 @@ bool Programme::evaluate_stage(int n, const double* multipliers, Evaluation& e) 
         blocks[k.to_gradient[i].block][k.to_gradient[i].offset] = f.res[3][i];
     if (k.structure) {
         dense::copy(f.res[2], s.J, f.outputs[2].nnz());
-        dense::copy(f.res[4], s.H, f.outputs[4].nnz());
+        k.hessian.store(f.res[4], s.H);
     } else {
         for (std::size_t i = 0; i < k.to_jacobian.size(); ++i)
             blocks[k.to_jacobian[i].block][k.to_jacobian[i].offset] = f.res[2][i];

@@ -47,7 +47,9 @@ struct Kind {
     // Groups of constraint rows, or none; with them the stage's derivatives stay sparse (see structure.hpp).
     std::vector<GroupOfRows> groups;
     std::shared_ptr<const Structure> structure;
-    SparseRows hessian;            // over z
+    SymmetricRows hessian;         // over z
+    int hessian_rows = 0;          // of w: no others have values in the upper triangle
+    bool hessian_before = false;   // whether it has any in the state before
     std::vector<int> first_place;  // of the nonzeros of `jacobian` among those of `complete`
 
     void prepare();  // scatter tables from the functions' patterns
@@ -156,8 +158,8 @@ private:
         int *pivot, *control_pivot;
         bool definite;
         // With a structure: values of the sparse derivatives, T with rows (x, y), reachable states dx = B xi + b with
-        // xi = dx[chosen], and h = H z plus the right-hand side.
-        double *J, *H, *B, *b, *h;
+        // xi = dx[chosen], and H z of the last forward pass.
+        double *J, *H, *B, *b, *Hz;
         int* chosen;
         StepFactor step;
     };
@@ -195,7 +197,7 @@ private:
     // The same for stages with a structure, in reduced.cpp.
     bool reduce(int n, Factorisation& result);
     bool condense_reduced(int n, Factorisation& result);
-    void reduce_end(const double* P);
+    void reduce_end();
     void particular_states(const Residual& rhs);
     void backward_start_reduced(const Residual& rhs, Numbers& r);
     void backward_stage_reduced(int n, const Residual& rhs, Numbers& r);
@@ -204,6 +206,7 @@ private:
     struct Check {  // rhs + KKT d, its largest entry, and d'Hd
         Residual& left;
         double largest = 0, curvature = 0;
+        bool knows_products = false;  // H d, shift included, is what a stage's Hz holds
     };
     void backward_start(const Residual& rhs, Numbers& r);
     void backward_stage(int n, const Residual& rhs, Numbers& r);

@@ -60,13 +60,13 @@ void Programme::particular_states(const Residual& rhs) {
     }
 }
 
-// Value function of the last node: P over all of its state, and the end condition's columns.
-void Programme::reduce_end(const double* P) {
+// Value function of the last node, and the end condition's columns.
+void Programme::reduce_end() {
     Stage& last = stages_.back();
     const int nx = ndx_, nd = nd_, px = padded(nd), pg = padded(ng_);
     double* PB = space_.data();
     dense::zero(PB, nx * px);
-    dense::gemm_nn(nx, nd, nx, P, padded(nx), last.B, px, PB, px);
+    dense::gemm_nn(nx, nd, nx, Hterm_.data(), padded(nx), last.B, px, PB, px);
     dense::zero(last.P, px * px);
     dense::gemm_tn(nd, nd, nx, last.B, px, PB, px, last.P, px);
     for (int i = 0; i < nd; ++i) {
@@ -100,7 +100,7 @@ bool Programme::condense_reduced(int n, Factorisation& result) {
     const int nd = nd_, nu = k.nu, nw = k.nw(), ns = k.ns(), nz = nw + ns, nx = ndx_;
     const int px = padded(nd), pm = padded(nd + nu), pg = padded(ng_);
     double* Z = space_.data();  // all of the stage, (w, s), from (xi before, u)
-    double* HZ = Z + nz * pm;
+    double* HZ = Z + nz * pm;  // by half, see SymmetricRows; the quadratic form is W + W'
     double* W = HZ + nz * pm;
     double* QS = W + pm * pm;
     double* T = QS + pm * pg;  // xi from (xi before, u)
@@ -118,19 +118,19 @@ bool Programme::condense_reduced(int n, Factorisation& result) {
     dense::copy(Z, s.T, nw * pm);
 
     dense::zero(HZ, nz * pm);
-    k.hessian.times_matrix(s.H, Z, pm, HZ);
-    if (shift_ != 0.0) dense::axpy(nx * pm, shift_, Z, HZ);
+    k.hessian.half_times_matrix(s.H, Z, pm, HZ);
+    if (shift_ != 0.0) dense::axpy(nx * pm, 0.5 * shift_, Z, HZ);
     dense::zero(T, px * pm);
     for (int i = 0; i < nd; ++i) dense::copy(Z + s.chosen[i] * pm, T + i * pm, pm);
     dense::zero(PT, px * pm);
     dense::gemm_nn(nd, pm, nd, s.P, px, T, pm, PT, pm);
-    for (int i = 0; i < nd; ++i) dense::axpy(pm, 1.0, PT + i * pm, HZ + s.chosen[i] * pm);
+    for (int i = 0; i < nd; ++i) dense::axpy(pm, 0.5, PT + i * pm, HZ + s.chosen[i] * pm);
 
     dense::zero(W, pm * pm);
-    dense::gemm_tn(nd + nu, pm, nw, Z, pm, HZ, pm, W, pm);
-    if (n > 0) dense::gemm_tn(nd, pm, nx, stages_[n - 1].B, px, HZ + nw * pm, pm, W, pm);
+    dense::gemm_tn(nd + nu, pm, k.hessian_rows, Z, pm, HZ, pm, W, pm);
+    if (n > 0 && k.hessian_before) dense::gemm_tn(nd, pm, nx, stages_[n - 1].B, px, HZ + nw * pm, pm, W, pm);
     for (int i = 0; i < nu; ++i) dense::axpy(pm, 1.0, HZ + (nw + nx + i) * pm, W + (nd + i) * pm);
-    const auto q = [&](int i, int j) { return 0.5 * (W[i * pm + j] + W[j * pm + i]); };
+    const auto q = [&](int i, int j) { return W[i * pm + j] + W[j * pm + i]; };
     if (ng_) {
         dense::zero(QS, pm * pg);
         dense::gemm_tn(nd + nu, ng_, nd, T, pm, s.S, pg, QS, pg);
@@ -198,12 +198,12 @@ void Programme::forward_reduced(const Residual& rhs, Step& out) {
         dense::copy(dw, out.dx.data() + static_cast<std::size_t>(n + 1) * nx, nx);
         dense::copy(dw + nx, out.dy.data() + y_offset[n], k.ny);
 
-        dense::copy(rhs.w.data() + m_offset[n], s.h, nw);
-        dense::copy(rhs.s.data() + u_offset[n] + n * nx, s.h + nw, ns);
+        const double* w = rhs.w.data() + m_offset[n];
+        dense::zero(s.Hz, nw + ns);
         dense::copy(dx, ds, nx);
         dense::copy(du, ds + nx, nu);
-        add_hessian(n, dw, ds, s.h, s.h + nw);
-        dense::axpy(nx, shift_, dw, s.h);
+        add_hessian(n, dw, ds, s.Hz, s.Hz + nw);
+        dense::axpy(nx, shift_, dw, s.Hz);
 
         // Along the null space the costate's share is (dt, C')(P xi + p + S eta).
         for (int i = 0; i < nd; ++i) xi[i] = dw[s.chosen[i]];
@@ -211,11 +211,11 @@ void Programme::forward_reduced(const Residual& rhs, Step& out) {
         dense::gemv(nd, nd, s.P, px, xi, pi);
         dense::gemv(nd, ng_, s.S, pg, out.deta.data(), pi);
         const double dt = s.step.dt;
-        for (int i = 0; i < t.nq; ++i) sum[i] = -dt * s.h[i] - s.h[t.nq + i];
+        for (int i = 0; i < t.nq; ++i) sum[i] = -dt * (w[i] + s.Hz[i]) - w[t.nq + i] - s.Hz[t.nq + i];
         for (int j = 0; j < d; ++j) along[j] = -dt * pi[j];
         dense::gemv_t(t.nq, d, s.step.N, pd, sum, along);
         for (int j = 0; j < d; ++j) dense::axpy(d, -pi[d + j], s.step.N + (s.chosen[d + j] - t.nq) * pd, along);
-        for (int i = 0; i < k.ny; ++i) sum[i] = -s.h[nx + i];
+        for (int i = 0; i < k.ny; ++i) sum[i] = -w[nx + i] - s.Hz[nx + i];
         t.momentum_multipliers(s.J, s.step, along, sum, out.dm.data() + m_offset[n] + t.nq, space_.data());
     }
 }
@@ -232,11 +232,12 @@ void Programme::multipliers_reduced(const Residual& rhs, Step& out) {
         const Kind& k = *s.kind;
         const Structure& t = *k.structure;
         double* dm = out.dm.data() + m_offset[n];
-        for (int i = 0; i < k.nw(); ++i) b[i] = -s.h[i] - (i < nx ? costate[i] : 0.0);
+        const double *w = rhs.w.data() + m_offset[n], *of_s = rhs.s.data() + u_offset[n] + n * nx;
+        for (int i = 0; i < k.nw(); ++i) b[i] = -w[i] - s.Hz[i] - (i < nx ? costate[i] : 0.0);
         dense::copy(dm + t.nq, mm, t.nq);
         t.other_multipliers(s.J, s.step, b, mm, space_.data());
         dense::copy(b, dm, k.nw());
-        dense::copy(s.h + k.nw(), costate, k.ns());
+        for (int i = 0; i < k.ns(); ++i) costate[i] = of_s[i] + s.Hz[k.nw() + i];
         t.Js.transposed_times(s.J, dm, costate);
     }
 }

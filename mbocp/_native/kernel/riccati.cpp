@@ -60,18 +60,16 @@ Factorisation Programme::factorise(double shift, double augment) {
     backward_done_ = false;
     for (int n = 0; is_structured_ && n < N; ++n)
         if (!reduce(n, f)) return f.bad_stage = n, f;
-    const int px = padded(ndx_);
-    double* P = is_structured_ ? scratch_.data() : last.P;
-    dense::copy(Hterm_.data(), P, px * px);
-    for (int i = 0; i < ndx_; ++i)
-        for (int j = 0; j < ndx_; ++j)
-            for (int g = 0; g < ng_; ++g)
-                P[i * px + j] += augment * Sterm_[i * padded(ng_) + g] * Sterm_[j * padded(ng_) + g];
     if (is_structured_) {
-        reduce_end(P);
-    } else if (ng_) {
-        dense::copy(Sterm_.data(), last.S, ndx_ * padded(ng_));
+        reduce_end();
+    } else {
+        dense::copy(Hterm_.data(), last.P, padded(ndx_) * padded(ndx_));
+        if (ng_) dense::copy(Sterm_.data(), last.S, ndx_ * padded(ng_));
     }
+    const int px = padded(nd_), pg = padded(ng_);
+    for (int i = 0; i < nd_; ++i)
+        for (int j = 0; j < nd_; ++j)
+            for (int g = 0; g < ng_; ++g) last.P[i * px + j] += augment * last.S[i * pg + g] * last.S[j * pg + g];
     std::fill(R_.begin(), R_.end(), 0.0);
     gather_residual(rhs_);
     backward_start(rhs_, eta_rhs_);
@@ -83,7 +81,6 @@ Factorisation Programme::factorise(double shift, double augment) {
         backward_stage(n, rhs_, eta_rhs_);  // a right-hand side at hand costs little while the blocks are in the cache
     }
     if (ng_) {  // eigenvectors of the equilibrated Schur complement: ng is small, and inertia comes for free
-        const int pg = padded(ng_);
         RowMatrix R = MatrixMap(R_.data(), ng_, ng_, Eigen::OuterStride<>(pg));
         R = 0.5 * (R + R.transpose()).eval();
         Eigen::VectorXd scale(ng_);
@@ -172,9 +169,10 @@ void Programme::forward(const Residual& rhs, const Numbers& r, Step& out, Check*
     if (is_structured_) {
         forward_reduced(rhs, out);
         multipliers_reduced(rhs, out);
-        for (int n = 0; check && n < N; ++n) check_stage(n, rhs, out, *check);
-        if (check) check_end(rhs, out, *check);
-        return;
+        if (!check) return;
+        check->knows_products = true;
+        for (int n = 0; n < N; ++n) check_stage(n, rhs, out, *check);
+        return check_end(rhs, out, *check);
     }
     for (int n = 0; n < N; ++n) {
         Stage& s = stages_[n];
@@ -228,8 +226,12 @@ void Programme::check_stage(int n, const Residual& rhs, const Step& d, Check& ch
     add_jacobian(n, dw, ds, c);
     dense::zero(Hw, nw);
     dense::zero(Hs, ns);
-    add_hessian(n, dw, ds, Hw, Hs);
-    for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
+    if (check.knows_products) {
+        dense::copy(s.Hz, Hw, nw), dense::copy(s.Hz + nw, Hs, ns);
+    } else {
+        add_hessian(n, dw, ds, Hw, Hs);
+        for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
+    }
     for (int i = 0; i < nw; ++i) check.curvature += dw[i] * Hw[i];
     double* w = out.w.data() + m_offset[n];
     for (int i = 0; i < nw; ++i) w[i] = rhs.w[m_offset[n] + i] + Hw[i];
@@ -284,7 +286,7 @@ Direction Programme::finish_direction(const Residual& rhs, int refinements) {
         };
         add(step_.dx, correction_.dx), add(step_.dy, correction_.dy), add(step_.du, correction_.du);
         add(step_.dm, correction_.dm), add(step_.deta, correction_.deta);
-        check.largest = check.curvature = 0;
+        check.largest = check.curvature = 0, check.knows_products = false;
         for (int n = 0; n < N; ++n) check_stage(n, rhs, step_, check);
         check_end(rhs, step_, check);
     }

@@ -1,5 +1,7 @@
 #include "sparse.hpp"
 
+#include <algorithm>
+
 namespace mbocp {
 
 namespace {
@@ -52,16 +54,6 @@ SparseRows SparseRows::select(const Pattern& p, int row, int rows, const std::ve
     return by_rows(rows, r, c, index);
 }
 
-SparseRows SparseRows::symmetric(const Pattern& upper) {
-    std::vector<int> r, c, index;
-    for (int k = 0; k < upper.nnz(); ++k) {
-        const int i = upper.row[k], j = upper.column[k];
-        r.push_back(i), c.push_back(j), index.push_back(k);
-        if (i != j) r.push_back(j), c.push_back(i), index.push_back(k);
-    }
-    return by_rows(upper.rows, r, c, index);
-}
-
 void SparseRows::times(const double* values, const double* x, double* y, double a) const {
     for (int i = 0; i < rows(); ++i) {
         double sum = 0;
@@ -100,6 +92,59 @@ void SparseRows::transposed_times_matrix(const double* values, const double* X, 
     for (int i = 0; i < rows(); ++i)
         for (int k = start[i]; k < start[i + 1]; ++k)
             dense::axpy(ld, a * values[index[k]], X + i * ld, Y + column[k] * ld);
+}
+
+SymmetricRows::SymmetricRows(const Pattern& upper) {
+    std::vector<int> row, column, index, on_diagonal;
+    for (int k = 0; k < upper.nnz(); ++k) {
+        if (upper.row[k] == upper.column[k])
+            diagonal.push_back(upper.row[k]), on_diagonal.push_back(k);
+        else
+            row.push_back(upper.row[k]), column.push_back(upper.column[k]), index.push_back(k);
+    }
+    above = by_rows(upper.rows, row, column, index);
+    order = above.index;
+    for (int k = 0; k < above.nnz(); ++k) above.index[k] = k;
+    order.insert(order.end(), on_diagonal.begin(), on_diagonal.end());
+}
+
+void SymmetricRows::times(const double* values, const double* x, double* y) const {
+    for (int i = 0; i < above.rows(); ++i) {
+        double sum = 0;
+        const double xi = x[i];
+        for (int k = above.start[i]; k < above.start[i + 1]; ++k) {
+            const int j = above.column[k];
+            sum += values[k] * x[j];
+            y[j] += values[k] * xi;
+        }
+        y[i] += sum;
+    }
+    values += above.nnz();
+    for (std::size_t k = 0; k < diagonal.size(); ++k) y[diagonal[k]] += values[k] * x[diagonal[k]];
+}
+
+void SymmetricRows::half_times_matrix(const double* values, const double* X, int ld, double* Y) const {
+    above.times_matrix(values, X, ld, Y);
+    values += above.nnz();
+    for (std::size_t k = 0; k < diagonal.size(); ++k)
+        dense::axpy(ld, 0.5 * values[k], X + diagonal[k] * ld, Y + diagonal[k] * ld);
+}
+
+int SymmetricRows::last_row(int end) const {
+    int last = 0;
+    for (int i = 0; i < std::min(end, above.rows()); ++i)
+        if (above.start[i + 1] > above.start[i]) last = i + 1;
+    for (const int i : diagonal)
+        if (i < end) last = std::max(last, i + 1);
+    return last;
+}
+
+bool SymmetricRows::touches(int first, int end) const {
+    const auto inside = [&](int i) { return i >= first && i < end; };
+    for (int i = std::max(first, 0); i < std::min(end, above.rows()); ++i)
+        if (above.start[i + 1] > above.start[i]) return true;
+    return std::any_of(above.column.begin(), above.column.end(), inside) ||
+           std::any_of(diagonal.begin(), diagonal.end(), inside);
 }
 
 }  // namespace mbocp

@@ -19,8 +19,6 @@ struct SparseRows {
     static SparseRows block(const Pattern& p, int row, int rows, int first, int columns);
     // The same for columns in any place: place[j] is where column j goes, or -1.
     static SparseRows select(const Pattern& p, int row, int rows, const std::vector<int>& place);
-    // Both triangles of a symmetric matrix given by its upper one.
-    static SparseRows symmetric(const Pattern& upper);
 
     // y += a A x
     void times(const double* values, const double* x, double* y, double a = 1.0) const;
@@ -30,6 +28,26 @@ struct SparseRows {
     void times_matrix(const double* values, const double* X, int ld, double* Y, double a = 1.0) const;
     // Y += a A'X, likewise.
     void transposed_times_matrix(const double* values, const double* X, int ld, double* Y, double a = 1.0) const;
+};
+
+// A symmetric matrix H by its upper triangle, each value once: those above the diagonal row by row, then the diagonal.
+struct SymmetricRows {
+    SparseRows above;
+    std::vector<int> diagonal;  // rows with a value
+    std::vector<int> order;     // of all values in the function's output
+
+    explicit SymmetricRows(const Pattern& upper = Pattern());
+
+    void store(const double* output, double* values) const {
+        for (std::size_t k = 0; k < order.size(); ++k) values[k] = output[order[k]];
+    }
+    // y += H x
+    void times(const double* values, const double* x, double* y) const;
+    // Y += U X with H = U + U': twice its symmetric part makes H in a quadratic form.
+    void half_times_matrix(const double* values, const double* X, int ld, double* Y) const;
+    // One past the last row before `end` that has a value, and whether rows or columns from `first` to `end` have any.
+    int last_row(int end) const;
+    bool touches(int first, int end) const;
 };
 
 }  // namespace mbocp

@@ -15,35 +15,45 @@ constexpr double dependent = 1e-13;  // pivot below which constraints count as d
 
 std::size_t product(int a, int b) { return static_cast<std::size_t>(a) * static_cast<std::size_t>(b); }
 
-// A (rows x ...) <- its inverse in the pivot columns and inverse times the rest in the others, by Gauss-Jordan with
-// complete pivoting among `count` candidates. Row i's pivot is at pivot[i]; used candidates leave the list, the
-// others stay in order. Returns the smallest pivot.
-double gauss_jordan(int rows, int width, double* A, int ld, int* candidate, int count, int* pivot, int* left) {
+// Largest size in a row, of the columns where the mask is one.
+inline double masked_largest(int width, const double* row, const double* mask) {
+    dense::Vec largest = {0.0, 0.0, 0.0, 0.0};
+    for (int c = 0; c < width; c += 4) {
+        const dense::Vec v = dense::load(row + c) * dense::load(mask + c), size = v < 0.0 ? -v : v;
+        largest = size > largest ? size : largest;
+    }
+    return std::max(std::max(largest[0], largest[1]), std::max(largest[2], largest[3]));
+}
+
+// A (rows x width, both its columns' number a multiple of four) <- its inverse in the pivot columns and inverse times
+// the rest in the others, by Gauss-Jordan with complete pivoting among the columns where `mask` is one; it is zero in
+// those that were taken afterwards. Row i's pivot is at pivot[i]. `size` is work. Returns the smallest pivot.
+double gauss_jordan(int rows, int width, double* A, double* mask, int* pivot, double* size) {
     double smallest = INFINITY;
-    for (int i = 0; i < rows; ++i) left[i] = i;
-    for (int unused = rows; unused > 0; --unused, --count) {
-        int at = -1, from = -1;
-        double best = 0.0;
-        for (int a = 0; a < unused; ++a)
-            for (int b = 0; b < count; ++b) {
-                const double size = std::abs(A[left[a] * ld + candidate[b]]);
-                if (size > best) best = size, at = a, from = b;
-            }
-        if (at < 0 || !std::isfinite(best)) return 0.0;
-        smallest = std::min(smallest, best);
-        const int i = left[at], j = candidate[from];
-        left[at] = left[unused - 1];
-        std::copy(candidate + from + 1, candidate + count, candidate + from);
-        pivot[i] = j;
-        double* top = A + i * ld;
+    for (int i = 0; i < rows; ++i) size[i] = masked_largest(width, A + i * width, mask), pivot[i] = -1;
+    for (int count = 0; count < rows; ++count) {
+        int i = -1;
+        for (int k = 0; k < rows; ++k)
+            if (pivot[k] < 0 && (i < 0 || size[k] > size[i])) i = k;
+        double* top = A + i * width;
+        int j = 0;
+        while (j < width && !(std::abs(top[j]) * mask[j] == size[i])) ++j;
+        if (!(size[i] > 0.0) || !std::isfinite(size[i]) || j == width) return 0.0;
+        smallest = std::min(smallest, size[i]);
+        pivot[i] = j, mask[j] = 0.0;
         const double inverse = 1.0 / top[j];
         top[j] = 1.0;
         for (int c = 0; c < width; ++c) top[c] *= inverse;
         for (int k = 0; k < rows; ++k) {
-            const double factor = A[k * ld + j];
-            if (k == i || factor == 0.0) continue;
-            A[k * ld + j] = 0.0;
-            dense::axpy(width, -factor, top, A + k * ld);
+            double* row = A + k * width;
+            const double factor = row[j];
+            if (k == i) continue;
+            if (factor != 0.0) {
+                row[j] = 0.0;
+                for (int c = 0; c < width; c += 4)
+                    dense::store(row + c, dense::load(row + c) - factor * dense::load(top + c));
+            }
+            if (pivot[k] < 0) size[k] = masked_largest(width, row, mask);
         }
     }
     return smallest;
@@ -176,7 +186,7 @@ std::size_t Structure::num_doubles() const {
 }
 
 std::size_t Structure::num_ints() const {
-    return static_cast<std::size_t>(d + ny + most_free_ + most_candidates_ + 2 * most_rows_);
+    return static_cast<std::size_t>(d + ny + most_free_ + most_candidates_ + most_rows_);
 }
 
 void Structure::place(StepFactor& f, double* doubles, int* ints) const {
@@ -197,7 +207,8 @@ std::size_t Structure::solve_size(int ld) const {
 
 std::size_t Structure::work_size(int columns) const {
     const int rows = padded(most_rows_), free = padded(most_free_);
-    const std::size_t factor = product(nq, free) + product(rows, padded(most_candidates_)) + product(rows, free);
+    const std::size_t factor = product(nq, free) + product(rows, padded(most_candidates_)) + product(rows, free) +
+                               padded(most_candidates_) + rows;
     const std::size_t vector = product(2 * nw(), 4) + product(4, nq) + product(2, padded(d)) + solve_size(4);
     return std::max({factor, vector, solve_size(padded(columns))}) + 16;
 }
@@ -207,15 +218,18 @@ double Structure::eliminate_own(const Group& g, const double* values, StepFactor
     const int rows = g.rows, lda = padded(g.width()), ldn = padded(most_free_), ldi = padded(rows);
     double* A = work;
     double* AN = A + product(rows, lda);
-    int *candidate = f.list, *pivot = candidate + most_candidates_, *left = pivot + rows;
+    double *mask = AN + product(rows, ldn), *size = mask + lda;
+    int *candidate = f.list, *pivot = candidate + most_candidates_;
     dense::zero(A, rows * lda);
     for (int i = 0; i < rows; ++i)
         for (int k = g.own.start[i]; k < g.own.start[i + 1]; ++k)
             A[i * lda + g.own.column[k]] = values[g.own.index[k]];
-    for (int j = 0; j < g.width(); ++j) candidate[j] = j;
-    const double smallest = gauss_jordan(rows, lda, A, lda, candidate, g.width(), pivot, left);
+    for (int j = 0; j < lda; ++j) mask[j] = j < g.width() ? 1.0 : 0.0;
+    const double smallest = gauss_jordan(rows, lda, A, mask, pivot, size);
     if (!(smallest > 0.0)) return 0.0;
-    const int count = g.width() - rows;
+    int count = 0;
+    for (int j = 0; j < g.width(); ++j)
+        if (mask[j] == 1.0) candidate[count++] = j;
     for (int e = 0; e < count; ++e) {
         const int column = g.columns[candidate[e]];
         at[g.free_before + e] = column;
@@ -241,13 +255,14 @@ double Structure::eliminate_loop(const Group& g, const double* values, StepFacto
                                  double* work) const {
     const int rows = g.rows, ld = padded(most_free_), ldi = padded(rows);
     double* A = work;
-    int *candidate = f.list, *pivot = candidate + most_candidates_, *left = pivot + rows;
+    double *mask = A + product(rows, ld), *size = mask + ld;
+    int* pivot = f.list;
     dense::zero(A, rows * ld);
     g.others.times_matrix(values, N, ld, A);
-    int count = 0;
+    dense::zero(mask, ld);
     for (int p = 0; p < g.free_before; ++p)
-        if (at[p] >= 0 && g.candidate[at[p]]) candidate[count++] = p;
-    const double smallest = gauss_jordan(rows, ld, A, ld, candidate, count, pivot, left);
+        if (at[p] >= 0 && g.candidate[at[p]]) mask[p] = 1.0;
+    const double smallest = gauss_jordan(rows, ld, A, mask, pivot, size);
     if (!(smallest > 0.0)) return 0.0;
     double *inverse = f.inverse + g.inverse, *Z = f.Z + g.Z;
     dense::zero(inverse, rows * ldi);
