@@ -196,7 +196,7 @@ def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgra
     theta, rho, rho_terminal = _parameters(problem, layout, space, joints, end)
     return StagewiseProgramme(
         num_steps=problem.num_steps,
-        kinds=(_kind(at, ny, robot.nu, sum(layout.stage.values()), problem.dt, natural),),
+        kinds=(_kind(problem, at, ny, sum(layout.stage.values()), natural),),
         stage_kind=(0,) * problem.num_steps,
         ng=shape.ng_q + shape.ng_rate,
         num_guards=len(guarded),
@@ -230,8 +230,10 @@ def _rotations(problem: Problem) -> str:
 
 
 def _kind(
-    at: StateLayout, ny: int, nu: int, nr: int, dt: float, natural: NaturalMechanics | None
+    problem: Problem, at: StateLayout, ny: int, nr: int, natural: NaturalMechanics | None
 ) -> StageKind:
+    nu, dt = problem.robot.nu, problem.dt
+    has_groups = problem.scheme == "se1" and at.nr == 0
     return StageKind(
         nx=at.nx,
         ndx=at.ndx,
@@ -242,7 +244,7 @@ def _kind(
         scale_y=np.full(ny, 1 / dt),
         scale_m=np.concatenate([np.ones(at.ndx), np.full(ny, 1 / dt)]),
         scale_ru=np.full(nu, 1 / dt),
-        groups=() if natural is None else natural.groups,
+        groups=natural.groups if natural is not None and has_groups else (),
     )
 
 
