@@ -59,8 +59,10 @@ void Kind::prepare_structure() {
     const Pattern &all = complete->outputs[2], &first = jacobian->outputs[2];
     structure = std::make_shared<Structure>(all, ndx, ny, nu, groups);
     hessian = SymmetricRows(complete->outputs[4]);
-    hessian_rows = std::max(hessian.last_row(nw()), ndx);
-    hessian_before = hessian.touches(nw(), nw() + ndx);
+    const int others = nw() + ns() - ndx;
+    Uxx = hessian.block(0, ndx, 0, ndx), Uxo = hessian.block(0, ndx, ndx, others);
+    Uoo = hessian.block(ndx, others, ndx, others);
+    coupled_rows = Uxo.last_row(ndx), other_rows = Uoo.last_row(others - nu);
     std::map<std::pair<int, int>, int> place;
     for (int k = 0; k < all.nnz(); ++k) place[{all.row[k], all.column[k]}] = k;
     for (int k = 0; k < first.nnz(); ++k) {
@@ -111,7 +113,7 @@ void Programme::allocate() {
         take(s.c, nc), take(s.gw, nw), take(s.gs, k.ns()), take(s.lw, nw), take(s.ls, k.ns());
         if (k.structure) {
             take(s.J, k.complete->outputs[2].nnz()), take(s.H, k.complete->outputs[4].nnz());
-            take(step, k.structure->num_doubles()), take(s.T, nw * padded(nd_ + k.nu));
+            take(step, k.structure->num_doubles()), take(s.T, static_cast<std::size_t>(nd_ + k.ny) * padded(nd_ + k.nu));
             take(s.B, static_cast<std::size_t>(ndx_) * ldd), take(s.b, ndx_), take(s.Hz, nw + k.ns());
         } else {
             take(s.Jw, nc * pw), take(s.Js, nc * ps);
@@ -154,7 +156,7 @@ void Programme::allocate() {
         if (k.structure) {
             largest = std::max(largest, 12 * (pw + ps) + static_cast<std::size_t>(ldx) * (2 * ldx + 4));
             const std::size_t pm = padded(nd_ + k.nu);
-            space = std::max(space, (2 * (pw + ps) + pm) * pm + (2 * ldd + padded(k.nu)) * (pm + ldg) + 2 * (pw + ps) +
+            space = std::max(space, (2 * (pw + ps) + pm) * pm + (2 * ldd + padded(k.nu)) * (pm + ldg) + (ldx + ldd) * ldd +
                                         k.structure->work_size(static_cast<int>(pm)));
         } else {
             largest = std::max(largest, pw * pw + 2 * pw * ps + ps * ps + 8 * (pw + ps) + (ps + 4) * (ldx + ldg));

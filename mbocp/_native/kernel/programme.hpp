@@ -48,8 +48,8 @@ struct Kind {
     std::vector<GroupOfRows> groups;
     std::shared_ptr<const Structure> structure;
     SymmetricRows hessian;         // over z
-    int hessian_rows = 0;          // of w: no others have values in the upper triangle
-    bool hessian_before = false;   // whether it has any in the state before
+    SparseRows Uxx, Uxo, Uoo;      // blocks of its half: x and the others, (y; x_before, u)
+    int coupled_rows = 0, other_rows = 0;  // of Uxo and Uoo that have values, of the latter but for u's
     std::vector<int> first_place;  // of the nonzeros of `jacobian` among those of `complete`
 
     void prepare();  // scatter tables from the functions' patterns
@@ -157,7 +157,7 @@ private:
         double *t0, *k, *p;                               // one right-hand side
         int *pivot, *control_pivot;
         bool definite;
-        // With a structure: values of the sparse derivatives, T with rows (x, y), reachable states dx = B xi + b with
+        // With a structure: values of the sparse derivatives, T with rows (xi, y), reachable states dx = B xi + b with
         // xi = dx[chosen], and H z of the last forward pass.
         double *J, *H, *B, *b, *Hz;
         int* chosen;

@@ -97,39 +97,47 @@ bool Programme::condense_reduced(int n, Factorisation& result) {
     Stage& s = stages_[n];
     const Kind& k = *s.kind;
     const Structure& t = *k.structure;
-    const int nd = nd_, nu = k.nu, nw = k.nw(), ns = k.ns(), nz = nw + ns, nx = ndx_;
+    const int nd = nd_, nu = k.nu, ny = k.ny, nw = k.nw(), nx = ndx_, others = ny + nx + nu;
     const int px = padded(nd), pm = padded(nd + nu), pg = padded(ng_);
-    double* Z = space_.data();  // all of the stage, (w, s), from (xi before, u)
-    double* HZ = Z + nz * pm;  // by half, see SymmetricRows; the quadratic form is W + W'
-    double* W = HZ + nz * pm;
+    double* Z = space_.data();  // (w, s) from (xi before, u); its rows after x are `others`
+    double* O = Z + nx * pm;
+    double* HO = O + others * pm;  // what the others contribute in x, and among themselves
+    double* HB = HO + (nx + others) * pm;
+    double* P = HB + nx * px;
+    double* W = P + px * px;
     double* QS = W + pm * pm;
-    double* T = QS + pm * pg;  // xi from (xi before, u)
-    double* PT = T + px * pm;
+    double* PT = QS + pm * pg;
     double* kept = PT + px * pm;
     double* work = kept + padded(nu) * px;
 
     double* Zs = Z + nw * pm;
-    dense::zero(Z, nz * pm);
+    dense::zero(Z, (nx + others) * pm);
     if (n > 0)  // x_0 is given
         for (int i = 0; i < nx; ++i) dense::copy(stages_[n - 1].B + i * px, Zs + i * pm, nd);
     for (int i = 0; i < nu; ++i) Zs[(nx + i) * pm + nd + i] = 1.0;
     t.Js.times_matrix(s.J, Zs, pm, Z, -1.0);
     t.solve(s.J, s.step, Z, pm, false, work);
-    dense::copy(Z, s.T, nw * pm);
-
-    dense::zero(HZ, nz * pm);
-    k.hessian.half_times_matrix(s.H, Z, pm, HZ);
-    if (shift_ != 0.0) dense::axpy(nx * pm, 0.5 * shift_, Z, HZ);
-    dense::zero(T, px * pm);
+    double* T = s.T;  // xi from (xi before, u), then y
     for (int i = 0; i < nd; ++i) dense::copy(Z + s.chosen[i] * pm, T + i * pm, pm);
-    dense::zero(PT, px * pm);
-    dense::gemm_nn(nd, pm, nd, s.P, px, T, pm, PT, pm);
-    for (int i = 0; i < nd; ++i) dense::axpy(pm, 0.5, PT + i * pm, HZ + s.chosen[i] * pm);
+    dense::copy(O, T + nd * pm, ny * pm);
 
+    // Half the quadratic form, W with Q = W + W': in xi through x = B xi, first P + B'(Hxx + shift)B.
+    dense::zero(HB, nx * px);
+    k.Uxx.times_matrix(s.H, s.B, px, HB);
+    if (shift_ != 0.0) dense::axpy(nx * px, 0.5 * shift_, s.B, HB);
+    for (int i = 0; i < px * px; ++i) P[i] = 0.5 * s.P[i];
+    dense::gemm_tn(nd, nd, nx, s.B, px, HB, px, P, px);
+    dense::zero(PT, px * pm);
+    dense::gemm_nn(nd, pm, nd, P, px, T, pm, PT, pm);
+    dense::zero(HO, (nx + others) * pm);
+    k.Uxo.times_matrix(s.H, O, pm, HO);
+    dense::gemm_tn(nd, pm, k.coupled_rows, s.B, px, HO, pm, PT, pm);
     dense::zero(W, pm * pm);
-    dense::gemm_tn(nd + nu, pm, k.hessian_rows, Z, pm, HZ, pm, W, pm);
-    if (n > 0 && k.hessian_before) dense::gemm_tn(nd, pm, nx, stages_[n - 1].B, px, HZ + nw * pm, pm, W, pm);
-    for (int i = 0; i < nu; ++i) dense::axpy(pm, 1.0, HZ + (nw + nx + i) * pm, W + (nd + i) * pm);
+    dense::gemm_tn(nd + nu, pm, nd, T, pm, PT, pm, W, pm);
+    double* HOO = HO + nx * pm;
+    k.Uoo.times_matrix(s.H, O, pm, HOO);
+    dense::gemm_tn(nd + nu, pm, k.other_rows, O, pm, HOO, pm, W, pm);
+    for (int i = 0; i < nu; ++i) dense::axpy(pm, 1.0, HOO + (ny + nx + i) * pm, W + (nd + i) * pm);
     const auto q = [&](int i, int j) { return W[i * pm + j] + W[j * pm + i]; };
     if (ng_) {
         dense::zero(QS, pm * pg);
@@ -157,9 +165,10 @@ void Programme::backward_stage_reduced(int n, const Residual& rhs, Numbers& r) {
     for (int i = 0; i < nd; ++i) xi[i] = s.t0[s.chosen[i]];
     dense::copy(s.p, gain, nd);
     dense::gemv(nd, nd, s.P, px, xi, gain);
-    for (int i = 0; i < nd; ++i) h[s.chosen[i]] += gain[i];
+    dense::gemv_t(nx, nd, s.B, px, h, gain);
     dense::zero(q, pm);
-    dense::gemv_t(nw, nd + nu, s.T, pm, h, q);
+    dense::gemv_t(nd, nd + nu, s.T, pm, gain, q);
+    dense::gemv_t(k.ny, nd + nu, s.T + nd * pm, pm, h + nx, q);
     if (n > 0) dense::gemv_t(nx, nd, stages_[n - 1].B, px, h + nw, q);
     for (int i = 0; i < nu; ++i) q[nd + i] += h[nw + nx + i];
     for (int i = 0; i < nu; ++i) s.k[i] = -q[nd + i];
@@ -183,18 +192,23 @@ void Programme::forward_reduced(const Residual& rhs, Step& out) {
         const Kind& k = *s.kind;
         const Structure& t = *k.structure;
         const int nu = k.nu, nw = k.nw(), ns = k.ns(), pm = padded(nd + nu), d = t.d, pd = padded(d);
-        double *xi = scratch_.data(), *dw = xi + pm, *pi = dw + padded(nw), *along = pi + px, *sum = along + pd;
+        double *before = scratch_.data(), *dw = before + pm, *xi = dw + padded(nw), *pi = xi + px, *along = pi + px;
+        double* sum = along + pd;
         const double* dx = out.dx.data() + static_cast<std::size_t>(n) * nx;
         double *du = out.du.data() + u_offset[n], *ds = sum + padded(nw);
-        dense::zero(xi, pm);
+        dense::zero(before, pm);
         if (n > 0)
-            for (int i = 0; i < nd; ++i) xi[i] = dx[stages_[n - 1].chosen[i]];
+            for (int i = 0; i < nd; ++i) before[i] = dx[stages_[n - 1].chosen[i]];
         dense::copy(s.k, du, nu);
-        dense::gemv(nu, nd, s.K, px, xi, du);
+        dense::gemv(nu, nd, s.K, px, before, du);
         dense::gemv(nu, ng_, s.Keta, pg, out.deta.data(), du);
-        dense::copy(du, xi + nd, nu);
-        dense::copy(s.t0, dw, nw);
-        dense::gemv(nw, nd + nu, s.T, pm, xi, dw);
+        dense::copy(du, before + nd, nu);
+        for (int i = 0; i < nd; ++i) xi[i] = s.t0[s.chosen[i]];
+        dense::gemv(nd, nd + nu, s.T, pm, before, xi);
+        dense::copy(s.b, dw, nx);
+        dense::gemv(nx, nd, s.B, px, xi, dw);
+        dense::copy(s.t0 + nx, dw + nx, k.ny);
+        dense::gemv(k.ny, nd + nu, s.T + nd * pm, pm, before, dw + nx);
         dense::copy(dw, out.dx.data() + static_cast<std::size_t>(n + 1) * nx, nx);
         dense::copy(dw + nx, out.dy.data() + y_offset[n], k.ny);
 
@@ -206,7 +220,6 @@ void Programme::forward_reduced(const Residual& rhs, Step& out) {
         dense::axpy(nx, shift_, dw, s.Hz);
 
         // Along the null space the costate's share is (dt, C')(P xi + p + S eta).
-        for (int i = 0; i < nd; ++i) xi[i] = dw[s.chosen[i]];
         dense::copy(s.p, pi, nd);
         dense::gemv(nd, nd, s.P, px, xi, pi);
         dense::gemv(nd, ng_, s.S, pg, out.deta.data(), pi);

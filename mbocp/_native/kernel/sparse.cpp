@@ -1,7 +1,5 @@
 #include "sparse.hpp"
 
-#include <algorithm>
-
 namespace mbocp {
 
 namespace {
@@ -95,56 +93,43 @@ void SparseRows::transposed_times_matrix(const double* values, const double* X, 
 }
 
 SymmetricRows::SymmetricRows(const Pattern& upper) {
-    std::vector<int> row, column, index, on_diagonal;
-    for (int k = 0; k < upper.nnz(); ++k) {
-        if (upper.row[k] == upper.column[k])
-            diagonal.push_back(upper.row[k]), on_diagonal.push_back(k);
-        else
-            row.push_back(upper.row[k]), column.push_back(upper.column[k]), index.push_back(k);
-    }
-    above = by_rows(upper.rows, row, column, index);
-    order = above.index;
-    for (int k = 0; k < above.nnz(); ++k) above.index[k] = k;
-    order.insert(order.end(), on_diagonal.begin(), on_diagonal.end());
+    std::vector<int> index(upper.row.size());
+    for (std::size_t k = 0; k < index.size(); ++k) index[k] = static_cast<int>(k);
+    half = by_rows(upper.rows, upper.row, upper.column, index);
+    order_ = half.index;
+    for (int i = 0; i < half.rows(); ++i)
+        for (int k = half.start[i]; k < half.start[i + 1]; ++k) {
+            half.index[k] = k;
+            if (half.column[k] == i) diagonal_.push_back(k);
+            const bool continues = k > half.start[i] && half.column[k] == half.column[k - 1] + 1;
+            if (continues)
+                ++runs_.back().count;
+            else
+                runs_.push_back({i, half.column[k], k, 1});
+        }
+}
+
+void SymmetricRows::store(const double* output, double* values) const {
+    for (std::size_t k = 0; k < order_.size(); ++k) values[k] = output[order_[k]];
+    for (const int k : diagonal_) values[k] *= 0.5;
 }
 
 void SymmetricRows::times(const double* values, const double* x, double* y) const {
-    for (int i = 0; i < above.rows(); ++i) {
-        double sum = 0;
-        const double xi = x[i];
-        for (int k = above.start[i]; k < above.start[i + 1]; ++k) {
-            const int j = above.column[k];
-            sum += values[k] * x[j];
-            y[j] += values[k] * xi;
-        }
-        y[i] += sum;
+    for (const Run& r : runs_) {
+        const double sum = dense::dot(r.count, values + r.first, x + r.column);
+        dense::axpy(r.count, x[r.row], values + r.first, y + r.column);
+        y[r.row] += sum;
     }
-    values += above.nnz();
-    for (std::size_t k = 0; k < diagonal.size(); ++k) y[diagonal[k]] += values[k] * x[diagonal[k]];
 }
 
-void SymmetricRows::half_times_matrix(const double* values, const double* X, int ld, double* Y) const {
-    above.times_matrix(values, X, ld, Y);
-    values += above.nnz();
-    for (std::size_t k = 0; k < diagonal.size(); ++k)
-        dense::axpy(ld, 0.5 * values[k], X + diagonal[k] * ld, Y + diagonal[k] * ld);
-}
-
-int SymmetricRows::last_row(int end) const {
-    int last = 0;
-    for (int i = 0; i < std::min(end, above.rows()); ++i)
-        if (above.start[i + 1] > above.start[i]) last = i + 1;
-    for (const int i : diagonal)
-        if (i < end) last = std::max(last, i + 1);
-    return last;
-}
-
-bool SymmetricRows::touches(int first, int end) const {
-    const auto inside = [&](int i) { return i >= first && i < end; };
-    for (int i = std::max(first, 0); i < std::min(end, above.rows()); ++i)
-        if (above.start[i + 1] > above.start[i]) return true;
-    return std::any_of(above.column.begin(), above.column.end(), inside) ||
-           std::any_of(diagonal.begin(), diagonal.end(), inside);
+SparseRows SymmetricRows::block(int row, int rows, int column, int columns) const {
+    std::vector<int> r, c, index;
+    for (int i = row; i < row + rows; ++i)
+        for (int k = half.start[i]; k < half.start[i + 1]; ++k) {
+            const int j = half.column[k] - column;
+            if (j >= 0 && j < columns) r.push_back(i - row), c.push_back(j), index.push_back(k);
+        }
+    return by_rows(rows, r, c, index);
 }
 
 }  // namespace mbocp

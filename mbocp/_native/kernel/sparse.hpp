@@ -14,6 +14,11 @@ struct SparseRows {
 
     int rows() const { return static_cast<int>(start.size()) - 1; }
     int nnz() const { return static_cast<int>(column.size()); }
+    // One past the last row before `end` that has a value.
+    int last_row(int end) const {
+        while (end > 0 && start[end] == start[end - 1]) --end;
+        return end;
+    }
 
     // Rows [row, row + rows) of the nonzeros whose column is in [first, first + columns), counted from `first`.
     static SparseRows block(const Pattern& p, int row, int rows, int first, int columns);
@@ -30,24 +35,25 @@ struct SparseRows {
     void transposed_times_matrix(const double* values, const double* X, int ld, double* Y, double a = 1.0) const;
 };
 
-// A symmetric matrix H by its upper triangle, each value once: those above the diagonal row by row, then the diagonal.
+// A symmetric matrix H = U + U', U its upper triangle with half the diagonal; values row by row.
 struct SymmetricRows {
-    SparseRows above;
-    std::vector<int> diagonal;  // rows with a value
-    std::vector<int> order;     // of all values in the function's output
+    SparseRows half;  // U
 
     explicit SymmetricRows(const Pattern& upper = Pattern());
 
-    void store(const double* output, double* values) const {
-        for (std::size_t k = 0; k < order.size(); ++k) values[k] = output[order[k]];
-    }
+    // Values in this order from the function's output.
+    void store(const double* output, double* values) const;
     // y += H x
     void times(const double* values, const double* x, double* y) const;
-    // Y += U X with H = U + U': twice its symmetric part makes H in a quadratic form.
-    void half_times_matrix(const double* values, const double* X, int ld, double* Y) const;
-    // One past the last row before `end` that has a value, and whether rows or columns from `first` to `end` have any.
-    int last_row(int end) const;
-    bool touches(int first, int end) const;
+    // A block of U.
+    SparseRows block(int row, int rows, int column, int columns) const;
+
+private:
+    struct Run {  // neighbours in a row
+        int row, column, first, count;
+    };
+    std::vector<int> order_, diagonal_;
+    std::vector<Run> runs_;
 };
 
 }  // namespace mbocp

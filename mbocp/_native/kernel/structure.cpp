@@ -25,7 +25,19 @@ inline double masked_largest(int width, const double* row, const double* mask) {
     return std::max(std::max(largest[0], largest[1]), std::max(largest[2], largest[3]));
 }
 
-// A (rows x width, both its columns' number a multiple of four) <- its inverse in the pivot columns and inverse times
+// row -= factor top; returns the largest of what is left where the mask is one.
+inline double subtract_row(int width, double factor, const double* top, double* row, const double* mask) {
+    dense::Vec largest = {0.0, 0.0, 0.0, 0.0};
+    for (int c = 0; c < width; c += 4) {
+        const dense::Vec v = dense::load(row + c) - factor * dense::load(top + c);
+        const dense::Vec masked = v * dense::load(mask + c), size = masked < 0.0 ? -masked : masked;
+        dense::store(row + c, v);
+        largest = size > largest ? size : largest;
+    }
+    return std::max(std::max(largest[0], largest[1]), std::max(largest[2], largest[3]));
+}
+
+// A (rows x width, a multiple of four) <- its inverse in the pivot columns and inverse times
 // the rest in the others, by Gauss-Jordan with complete pivoting among the columns where `mask` is one; it is zero in
 // those that were taken afterwards. Row i's pivot is at pivot[i]. `size` is work. Returns the smallest pivot.
 double gauss_jordan(int rows, int width, double* A, double* mask, int* pivot, double* size) {
@@ -48,12 +60,8 @@ double gauss_jordan(int rows, int width, double* A, double* mask, int* pivot, do
             double* row = A + k * width;
             const double factor = row[j];
             if (k == i) continue;
-            if (factor != 0.0) {
-                row[j] = 0.0;
-                for (int c = 0; c < width; c += 4)
-                    dense::store(row + c, dense::load(row + c) - factor * dense::load(top + c));
-            }
-            if (pivot[k] < 0) size[k] = masked_largest(width, row, mask);
+            row[j] = 0.0;
+            size[k] = subtract_row(width, factor, top, row, mask);
         }
     }
     return smallest;
@@ -207,7 +215,7 @@ std::size_t Structure::solve_size(int ld) const {
 
 std::size_t Structure::work_size(int columns) const {
     const int rows = padded(most_rows_), free = padded(most_free_);
-    const std::size_t factor = product(nq, free) + product(rows, padded(most_candidates_)) + product(rows, free) +
+    const std::size_t factor = product(nq, free) + product(rows, padded(most_candidates_)) + product(2 * rows, free) +
                                padded(most_candidates_) + rows;
     const std::size_t vector = product(2 * nw(), 4) + product(4, nq) + product(2, padded(d)) + solve_size(4);
     return std::max({factor, vector, solve_size(padded(columns))}) + 16;
@@ -218,7 +226,7 @@ double Structure::eliminate_own(const Group& g, const double* values, StepFactor
     const int rows = g.rows, lda = padded(g.width()), ldn = padded(most_free_), ldi = padded(rows);
     double* A = work;
     double* AN = A + product(rows, lda);
-    double *mask = AN + product(rows, ldn), *size = mask + lda;
+    double *mask = AN + product(2 * rows, ldn), *size = mask + lda;
     int *candidate = f.list, *pivot = candidate + most_candidates_;
     dense::zero(A, rows * lda);
     for (int i = 0; i < rows; ++i)
@@ -241,11 +249,13 @@ double Structure::eliminate_own(const Group& g, const double* values, StepFactor
         for (int k = 0; k < rows; ++k) inverse[i * ldi + k] = A[i * lda + pivot[k]];
         f.column[g.first + i] = g.columns[pivot[i]];
     }
-    dense::zero(AN, rows * ldn);
+    dense::zero(AN, 2 * rows * ldn);
     g.others.times_matrix(values, N, ldn, AN);
+    double* pivots = AN + product(rows, ldn);
+    if (g.free_before) dense::gemm_nn(rows, g.free_before, rows, inverse, ldi, AN, ldn, pivots, ldn, -1.0);
     for (int i = 0; i < rows; ++i) {
         double* row = N + f.column[g.first + i] * ldn;
-        if (g.others.nnz()) dense::gemm_nn(1, g.free_before, rows, inverse + i * ldi, ldi, AN, ldn, row, ldn, -1.0);
+        dense::copy(pivots + i * ldn, row, ldn);
         for (int e = 0; e < count; ++e) row[g.free_before + e] -= A[i * lda + candidate[e]];
     }
     return smallest / std::max(largest_entry(g.own, values), largest_entry(g.others, values));
