@@ -64,6 +64,7 @@ def kernel_programme(programme: StagewiseProgramme) -> Any:
             scale_y=np.ascontiguousarray(k.scale_y),
             scale_m=np.ascontiguousarray(k.scale_m),
             scale_ru=np.ascontiguousarray(k.scale_ru),
+            groups=[(first, rows, list(columns)) for first, rows, columns in k.groups],
         )
         for k in programme.kinds
     ]
