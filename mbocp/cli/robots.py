@@ -64,12 +64,23 @@ def _facts(facts: Mapping[str, Any]) -> Table:
     table.add_row(
         "size", f"nq = {facts['nq']}, nv = {facts['nv']}, {facts['nu']} controls, {facts['nc']} constraints"
     )
+    if facts["constraints"]:
+        table.add_row("mobility", _mobility(facts))
+        table.add_row("passive", ", ".join(facts["passive"]) or "none")
+        redundant = [row for constraint in facts["constraints"] for row in constraint["redundant_rows"]]
+        if redundant:
+            table.add_row("redundant", f"{', '.join(redundant)}: left out, the other rows imply them")
     table.add_row("mass", f"{facts['mass']:.4g} kg")
     table.add_row("gravity", f"{_numbers(facts['gravity'])} m/s^2")
     table.add_row("q0", _numbers(facts["q0"]))
     table.add_row("trace", ", ".join(facts["trace_frames"]) or "none")
     table.add_row("frames", ", ".join(facts["frames"]))
     return table
+
+
+def _mobility(facts: Mapping[str, Any]) -> str:
+    free, controls = facts["mobility"], facts["nu"]
+    return f"{free} degree{'s' * (free != 1)} of freedom, {controls} control{'s' * (controls != 1)}"
 
 
 def _joints(facts: Mapping[str, Any]) -> Table:
@@ -99,12 +110,13 @@ def _actuators(facts: Mapping[str, Any]) -> Table:
 def _elements(facts: Mapping[str, Any]) -> Table:
     table = _table("name", "type", "between", "numbers")
     for element in [*facts["constraints"], *facts["forces"]]:
-        numbers = [
-            f"{key} {element[key]:g}"
-            for key in ("length", "stiffness", "damping", "coefficient")
-            if key in element
-        ]
-        table.add_row(element["name"], element["type"], " - ".join(element["frames"]), ", ".join(numbers))
+        keys = ("length", "ratio", "offset", "stiffness", "damping", "coefficient")
+        numbers = [f"{key} {element[key]:g}" for key in keys if key in element]
+        if len(element.get("rows", ())) > 1:
+            kept = len(element["rows"]) - len(element["redundant_rows"])
+            numbers.append(f"{kept} of {len(element['rows'])} rows")
+        ends = element.get("frames") or element["joints"]
+        table.add_row(element["name"], element["type"], " - ".join(ends), ", ".join(numbers))
     return table
 
 

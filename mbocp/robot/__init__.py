@@ -20,7 +20,12 @@ from mbocp.robot.constraints import (
 )
 from mbocp.robot.describe import describe
 from mbocp.robot.load import load_robot, robot_from_spec
-from mbocp.robot.notices import InitialPoseWarning, MissingMeshWarning, NormalisationWarning
+from mbocp.robot.notices import (
+    IgnoredKeysWarning,
+    InitialPoseWarning,
+    MissingMeshWarning,
+    NormalisationWarning,
+)
 from mbocp.robot.parts import (
     Actuation,
     Connector,
@@ -43,6 +48,7 @@ __all__ = [
     "Drive",
     "FrameActuator",
     "Hinge",
+    "IgnoredKeysWarning",
     "InitialPoseWarning",
     "Kinematics",
     "Label",

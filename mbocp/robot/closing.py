@@ -7,8 +7,8 @@ stays in the assembly mode that it starts in (elbow up or down), where one long 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -24,13 +24,16 @@ if TYPE_CHECKING:
 
 __all__ = ["SLACK", "assemble", "assemble_velocity", "components", "follow", "gauss_newton", "violations"]
 
+_Residual: TypeAlias = "Callable[[Robot, Array], tuple[Array, Callable[[], Array]]]"
+
 SLACK = 1e-4  # [m, rad, m^2] what URDFs with six digits leave of rows that are implied by others
 
 _CLOSED = 1e-10  # [m, rad, m^2] of the rows that are kept; 1e-15 is usual
 _ROUND_OFF = 1e-15
 _ITERATIONS = 60  # quadratic at the end: six to ten are typical
+_STALLED, _SLOW = 4, 0.995  # so many iterations in a row that leave more than this share: a local minimum
 _LONGEST = 0.4  # [rad, m] step of one joint within an iteration
-_ATTEMPTS = 6  # the first from where the pose is, the others from around it
+_ATTEMPTS = 4  # the first from where the pose is, the others from around it
 _MASSLESS = 1e-6  # part of the largest inertia that every joint has at least in the metric
 _RANK = 1e-9
 _STRIDE, _SHORTEST_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
@@ -115,26 +118,68 @@ def follow(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> 
 
 
 def gauss_newton(robot: Robot, q: Array, free: NDArray[np.bool_], rows: Sequence[int]) -> Array:
-    """Reduce the residual of some rows in the free velocity components as far as it goes."""
-    chosen = list(rows)
-    damping = 0.0
-    residual = robot.closure_residual(q)[chosen]
+    """Reduce the residual of some rows in the free velocity components as far as it goes.
+
+    Where frames of a weld are far from each other's orientation, first by the angle between them: the rows of
+    the weld vanish at half turns, too.
+    """
+    if any(angle > _TURNED for _, angle in _turns(robot, q)):
+        q = _reduced(robot, q, free, rows, _by_angle)
+    return _reduced(robot, q, free, rows, _by_rows)
+
+
+def _reduced(robot: Robot, q: Array, free: NDArray[np.bool_], rows: Sequence[int], what: _Residual) -> Array:
+    chosen, damping, stalled = list(rows), 0.0, 0
+    residual = what(robot, q)[0][chosen]
     for _ in range(_ITERATIONS):
-        if np.abs(residual).max(initial=0.0) < _ROUND_OFF:
+        if np.abs(residual).max(initial=0.0) < _ROUND_OFF or stalled == _STALLED:
             break
-        jacobian = robot.closure_jacobian(q)[chosen][:, free]
+        jacobian = what(robot, q)[1]()[chosen][:, free]
         step = np.zeros(robot.nv)
         step[free] = _shortest(_metric(robot, q)[np.ix_(free, free)], jacobian, -residual, damping)
-        step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), _LONGEST))
+        step *= min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), _LONGEST))
         tried = robot.integrate(q, step)
-        after = robot.closure_residual(tried)[chosen]
-        if np.linalg.norm(after) < np.linalg.norm(residual):
+        after = what(robot, tried)[0][chosen]
+        share = np.linalg.norm(after) / np.linalg.norm(residual)
+        if share < 1.0:
+            stalled = stalled + 1 if share > _SLOW else 0
             q, residual, damping = tried, after, damping / 10.0 if damping > 1e-8 else 0.0
         elif np.abs(residual).max() < _CLOSED or damping > 1e3:
             break
         else:
             damping = max(10.0 * damping, 1e-4)
     return q
+
+
+def _by_rows(robot: Robot, q: Array) -> tuple[Array, Callable[[], Array]]:
+    """Residual of all rows, and what computes its Jacobian."""
+    return robot.closure_residual(q), lambda: robot.closure_jacobian(q)
+
+
+def _by_angle(robot: Robot, q: Array) -> tuple[Array, Callable[[], Array]]:
+    """Like `_by_rows`, with rotation vectors in place of the last three rows of each weld."""
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    residual, start, welds = np.array(robot.closure_residual(q)), 0, []
+    for constraint in robot.constraints:
+        if isinstance(constraint, Weld):
+            turn = data.oMf[constraint.frame_b].rotation.T @ data.oMf[constraint.frame_a].rotation
+            residual[start + 3 : start + 6] = pin.log3(turn)
+            welds.append((constraint, slice(start + 3, start + 6), turn))
+        start += len(constraint.rows)
+
+    def jacobian() -> Array:
+        rows = np.array(robot.closure_jacobian(q))
+        pin.computeJointJacobians(model, data, q)
+        for weld, where, turn in welds:
+            in_a, in_b = (
+                pin.getFrameJacobian(model, data, frame, pin.LOCAL).reshape(6, model.nv)[3:]
+                for frame in (weld.frame_a, weld.frame_b)
+            )
+            rows[where] = pin.Jlog3(turn) @ (in_a - turn.T @ in_b)
+        return rows
+
+    return residual, jacobian
 
 
 def violations(robot: Robot, q: Array, allowed: float = _CLOSED) -> list[tuple[str, float, str]]:
@@ -150,19 +195,18 @@ def violations(robot: Robot, q: Array, allowed: float = _CLOSED) -> list[tuple[s
         (labels[i].name, float(residual[i]), labels[i].unit)
         for i in np.flatnonzero(np.abs(residual) > limits)
     ]
-    found += [(weld.name, angle, "rad") for weld, angle in _turned(robot, q)]
+    found += [(weld.name, angle, "rad") for weld, angle in _turns(robot, q) if angle > _TURNED]
     return sorted(found, key=lambda row: -abs(row[1]))
 
 
-def _turned(robot: Robot, q: Array) -> list[tuple[Weld, float]]:
-    """Welds whose frames do not coincide although their rows vanish, with the angle between them [rad]."""
+def _turns(robot: Robot, q: Array) -> list[tuple[Weld, float]]:
+    """Angle between the frames of each weld [rad]."""
     welds = [constraint for constraint in robot.constraints if isinstance(constraint, Weld)]
     data = robot.model.createData()
     if welds:
         pin.framesForwardKinematics(robot.model, data, q)
     turns = [data.oMf[w.frame_b].rotation.T @ data.oMf[w.frame_a].rotation for w in welds]
-    angles = [float(np.linalg.norm(pin.log3(turn))) for turn in turns]
-    return [(weld, angle) for weld, angle in zip(welds, angles, strict=True) if angle > _TURNED]
+    return [(weld, float(np.linalg.norm(pin.log3(turn)))) for weld, turn in zip(welds, turns, strict=True)]
 
 
 def _left(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.robot import joints, kinematics
+from mbocp.robot import joints
 from mbocp.robot.constraint_equations import constraint_rows
 from mbocp.robot.constraints import Constraint, Coupling
 
@@ -39,28 +39,32 @@ class Closure:
 
     def residual(self, q: Array) -> Array:
         """Phi(q), shape (size,)."""
-        return self._values(q)[0] if self.constraints else np.zeros(0)
+        if not self.constraints:
+            return np.zeros(0)
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, q)
+        return self._values(data, q)[0]
 
     def jacobian(self, q: Array) -> Array:
         """Derivative of Phi in tangent coordinates, shape (size, nv)."""
         if not self.constraints:
             return np.zeros((0, self.model.nv))
-        derivative = self._values(q)[1]
-        moved: Array = np.vstack([*self._frame_jacobians(q), self._joint_rows()])
-        return derivative @ moved
+        model, data = self.model, self.model.createData()
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        frames = [
+            pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)
+            for frame in self._frames
+        ]
+        moved: Array = np.vstack([*frames, self._joint_rows()])
+        return self._values(data, q)[1] @ moved
 
-    def _values(self, q: Array) -> tuple[Array, Array]:
-        data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, q)
+    def _values(self, data: pin.Data, q: Array) -> tuple[Array, Array]:
         places = [data.oMf[frame] for frame in self._frames]
         numbers = np.array([np.append(M.translation, M.rotation.ravel(order="F")) for M in places])
         theta = np.array([joints.displacement(self.model, joint, q) for joint in self._joints])
         rows, derivative = self._function(numbers.reshape(-1, 12).T, theta)
         return rows.full().ravel(), derivative.full()
-
-    def _frame_jacobians(self, q: Array) -> list[Array]:
-        reference = pin.LOCAL_WORLD_ALIGNED
-        return [kinematics.frame_jacobian(self.model, q, frame, reference) for frame in self._frames]
 
     def _joint_rows(self) -> Array:
         dofs = [joints.velocity_slice(self.model, joint).start for joint in self._joints]

@@ -22,9 +22,10 @@ def describe(robot: Robot) -> dict[str, Any]:
     Returns
     -------
     dict
-        name, description, source, dimensions (nq, nv, nu, nc), dofs, mass [kg], gravity [m/s^2], joints,
-        actuators, drives, speeds, constraints, forces, frames, trace_frames, q0 [rad, m], rotations,
-        fingerprint. Drives are among the actuators, last.
+        name, description, source, dimensions (nq, nv, nu, nc), dofs and mobility (degrees of freedom that the
+        constraints leave), mass [kg], gravity [m/s^2], joints, actuators, actuated (their names), passive
+        (joints that none of them acts upon directly), drives, speeds, constraints, forces, frames,
+        trace_frames, q0 [rad, m], rotations, fingerprint. Drives are among the actuators, last.
     """
     return {
         "name": robot.name,
@@ -35,6 +36,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "nu": robot.nu,
         "nc": robot.nc,
         "dofs": robot.nv - robot.nc,
+        "mobility": robot.nv - robot.nc,
         "mass": float(sum(inertia.mass for inertia in list(robot.model.inertias)[1:])),
         "gravity": [float(g) for g in robot.model.gravity.linear],
         "joints": [_joint(robot, j) for j in range(1, robot.model.njoints)],
@@ -42,6 +44,8 @@ def describe(robot: Robot) -> dict[str, Any]:
             {"name": label.name, "unit": label.unit, "limit": _finite(limit)}
             for label, limit in zip(robot.u_labels, robot.limits.effort, strict=True)
         ],
+        "actuated": [label.name for label in robot.u_labels],
+        "passive": _passive(robot),
         "drives": [_drive(robot, drive) for drive in robot.drives],
         "speeds": [{"name": label.name, "unit": label.unit} for label in robot.speed_labels],
         "constraints": [_constraint(robot, constraint) for constraint in robot.constraints],
@@ -83,6 +87,14 @@ def _drive(robot: Robot, drive: Drive) -> dict[str, Any]:
         "frame": frame,
         "direction": direction,
     }
+
+
+def _passive(robot: Robot) -> list[str]:
+    """Joints without a motor or drive; wrenches and thrusters act on bodies."""
+    idle = ~np.any(robot.actuation.selection, axis=1)
+    idle[list(robot.driven)] = False
+    slices = ((name, robot.velocity_indices(name)) for name in robot.joint_names)
+    return [name for name, where in slices if where.stop > where.start and idle[where].all()]
 
 
 def _constraint(robot: Robot, constraint: Constraint) -> dict[str, Any]:

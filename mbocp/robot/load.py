@@ -30,6 +30,7 @@ from mbocp.robot.examples import load_example
 from mbocp.robot.initial_pose import close_loops
 from mbocp.robot.locking import lock_joints, pose_by_joint
 from mbocp.robot.robot import Robot
+from mbocp.robot.robot_yaml import read_robot_yaml
 from mbocp.robot.schema import RobotTable, read_robot_toml
 from mbocp.robot.sources import Source, find_source
 from mbocp.robot.urdf import ROOT_JOINT, build_model, read_urdf
@@ -40,7 +41,7 @@ __all__ = ["load_robot", "robot_from_spec"]
 LockOption: TypeAlias = dict[str, float | list[float]] | list[str]
 
 # A URDF that says "mimic" means it. example-robot-data builds its models without, and so do its names here.
-_MIMIC = {"toml": True, "urdf": True, "chain": True, "example": False}
+_MIMIC = {"toml": True, "yaml": True, "urdf": True, "chain": True, "example": False}
 
 _BASE_NQ = 7  # numbers of a free-flyer's configuration
 
@@ -209,12 +210,29 @@ def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tup
             raise RobotFileError(source.path, str(error), "urdf") from error
         name = table.name or source.name
         follow = table.mimic if mimic is None and table.mimic is not None else follow
+    if source.kind == "yaml":
+        return _from_yaml(source, bool(free_flyer), follow, folders)
     urdf = read_urdf(path)
     floating = bool(table.free_flyer) if free_flyer is None else free_flyer
     model = build_model(urdf, free_flyer=floating, mimic=follow)
     model = make_spherical(model, table.spherical, name or urdf.name)
     visuals = build_visuals(urdf, model, folders)
     return _Body(model, visuals, pin.neutral(model), path, name or urdf.name, table, source.path)
+
+
+def _from_yaml(source: Source, free_flyer: bool, mimic: bool, folders: list[Path]) -> _Body:
+    """A URDF with a robot.yaml beside it; the URDF is robot.urdf, or the only one."""
+    told, folder = read_robot_yaml(source.path), source.path.parent
+    held = sorted(folder.glob("*.urdf"))
+    path = folder / "robot.urdf" if len(held) != 1 else held[0]
+    urdf = read_urdf(path)
+    table = told.table(urdf)
+    urdf = told.with_joints(urdf, source.path)
+    model = make_spherical(
+        build_model(urdf, free_flyer=free_flyer, mimic=mimic), table.spherical, source.name
+    )
+    visuals = build_visuals(urdf, model, folders)
+    return _Body(model, visuals, pin.neutral(model), path, source.name, table, source.path)
 
 
 def _chain(name: str, free_flyer: bool, mimic: bool) -> _Body:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["InitialPoseWarning", "MissingMeshWarning", "NormalisationWarning"]
+__all__ = ["IgnoredKeysWarning", "InitialPoseWarning", "MissingMeshWarning", "NormalisationWarning"]
 
 
 class MissingMeshWarning(UserWarning):
@@ -14,4 +14,8 @@ class NormalisationWarning(UserWarning):
 
 
 class InitialPoseWarning(UserWarning):
-    """The default initial pose violates a holonomic constraint."""
+    """The initial pose that was written violates a holonomic constraint, and has been moved."""
+
+
+class IgnoredKeysWarning(UserWarning):
+    """A robot.yaml says something that mbocp does not know, and that is left out."""

@@ -2,9 +2,9 @@
 
 Look-up order of `find_source`:
 
-1. a `Path`, or a text with a path separator or the ending .urdf, .xml or .toml: that file or folder;
-2. a folder of that name with a robot.toml in it, under the folders of MBOCP_ROBOT_PATH, then under mbocp's
-   robots/;
+1. a `Path`, or a text with a path separator or the ending .urdf, .xml, .toml or .yaml: that file or folder;
+2. a folder of that name with a robot.toml or robot.yaml in it, under the folders of MBOCP_ROBOT_PATH, then
+   under mbocp's robots/;
 3. "chain_N": a chain of N links, see `mbocp.robot.chain`;
 4. a name of example-robot-data ("ur5", "panda", "talos");
 5. a name of robot_descriptions ("panda_description"), if that package is installed.
@@ -18,7 +18,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import mbocp
 from mbocp.exceptions import RobotFileError, UnknownRobot
@@ -28,18 +28,22 @@ from mbocp.robot.schema import read_robot_toml
 __all__ = ["RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
 
 TOML = "robot.toml"
+YAML = "robot.yaml"
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"
-_FILE_ENDINGS = (".urdf", ".xml", ".toml", ".xacro")
+_FILE_ENDINGS = (".urdf", ".xml", ".toml", ".yaml", ".xacro")
+
+_Kind: TypeAlias = Literal["toml", "yaml", "urdf", "chain", "example"]
+_FILES: dict[_Kind, str] = {"toml": TOML, "yaml": YAML}  # the first of them in a folder
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a name or path stands for: a robot.toml, a URDF, a chain, or a loader of example-robot-data.
+    """What a name or path stands for: a file, a chain, or a loader of example-robot-data.
 
     `address` is the name or absolute path that leads here again from any folder.
     """
 
-    kind: Literal["toml", "urdf", "chain", "example"]
+    kind: _Kind
     name: str
     address: str
     path: Path
@@ -69,8 +73,9 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
         path = Path(spec).expanduser()
         return _from_path(path if base is None else base / path)
     for folder in robot_folders():
-        if (folder / spec / TOML).is_file():
-            return Source("toml", spec, spec, folder / spec / TOML)
+        for kind, file in _FILES.items():
+            if (folder / spec / file).is_file():
+                return Source(kind, spec, spec, folder / spec / file)
     if chain.num_links(spec) is not None:
         return Source("chain", spec, spec, Path())
     if spec in examples.names():
@@ -96,9 +101,10 @@ def list_robots() -> list[RobotEntry]:
     """All robots that can be loaded by name; a name that occurs twice is listed where it would be found."""
     found: dict[str, RobotEntry] = {}
     for folder in robot_folders():
-        for file in sorted(folder.glob(f"*/{TOML}")):
-            entry = RobotEntry(file.parent.name, "robots/", _description(file))
-            found.setdefault(entry.name, entry)
+        for inner in sorted(folder.iterdir()):
+            file = next((inner / name for name in _FILES.values() if (inner / name).is_file()), None)
+            if file is not None:
+                found.setdefault(inner.name, RobotEntry(inner.name, "robots/", _description(file)))
     words = f"{chain.chain_description(8)}; chain_N has N, 1 to {chain.MOST_LINKS}"
     found.setdefault(chain.EXAMPLE, RobotEntry(chain.EXAMPLE, "chains of any length", words))
     for name in examples.names():
@@ -107,6 +113,8 @@ def list_robots() -> list[RobotEntry]:
 
 
 def _description(file: Path) -> str:
+    if file.name == YAML:
+        return f"closed loops of {YAML}"
     try:
         return read_robot_toml(file).description
     except RobotFileError as error:  # a broken file must not hide the other robots
@@ -121,17 +129,20 @@ def _looks_like_path(spec: str) -> bool:
 def _from_path(path: Path) -> Source:
     path = path.resolve()
     if path.is_dir():
-        if (path / TOML).is_file():
-            return Source("toml", path.name, str(path / TOML), path / TOML)
+        for kind, file in _FILES.items():
+            if (path / file).is_file():
+                return Source(kind, path.name, str(path / file), path / file)
         urdfs = sorted(path.glob("*.urdf"))
         if len(urdfs) == 1:
             return Source("urdf", urdfs[0].stem, str(urdfs[0]), urdfs[0])
         held = ", ".join(u.name for u in urdfs) or "none"
-        raise RobotFileError(path, f"this folder has no {TOML}, and not exactly one URDF (it has: {held})")
+        raise RobotFileError(
+            path, f"this folder has no {TOML} or {YAML}, and not exactly one URDF (it has: {held})"
+        )
     if not path.exists():
         raise RobotFileError(path, "no such file or folder")
-    if path.suffix == ".toml":
-        return Source("toml", path.parent.name, str(path), path)
+    if path.suffix in (".toml", ".yaml"):
+        return Source("toml" if path.suffix == ".toml" else "yaml", path.parent.name, str(path), path)
     return Source("urdf", path.stem, str(path), path)
 
 

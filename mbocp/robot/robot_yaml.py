@@ -1,0 +1,160 @@
+"""robot.yaml: the layout in which public collections of parallel robots keep loops beside a URDF.
+
+    closed_loop: [['frameA', 'frameB'], ...]    # frames that coincide
+    type: ['6d', '3d', ...]                     # in position and orientation, or in position; default 6d
+    name_mot: ['joint', ...]                    # joints with motors; default all
+    joint_name: ['joint', ...]                  # joints that are of another type than in the URDF
+    joint_type: ['SPHERICAL', 'FIXED', 'UJOINT_XY', ...]
+
+It becomes a `RobotTable`, as if it were a robot.toml, and a URDF with the other joint types.
+"""
+
+from __future__ import annotations
+
+import warnings
+from copy import deepcopy
+from itertools import takewhile
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mbocp.exceptions import RobotFileError, suggest
+from mbocp.robot.notices import IgnoredKeysWarning
+from mbocp.robot.schema import ActuationTable, ConstraintTable, PointTable, RobotTable, WeldTable
+from mbocp.robot.urdf import Urdf
+
+__all__ = ["RobotYaml", "read_robot_yaml"]
+
+_AXES = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
+_JOINT_TYPES = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in _AXES for b in _AXES if a != b))
+
+
+class RobotYaml(BaseModel):
+    """What a robot.yaml says."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    closed_loop: list[tuple[str, str]] = Field(min_length=1)
+    type: list[Literal["3d", "6d", "3D", "6D"]] | None = None
+    name_mot: list[str] | None = None
+    joint_name: list[str] = []
+    joint_type: list[str] = []
+
+    def table(self, urdf: Urdf) -> RobotTable:
+        """The loops and motors, as a robot.toml would say them."""
+        kinds = self.type or ["6d"] * len(self.closed_loop)
+        names = _names(self.closed_loop)
+        loops: list[ConstraintTable] = [
+            PointTable(type="point", name=name, frames=frames)
+            if kind.lower() == "3d"
+            else WeldTable(type="weld", name=name, frames=frames)
+            for name, frames, kind in zip(names, self.closed_loop, kinds, strict=True)
+        ]
+        balls = [n for n, t in zip(self.joint_name, self.joint_type, strict=True) if t == "SPHERICAL"]
+        return RobotTable(
+            description=f"Closed loops of {urdf.name}",
+            actuation=ActuationTable(joints=self.name_mot),
+            constraint=loops,
+            spherical=balls,
+        )
+
+    def with_joints(self, urdf: Urdf, path: Path) -> Urdf:
+        """The URDF with the joints that are of another type here."""
+        root = deepcopy(urdf.root)
+        joints = {joint.get("name", ""): joint for joint in root.iterfind("joint")}
+        for name, kind in zip(self.joint_name, self.joint_type, strict=True):
+            if name not in joints:
+                raise RobotFileError(
+                    path, f"the URDF has no joint {name!r}: {suggest(name, joints)}", "joint_name"
+                )
+            if kind not in _JOINT_TYPES:
+                reason = f"unknown type {kind!r} of joint {name!r}; {suggest(kind, _JOINT_TYPES)}"
+                raise RobotFileError(path, reason, "joint_type")
+            if kind.startswith("UJOINT"):
+                _split(root, joints[name], kind[-2:])
+            else:
+                joints[name].set("type", "fixed" if kind == "FIXED" else "floating")
+        return Urdf(urdf.path, ElementTree.tostring(root, encoding="unicode"), root)
+
+
+def read_robot_yaml(path: Path) -> RobotYaml:
+    """Read and validate a robot.yaml.
+
+    Raises
+    ------
+    RobotFileError
+        Naming file, key, what was got and what is allowed.
+
+    Warns
+    -----
+    IgnoredKeysWarning
+        For keys that are not known.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotFileError(path, f"cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise RobotFileError(path, f"malformed YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(data, dict):
+        raise RobotFileError(path, "expected keys and values: closed_loop, type, name_mot, ...")
+    try:
+        found = RobotYaml.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = "".join(f"[{step}]" if isinstance(step, int) else f"{step}" for step in first["loc"])
+        got = "" if first["type"] == "missing" else f"got {first['input']!r}: "
+        raise RobotFileError(path, f"{got}{first['msg']}", key) from error
+    _check_lengths(path, found)
+    if found.model_extra:
+        unknown, known = ", ".join(map(repr, found.model_extra)), ", ".join(RobotYaml.model_fields)
+        warnings.warn(
+            f"{path}: what {unknown} says is left out (known keys: {known}); a robot.toml in this folder can "
+            "say more, and takes the place of the robot.yaml",
+            IgnoredKeysWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+def _check_lengths(path: Path, found: RobotYaml) -> None:
+    if found.type is not None and len(found.type) != len(found.closed_loop):
+        reason = f"has {len(found.type)} entries for {len(found.closed_loop)} pairs of closed_loop"
+        raise RobotFileError(path, reason, "type")
+    if len(found.joint_type) != len(found.joint_name):
+        reason = f"has {len(found.joint_type)} entries for {len(found.joint_name)} of joint_name"
+        raise RobotFileError(path, reason, "joint_type")
+
+
+def _names(pairs: list[tuple[str, str]]) -> list[str]:
+    """What two frames have in common, if that tells the loops apart; else loop_1, loop_2, ..."""
+    common = [_beginning(*pair).rstrip("_-. ") for pair in pairs]
+    telling = all(common) and len(set(common)) == len(common)
+    return common if telling else [f"loop_{number}" for number in range(1, len(pairs) + 1)]
+
+
+def _beginning(a: str, b: str) -> str:
+    return "".join(x for x, _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
+
+
+def _split(root: ElementTree.Element, joint: ElementTree.Element, axes: str) -> None:
+    """Make a joint into a universal one: two hinges with a massless cross between them."""
+    name, child = joint.get("name", ""), joint.find("child")
+    if child is None:
+        return
+    cross = f"{name}_cross"
+    ElementTree.SubElement(root, "link", name=cross)
+    second = ElementTree.SubElement(root, "joint", name=f"{name}_{axes[1]}", type="continuous")
+    ElementTree.SubElement(second, "parent", link=cross)
+    ElementTree.SubElement(second, "child", link=child.get("link", ""))
+    ElementTree.SubElement(second, "axis", xyz=_AXES[axes[1]])
+    for tag in ("axis", "limit", "mimic"):
+        for element in joint.findall(tag):
+            joint.remove(element)
+    joint.set("name", f"{name}_{axes[0]}")
+    joint.set("type", "continuous")
+    child.set("link", cross)
+    ElementTree.SubElement(joint, "axis", xyz=_AXES[axes[0]])
