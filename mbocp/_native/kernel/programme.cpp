@@ -185,7 +185,7 @@ void Programme::allocate() {
     c_trial_.assign(nm, 0.0), g_trial_.assign(ng_, 0.0);
     scratch_.assign(largest + 64, 0.0);
     scaled_m_.assign(nm, 0.0);
-    sweep_c_.assign(2 * static_cast<std::size_t>(max_nw_), 0.0);
+    sweep_c_.assign(3 * static_cast<std::size_t>(max_nw_), 0.0);
     sweep_dx_.assign(ndx_, 0.0), planned_.assign(2 * static_cast<std::size_t>(nx_), 0.0), sweep_before_.assign(static_cast<std::size_t>(nx_) + max_nw_, 0.0);
 }
 

@@ -13,7 +13,10 @@ constexpr double singular = 1e-15;  // relative pivot below which a step's matri
 
 }  // namespace
 
-// One implicit step by Newton's method, with the step halved where the residual grows.
+// One implicit step by Newton's method, with the step halved where it gets worse: where the residual grows and the
+// correction that the old derivatives ask for at the new point is no smaller, either (Deuflhard's natural monotonicity
+// test). The residual alone would not do: its rows are momenta and constraints, and a good step along the tangent of a
+// constraint turns the one into the other.
 bool Programme::simulate_stage(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep) {
     const Kind& k = *stages_[n].kind;
     StageFunction& f = *k.jacobian;
@@ -45,7 +48,16 @@ bool Programme::simulate_stage(int n, double tolerance, int max_iterations, bool
         // A full step at the level of round-off cannot improve further.
         if (finite && iteration > 3 && norm < 1e4 * tolerance && norm >= before && factor == 1.0)
             return sweep.residual = norm, true;
-        if (finite && norm <= before * (1.0 + 1e-3 * factor) + 1e3 * tolerance) {
+        bool better = norm <= before * (1.0 + 1e-3 * factor) + 1e3 * tolerance;
+        if (finite && !better && has_direction) {
+            double* simplified = direction + nc;
+            dense::copy(c, simplified, nc);
+            solve_step(n, simplified);
+            double now = 0, then = 0;
+            for (int i = 0; i < ndx_; ++i) now += simplified[i] * simplified[i], then += direction[i] * direction[i];
+            better = std::sqrt(now) <= (1.0 - 0.25 * factor) * std::sqrt(then);
+        }
+        if (finite && better) {
             before = norm, factor = 1.0;
             std::copy(x1, x1 + nx_, x_before);
             std::copy(y1, y1 + k.ny, y_before);
