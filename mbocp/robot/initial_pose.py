@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mbocp._arrays import Array
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot.closing import SLACK, assemble, violations
@@ -18,10 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["close_loops"]
 
-_TOLD = 1e-6  # [m, rad, m^2] violation of a pose that was meant to be right
 
-
-def close_loops(robot: Robot, given: Sequence[str], *, is_whole: bool) -> Robot:
+def close_loops(robot: Robot, given: Sequence[str]) -> Robot:
     """Return the robot with an initial pose that closes the loops, and without redundant rows.
 
     Parameters
@@ -29,9 +29,8 @@ def close_loops(robot: Robot, given: Sequence[str], *, is_whole: bool) -> Robot:
     robot : Robot
         With all rows of its constraints.
     given : sequence of str
-        Joints whose initial position was written: they stay where they are if the loops can be closed so.
-    is_whole : bool
-        Whether the whole pose was written: then any joint may move.
+        Joints whose initial position was written. They stay where they are if the loops can be closed so;
+        else those of them that have a motor do, and the others say which assembly mode is meant.
 
     Raises
     ------
@@ -43,28 +42,37 @@ def close_loops(robot: Robot, given: Sequence[str], *, is_whole: bool) -> Robot:
     Warns
     -----
     InitialPoseWarning
-        If joints whose position was written had to move.
+        If neither those with a motor could stay.
     """
     if not robot.constraints:
         return robot
-    off = violations(robot, robot.q0, _TOLD)
-    held = () if is_whole else tuple(given)
-    try:
-        q0 = assemble(robot, robot.q0, held, SLACK)
-    except LoopNotClosed:
-        if not held:
-            raise
-        q0, held, is_whole = assemble(robot, robot.q0, (), SLACK), (), True
-    if off and is_whole:
-        bad = ", ".join(f"{name!r} by {value:.3g} {unit}" for name, value, unit in off[:3])
-        warnings.warn(
-            f"robot {robot.name!r}: the initial pose violates {bad}; the nearest that closes the loops takes "
-            "its place: give another in [initial] of its robot.toml, or fewer joints",
-            InitialPoseWarning,
-            stacklevel=2,
-        )
+    q0, held = _assembled(robot, given)
     kept = without_redundant_rows(replace(robot, q0=q0))
     return replace(kept, q0=_closed(kept, q0, held))
+
+
+def _assembled(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]]:
+    """A pose that closes the loops up to few digits, and the joints that could be held."""
+    moved = np.any(robot.actuation.selection != 0.0, axis=1)
+    moved[list(robot.driven)] = True
+    motors = [name for name in given if moved[robot.velocity_indices(name)].any()]
+    for held in (given, motors) if motors else (given,):
+        try:
+            return assemble(robot, robot.q0, held, SLACK), held
+        except LoopNotClosed:
+            if not held:
+                raise
+    q0 = assemble(robot, robot.q0, (), SLACK)
+    bad = ", ".join(
+        f"{name!r} by {value:.3g} {unit}" for name, value, unit in violations(robot, robot.q0)[:3]
+    )
+    warnings.warn(
+        f"robot {robot.name!r}: the initial pose violates {bad}; the nearest that closes the loops takes its "
+        "place: give another in [initial] of its robot.toml, or fewer joints",
+        InitialPoseWarning,
+        stacklevel=5,
+    )
+    return q0, ()
 
 
 def _closed(robot: Robot, q0: Array, held: Sequence[str]) -> Array:

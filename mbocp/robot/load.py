@@ -276,10 +276,7 @@ def _assemble(
         description=body.table.description,
         rotations=rotations or body.table.rotations or "quaternion",
     )
-    initial = body.table.initial
-    is_whole = initial is not None and not isinstance(initial.q, dict)
-    given = () if initial is None or is_whole else [j for j in initial.q if j in robot.joint_names]
-    robot = close_loops(robot, given, is_whole=is_whole)
+    robot = close_loops(robot, _posed(body.table, robot))
     check_drives(robot)
     check_mechanics(robot)
     return robot
@@ -304,6 +301,14 @@ def _initial_pose(body: _Body) -> Array:
         if model.joints[j].nq > 0
     }
     return pose_by_joint(model, q, parts, body.name)  # each joint checks and normalises its own part
+
+
+def _posed(table: RobotTable, robot: Robot) -> list[str]:
+    """Joints whose initial position was written."""
+    if table.initial is None:
+        return []
+    written = table.initial.q if isinstance(table.initial.q, dict) else robot.joint_names
+    return [name for name in written if name in robot.joint_names]
 
 
 def _set_gravity(model: pin.Model, gravity: Sequence[float] | None, robot: str) -> None:
