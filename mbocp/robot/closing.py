@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.exceptions import LoopNotClosed
+from mbocp.robot import kinematics
 from mbocp.robot.constraints import Weld
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ _ITERATIONS = 60  # quadratic at the end: six to ten are typical
 _STALLED, _SLOW = 4, 0.995  # so many iterations in a row that leave more than this share: a local minimum
 _LONGEST = 0.4  # [rad, m] step of one joint within an iteration
 _ATTEMPTS = 4  # the first from where the pose is, the others from around it
-_MASSLESS = 1e-6  # part of the largest inertia that every joint has at least in the metric
+_MASSLESS = 1e-6  # part of the largest inertia that every joint gets where some have none
 _RANK = 1e-9
 _STRIDE, _SHORTEST_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
 _KICKS = 4
@@ -250,8 +251,10 @@ def _with(robot: Robot, q: Array, target: Array, chosen: NDArray[np.bool_]) -> A
 
 
 def _metric(robot: Robot, q: Array) -> Array:
-    """Mass matrix in which nothing is massless."""
+    """Mass matrix; where it is singular, with a little inertia for all."""
     mass = robot.mass_matrix(q)
+    if not kinematics.is_singular(mass):
+        return mass
     least = _MASSLESS * float(np.diag(mass).max(initial=0.0)) or 1.0
     metric: Array = mass + least * np.eye(robot.nv)
     return metric
