@@ -328,7 +328,9 @@ def _is_whole(problem: Problem) -> bool:
         return bool(active.all())
     allowed = tangent_space(problem.robot, problem.goal.q)
     singular = np.linalg.svd(allowed[active], compute_uv=False)
-    return len(singular) >= allowed.shape[1] and singular[: allowed.shape[1]].min(initial=1.0) > _SAYS_ENOUGH
+    return len(singular) >= allowed.shape[1] and bool(
+        singular[: allowed.shape[1]].min(initial=1.0) > _SAYS_ENOUGH
+    )
 
 
 def _can_hold(problem: Problem) -> bool:

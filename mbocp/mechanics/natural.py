@@ -493,7 +493,7 @@ def _mass_matrix(tree: BodyTree) -> ca.SX:
 def _groups(
     rows: Sequence[JointRow], tree: BodyTree, num_loops: int
 ) -> tuple[tuple[int, int, tuple[int, ...]], ...]:
-    """First row, number of rows and own columns of each body's constraints, parents first; then the loops'."""
+    """First row, number and own columns of each body's constraints, parents first; then the loops'."""
     found = []
     for body in tree.turning:
         mine = [i for i, row in enumerate(rows) if row.body is body]

@@ -229,9 +229,7 @@ def _rotations(problem: Problem) -> str:
     return problem.robot.rotations if problem.scheme in EXPLICIT_SCHEMES else "quaternion"
 
 
-def _kind(
-    problem: Problem, at: StateLayout, ny: int, nr: int, natural: NaturalMechanics | None
-) -> StageKind:
+def _kind(problem: Problem, at: StateLayout, ny: int, nr: int, natural: NaturalMechanics | None) -> StageKind:
     nu, dt = problem.robot.nu, problem.dt
     has_groups = problem.scheme == "se1" and at.nr == 0
     return StageKind(

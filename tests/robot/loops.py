@@ -13,7 +13,9 @@ _BOX = (
 CRANK, COUPLER, ROCKER, GROUND = 0.3, 0.8, 0.6, 0.9  # [m]
 
 MOTOR = '[actuation]\njoints = ["crank"]\n'
-HINGE = '[[constraint]]\ntype = "hinge"\nname = "pin"\nframes = ["coupler_end", "rocker_end"]\naxis = [0, 1, 0]\n'
+HINGE = (
+    '[[constraint]]\ntype = "hinge"\nname = "pin"\nframes = ["coupler_end", "rocker_end"]\naxis = [0, 1, 0]\n'
+)
 POINT = '[[constraint]]\ntype = "point"\nname = "pin"\nframes = ["coupler_end", "rocker_end"]\n'
 WELD = '[[constraint]]\ntype = "weld"\nname = "pin"\nframes = ["coupler_end", "rocker_end"]\n'
 ROD = '[[constraint]]\ntype = "rod"\nname = "{name}"\nframes = ["coupler_end", "world"]\nlength = {length}\n'

@@ -19,7 +19,8 @@ def test_missing_file(tmp_path: Path) -> None:
 
 def test_folder_without_a_robot(tmp_path: Path) -> None:
     with pytest.raises(
-        RobotFileError, match=r"this folder has no robot\.toml or robot\.yaml, and not exactly one URDF \(it has: none"
+        RobotFileError,
+        match=r"this folder has no robot\.toml or robot\.yaml, and not exactly one URDF \(it has: none",
     ):
         load_robot(tmp_path)
 

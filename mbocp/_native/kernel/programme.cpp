@@ -289,7 +289,7 @@ double Programme::stationarity() const {
 
 Evaluation Programme::evaluate(double share) {
     Evaluation e;
-    backward_done_ = false;
+    backward_done_ = steps_known_ = false;
     const double* multipliers = m.data();
     if (share != 1.0) {
         for (std::size_t i = 0; i < m.size(); ++i) scaled_m_[i] = share * m[i];

@@ -225,6 +225,8 @@ private:
     int N, nx_, ndx_, ng_;
     int nd_ = 0;              // entries of a state that value functions and gains are over: all, or the chosen ones
     bool is_structured_ = false;
+    bool steps_known_ = false;  // structured steps and their T are those of the last evaluation, whatever the shift
+    double step_pivot_ = 1.0;   // smallest pivot of these
     Numbers theta_, rho_, rho_terminal_;
     Pool pool_;
     std::vector<int> pivots_;

@@ -115,11 +115,15 @@ bool Programme::condense_reduced(int n, Factorisation& result) {
     if (n > 0)  // x_0 is given
         for (int i = 0; i < nx; ++i) dense::copy(stages_[n - 1].B + i * px, Zs + i * pm, nd);
     for (int i = 0; i < nu; ++i) Zs[(nx + i) * pm + nd + i] = 1.0;
-    t.Js.times_matrix(s.J, Zs, pm, Z, -1.0);
-    t.solve(s.J, s.step, Z, pm, false, work);
     double* T = s.T;  // xi from (xi before, u), then y
-    for (int i = 0; i < nd; ++i) dense::copy(Z + s.chosen[i] * pm, T + i * pm, pm);
-    dense::copy(O, T + nd * pm, ny * pm);
+    if (!steps_known_) {
+        t.Js.times_matrix(s.J, Zs, pm, Z, -1.0);
+        t.solve(s.J, s.step, Z, pm, false, work);
+        for (int i = 0; i < nd; ++i) dense::copy(Z + s.chosen[i] * pm, T + i * pm, pm);
+        dense::copy(O, T + nd * pm, ny * pm);
+    } else {
+        dense::copy(T + nd * pm, O, ny * pm);
+    }
 
     // Half the quadratic form, W with Q = W + W': in xi through x = B xi, first P + B'(Hxx + shift)B.
     dense::zero(HB, nx * px);

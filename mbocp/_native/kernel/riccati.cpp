@@ -58,8 +58,9 @@ Factorisation Programme::factorise(double shift, double augment) {
     Stage& last = stages_.back();
     augment_ = augment, factorised_ = false;
     backward_done_ = false;
-    for (int n = 0; is_structured_ && n < N; ++n)
+    for (int n = 0; is_structured_ && !steps_known_ && n < N; ++n)
         if (!reduce(n, f)) return f.bad_stage = n, f;
+    if (is_structured_) step_pivot_ = f.smallest_pivot = steps_known_ ? step_pivot_ : f.smallest_pivot;
     if (is_structured_) {
         reduce_end();
     } else {
@@ -80,6 +81,7 @@ Factorisation Programme::factorise(double shift, double augment) {
         }
         backward_stage(n, rhs_, eta_rhs_);  // a right-hand side at hand costs little while the blocks are in the cache
     }
+    steps_known_ = is_structured_;
     if (ng_) {  // eigenvectors of the equilibrated Schur complement: ng is small, and inertia comes for free
         RowMatrix R = MatrixMap(R_.data(), ng_, ng_, Eigen::OuterStride<>(pg));
         R = 0.5 * (R + R.transpose()).eval();
