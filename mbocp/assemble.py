@@ -48,6 +48,7 @@ class Trajectory:
     control_momenta: Array
     control_momentum_names: tuple[str, ...]
     constraint_violation: float
+    velocity_violation: float
     manifold_drifts: Array
     manifold_drift: float
     manifold_drift_resimulated: float
@@ -79,7 +80,7 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
     duals = boundary_duals(programme, iterate)
     costates = _velocity_duals(_tangent_duals(programme, zs, duals), maps, robot.nv)
     momenta, names = _momenta_of_symmetries(problem, qs, vs, costates)
-    drifts = _drifts(programme, zs)
+    drifts, violation = _drifts(programme, zs), constraint_violation(robot, qs, vs)
     return Trajectory(
         t=np.arange(N + 1, dtype=np.float64) * dt,
         qs=qs,
@@ -93,7 +94,8 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
         control_hamiltonians=_hamiltonians(problem, programme, iterate, qs, vs, costates, zetas),
         control_momenta=momenta,
         control_momentum_names=names,
-        constraint_violation=constraint_violation(robot, qs, vs).position,
+        constraint_violation=violation.position,
+        velocity_violation=violation.velocity,
         manifold_drifts=drifts,
         manifold_drift=float(drifts.max(initial=0.0)),
         manifold_drift_resimulated=_resimulated_drift(programme, iterate),
@@ -117,7 +119,7 @@ def _natural(
     duals = boundary_duals(programme, iterate)[:, : at.nw + at.ns]
     costates = space.costates(zs, vs, duals)
     momenta, names = natural_momenta(problem, programme, iterate, duals, _weighed(problem))
-    drifts = _drifts(programme, zs)
+    drifts, violation = _drifts(programme, zs), natural_violation(programme, zs, iterate.xs[:, at.s])
     return Trajectory(
         t=np.arange(N + 1, dtype=np.float64) * problem.dt,
         qs=qs,
@@ -133,7 +135,8 @@ def _natural(
         ),
         control_momenta=momenta,
         control_momentum_names=names,
-        constraint_violation=natural_violation(programme, zs),
+        constraint_violation=violation.position,
+        velocity_violation=violation.velocity,
         manifold_drifts=drifts,
         manifold_drift=float(drifts.max(initial=0.0)),
         manifold_drift_resimulated=_resimulated_drift(programme, iterate),

@@ -10,6 +10,7 @@ from mbocp.integrators import TAU
 from mbocp.mechanics import NaturalMechanics, NaturalSpace
 from mbocp.mechanics.symmetry import find_symmetries
 from mbocp.problem import Problem
+from mbocp.solution.diagnostics import ConstraintViolation, worst_violation
 from mbocp.solvers import Iterate, zero_multipliers
 from mbocp.transcription import StagewiseProgramme
 
@@ -101,12 +102,20 @@ def natural_momenta(
     return momenta, tuple(s.name for s in kept)
 
 
-def natural_violation(programme: StagewiseProgramme, zs: Array) -> float:
-    """Largest violation of any constraint along a motion, those of rigid bodies and joints included."""
+def natural_violation(programme: StagewiseProgramme, zs: Array, ws: Array) -> ConstraintViolation:
+    """Largest violation of any constraint along a motion, those of rigid bodies and joints included.
+
+    Parameters
+    ----------
+    zs, ws : ndarray, shape (N + 1, n)
+        Natural coordinates and their rates.
+    """
     mechanics = _mechanics(programme)
-    z = ca.SX.sym("z", mechanics.nq)
-    rows = ca.Function("Phi", [z], [ca.densify(mechanics.constraints(z))]).map(len(zs))
-    return float(np.abs(np.asarray(rows(zs.T))).max(initial=0.0))
+    z, w = ca.SX.sym("z", mechanics.nq), ca.SX.sym("w", mechanics.nq)
+    rows = ca.densify(mechanics.constraints(z))
+    both = ca.Function("Phi", [z, w], [rows, ca.densify(ca.jtimes(rows, z, w))]).map(len(zs))
+    position, velocity = (np.asarray(values).T for values in both(zs.T, ws.T))
+    return worst_violation(position, velocity, [label.name for label in mechanics.constraint_labels])
 
 
 def _mechanics(programme: StagewiseProgramme) -> NaturalMechanics:

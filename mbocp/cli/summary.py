@@ -22,6 +22,7 @@ __all__ = ["goal_error", "print_summary", "solution_rows"]
 
 _Rows = list[tuple[str, str | Text]]
 
+_MANY = 12  # more names than that are counted
 _MOST_LIMITS = 8  # more lines than that nobody reads
 
 
@@ -114,8 +115,11 @@ def _robot_words(problem: Problem) -> str:
 def _violation(solution: Solution) -> str:
     if not solution.nc:
         return "none"
-    names = ", ".join(column.name for column in solution.labels.lam)
-    return f"violated by {solution.constraint_violation:.2e} at most ({names})"
+    columns = solution.labels.lam
+    names = ", ".join(c.name for c in columns) if len(columns) <= _MANY else f"all {len(columns)} of them"
+    words = f"violated by {solution.constraint_violation:.2e} at most ({names})"
+    hidden = solution.velocity_violation
+    return words if math.isnan(hidden) else f"{words}, their rates by {hidden:.2e}"
 
 
 def _limits(solution: Solution) -> _Rows:

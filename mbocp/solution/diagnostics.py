@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,13 @@ from mbocp.mechanics.symmetry import find_symmetries, momentum_map
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 
-__all__ = ["ConstraintViolation", "constraint_violation", "control_momenta", "manifold_drift"]
+__all__ = [
+    "ConstraintViolation",
+    "constraint_violation",
+    "control_momenta",
+    "manifold_drift",
+    "worst_violation",
+]
 
 
 def control_momenta(
@@ -74,7 +81,7 @@ class ConstraintViolation:
     position_node : int
         Node n at which it is that large.
     velocity : float
-        Largest |Phi_q(q) v| [m^2/s for rods].
+        Largest |Phi_q(q) v|, the hidden constraint, which schemes of index 3 keep to O(dt) [m^2/s for rods].
     velocity_name : str
     velocity_node : int
     """
@@ -99,11 +106,25 @@ def constraint_violation(robot: Robot, qs: Array, vs: Array) -> ConstraintViolat
         return ConstraintViolation()
     position = np.array([robot.constraint_residual(q) for q in qs])
     velocity = np.array([robot.constraint_jacobian(q) @ v for q, v in zip(qs, vs, strict=True)])
+    return worst_violation(position, velocity, [label.name for label in robot.constraint_labels])
+
+
+def worst_violation(position: Array, velocity: Array, names: Sequence[str]) -> ConstraintViolation:
+    """Find the worst of given violations.
+
+    Parameters
+    ----------
+    position, velocity : ndarray, shape (N + 1, nc)
+    names : sequence of str
+        Of the nc constraints.
+    """
+    if not names:
+        return ConstraintViolation()
     worst = []
     for values in (position, velocity):
         # NaN is the worst there is: argmax finds it first.
         node, row = np.unravel_index(np.argmax(np.abs(values)), values.shape)
-        worst.append((float(np.abs(values[node, row])), robot.constraint_labels[row].name, int(node)))
+        worst.append((float(np.abs(values[node, row])), names[int(row)], int(node)))
     return ConstraintViolation(*worst[0], *worst[1])
 
 

@@ -90,6 +90,7 @@ def solution_dict(solution: Solution) -> dict[str, Any]:
         "residual": solution.residual,
         "increment": solution.increment,
         "constraint_violation": solution.constraint_violation,
+        "velocity_violation": solution.velocity_violation,
         "limit_violation": solution.limit_violation,
         "manifold_drift": solution.manifold_drift,
         "manifold_drift_resimulated": solution.manifold_drift_resimulated,

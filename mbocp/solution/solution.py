@@ -54,6 +54,8 @@ class Solution:
         Norms at the end.
     constraint_violation : float
         Largest holonomic constraint along the trajectory [m^2, m, rad].
+    velocity_violation : float
+        Largest rate of one, :math:`|\Phi_q v|`: the hidden constraint, which is kept to O(dt).
     wall_time_s : float
         Duration of the whole solve [s].
     phases : tuple of Phase
@@ -132,6 +134,7 @@ class Solution:
     residual: float
     increment: float = math.nan
     constraint_violation: float = 0.0
+    velocity_violation: float = math.nan
     limit_violation: float = 0.0
     manifold_drift: float = math.nan
     manifold_drift_resimulated: float = math.nan

@@ -43,6 +43,7 @@ NUMBERS = (
     "residual",
     "increment",
     "constraint_violation",
+    "velocity_violation",
     "limit_violation",
     "manifold_drift",
     "manifold_drift_resimulated",

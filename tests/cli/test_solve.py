@@ -60,6 +60,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "residual",
         "increment",
         "constraint_violation",
+        "velocity_violation",
         "limit_violation",
         "manifold_drift",
         "manifold_drift_resimulated",

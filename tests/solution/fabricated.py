@@ -54,6 +54,7 @@ def fabricate(
         "residual": 3e-13,
         "increment": 6e-12,
         "constraint_violation": 4e-14,
+        "velocity_violation": 2e-3,
         "unknowns": 2115,
         "wall_time_s": 0.75,
         "phases": (Phase("compile", 0, 0.7), Phase("newton", 9, 0.05)),
