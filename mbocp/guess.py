@@ -19,9 +19,10 @@ from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace, dual_of_velocity
 from mbocp.natural import natural_iterate
 from mbocp.problem import Guess, Problem
-from mbocp.problem.assembly import closed_way
 from mbocp.problem.consistency import project_on_constraints, tangent_space
+from mbocp.problem.way import closed_way, constraint_jacobians
 from mbocp.robot import Robot
+from mbocp.robot.drives import speed_maps
 from mbocp.solution import Solution
 from mbocp.solvers import Iterate, Methods, SolverResult, Status, pursue, zero_multipliers
 from mbocp.solvers.native import kernel_programme
@@ -176,7 +177,7 @@ def _states(problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Arra
     xs[:, at.z] = programme.space.coordinates(qs)
     if programme.is_explicit and robot.drives:
         # The columns of V are unit vectors on different components: its transpose takes the nearest speeds.
-        xs[:, at.s] = [robot.speed_map(q).T @ v for q, v in zip(qs, vs, strict=True)]
+        xs[:, at.s] = np.einsum("nij,ni->nj", speed_maps(robot, qs), vs)
     else:
         xs[:, at.s] = vs
     if at.nr:
@@ -187,10 +188,11 @@ def _states(problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Arra
 
 def _hold(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     robot, N = problem.robot, problem.num_steps
-    u, lam = _balance(robot, problem.q_start, np.zeros(robot.nv), np.zeros(robot.nv))
+    still, G = np.zeros(robot.nv), robot.constraint_jacobian(problem.q_start)
+    u, lam = _balance(robot, problem.q_start, still, still, G)
     qs = np.tile(problem.q_start, (N + 1, 1))
-    still, us = np.zeros((N + 1, robot.nv)), np.tile(u, (N, 1))
-    return _iterate(problem, programme, qs, still, us, np.tile(lam, (N, 1)))
+    us = np.tile(u, (N, 1))
+    return _iterate(problem, programme, qs, np.tile(still, (N + 1, 1)), us, np.tile(lam, (N, 1)))
 
 
 def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
@@ -201,7 +203,10 @@ def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     else:
         q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, dt)
     accelerations = np.diff(vs, axis=0) / dt
-    balanced = [_balance(robot, q, v, a) for q, v, a in zip(q_taus, v_taus, accelerations, strict=True)]
+    rows = constraint_jacobians(robot, q_taus)
+    balanced = [
+        _balance(robot, q, v, a, G) for q, v, a, G in zip(q_taus, v_taus, accelerations, rows, strict=True)
+    ]
     us, lams = np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
     return _iterate(problem, programme, qs, vs, us, lams)
 
@@ -314,9 +319,9 @@ def _required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     return force - robot.force_elements(q, v) if robot.forces else force
 
 
-def _balance(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+def _balance(robot: Robot, q: Array, v: Array, a: Array, dPhi_dq: Array) -> tuple[Array, Array]:
     """Controls and multipliers that balance the inverse dynamics best, in the least-squares sense."""
-    columns = np.hstack([robot.actuation_matrix(q), -robot.constraint_jacobian(q).T])
+    columns = np.hstack([robot.actuation_matrix(q), -dPhi_dq.T])
     found = np.linalg.lstsq(columns, _required_force(robot, q, v, a), rcond=None)[0]
     return found[: robot.nu], found[robot.nu :]
 
@@ -336,7 +341,8 @@ def _is_whole(problem: Problem) -> bool:
 def _can_hold(problem: Problem) -> bool:
     robot, q = problem.robot, problem.q_start
     rest = np.zeros(robot.nv)
-    u, lam = _balance(robot, q, rest, rest)
+    G = robot.constraint_jacobian(q)
+    u, lam = _balance(robot, q, rest, rest, G)
     wanted = _required_force(robot, q, rest, rest)
-    left = wanted - robot.actuation_matrix(q) @ u + robot.constraint_jacobian(q).T @ lam
+    left = wanted - robot.actuation_matrix(q) @ u + G.T @ lam
     return bool(np.abs(left).max(initial=0.0) <= _EQUILIBRIUM * (1.0 + np.abs(wanted).max(initial=0.0)))

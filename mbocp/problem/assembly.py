@@ -6,18 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._linear import null_space
 from mbocp.exceptions import InconsistentStart
 from mbocp.problem.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
+from mbocp.problem.way import driving_joints, walk
 from mbocp.robot import Robot
-from mbocp.robot.closing import follow, gauss_newton, violations
+from mbocp.robot.closing import follow, violations
 
-__all__ = ["assembled", "assembled_velocity", "closed_way", "complete_goal"]
+__all__ = ["assembled", "assembled_velocity", "complete_goal"]
 
 _ARRIVED = 1e-6  # [rad, m] a continuation that comes so near has arrived
-_LEAP = 0.3  # [rad, m] longer steps to the next configuration of a way are taken in smaller ones
 _ATTEMPTS = 5  # the first from where the start is, the others from around it
-_INDEPENDENT = 0.05  # part of a motion along the constraints that a driven joint must make
+_STRIDE = 0.1  # [rad, m]
 
 
 def assembled(robot: Robot, q: Array, active: BoolArray, *, assemble: bool, base: Array) -> Array:
@@ -80,7 +79,9 @@ def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> 
     if active.all():
         check_position(robot, q, "goal.q")
         return q, _another_mode(robot, q_start, q)
-    reached = follow(robot, q_start, q, active)
+    size = _distance(robot, q_start, q, active)
+    way = walk(robot, q_start, q, active, np.linspace(0.0, 1.0, 2 + int(size / _STRIDE))[1:])
+    reached = follow(robot, q_start, q, active) if way is None else way[-1]
     if _distance(robot, reached, q, active) <= _ARRIVED:
         return reached, ""
     short = _short(robot, reached, q, active)
@@ -93,36 +94,6 @@ def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> 
         f"goal.q: closes the loops of robot {robot.name!r}, but on the way there from the start, closed, the "
         f"mechanism gets stuck ({short}): it may be another assembly mode"
     )
-
-
-def closed_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array | None:
-    """Configurations from start to goal with the loops closed all the way.
-
-    The joints that drive the mechanism, those with motors first, are on the straight line; the others follow.
-
-    Parameters
-    ----------
-    q_start, q_goal : ndarray, shape (nq,)
-        They close the loops.
-    shares : ndarray, shape (n,)
-        How far along the line each configuration is; the last is 1.
-
-    Returns
-    -------
-    qs : ndarray, shape (n, nq), or None
-        None if this way gets stuck or leads elsewhere.
-    """
-    driving, whole = _driving(robot, q_start), robot.difference(q_start, q_goal)
-    q, qs = q_start, []
-    for share in shares:
-        target = robot.integrate(q_start, share * whole)
-        step = np.where(driving, robot.difference(q, target), 0.0)
-        near = gauss_newton(robot, robot.integrate(q, step), ~driving, robot.kept_rows)
-        is_near = np.abs(robot.difference(q, near)).max() < _LEAP and not violations(robot, near)
-        q = near if is_near else follow(robot, q, target, driving)
-        qs.append(q)
-    everything = np.ones(robot.nv, dtype=np.bool_)
-    return np.array(qs) if _distance(robot, q, q_goal, everything) <= _ARRIVED else None
 
 
 def _anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
@@ -143,7 +114,7 @@ def _another_mode(robot: Robot, q_start: Array, q: Array) -> str:
     """Words if no way from the start to a goal was found: straight ahead, or by driving some joints."""
     everything = np.ones(robot.nv, dtype=np.bool_)
     nearest = q_start
-    for wanted in (everything, _driving(robot, q_start)):
+    for wanted in (everything, driving_joints(robot, q_start)):
         reached = follow(robot, q_start, q, wanted)
         if _distance(robot, reached, q, everything) <= _ARRIVED:
             return ""
@@ -152,23 +123,6 @@ def _another_mode(robot: Robot, q_start: Array, q: Array) -> str:
         f"goal.q: may lie in another assembly mode of robot {robot.name!r} than the start, out of reach: no "
         f"way was found on which the loops stay closed (nearest: {_short(robot, nearest, q, everything)})"
     )
-
-
-def _driving(robot: Robot, q: Array) -> BoolArray:
-    """Joints whose motion determines that of the mechanism, those with a motor first."""
-    basis = null_space(robot.constraint_jacobian(q), 1e-9)
-    chosen = np.zeros(robot.nv, dtype=np.bool_)
-    has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
-    slices = [robot.velocity_indices(name) for name in robot.joint_names]
-    for where in sorted(slices, key=lambda s: not has_motor[s].any()):
-        if basis.shape[1] == 0 or where.stop == where.start:
-            continue
-        rows = basis[where]
-        if np.linalg.svd(rows, compute_uv=False)[: rows.shape[0]].min() < _INDEPENDENT:
-            continue
-        chosen[where] = True
-        basis = basis @ null_space(rows, 1e-9)
-    return chosen
 
 
 def _distance(robot: Robot, q: Array, target: Array, active: BoolArray) -> float:

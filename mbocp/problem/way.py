@@ -1,0 +1,131 @@
+"""Ways of a mechanism from start to goal on which its loops stay closed: what guesses are made of."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp._linear import null_space
+from mbocp.mechanics import JointMechanics
+from mbocp.robot import Robot
+from mbocp.robot.closing import follow, violations
+
+__all__ = ["closed_way", "constraint_jacobians", "driving_joints", "walk"]
+
+_ARRIVED = 1e-6  # [rad, m] a way that ends so near to the goal has arrived
+_LEAP = 0.3  # [rad, m] longer steps to the next configuration are taken in smaller ones
+_CLOSED = 1e-12  # [m, rad, m^2]
+_NEWTON_STEPS = 12  # quadratic: three are typical
+_INDEPENDENT = 0.05  # part of a motion along the constraints that a driven joint must make
+
+
+def closed_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array | None:
+    """Configurations from start to goal with the loops closed all the way.
+
+    The joints that drive the mechanism, those with motors first, are on the straight line; the others follow.
+
+    Parameters
+    ----------
+    q_start, q_goal : ndarray, shape (nq,)
+        They close the loops.
+    shares : ndarray, shape (n,)
+        How far along the line each configuration is; the last is 1.
+
+    Returns
+    -------
+    qs : ndarray, shape (n, nq), or None
+        None if this way gets stuck or leads elsewhere.
+    """
+    driving = driving_joints(robot, q_start)
+    qs = walk(robot, q_start, q_goal, driving, shares)
+    has_arrived = qs is not None and np.abs(robot.difference(qs[-1], q_goal)).max() <= _ARRIVED
+    return qs if has_arrived else None
+
+
+def walk(robot: Robot, q_start: Array, target: Array, wanted: BoolArray, shares: Array) -> Array | None:
+    """Configurations with the wanted components on the straight line to a target, and the loops closed.
+
+    Parameters
+    ----------
+    q_start, target : ndarray, shape (nq,)
+        The first closes the loops.
+    wanted : ndarray of bool, shape (nv,)
+        Velocity components of whole joints that are on the line.
+    shares : ndarray, shape (n,)
+        How far along the line each configuration is.
+
+    Returns
+    -------
+    qs : ndarray, shape (n, nq), or None
+        None if this way gets stuck.
+    """
+    whole = np.where(wanted, robot.difference(q_start, target), 0.0)
+    q, qs, last = q_start, [], np.zeros(robot.nv)
+    for share in shares:
+        there = robot.integrate(q_start, share * whole)
+        ahead = np.where(wanted, robot.difference(q, there), last)  # the others go on as they did
+        near = _closed_beside(robot, q, ahead, ~wanted)
+        found = follow(robot, q, there, wanted) if near is None else near
+        if np.abs(robot.difference(found, there)[wanted]).max(initial=0.0) > _ARRIVED:
+            return None
+        last = np.zeros(robot.nv) if near is None else robot.difference(q, found)
+        q = found
+        qs.append(q)
+    is_closed = not qs or not violations(robot, q)
+    return np.array(qs) if is_closed else None
+
+
+def constraint_jacobians(robot: Robot, qs: Array) -> Array:
+    """Derivatives of the constraints at many configurations (k, nq), shape (k, nc, nv)."""
+    if not robot.nc:
+        return np.zeros((len(qs), 0, robot.nv))
+    _, columns = _closure(robot).map(len(qs))(qs.T)
+    found: Array = columns.full().reshape(robot.nc, len(qs), robot.nv).transpose(1, 0, 2)
+    return found
+
+
+def driving_joints(robot: Robot, q: Array) -> BoolArray:
+    """Joints whose motion determines that of the mechanism, those with a motor first."""
+    basis = null_space(robot.constraint_jacobian(q), 1e-9)
+    chosen = np.zeros(robot.nv, dtype=np.bool_)
+    has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
+    slices = [robot.velocity_indices(name) for name in robot.joint_names]
+    for where in sorted(slices, key=lambda s: not has_motor[s].any()):
+        if basis.shape[1] == 0 or where.stop == where.start:
+            continue
+        rows = basis[where]
+        if np.linalg.svd(rows, compute_uv=False)[: rows.shape[0]].min() < _INDEPENDENT:
+            continue
+        chosen[where] = True
+        basis = basis @ null_space(rows, 1e-9)
+    return chosen
+
+
+def _closed_beside(robot: Robot, q: Array, ahead: Array, free: BoolArray) -> Array | None:
+    """Configuration moved on and its loops closed by the free joints, by Newton's method.
+
+    None where this fails, or where a joint would leap.
+    """
+    closure, found = _closure(robot), robot.integrate(q, ahead)
+    for _ in range(_NEWTON_STEPS):
+        phi, dPhi_dq = (value.full() for value in closure(found))
+        if np.abs(phi).max() < _CLOSED:
+            is_near = np.abs(robot.difference(q, found)).max() < _LEAP
+            return found if is_near else None
+        step = np.zeros(robot.nv)
+        step[free] = -np.linalg.lstsq(dPhi_dq[:, free], phi.ravel(), rcond=None)[0]
+        if np.abs(step).max() > _LEAP:
+            return None
+        found = robot.integrate(found, step)
+    return None
+
+
+@lru_cache(maxsize=16)
+def _closure(robot: Robot) -> ca.Function:
+    """Phi and dPhi_dq of q in one call, where Pinocchio's numbers take many."""
+    mechanics, q = JointMechanics(robot), ca.SX.sym("q", robot.nq)
+    rows = [mechanics.constraints(q), mechanics.constraint_jacobian(q)]
+    return ca.Function("closure", [q], [ca.densify(value) for value in rows])
