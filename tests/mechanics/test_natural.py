@@ -175,7 +175,10 @@ def check_accelerations(robot: Robot) -> None:
     z, w = mechanics.tree.coordinates(q[None])[0], mechanics.tree.jacobian(q) @ v
     phi, jacobian, rate, mass, force = equations(mechanics)(z, w, u)
     assert np.abs(np.asarray(phi)).max(initial=0.0) < 1e-12 * (1.0 + np.abs(z).max())
-    assert np.abs(np.asarray(jacobian) @ w).max(initial=0.0) < 1e-11 * (1.0 + np.abs(w).max())
+    G = np.asarray(jacobian)
+    assert np.abs(G @ w).max(initial=0.0) < 1e-11 * (1.0 + np.abs(w).max())
+    assert mechanics.nc == mechanics.nv - robot.nv + robot.nc
+    assert mechanics.nc == 0 or np.linalg.svd(G, compute_uv=False)[-1] > 1e-3  # full rank
     found = solved(mass, jacobian, np.asarray(force).ravel(), np.asarray(rate).ravel())
     tau = robot.actuation_matrix(q) @ u + robot.force_elements(q, v)
     a = acceleration(robot, q, v, tau)
