@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from mbocp.mechanics.symmetry import find_symmetries
 from mbocp.mechanics.symmetry_words import momentum_words
 from mbocp.problem import Problem, load_problem
 from mbocp.problem.write import problem_to_toml
-from mbocp.robot import Robot
+from mbocp.robot import Robot, singular_closure
 from mbocp.solution import Solution
 from mbocp.solution.records import Labels
 from mbocp.solvers import IterationRecord, Methods, Outcome, Phase, SolverResult, Status, pursue
@@ -82,6 +83,7 @@ def solve(
     with _timed(phases, "diagnostics"):
         trajectory = assemble(problem, programme, outcome.result.iterate)
         meanings = _meanings(problem.robot, trajectory.control_momentum_names)
+        told = left_out + _singular(problem.robot, trajectory.qs)
     solution = _solution(
         problem,
         programme,
@@ -90,7 +92,7 @@ def solve(
         meanings,
         phases,
         guess_used,
-        left_out,
+        told,
         time.perf_counter() - clock,
     )
     if check and not solution.converged:
@@ -187,7 +189,7 @@ def _solution(
     meanings: tuple[str, ...],
     phases: list[Phase],
     guess_used: str,
-    left_out: str,
+    told: str,
     seconds: float,
 ) -> Solution:
     result = outcome.result
@@ -197,7 +199,7 @@ def _solution(
         advice=result.advice
         + _other_root(problem, result, trajectory.qs[-1])
         + _coarse_steps(problem, trajectory.vs)
-        + left_out,
+        + told,
         solver=outcome.solver,
         iterations=sum(p.iterations for p in phases),
         cost=last.cost,
@@ -213,7 +215,7 @@ def _solution(
         problem_text=problem_to_toml(problem),
         guess_used=guess_used,
         options=asdict(problem.solver),
-        versions=_versions(),
+        versions=dict(_versions()),
         labels=Labels.of_robot(problem.robot, programme.constraint_labels),
         control_momentum_meanings=meanings,
         **trajectory.fields(),
@@ -242,6 +244,12 @@ def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:
     )
 
 
+def _singular(robot: Robot, qs: Array) -> str:
+    """Say where the constraints of a mechanism lose their rank on the way."""
+    words = singular_closure(robot, qs)
+    return f"; {words}" if words else ""
+
+
 def _coarse_steps(problem: Problem, vs: Array) -> str:
     """Warn where a joint turns so far in one step that the discretisation means nothing."""
     angular = [i for i, label in enumerate(problem.robot.v_labels) if label.unit == "rad/s"]
@@ -255,7 +263,8 @@ def _coarse_steps(problem: Problem, vs: Array) -> str:
     )
 
 
-def _versions() -> dict[str, str]:
+@cache
+def _versions() -> Mapping[str, str]:
     found = {"mbocp": mbocp.__version__, "python": platform.python_version()}
     for name in ("pin", "casadi", "numpy"):
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +21,8 @@ from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.natural import natural_hamiltonians, natural_momenta, natural_violation
 from mbocp.problem import Problem
 from mbocp.robot import Robot
+from mbocp.robot.drives import control_velocity_maps, speed_maps
+from mbocp.robot.kinematics import mass_matrices
 from mbocp.solution.diagnostics import constraint_violation, control_momenta
 from mbocp.solvers import Iterate
 from mbocp.solvers.native import kernel_programme
@@ -29,6 +32,7 @@ __all__ = ["Trajectory", "assemble", "boundary_duals"]
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
+_KEPT = 16  # functions of configuration spaces
 
 
 @dataclass(frozen=True)
@@ -149,15 +153,15 @@ def _speed_maps(problem: Problem, programme: StagewiseProgramme, qs: Array) -> A
     robot = problem.robot
     if not programme.is_explicit or not robot.drives:
         return None
-    return np.array([robot.speed_map(q) for q in qs])
+    return speed_maps(robot, qs)
 
 
 def _velocities(problem: Problem, speeds: Array, us: Array, qs: Array, maps: Array | None) -> Array:
     """Velocities at the nodes; those that a control prescribes are the ones after the node."""
     if maps is None:
         return speeds
-    prescribed = [problem.robot.control_velocity_map(q) @ u for q, u in zip(qs, [*us, us[-1]], strict=True)]
-    velocities: Array = np.einsum("nij,nj->ni", maps, speeds) + np.array(prescribed)
+    prescribed = np.einsum("nij,nj->ni", control_velocity_maps(problem.robot, qs), np.vstack([us, us[-1:]]))
+    velocities: Array = np.einsum("nij,nj->ni", maps, speeds) + prescribed
     return velocities
 
 
@@ -177,11 +181,15 @@ def _tangent_duals(programme: StagewiseProgramme, zs: Array, duals: Array) -> Ar
     at = programme.layout
     along = duals[:, : at.nw]
     if at.is_flat and isinstance(programme.space, ConfigurationSpace) and not programme.space.is_vector:
-        z, v = ca.SX.sym("z", at.nz), ca.SX.sym("v", at.nv)
-        c = ca.SX.sym("c", at.nz)
-        pulled = ca.Function("pulled", [z, c], [ca.gradient(ca.dot(c, programme.space.rate(z, v)), v)])
-        along = np.asarray(pulled.map(len(zs))(zs.T, along.T)).T
+        along = np.asarray(_pull_back(programme.space).map(len(zs))(zs.T, along.T)).T
     return np.hstack([along, duals[:, at.ds]])
+
+
+@lru_cache(maxsize=_KEPT)
+def _pull_back(space: ConfigurationSpace) -> ca.Function:
+    """From coordinates and their dual to the dual of the tangent vector."""
+    z, c, v = ca.SX.sym("z", space.nz), ca.SX.sym("c", space.nz), ca.SX.sym("v", space.nv)
+    return ca.Function("pulled", [z, c], [ca.gradient(ca.dot(c, space.rate(z, v)), v)])
 
 
 def _velocity_duals(duals: Array, maps: Array | None, nv: int) -> Array:
@@ -205,11 +213,15 @@ def _momenta_of_symmetries(
 
 def _drifts(programme: StagewiseProgramme, zs: Array) -> Array:
     """Largest defect of the groups' invariants at each node, shape (N + 1,)."""
-    z = ca.SX.sym("z", programme.layout.nz)
-    defects = ca.Function("defects", [z], [ca.densify(programme.space.defects(z))])
-    found = np.abs(np.asarray(defects.map(len(zs))(zs.T)))
+    found = np.abs(np.asarray(_defects(programme.space).map(len(zs))(zs.T)))
     drifts: Array = found.max(axis=0, initial=0.0)
     return drifts
+
+
+@lru_cache(maxsize=_KEPT)
+def _defects(space: ConfigurationSpace | NaturalSpace) -> ca.Function:
+    z = ca.SX.sym("z", space.nz)
+    return ca.Function("defects", [z], [ca.densify(space.defects(z))])
 
 
 def _resimulated_drift(programme: StagewiseProgramme, iterate: Iterate) -> float:
@@ -316,7 +328,8 @@ def _weighed(problem: Problem) -> Array | None:
 
 def _momenta(robot: Robot, qs: Array, vs: Array) -> Array:
     """M(q) v of each row, once a solve on Pinocchio's own algorithm."""
-    return np.array([robot.mass_matrix(q) @ v for q, v in zip(qs, vs, strict=True)])
+    momenta: Array = np.einsum("nij,nj->ni", mass_matrices(robot.model, qs), vs)
+    return momenta
 
 
 def _running_cost(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:

@@ -41,9 +41,16 @@ class Part:
     at_v: slice
     at_matrix: int = -1
 
+    @property
+    def structure(self) -> tuple[str, int, int, int, int]:
+        """The same for parts with the same maps at the same places."""
+        return type(self.group).__name__, self.at_q.start, self.at_z.start, self.at_v.start, self.at_matrix
+
 
 class ConfigurationSpace:
     """Symbolic maps of a model's configurations, in Pinocchio's coordinates or with rotation matrices.
+
+    Spaces with the same maps are equal, whatever their models.
 
     Parameters
     ----------
@@ -68,6 +75,13 @@ class ConfigurationSpace:
         self.nq, self.nv = model.nq, model.nv
         self.parts: tuple[Part, ...] = tuple(_parts(model, rotations == "dcm"))
         self.nz = sum(part.group.nz for part in self.parts)
+        self._structure = (self.nq, self.nz, self.nv, *(part.structure for part in self.parts))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ConfigurationSpace) and self._structure == other._structure
+
+    def __hash__(self) -> int:
+        return hash(self._structure)
 
     @property
     def is_vector(self) -> bool:

@@ -25,11 +25,13 @@ if TYPE_CHECKING:
 __all__ = [
     "check_drives",
     "control_velocity_map",
+    "control_velocity_maps",
     "drive_column",
     "free_dofs",
     "moved_joints",
     "reduce_velocity",
     "speed_map",
+    "speed_maps",
 ]
 
 _ROUND_OFF = 1e-9  # relative; the columns are sums of products of a few rotations
@@ -39,14 +41,20 @@ _SEED = 20170
 
 def drive_column(model: pin.Model, drive: Drive, q: Array) -> Array:
     """S(q) among all velocity components: v for a speed of 1, shape (nv,)."""
-    column = np.zeros(model.nv)
+    column: Array = _drive_columns(model, drive, q[None])[0]
+    return column
+
+
+def _drive_columns(model: pin.Model, drive: Drive, qs: Array) -> Array:
+    """S(q) at many configurations, shape (nodes, nv)."""
+    columns = np.zeros((len(qs), model.nv))
     dofs = list(drive.dofs)
     if drive.frame_id is None:
-        column[dofs] = 1.0
+        columns[:, dofs] = 1.0
     else:  # J^T R d with J = R J_local: the rotation cancels
-        jacobian = kinematics.frame_jacobian(model, q, drive.frame_id, pin.LOCAL)[:3]
-        column[dofs] = jacobian[:, dofs].T @ drive.direction
-    return column
+        jacobians = kinematics.frame_jacobians(model, qs, drive.frame_id, pin.LOCAL)[:, :3]
+        columns[:, dofs] = np.einsum("nij,i->nj", jacobians[:, :, dofs], drive.direction)
+    return columns
 
 
 def free_dofs(robot: Robot) -> list[int]:
@@ -63,18 +71,31 @@ def moved_joints(robot: Robot, dofs: Sequence[int]) -> list[str]:
 
 def speed_map(robot: Robot, q: Array) -> Array:
     """V(q), shape (nv, ns)."""
+    found: Array = speed_maps(robot, q[None])[0]
+    return found
+
+
+def speed_maps(robot: Robot, qs: Array) -> Array:
+    """V(q) at many configurations, shape (nodes, nv, ns)."""
     identity = np.eye(robot.nv)[:, free_dofs(robot)]
-    columns = [drive_column(robot.model, drive, q) for drive in robot.drives if drive.has_state]
-    return np.column_stack([identity, *columns])
+    with_state = [drive for drive in robot.drives if drive.has_state]
+    columns = [_drive_columns(robot.model, drive, qs)[:, :, None] for drive in with_state]
+    return np.concatenate([np.broadcast_to(identity, (len(qs), *identity.shape)), *columns], axis=2)
 
 
 def control_velocity_map(robot: Robot, q: Array) -> Array:
     """U(q), shape (nv, nu)."""
-    out = np.zeros((robot.nv, robot.nu))
+    found: Array = control_velocity_maps(robot, q[None])[0]
+    return found
+
+
+def control_velocity_maps(robot: Robot, qs: Array) -> Array:
+    """U(q) at many configurations, shape (nodes, nv, nu)."""
+    out = np.zeros((len(qs), robot.nv, robot.nu))
     first = robot.nu - len(robot.drives)
     for column, drive in enumerate(robot.drives, start=first):
         if not drive.has_state:
-            out[:, column] = drive_column(robot.model, drive, q)
+            out[:, :, column] = _drive_columns(robot.model, drive, qs)
     return out
 
 

@@ -22,7 +22,9 @@ __all__ = [
     "force_potential",
     "frame_id",
     "frame_jacobian",
+    "frame_jacobians",
     "gravity_potential",
+    "mass_matrices",
     "mass_matrix",
     "velocity_from_momentum",
 ]
@@ -56,10 +58,19 @@ def frame_id(model: pin.Model, name: str, robot: str) -> int:
 
 def mass_matrix(model: pin.Model, q: Array) -> Array:
     """Full symmetric joint-space mass matrix."""
+    full: Array = mass_matrices(model, q[None])[0]
+    return full
+
+
+def mass_matrices(model: pin.Model, qs: Array) -> Array:
+    """Mass matrices at many configurations, shape (nodes, nv, nv)."""
     if any(joint.shortname() == "JointModelMimic" for joint in model.joints):
-        return _mass_columns(model, q)
-    upper = np.triu(pin.crba(model, model.createData(), q))
-    full: Array = upper + np.triu(upper, 1).T
+        return np.array([_mass_columns(model, q) for q in qs])
+    data, found = model.createData(), np.empty((len(qs), model.nv, model.nv))
+    for node, q in enumerate(qs):
+        found[node] = pin.crba(model, data, q)
+    upper = np.triu(found)
+    full: Array = upper + np.triu(upper, 1).transpose(0, 2, 1)
     return full
 
 
@@ -102,8 +113,17 @@ def velocity_from_momentum(mass: Array, jacobian: Array, p: Array) -> Array:
 
 def frame_jacobian(model: pin.Model, q: Array, frame: int, reference: pin.ReferenceFrame) -> Array:
     """Jacobian of one frame, shape (6, nv), linear before angular."""
-    jacobian: Array = pin.computeFrameJacobian(model, model.createData(), q, frame, reference)
-    return jacobian.reshape(6, model.nv)  # Pinocchio hands out a single column as a vector
+    jacobian: Array = frame_jacobians(model, q[None], frame, reference)[0]
+    return jacobian
+
+
+def frame_jacobians(model: pin.Model, qs: Array, frame: int, reference: pin.ReferenceFrame) -> Array:
+    """Jacobian of one frame at many configurations, shape (nodes, 6, nv)."""
+    data, found = model.createData(), np.empty((len(qs), 6, model.nv))
+    for node, q in enumerate(qs):
+        jacobian = pin.computeFrameJacobian(model, data, q, frame, reference)
+        found[node] = jacobian.reshape(6, model.nv)  # Pinocchio hands out a single column as a vector
+    return found
 
 
 def distances(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -> Array:

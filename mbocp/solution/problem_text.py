@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ def limits_of(problem_text: str) -> dict[str, Array]:
     }
 
 
+@lru_cache(maxsize=4)
 def _parsed(problem_text: str) -> dict[str, Any] | None:
     try:
         document: dict[str, Any] = tomllib.loads(problem_text)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mbocp.exceptions import NativeMismatch
 from mbocp.transcription import StagewiseProgramme
-from mbocp.transcription.compilation import CompiledFunctions
+from mbocp.transcription.compilation import CompiledFunctions, has_avx2
 
 __all__ = ["kernel", "kernel_programme"]
 
@@ -24,22 +23,13 @@ def kernel() -> Any:
         raise NativeMismatch(
             f"the native kernel cannot be loaded ({error}); build it with `make` or `pip install .`"
         ) from error
-    if _has_avx2():
+    if has_avx2():
         try:
             from mbocp._native import _kernel_avx2
         except ImportError:  # other processor families are built without it
             return _kernel
         return _kernel_avx2
     return _kernel
-
-
-def _has_avx2() -> bool:
-    try:
-        flags = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return False
-    line = next((text for text in flags.splitlines() if text.startswith("flags")), "")
-    return {"avx2", "fma"} <= set(line.split())
 
 
 def kernel_programme(programme: StagewiseProgramme) -> Any:
