@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import casadi as ca
 import numpy as np
@@ -35,36 +36,68 @@ class Closure:
         self._frames = tuple(dict.fromkeys(f for c in framed for f in (c.frame_a, c.frame_b)))
         self._joints = tuple(dict.fromkeys(j for c in coupled for j in (c.joint_a, c.joint_b)))
         self.size = sum(len(c.rows) for c in self.constraints)
-        self._function = _rows_function(self.constraints, self._frames, self._joints)
+        self._function, self._places = _rows_function(self.constraints, self._frames, self._joints)
+        self._idle: list[pin.Data] = []  # making one takes longer than using it
 
     def residual(self, q: Array) -> Array:
         """Phi(q), shape (size,)."""
         if not self.constraints:
             return np.zeros(0)
-        data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, q)
-        return self._values(data, q)[0]
+        with self._data() as data:
+            pin.framesForwardKinematics(self.model, data, q)
+            numbers, theta = self._placements(data), self._displacements(q)
+        rows: Array = self._function(numbers.T, theta)[0].full().ravel()
+        return rows
 
     def jacobian(self, q: Array) -> Array:
         """Derivative of Phi in tangent coordinates, shape (size, nv)."""
-        if not self.constraints:
-            return np.zeros((0, self.model.nv))
-        model, data = self.model, self.model.createData()
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
-        frames = [
-            pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)
-            for frame in self._frames
-        ]
-        moved: Array = np.vstack([*frames, self._joint_rows()])
-        return self._values(data, q)[1] @ moved
+        found: Array = self.along(np.asarray(q)[None])[1][0]
+        return found
 
-    def _values(self, data: pin.Data, q: Array) -> tuple[Array, Array]:
-        places = [data.oMf[frame] for frame in self._frames]
-        numbers = np.array([np.append(M.translation, M.rotation.ravel(order="F")) for M in places])
-        theta = np.array([joints.displacement(self.model, joint, q) for joint in self._joints])
-        rows, derivative = self._function(numbers.reshape(-1, 12).T, theta)
-        return rows.full().ravel(), derivative.full()
+    def along(self, qs: Array) -> tuple[Array, Array]:
+        """Phi and its derivative at n configurations (n, nq), shapes (n, size) and (n, size, nv)."""
+        n, model, frames = len(qs), self.model, len(self._frames)
+        if not self.constraints or not n:
+            return np.zeros((n, self.size)), np.zeros((n, self.size, model.nv))
+        numbers, moved = np.empty((n, frames, 12)), np.empty((n, frames, 6, model.nv))
+        with self._data() as data:
+            for k, q in enumerate(qs):
+                pin.computeJointJacobians(model, data, q)
+                pin.updateFramePlacements(model, data)
+                numbers[k] = self._placements(data)
+                for i, frame in enumerate(self._frames):
+                    jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+                    moved[k, i] = jacobian.reshape(6, model.nv)
+        theta = np.array([self._displacements(q) for q in qs])
+        function = self._function if n == 1 else self._function.map(n)
+        rows, derivatives = function(numbers.reshape(-1, 12).T, theta.T)
+        by_motion = np.zeros((n, self.size, 6 * frames + len(self._joints)))
+        by_motion[:, self._places[0], self._places[1]] = derivatives.full().T
+        jacobians: Array = by_motion[:, :, : 6 * frames] @ moved.reshape(n, 6 * frames, model.nv)
+        jacobians += by_motion[:, :, 6 * frames :] @ self._joint_rows()
+        return rows.full().T, jacobians
+
+    @contextmanager
+    def _data(self) -> Iterator[pin.Data]:
+        """Pinocchio's working memory, one for each that is at work at the same time."""
+        try:
+            data = self._idle.pop()
+        except IndexError:
+            data = self.model.createData()
+        try:
+            yield data
+        finally:
+            self._idle.append(data)
+
+    def _placements(self, data: pin.Data) -> Array:
+        numbers = np.empty((len(self._frames), 12))
+        for i, frame in enumerate(self._frames):
+            placement = data.oMf[frame]
+            numbers[i, :3], numbers[i, 3:] = placement.translation, placement.rotation.ravel(order="F")
+        return numbers
+
+    def _displacements(self, q: Array) -> Array:
+        return np.array([joints.displacement(self.model, joint, q) for joint in self._joints])
 
     def _joint_rows(self) -> Array:
         dofs = [joints.velocity_slice(self.model, joint).start for joint in self._joints]
@@ -90,10 +123,17 @@ class _Placed:
 
 def _rows_function(
     constraints: Sequence[Constraint], frames: Sequence[int], joint_ids: Sequence[int]
-) -> ca.Function:
-    """(placements (12, frames), displacements) -> rows, and their derivative by displacements of the frames.
+) -> tuple[ca.Function, tuple[list[int], list[int]]]:
+    """(placements (12, frames), displacements) -> rows, and their derivatives by motions that are not zero.
 
-    A frame's displacement is its twist at the origin in world axes, linear before angular.
+    The motions are the twists of the frames at their origins in world axes, linear before angular, six for
+    each, then the rates of the displacements.
+
+    Returns
+    -------
+    function : casadi.Function
+    places : (list of int, list of int)
+        Row and motion of each derivative.
     """
     placements, theta = ca.SX.sym("placements", 12, len(frames)), ca.SX.sym("theta", len(joint_ids))
     placed = _Placed(frames, joint_ids, theta)
@@ -106,5 +146,6 @@ def _rows_function(
         axes = placed.frame_rotation(frame, placements)
         turned = ca.vertcat(*[-ca.skew(axes[:, i]) for i in range(3)])  # d(axis) = w x axis
         columns += [block[:, :3], block[:, 3:] @ turned]
-    derivative = ca.horzcat(*columns, ca.jacobian(phi, theta))
-    return ca.Function("closure", [placements, theta], [ca.densify(phi), ca.densify(derivative)])
+    derivative = ca.sparsify(ca.horzcat(*columns, ca.jacobian(phi, theta)))
+    function = ca.Function("closure", [placements, theta], [ca.densify(phi), ca.vec(derivative.nz[:])])
+    return function, derivative.sparsity().get_triplet()

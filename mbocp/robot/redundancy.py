@@ -20,9 +20,10 @@ from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.closing import SLACK, gauss_newton
 
 if TYPE_CHECKING:
+    from mbocp.robot.constraints import Constraint
     from mbocp.robot.robot import Robot
 
-__all__ = ["singular_closure", "without_redundant_rows"]
+__all__ = ["singular_closure", "singular_pose", "without_redundant_rows"]
 
 _log = logging.getLogger(__name__)
 
@@ -33,6 +34,9 @@ _CLEARLY = 1e-2  # smallest singular value of rows whose independence needs no f
 _NEARLY = 0.99  # of the largest pivot
 _SAME = 0.5  # a choice of rows at another pose must be better by more than this to be preferred
 _NEAR_SINGULAR = 1e-3  # of the largest along the motion
+_LOW = 0.3  # of the largest along the motion; where it is above, it does not vanish until the next node
+_ALIKE = 0.7  # cosine of singular vectors that belong to each other
+_PART = 0.3  # of a row in a dependence
 
 
 def without_redundant_rows(robot: Robot) -> Robot:
@@ -79,9 +83,10 @@ def without_redundant_rows(robot: Robot) -> Robot:
 
 
 def singular_closure(robot: Robot, qs: Array) -> str:
-    """Words about where a motion comes near a pose at which the kept constraints depend on each other.
+    """Words about where a motion comes to a pose at which the kept constraints depend on each other.
 
-    There their multipliers are not unique, and the mechanism may change its assembly mode.
+    There their multipliers are not unique, and the mechanism may change its assembly mode. A singular pose
+    between two nodes shows as the singular vectors of the smallest value changing their sign.
 
     Parameters
     ----------
@@ -93,23 +98,88 @@ def singular_closure(robot: Robot, qs: Array) -> str:
     words : str
         Empty where there is nothing to tell.
     """
+    if not robot.nc or not len(qs) or not np.isfinite(qs).all():
+        return ""
+    residuals, jacobians = robot.closure_along(qs)
+    if np.abs(residuals[:, list(robot.kept_rows)]).max() > SLACK:
+        return ""  # no motion of this mechanism
+    rows = _alike(robot, jacobians)
+    kept = rows[:, list(robot.kept_rows)]
+    smallest = np.asarray(np.linalg.svd(kept, compute_uv=False)[:, -1], dtype=np.float64)
+    return _left_out(robot, residuals, rows) or _near_singular(robot, kept, smallest)
+
+
+def singular_pose(robot: Robot, q: Array) -> str:
+    """Words about constraints whose rank at q is not what it is elsewhere; empty at a regular pose."""
     if not robot.nc:
         return ""
-    smallest = np.zeros(len(qs))
-    for n, q in enumerate(qs):
-        rows = _scaled(robot, robot.closure_jacobian(q))[list(robot.kept_rows)]
-        smallest[n] = np.linalg.svd(rows, compute_uv=False)[-1]
-    node = int(smallest.argmin())
-    if smallest[node] > _NEAR_SINGULAR * smallest.max():
+    residuals, jacobians = robot.closure_along(q[None])
+    rows = _alike(robot, jacobians)
+    kept = rows[0, list(robot.kept_rows)]
+    singular = np.linalg.svd(kept, compute_uv=False)
+    if singular[-1] < _NEAR_SINGULAR * singular[0]:
+        return f"the constraints {_quoted(_dependent(robot, kept))} depend on each other there"
+    return _left_out(robot, residuals, rows)
+
+
+def _left_out(robot: Robot, residuals: Array, rows: Array) -> str:
+    """Words if rows that were left out are violated, or independent of the others, at any of the poses."""
+    redundant = list(robot.redundant_rows)
+    if not redundant:
         return ""
-    rows = _scaled(robot, robot.closure_jacobian(qs[node]))[list(robot.kept_rows)]
-    weights = np.abs(np.linalg.svd(rows)[0][:, -1])
-    names = [robot.constraint_labels[i].name for i in np.flatnonzero(weights > 0.3)]
+    violated = np.abs(residuals[:, redundant])
+    node, row = (int(i) for i in np.unravel_index(int(violated.argmax()), violated.shape))
+    label = robot.closure_labels[redundant[row]]
+    if violated[node, row] > SLACK:
+        words = f"is violated by {violated[node, row]:.2g} {label.unit}"
+    else:
+        sizes = np.linalg.svd(rows, compute_uv=False)
+        if sizes.shape[1] <= robot.nc or sizes[:, robot.nc].max() <= _CLEARLY:
+            return ""
+        node = int(sizes[:, robot.nc].argmax())
+        kept = np.linalg.svd(rows[node, list(robot.kept_rows)], full_matrices=False)[2]
+        own = rows[node, redundant] - rows[node, redundant] @ kept.T @ kept
+        label = robot.closure_labels[redundant[int(np.linalg.norm(own, axis=1).argmax())]]
+        words = "is independent of them"
+    where = f" at node {node}" if len(rows) > 1 else " there"
+    return f"the constraint {label.name!r}, left out because the others imply it, {words}{where}"
+
+
+def _near_singular(robot: Robot, rows: Array, smallest: Array) -> str:
+    node, largest = int(smallest.argmin()), float(smallest.max())
+    where = f"near a singular configuration at node {node}"
+    if smallest[node] > _NEAR_SINGULAR * largest:
+        passed = _passed(rows, smallest)
+        if passed is None:
+            return ""
+        where = f"through a singular configuration between nodes {passed} and {passed + 1}"
+        node = passed + int(smallest[passed + 1] < smallest[passed])
     return (
-        f"near a singular configuration at node {node}: there the constraints {_quoted(names)} depend on "
-        f"each other (smallest singular value {smallest[node]:.1e}, elsewhere up to {smallest.max():.1e}), "
-        "and multipliers and the way on from there are not unique"
+        f"{where}: there the constraints {_quoted(_dependent(robot, rows[node]))} depend on each other "
+        f"(smallest singular value {smallest[node]:.1e}, elsewhere up to {largest:.1e}), their multipliers "
+        "are not unique, and the mechanism may go on in another assembly mode: see whether it moves as meant"
     )
+
+
+def _passed(rows: Array, smallest: Array) -> int | None:
+    """First node after which the smallest singular value would change its sign, if it had one."""
+    low = smallest < _LOW * smallest.max()
+    steps = np.flatnonzero(low[:-1] & low[1:])
+    if not steps.size:
+        return None
+    first, last = steps[0], steps[-1] + 2
+    left, _, right = np.linalg.svd(rows[first:last], full_matrices=False)
+    pairs = left[:, :, -1], right[:, -1]
+    cosines = np.array([np.einsum("ni,ni->n", vectors[:-1], vectors[1:]) for vectors in pairs])
+    has_turned = (np.abs(cosines).min(axis=0) > _ALIKE) & (cosines.prod(axis=0) < 0.0)
+    found = steps[has_turned[steps - first]]
+    return int(found[0]) if found.size else None
+
+
+def _dependent(robot: Robot, rows: Array) -> tuple[str, ...]:
+    """Names of the kept rows that depend on each other the most."""
+    weights = np.abs(np.linalg.svd(rows, full_matrices=False)[0][:, -1])
+    return tuple(robot.constraint_labels[i].name for i in np.flatnonzero(weights > _PART))
 
 
 def _poses(robot: Robot) -> list[Array]:
@@ -128,14 +198,26 @@ def _poses(robot: Robot) -> list[Array]:
 
 def _scaled(robot: Robot, jacobian: Array) -> Array:
     """Rows of unit length, and zeros for rows that hold nothing but round-off."""
-    norms = np.linalg.norm(jacobian, axis=1)
+    scaled: Array = jacobian / _lengths(robot, np.linalg.norm(jacobian, axis=1))[:, None]
+    return scaled
+
+
+def _alike(robot: Robot, jacobians: Array) -> Array:
+    """Rows at many poses, each scaled alike at all of them: by its length where it is longest."""
+    there = np.linalg.norm(jacobians, axis=2).max(axis=0)
+    at_first = np.linalg.norm(robot.closure_jacobian(robot.q0), axis=1)
+    scaled: Array = jacobians / _lengths(robot, np.maximum(there, at_first))[:, None]
+    return scaled
+
+
+def _lengths(robot: Robot, norms: Array) -> Array:
+    """Lengths of rows, infinite for those that hold nothing but round-off."""
     units = np.array([label.unit for label in robot.closure_labels])
     floor = np.full(norms.size, 1e-12)
     floor[units == "rad"] = _RANK
     floor[units == "m"] = _RANK * norms[units == "m"].max(initial=0.0)
-    scale = np.where(norms > np.maximum(floor, 1e-12), norms, np.inf)
-    scaled: Array = jacobian / scale[:, None]
-    return scaled
+    lengths: Array = np.where(norms > np.maximum(floor, 1e-12), norms, np.inf)
+    return lengths
 
 
 def _independent(jacobian: Array) -> tuple[int, ...]:
@@ -169,12 +251,25 @@ def _check_constraints(robot: Robot, redundant: Sequence[int], jacobians: Sequen
         if not any(J[list(rows)].any() for J in jacobians):
             reason = "holds nothing that moves: the joints between its frames cannot violate it"
         else:
-            others = [c.name for c in robot.constraints if c is not constraint]
-            reason = f"follows from the others ({_quoted(others)})"
+            reason = _implied_by(robot, constraint, jacobians)
         raise UnsupportedRobot(
             f"robot {robot.name!r}: constraint {constraint.name!r} {reason}; take it out, or one "
             "that says the same"
         )
+
+
+def _implied_by(robot: Robot, constraint: Constraint, jacobians: Sequence[Array]) -> str:
+    """Which other constraint says the same, or that all of them together do."""
+    start, rows = 0, {}
+    for one in robot.constraints:
+        rows[one.name] = list(range(start, start + len(one.rows)))
+        start += len(one.rows)
+    own = rows.pop(constraint.name)
+    for name, other in rows.items():
+        pairs = [(len(_independent(J[other])), len(_independent(J[other + own]))) for J in jacobians]
+        if all(alone == both for alone, both in pairs):
+            return f"is a duplicate: {name!r} implies it"
+    return f"follows from the others ({_quoted(rows)})"
 
 
 def _quoted(names: Iterable[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 
 from mbocp.exceptions import LoopNotClosed, RobotFileError, UnknownFrame, UnknownJoint, UnsupportedRobot
 from mbocp.robot import Robot, describe, load_robot, singular_closure
-from mbocp.robot.closing import follow
+from mbocp.robot.closing import follow, gauss_newton
+from mbocp.robot.redundancy import singular_pose
 from tests.robot import loops, urdfs
 
 POSED = loops.MOTOR + loops.OPEN_POSE
@@ -96,8 +98,17 @@ def test_the_fingerprint_knows_the_rows(tmp_path: Path) -> None:
 
 
 def test_a_duplicated_constraint(tmp_path: Path) -> None:
-    with pytest.raises(UnsupportedRobot, match=r"constraint 'second' follows from the others \('first'\)"):
+    with pytest.raises(
+        UnsupportedRobot, match="constraint 'second' is a duplicate: 'first' implies it; take"
+    ):
         four_bar(tmp_path, STRIKER.format("first") + STRIKER.format("second"))
+
+
+def test_a_constraint_that_follows_from_several(tmp_path: Path) -> None:
+    gear = '[[constraint]]\ntype = "coupling"\nname = "{}"\njoints = ["{}", "{}"]\n'
+    gears = gear.format("ab", "j1", "j2") + gear.format("bc", "j2", "j3") + gear.format("ca", "j3", "j1")
+    with pytest.raises(UnsupportedRobot, match=r"constraint 'ca' follows from the others \('ab', 'bc'\)"):
+        loops.load(tmp_path, urdfs.chain("revolute", "revolute", "revolute", "revolute"), gears)
 
 
 def test_a_constraint_on_nothing_that_moves(tmp_path: Path) -> None:
@@ -240,3 +251,22 @@ def test_a_motion_through_a_singular_pose_is_told(tmp_path: Path) -> None:
     words = singular_closure(robot, qs)
     assert words.startswith("near a singular configuration at node 50: there the constraints 'pin.")
     assert singular_closure(robot, qs[:40]) == ""
+    between = (qs[1:] + qs[:-1]) / 2  # linear in the crank, and closed, too
+    words = singular_closure(robot, between)
+    assert words.startswith("through a singular configuration between nodes 49 and 50: there")
+    assert singular_closure(robot, np.full_like(qs, np.nan)) == ""
+    assert singular_closure(robot, qs + 0.1) == ""  # not closed
+
+
+def test_rows_left_out_must_stay_implied(tmp_path: Path) -> None:
+    robot = four_bar(tmp_path)
+    dropped = replace(robot, redundant_rows=(1, 2, 3, 4))  # pin.z is one too many
+    told = "the constraint 'pin.z', left out because the others imply it, "
+    assert singular_closure(dropped, np.tile(robot.q0, (5, 1))) == f"{told}is independent of them at node 0"
+    assert singular_pose(dropped, robot.q0) == f"{told}is independent of them there"
+    aside = robot.q0 + np.array([0.1, 0.2, 0.3])
+    slid = gauss_newton(dropped, aside, np.ones(3, dtype=np.bool_), dropped.kept_rows)
+    words = singular_closure(dropped, np.array([robot.q0, slid]))
+    assert words.startswith(f"{told}is violated by")
+    assert words.endswith(" m at node 1")
+    assert singular_pose(robot, robot.q0) == ""
