@@ -132,9 +132,7 @@ def load_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> Com
     CompilationError
         If the compiler refuses the generated code.
     """
-    material = "\n".join(
-        [key, _sources_digest(), _casadi_version(), platform.machine(), " ".join(_flags())]
-    )
+    material = "\n".join([key, _sources_digest(), _casadi_version(), platform.machine(), " ".join(_flags())])
     digest = hashlib.sha256(material.encode()).hexdigest()[:32]
     folder = cache_folder()
     library = folder / f"{digest}.so"
