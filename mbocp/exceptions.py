@@ -34,6 +34,7 @@ __all__ = [
     "UnknownFrame",
     "UnknownJoint",
     "UnknownRobot",
+    "UnreachableGoal",
     "UnsupportedRobot",
     "suggest",
 ]
@@ -141,6 +142,10 @@ class ProblemFileError(ProblemError):
 
 class InconsistentStart(ProblemError):
     """The start (or goal) violates a holonomic constraint, at position or velocity level."""
+
+
+class UnreachableGoal(ProblemError):
+    """A goal to which a mechanism with closed loops does not get from the start."""
 
 
 class OverdeterminedGoal(ProblemError):

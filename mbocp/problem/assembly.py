@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.exceptions import InconsistentStart
+from mbocp.exceptions import InconsistentStart, UnreachableGoal
 from mbocp.problem.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
 from mbocp.problem.way import driving_joints, walk
 from mbocp.robot import Robot
 from mbocp.robot.closing import follow, violations
+from mbocp.robot.exploring import search
 
 __all__ = ["assembled", "assembled_velocity", "complete_goal"]
 
@@ -58,42 +61,48 @@ def assembled_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, a
     return np.array(robot.assemble_velocity(q, v, fixed=written))
 
 
-def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> tuple[Array, str]:
-    """Return the goal with its free directions moved so that the constraints hold, and what is odd about it.
+def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> Array:
+    """Return the goal with its free directions moved so that the constraints hold.
 
     The way leads from the start in small steps, the loops closed: the goal lies in the start's assembly mode.
 
     Returns
     -------
     q : ndarray, shape (nq,)
-    words : str
-        Empty, or that no way was found on which the mechanism stays closed.
 
     Raises
     ------
     InconsistentStart
         If no configuration with the wanted entries meets the constraints.
+    UnreachableGoal
+        If some do, but none to which the mechanism was found to get from the start.
     """
     if not robot.nc or not active.any():
-        return q, ""
+        return q
     if active.all():
         check_position(robot, q, "goal.q")
-        return q, _another_mode(robot, q_start, q)
+        _check_mode(robot, q_start, q)
+        return q
     size = _distance(robot, q_start, q, active)
     way = walk(robot, q_start, q, active, np.linspace(0.0, 1.0, 2 + int(size / _STRIDE))[1:])
     reached = follow(robot, q_start, q, active) if way is None else way[-1]
     if _distance(robot, reached, q, active) <= _ARRIVED:
-        return reached, ""
-    short = _short(robot, reached, q, active)
-    found = _anywhere(robot, q, np.flatnonzero(~active))
-    try:
-        check_position(robot, found, "goal.q")
-    except InconsistentStart as error:
-        raise InconsistentStart(f"{error}; from the start, the mechanism comes as near as {short}") from None
-    return found, (
-        f"goal.q: closes the loops of robot {robot.name!r}, but on the way there from the start, closed, the "
-        f"mechanism gets stuck ({short}): it may be another assembly mode"
-    )
+        return reached
+    bad = violations(robot, _anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
+    short, written = _short(robot, reached, q, active), _names(robot, active)
+    if bad:
+        row, value, unit = bad[0]
+        raise InconsistentStart(
+            f"goal.q: violates constraint {row!r} of robot {robot.name!r} by {value:.3g} {unit}, wherever "
+            f"the other joints are (nearest from the start: {short}); give another position of {written}"
+        )
+    found = search(robot, q_start, q, active)
+    if found is None:
+        raise UnreachableGoal(
+            f"goal.q: out of reach in the start's assembly mode of robot {robot.name!r}: with its loops "
+            f"closed it comes as near as {short}; give another position of {written}, or another start"
+        )
+    return found
 
 
 def _anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
@@ -110,19 +119,52 @@ def _anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
     return found
 
 
-def _another_mode(robot: Robot, q_start: Array, q: Array) -> str:
-    """Words if no way from the start to a goal was found: straight ahead, or by driving some joints."""
+def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
+    """Refuse a goal to which no way leads from the start: straight, by driving some joints, or roundabout."""
     everything = np.ones(robot.nv, dtype=np.bool_)
     nearest = q_start
     for wanted in (everything, driving_joints(robot, q_start)):
         reached = follow(robot, q_start, q, wanted)
         if _distance(robot, reached, q, everything) <= _ARRIVED:
-            return ""
+            return
         nearest = reached
-    return (
-        f"goal.q: may lie in another assembly mode of robot {robot.name!r} than the start, out of reach: no "
-        f"way was found on which the loops stay closed (nearest: {_short(robot, nearest, q, everything)})"
+    if search(robot, q_start, q, everything) is not None:
+        return
+    turned = _turned(robot, q_start, q)
+    moved = np.flatnonzero(turned != q)
+    if moved.size:
+        reached = follow(robot, q_start, turned, everything)
+        if _distance(robot, reached, turned, everything) <= _ARRIVED:
+            values = ", ".join(f"{robot.q_labels[i].name} = {turned[i]:.9g}" for i in moved)
+            raise UnreachableGoal(
+                f"goal.q: whole turns away from what robot {robot.name!r} reaches from the start with its "
+                f"loops closed; the same pose with {values} is in reach"
+            )
+    raise UnreachableGoal(
+        f"goal.q: in another assembly mode of robot {robot.name!r} than the start: no way was found on which "
+        f"its loops ({_quoted(constraint.name for constraint in robot.constraints)}) stay closed (nearest: "
+        f"{_short(robot, nearest, q, everything)}); leave out the joints that follow from the others, or "
+        "start in the goal's mode"
     )
+
+
+def _turned(robot: Robot, q_start: Array, q: Array) -> Array:
+    """The same pose with each angle less than half a turn from the start's."""
+    turned = np.array(q)
+    for name in robot.joint_names:
+        at = robot.configuration_indices(name)
+        if at.stop - at.start == 1 and robot.q_labels[at.start].unit == "rad":
+            turned[at] -= 2.0 * np.pi * np.round((q[at] - q_start[at]) / (2.0 * np.pi))
+    return turned
+
+
+def _names(robot: Robot, active: BoolArray) -> str:
+    """Joints of which something was written."""
+    return _quoted(name for name in robot.joint_names if active[robot.velocity_indices(name)].any())
+
+
+def _quoted(names: Iterable[str]) -> str:
+    return ", ".join(map(repr, names))
 
 
 def _distance(robot: Robot, q: Array, target: Array, active: BoolArray) -> float:

@@ -11,6 +11,7 @@ from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
 from mbocp.problem.goal import Goal
 from mbocp.robot import Robot
 from mbocp.robot.closing import violations
+from mbocp.robot.redundancy import singular_pose
 
 __all__ = [
     "CONSISTENCY_TOLERANCE",
@@ -93,13 +94,22 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
     On a constrained system the conditions are projected on the null space P of dPhi_dq at the goal, Eq. (14),
     which drops those that the constraint already implies: what counts is the rank of S P for the selected
     rows S, and of S M P where they are rows of the momentum. Velocities lie in the directions of the drives
-    where there are any.
+    where there are any. At a singular configuration P has more directions than the mechanism has degrees of
+    freedom, and no motion meets conditions on all of them.
     """
     if not goal.is_exact:
         return 0
     P = tangent_space(robot, goal.q)
     rates = _rate_matrix(robot, goal) @ _velocities(robot, goal.q)
-    count = _rank(P[goal.q_active]) + _rank(rates[goal.rate_active])
+    counts = _rank(P[goal.q_active]), _rank(rates[goal.rate_active])
+    mobility = robot.nv - robot.nc
+    if max(counts) > mobility:
+        raise OverdeterminedGoal(
+            f"goal: {max(counts)} independent exact end conditions on {mobility} "
+            f"degree{'s' * (mobility != 1)} of freedom: {singular_pose(robot, goal.q)}; move goal.q away "
+            'from such a singular pose, give fewer joints in the goal, or say enforce = "penalty"'
+        )
+    count = sum(counts)
     available = num_steps * robot.nu
     if count > available:
         raise OverdeterminedGoal(

@@ -30,10 +30,17 @@ from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.options import BOUNDED_METHODS, SolverOptions
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.robot import Robot
+from mbocp.robot.redundancy import singular_pose
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
 COORDINATES: tuple[str, ...] = ("joint", "natural")
+
+
+_BESIDE = (
+    "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
+    "assembly mode: give a pose beside it"
+)
 
 
 class ProblemWarning(UserWarning):
@@ -110,6 +117,8 @@ class Problem:
         If a value does not fit the robot, or cannot be right.
     InconsistentStart
         If start or exact goal violate a holonomic constraint, at position or velocity level.
+    UnreachableGoal
+        If closed loops keep the robot from getting to an exact goal.
     OverdeterminedGoal
         If there are more exact end conditions than the controls can meet.
     """
@@ -141,7 +150,8 @@ class Problem:
         if self.robot.nu == 0:
             raise ProblemError(
                 f"robot: {self.robot.name!r} has no actuator; name the driven joints in robot.actuated "
-                "(a free-flyer's root_joint takes a wrench), or write actuators into a robot.toml"
+                "(a free-flyer's root_joint takes a wrench), or write actuators into a robot.toml; its "
+                f"joints, all passive: {', '.join(self.robot.joint_names)}"
             )
         object.__setattr__(self, "limits", self.limits.completed(self.robot))
         check_coordinates(self.robot, self.coordinates, self.scheme, self.limits)
@@ -254,6 +264,7 @@ class Problem:
         check_velocity(robot, q, v, "start")
         check_driven_start(robot, q, v)
         self._warn_limits(q, "start.q")
+        self._warn_singular(q, "start.q")
 
     def _check_goal(self) -> None:
         robot, goal = self.robot, self.goal
@@ -263,13 +274,11 @@ class Problem:
         for key, default in (("guard", True), ("redundant", "drop")):
             check_unused(f"goal.{key}", getattr(goal, key), default, self.scheme)
         if goal.is_exact:
-            q, words = complete_goal(robot, goal.q, goal.q_active, self.q_start)
-            goal = replace(goal, q=q)
-            if words:
-                warnings.warn(words, ProblemWarning, stacklevel=4)
+            goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, self.q_start))
             check_goal_rate(robot, goal)
             check_driven_rate(robot, goal)
             check_end_conditions(robot, goal, self.num_steps)
+            self._warn_singular(goal.q, "goal.q")
         object.__setattr__(self, "goal", goal)
         if goal.q_active.any():
             self._warn_limits(goal.q, "goal.q")
@@ -306,6 +315,12 @@ class Problem:
                 f'solver.method: got "{self.solver.method}", which cannot keep [{what}]; take {able}, or '
                 f"leave out [{what}]"
             )
+
+    def _warn_singular(self, q: Array, key: str) -> None:
+        """Say that a mechanism is where it may go on in several ways."""
+        words = singular_pose(self.robot, q)
+        if words:
+            warnings.warn(f"{key}: {words}; {_BESIDE}", ProblemWarning, stacklevel=5)
 
     def _warn_limits(self, q: Array, key: str) -> None:
         """Say which coordinates are outside limits of the robot that nobody enforces."""

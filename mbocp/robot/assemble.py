@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.exceptions import RobotFileError
+from mbocp.exceptions import RobotFileError, UnknownFrame, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.constraints import (
     Constraint,
@@ -178,12 +178,18 @@ class Assembly:
 
     def constraints(self) -> tuple[Constraint, ...]:
         """Holonomic constraints."""
-        found = [self._constraint(table, number) for number, table in enumerate(self.table.constraints)]
+        found = []
+        for number, table in enumerate(self.table.constraints):
+            name = table.name or f"{table.type}_{number}"
+            try:
+                found.append(self._constraint(table, f"constraint[{number}]", name))
+            except (UnknownFrame, UnknownJoint) as error:
+                error.args = (f"constraint {name!r}: {error}",)
+                raise
         self._refuse_repeated("constraint", [constraint.name for constraint in found])
         return tuple(found)
 
-    def _constraint(self, table: ConstraintTable, number: int) -> Constraint:
-        where, name = f"constraint[{number}]", table.name or f"{table.type}_{number}"
+    def _constraint(self, table: ConstraintTable, where: str, name: str) -> Constraint:
         if isinstance(table, CouplingTable):
             return self._coupling(table, where, name)
         a, b = self.pair(table.frames, where)

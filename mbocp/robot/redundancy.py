@@ -118,7 +118,7 @@ def singular_pose(robot: Robot, q: Array) -> str:
     kept = rows[0, list(robot.kept_rows)]
     singular = np.linalg.svd(kept, compute_uv=False)
     if singular[-1] < _NEAR_SINGULAR * singular[0]:
-        return f"the constraints {_quoted(_dependent(robot, kept))} depend on each other there"
+        return f"in this pose of robot {robot.name!r} {_dependence(robot, kept)}"
     return _left_out(robot, residuals, rows)
 
 
@@ -155,9 +155,9 @@ def _near_singular(robot: Robot, rows: Array, smallest: Array) -> str:
         where = f"through a singular configuration between nodes {passed} and {passed + 1}"
         node = passed + int(smallest[passed + 1] < smallest[passed])
     return (
-        f"{where}: there the constraints {_quoted(_dependent(robot, rows[node]))} depend on each other "
-        f"(smallest singular value {smallest[node]:.1e}, elsewhere up to {largest:.1e}), their multipliers "
-        "are not unique, and the mechanism may go on in another assembly mode: see whether it moves as meant"
+        f"{where}: there {_dependence(robot, rows[node])} "
+        f"(smallest singular value {smallest[node]:.1e}, elsewhere up to {largest:.1e}), multipliers are "
+        "not unique, and the mechanism may go on in another assembly mode: see whether it moves as meant"
     )
 
 
@@ -176,10 +176,13 @@ def _passed(rows: Array, smallest: Array) -> int | None:
     return int(found[0]) if found.size else None
 
 
-def _dependent(robot: Robot, rows: Array) -> tuple[str, ...]:
-    """Names of the kept rows that depend on each other the most."""
+def _dependence(robot: Robot, rows: Array) -> str:
+    """Which of the kept rows depend on each other the most, in words."""
     weights = np.abs(np.linalg.svd(rows, full_matrices=False)[0][:, -1])
-    return tuple(robot.constraint_labels[i].name for i in np.flatnonzero(weights > _PART))
+    names = [robot.constraint_labels[i].name for i in np.flatnonzero(weights > _PART)]
+    if len(names) == 1:
+        return f"the constraint {names[0]!r} holds nothing"
+    return f"the constraints {_quoted(names)} depend on each other"
 
 
 def _poses(robot: Robot) -> list[Array]:

@@ -249,7 +249,7 @@ def test_a_motion_through_a_singular_pose_is_told(tmp_path: Path) -> None:
     qs = np.column_stack([cranks, -cranks, cranks])
     assert np.abs([robot.closure_residual(q) for q in qs]).max() < 1e-14
     words = singular_closure(robot, qs)
-    assert words.startswith("near a singular configuration at node 50: there the constraints 'pin.")
+    assert words.startswith("near a singular configuration at node 50: there the constraint 'pin.x' holds")
     assert singular_closure(robot, qs[:40]) == ""
     between = (qs[1:] + qs[:-1]) / 2  # linear in the crank, and closed, too
     words = singular_closure(robot, between)
