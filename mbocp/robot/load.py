@@ -40,8 +40,9 @@ __all__ = ["load_robot", "robot_from_spec"]
 
 LockOption: TypeAlias = dict[str, float | list[float]] | list[str]
 
-# A URDF that says "mimic" means it. example-robot-data builds its models without, and so do its names here.
-_MIMIC = {"toml": True, "yaml": True, "urdf": True, "chain": True, "example": False}
+# A URDF that says "mimic" means it. example-robot-data builds its models without, as do the collections that
+# have a robot.yaml, whose motors may be on such joints.
+_MIMIC = {"toml": True, "yaml": False, "urdf": True, "chain": True, "example": False}
 
 _BASE_NQ = 7  # numbers of a free-flyer's configuration
 
@@ -77,8 +78,8 @@ def load_robot(
     Parameters
     ----------
     spec : str or Path
-        A path (to a URDF, a robot.toml, or a folder that holds one), or a name. A text counts as a path if it
-        has a path separator or ends in .urdf, .xml or .toml. Names are looked up under the folders of
+        A path (to a URDF, a robot.toml or robot.yaml, or a folder that holds one), or a name. A text counts as
+        a path if it has a path separator or ends in .urdf, .xml, .toml or .yaml. Names are looked up under the folders of
         MBOCP_ROBOT_PATH, in mbocp's own robots/, in example-robot-data, and in robot_descriptions, in this
         order.
     free_flyer : bool, optional
@@ -95,8 +96,8 @@ def load_robot(
         of the model.
     mimic : bool, optional
         Whether mimic joints follow their leader (then they have no coordinate) or are joints of their own,
-        with a motor. Default: True for a URDF or robot.toml, False for a name of example-robot-data, which
-        builds its models so.
+        with a motor. Default: True for a URDF or robot.toml, False for a robot.yaml and for a name of
+        example-robot-data, which are meant so.
     name : str, optional
         What to call the robot. Default: the name that was given, or that robot.toml or the URDF gives.
     package_dirs : sequence of str or Path, optional

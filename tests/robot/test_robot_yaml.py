@@ -74,6 +74,14 @@ def test_names_under_the_robot_path(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert load_robot("my_legs").nc == 0
 
 
+def test_mimic_joints_are_joints_of_their_own(tmp_path: Path) -> None:
+    """The collections load their URDFs so, and have motors on them."""
+    urdf = URDF.replace('<child link="a2"/>', '<child link="a2"/><mimic joint="mot_a"/>', 1)
+    text = LOOP + "type: ['3d']\nname_mot: ['mot_a', 'knee']\n"
+    assert load(tmp_path, text, urdf).joint_names == ("mot_a", "knee", "mot_b", "free")
+    assert load(tmp_path, LOOP + "type: ['3d']\n", urdf, mimic=True).nv == 3
+
+
 def test_options_win(tmp_path: Path) -> None:
     robot = load(tmp_path, LOOP + "type: ['3d']\nname_mot: ['mot_a']\n", free_flyer=True, actuated=["mot_b"])
     assert robot.joint_names[0] == "root_joint"
