@@ -224,17 +224,19 @@ def drift_panel(solution: Solution, violation: Array | None) -> Panel:
 
     def draw(axes: Axes) -> None:
         momenta = solution.control_momenta
+        shown = momenta.shape[1]
         for i, name in enumerate(solution.control_momentum_names):
             _log_points(
                 axes, solution.t, np.abs(momenta[:, i] - momenta[0, i]), rf"$\xi$ {plain_text(name)}", i
             )
         if violation is not None and violation.size:
-            first = momenta.shape[1]
-            for i, column in enumerate(solution.labels.lam):
+            # Natural coordinates have more constraints; those of the robot are the last.
+            for i, column in enumerate(solution.labels.lam[-violation.shape[1] :]):
                 _log_points(
-                    axes, solution.t, np.abs(violation[:, i]), rf"$\Phi$ {plain_text(column.name)}", first + i
+                    axes, solution.t, np.abs(violation[:, i]), rf"$\Phi$ {plain_text(column.name)}", shown + i
                 )
-        _log_points(axes, solution.t, solution.manifold_drifts, "rotations", momenta.shape[1] + solution.nc)
+            shown += violation.shape[1]
+        _log_points(axes, solution.t, solution.manifold_drifts, "rotations", shown)
         what = "Drift of invariants, violation of constraints" if solution.nc else "Drift of invariants"
         finish_axes(
             axes, title=what, ylabel=r"$|\xi_n - \xi_0|$, $|\Phi|$" if solution.nc else r"$|\xi_n - \xi_0|$"

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from mbocp._arrays import Array
-from mbocp.robot.constraints import Rod
+from mbocp.robot.constraints import Hinge, Point, Rod, Weld
 from mbocp.robot.joints import joint_kind
 from mbocp.view.plots_style import GREY, finish_axes, line_style, plain_text, strip_legend
 
@@ -22,6 +22,7 @@ __all__ = ["FramePaths", "frame_paths"]
 
 _HINGES = ("revolute", "continuous", "spherical")
 _ARROWS = 7
+_LAYERS = 0.25  # of the size: how thick a robot may be whose motion is drawn as flat
 _MOST_NODES = 2000  # more points do not make a finer picture
 
 
@@ -47,7 +48,10 @@ class FramePaths:
         extent = self.upper - self.lower
         self._size = float(max(extent.max(), 1e-9))
         # Axes to draw: all three, or those of the plane that the motion stays in, x-z before the others.
-        flat = [i for i in (1, 0, 2) if extent[i] < 1e-6 * self._size]
+        # Links may lie in layers beside that plane.
+        moved = np.ptp(paths, axis=1).max(axis=0) if paths.size else extent
+        is_flat = (moved < 1e-6 * self._size) & (extent < _LAYERS * self._size)
+        flat = [i for i in (1, 0, 2) if is_flat[i]]
         self.axes = tuple(i for i in range(3) if i not in flat[:1])
 
     @property
@@ -177,8 +181,13 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
         # A slider's axes are no links, and neither is the way from the world to a floating base.
         if joint_kind(model, joint).word in _HINGES:
             lines.append((data.oMi[parent].translation.copy(), data.oMi[joint].translation.copy()))
-    for frame in ids:
+    ends = [
+        f for c in robot.constraints if isinstance(c, Point | Hinge | Weld) for f in (c.frame_a, c.frame_b)
+    ]
+    for frame in (*ids, *ends):
         joint = model.frames[frame].parentJoint
+        if joint == 0:
+            continue  # the ground is no link
         lines.append((data.oMi[joint].translation.copy(), data.oMf[frame].translation.copy()))
     rods = [constraint for constraint in robot.constraints if isinstance(constraint, Rod)]
     for element in (*rods, *robot.forces):
