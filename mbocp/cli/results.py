@@ -59,14 +59,15 @@ def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
 
 def print_info(result: Path, *, as_json: bool) -> None:
     """Print what a result is."""
-    from mbocp.cli.summary import print_rows, solution_rows
+    from mbocp.cli.summary import print_rows, robot_words, solution_rows
     from mbocp.solution import Solution
 
     solution = Solution.load(result)
     if as_json:
         typer.echo(solution.to_json(indent=2))
         return
-    robot = f"{solution.robot_name}: {solution.nv} degrees of freedom, {solution.nu} controls"
+    nc = solution.nc if solution.coordinates == "joint" else 0  # else those of rigid bodies are among them
+    robot = robot_words(solution.robot_name, solution.nv, solution.nu, nc)
     rows = solution_rows(solution, robot)
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
     print_rows(solution.problem_name or result.stem, [*rows, ("made with", versions or "not recorded")])

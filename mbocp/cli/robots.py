@@ -61,15 +61,19 @@ def _facts(facts: Mapping[str, Any]) -> Table:
     if facts["description"]:
         table.add_row("what", facts["description"])
     table.add_row("URDF", facts["source"] or "none")
-    table.add_row(
-        "size", f"nq = {facts['nq']}, nv = {facts['nv']}, {facts['nu']} controls, {facts['nc']} constraints"
-    )
-    if facts["constraints"]:
+    rows = [row for constraint in facts["constraints"] for row in constraint["rows"]]
+    redundant = [row for constraint in facts["constraints"] for row in constraint["redundant_rows"]]
+    sizes = [f"nq = {facts['nq']}, nv = {facts['nv']}", _count(facts["nu"], "control")]
+    if rows:
+        of_them = f" (of {len(rows)} rows)" if redundant else ""
+        sizes.append(f"{_count(facts['nc'], 'constraint')}{of_them}")
+    table.add_row("size", ", ".join(sizes))
+    if rows or facts["passive"]:
         table.add_row("mobility", _mobility(facts))
+        table.add_row("actuated", ", ".join(facts["actuated"]) or "none")
         table.add_row("passive", ", ".join(facts["passive"]) or "none")
-        redundant = [row for constraint in facts["constraints"] for row in constraint["redundant_rows"]]
-        if redundant:
-            table.add_row("redundant", f"{', '.join(redundant)}: left out, the other rows imply them")
+    if redundant:
+        table.add_row("redundant", f"{', '.join(redundant)}: left out, the other rows imply them")
     table.add_row("mass", f"{facts['mass']:.4g} kg")
     table.add_row("gravity", f"{_numbers(facts['gravity'])} m/s^2")
     table.add_row("q0", _numbers(facts["q0"]))
@@ -80,7 +84,19 @@ def _facts(facts: Mapping[str, Any]) -> Table:
 
 def _mobility(facts: Mapping[str, Any]) -> str:
     free, controls = facts["mobility"], facts["nu"]
-    return f"{free} degree{'s' * (free != 1)} of freedom, {controls} control{'s' * (controls != 1)}"
+    if controls == 0:
+        how = "; nothing drives them" if free > 1 else "; nothing drives it"
+    elif controls < free:
+        how = f", with {_count(controls, 'control')}: underactuated"
+    elif controls > free:
+        how = f", with {_count(controls, 'control')}: more than needed"
+    else:
+        how = ", each with a control" if free > 1 else ", with a control"
+    return f"{_count(free, 'degree')} of freedom{how}"
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def _joints(facts: Mapping[str, Any]) -> Table:

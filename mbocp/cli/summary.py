@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
     from mbocp.solution import ActiveLimit, Solution
 
-__all__ = ["goal_error", "print_summary", "solution_rows"]
+__all__ = ["goal_error", "print_summary", "robot_words", "solution_rows"]
 
 _Rows = list[tuple[str, str | Text]]
 
@@ -28,7 +28,11 @@ _MOST_LIMITS = 8  # more lines than that nobody reads
 
 def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[str, Path]] = ()) -> None:
     """Print what was solved, how it went, and what was written."""
-    rows = solution_rows(solution, _robot_words(problem))
+    robot = problem.robot
+    rows = solution_rows(solution, robot_words(robot.name, robot.nv, robot.nu, robot.nc))
+    if robot.redundant_rows:
+        names = ", ".join(robot.closure_labels[row].name for row in robot.redundant_rows)
+        rows.insert(1, ("redundant", f"{names}: left out, the other rows imply them"))
     error = goal_error(solution, problem)
     if error:
         rows.insert([name for name, _ in rows].index("constraints"), ("goal", error))
@@ -106,10 +110,11 @@ def _scheme(solution: Solution) -> str:
     return f" by scheme {solution.scheme}{within}{how}"
 
 
-def _robot_words(problem: Problem) -> str:
-    robot = problem.robot
-    words = f"{robot.name}: {robot.nv} degrees of freedom, {_count(robot.nu, 'control')}"
-    return f"{words}, {_count(robot.nc, 'constraint')}" if robot.nc else words
+def robot_words(name: str, nv: int, nu: int, nc: int) -> str:
+    """Say how much can move, and how much of it by itself."""
+    free = f"{_count(nv - nc, 'degree')} of freedom"
+    held = f" ({nv} velocities, {_count(nc, 'constraint')})" if nc else ""
+    return f"{name}: {free}{held}, {_count(nu, 'control')}"
 
 
 def _violation(solution: Solution) -> str:

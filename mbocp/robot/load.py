@@ -78,10 +78,10 @@ def load_robot(
     Parameters
     ----------
     spec : str or Path
-        A path (to a URDF, a robot.toml or robot.yaml, or a folder that holds one), or a name. A text counts as
-        a path if it has a path separator or ends in .urdf, .xml, .toml or .yaml. Names are looked up under the folders of
-        MBOCP_ROBOT_PATH, in mbocp's own robots/, in example-robot-data, and in robot_descriptions, in this
-        order.
+        A path (to a URDF, a robot.toml or robot.yaml, or a folder that holds one), or a name. A text counts
+        as a path if it has a path separator or ends in .urdf, .xml, .toml or .yaml. Names are looked up under
+        the folders of MBOCP_ROBOT_PATH, in mbocp's own robots/, in example-robot-data, and in
+        robot_descriptions, in this order.
     free_flyer : bool, optional
         Whether the root link floats (joint "root_joint") or is fixed to the world. Default: what robot.toml
         or example-robot-data says; fixed for a plain URDF.

@@ -30,6 +30,8 @@ def test_robots(run: Run) -> None:
         ("ur5", ["shoulder_pan_joint", "revolute", "150", "N m"]),
         ("rigid_pendulum", ["rod", "length 5", "N"]),
         ("hector", ["root_joint", "floating"]),
+        ("four_bar", ["1 degree of freedom, with a control", "2 constraints (of 5 rows)", "pin.tilt_1"]),
+        ("solo12", ["18 degrees of freedom, with 12 controls: underactuated", "passive   root_joint"]),
     ],
 )
 def test_robot(run: Run, name: str, words: list[str]) -> None:
