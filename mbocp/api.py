@@ -198,7 +198,7 @@ def _solution(
         status=result.status,
         advice=result.advice
         + _other_root(problem, result, trajectory.qs[-1])
-        + _coarse_steps(problem, trajectory.vs)
+        + _coarse_steps(problem, trajectory.qs, trajectory.vs)
         + told,
         solver=outcome.solver,
         iterations=sum(p.iterations for p in phases),
@@ -231,13 +231,20 @@ def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:
-    """Warn where the projected end condition holds but the goal is not reached: it has antipodal roots."""
+    """Warn where the end condition holds but the goal is not reached: it has other roots."""
     goal = problem.goal
-    if result.status is not Status.CONVERGED or not goal.is_exact or not goal.q_active.all():
+    if result.status is not Status.CONVERGED or not goal.is_exact or not goal.q_active.any():
         return ""
-    distance = float(np.linalg.norm(problem.robot.difference(goal.q, q_final)))
+    missing = problem.robot.difference(goal.q, q_final)[goal.q_active]
+    distance = float(np.linalg.norm(missing))
     if distance <= _GOAL_REACHED:
         return ""
+    turns = missing / (2.0 * np.pi)
+    if problem.coordinates == "natural" and np.abs(turns - turns.round()).max() <= _GOAL_REACHED:
+        return (
+            "; but whole turns away from goal.q: bodies do not know how often a joint has turned; start from "
+            "a guess that turns as often, or take joint coordinates"
+        )
     return (
         f"; but the end is {distance:.3g} off goal.q: the end condition, projected onto the constraints, "
         "has another root there; start from another guess"
@@ -250,13 +257,19 @@ def _singular(robot: Robot, qs: Array) -> str:
     return f"; {words}" if words else ""
 
 
-def _coarse_steps(problem: Problem, vs: Array) -> str:
+def _coarse_steps(problem: Problem, qs: Array, vs: Array) -> str:
     """Warn where a joint turns so far in one step that the discretisation means nothing."""
-    angular = [i for i, label in enumerate(problem.robot.v_labels) if label.unit == "rad/s"]
-    turns = np.abs(vs[:, angular]).max(axis=0, initial=0.0) * problem.dt
+    model, labels = problem.robot.model, problem.robot.v_labels
+    angular = [i for i, label in enumerate(labels) if label.unit == "rad/s"]
+    speeds = np.abs(vs).max(axis=0)
+    for joint in model.joints[1:]:
+        if joint.nq == joint.nv == 1:  # bodies may leap where the joint's velocity does not show it
+            leap = np.abs(np.diff(qs[:, joint.idx_q])).max() / problem.dt
+            speeds[joint.idx_v] = max(speeds[joint.idx_v], leap)
+    turns = speeds[angular] * problem.dt
     if not angular or turns.max() <= _LARGEST_TURN:
         return ""
-    name = problem.robot.v_labels[angular[int(turns.argmax())]].name
+    name = labels[angular[int(turns.argmax())]].name
     return (
         f"; {name} turns by {turns.max():.1f} rad in one step, which is no motion any more: take more steps, "
         "or give cost.velocity a weight"

@@ -109,6 +109,7 @@ class GradientState:
     step_length: float = math.nan
     regularisation: float = 0.0
     at_minimum: bool = False
+    still: int = 0
     failure: Status | None = None
     failed_stage: int = -1
 

@@ -50,6 +50,9 @@ _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make u
 _PAUSE = 10  # steps after a run that led nowhere, before the next
 _RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
 _LARGEST_ADJOINT = 1e8  # of a backward sweep that is worth starting from
+_STILL = 0.5  # Newton's method far above round-off makes residual and increment smaller than this part
+_RESOLVED = 1e-2  # of the tolerance, for the residual, ...
+_NOISE = 1e3  # ... and times the tolerance, for increments that do not shrink any more
 _FEASIBLE = 1e-9  # violation below which there is nothing to be relaxed about
 
 
@@ -167,11 +170,22 @@ class GlobalisedNewton:
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),
             at_minimum=shift == 0.0,
+            still=0 if shift else _stillness(state, evaluation, direction.increment),
         )
 
     def terminate(self, state: NewtonState) -> Status | None:
-        """Residual and increment both below the tolerance."""
-        return end_of(state, self.tolerance, self.max_iterations)
+        """Residual and increment both below the tolerance; or increments that are round-off.
+
+        Where steps are short and constraints are many, the multipliers' increments stay above the tolerance
+        though the residual is as small as it gets.
+        """
+        status = end_of(state, self.tolerance, self.max_iterations)
+        is_noise = (
+            state.still > 1
+            and state.evaluation.residual <= _RESOLVED * self.tolerance
+            and state.increment <= _NOISE * self.tolerance
+        )
+        return Status.CONVERGED if is_noise and state.failure is None else status
 
     def _direction(self, state: NewtonState, shift: float) -> tuple[Any, float, Any]:
         """Factorisation, augmentation and direction; no direction where the inertia is not a minimum's."""
@@ -244,6 +258,12 @@ class GlobalisedNewton:
             reference=None,
             patience=_PAUSE,
         )
+
+
+def _stillness(state: NewtonState, evaluation: Any, increment: float) -> int:
+    before = state.evaluation.residual
+    is_still = evaluation.residual > _STILL * before and increment > _STILL * state.increment
+    return state.still + 1 if is_still else 0
 
 
 def _with_adjoint(state: NewtonState) -> NewtonState | None:

@@ -67,6 +67,8 @@ class NewtonState:
         Steps until another such run may begin.
     at_minimum : bool
         Whether the last KKT matrix had a minimum's inertia without any shift.
+    still : int
+        Steps in a row, without a shift, that halved neither residual nor increment.
     failure : Status or None
         Why no step could be taken.
     failed_stage : int
@@ -87,6 +89,7 @@ class NewtonState:
     reference: Reference | None = None
     patience: int = 0
     at_minimum: bool = False
+    still: int = 0
     failure: Status | None = None
     failed_stage: int = -1
     sweeps: Sweeps | None = None

@@ -43,6 +43,10 @@ class SolverState(Protocol):
         """Whether the inertia was a minimum's when it was last looked at."""
 
     @property
+    def still(self) -> int:
+        """Steps in a row that brought nothing nearer, as round-off does."""
+
+    @property
     def failure(self) -> Status | None:
         """Why no step could be taken."""
 

@@ -127,6 +127,9 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme) -
     taken = f"{state.iteration} iteration{'' if state.iteration == 1 else 's'}"
     if status is Status.CONVERGED:
         if state.at_minimum:
+            if state.still > 1:
+                noise = f"the increments are round-off ({state.increment:.0e})"
+                return f"a strict local minimum: the residual is below the tolerance, {noise}"
             return "a strict local minimum: residual and increment are below the tolerance"
         return (
             "a stationary point, but not a strict minimum: the Hessian is indefinite or singular there; "
