@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import mbocp
 from mbocp.cli.app import app
 from mbocp.exceptions import (
     InconsistentStart,
@@ -183,6 +184,13 @@ def test_a_singular_goal_is_told_or_refused(load: Load) -> None:
         load("goal.q={crank=0.0}", robot="parallelogram")
     with pytest.warns(ProblemWarning, match=r"goal\.q: in this pose .* holds nothing; the solver may stop"):
         load("goal.q={crank=0.0}", "goal.v={crank=0.0}", robot="parallelogram")
+
+
+def test_a_motion_through_a_singular_pose_is_told(load: Load) -> None:
+    solution = mbocp.solve(load("goal.q.crank=-1.0", robot="parallelogram"))
+    assert "a singular configuration " in solution.advice
+    assert "there the constraint 'pin.x' holds nothing" in solution.advice
+    assert "singular" not in mbocp.solve(load(robot="parallelogram")).advice
 
 
 BAD_ROBOTS = {
