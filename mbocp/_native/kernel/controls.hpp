@@ -68,19 +68,10 @@ bool Programme::eliminate_controls(int n, Quadratic q, const double* QS, double*
     if (ng_) {
         if (n > 0) {
             double* S_before = stages_[n - 1].S;
-            for (int i = 0; i < nd; ++i)
-                for (int g = 0; g < ng_; ++g) {
-                    double sum = QS[i * pg + g];
-                    for (int j = 0; j < nu; ++j) sum += kept[j * px + i] * s.Keta[j * pg + g];
-                    S_before[i * pg + g] = sum;
-                }
+            dense::copy(QS, S_before, nd * pg);
+            dense::gemm_tn(nd, ng_, nu, kept, px, s.Keta, pg, S_before, pg);
         }
-        for (int g = 0; g < ng_; ++g)
-            for (int h = 0; h < ng_; ++h) {
-                double sum = 0;
-                for (int j = 0; j < nu; ++j) sum += QS[(nd + j) * pg + g] * s.Keta[j * pg + h];
-                R_[g * pg + h] += sum;
-            }
+        dense::gemm_tn(ng_, ng_, nu, QS + nd * pg, pg, s.Keta, pg, R_.data(), pg);
     }
     return true;
 }

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <type_traits>
 
 namespace mbocp::dense {
 
@@ -18,71 +19,95 @@ typedef double Vec __attribute__((vector_size(32), aligned(8), may_alias));
 inline Vec load(const double* p) { return *reinterpret_cast<const Vec*>(p); }
 inline void store(double* p, Vec v) { *reinterpret_cast<Vec*>(p) = v; }
 
-// C (m x n) += A^T B with A (k x m), B (k x n), all row-major; m and n are rounded up to whole vectors,
-// so C needs padded(m) rows and every leading dimension must be padded.
-inline void gemm_tn(int m, int n, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc) {
+// Rows of a stage's matrices are short: a call costs more than they do.
+inline void zero(double* p, int n) {
+    if (n > 64) return void(std::memset(p, 0, sizeof(double) * static_cast<std::size_t>(n)));
+    for (; n >= width; n -= width, p += width) store(p, Vec{0.0, 0.0, 0.0, 0.0});
+    for (; n > 0; --n) *p++ = 0.0;
+}
+
+inline void copy(const double* from, double* to, int n) {
+    if (n > 64) return void(std::memcpy(to, from, sizeof(double) * static_cast<std::size_t>(n)));
+    for (; n >= width; n -= width, from += width, to += width) store(to, load(from));
+    for (; n > 0; --n) *to++ = *from++;
+}
+
+// Largest size of the entries.
+inline double largest(int n, const double* x) {
+    Vec lanes = {0.0, 0.0, 0.0, 0.0};
+    int j = 0;
+    for (; j + width <= n; j += width) {
+        const Vec v = load(x + j), size = v < 0.0 ? -v : v;
+        lanes = size > lanes ? size : lanes;
+    }
+    double out = std::max(std::max(lanes[0], lanes[1]), std::max(lanes[2], lanes[3]));
+    for (; j < n; ++j) out = std::max(out, std::abs(x[j]));
+    return out;
+}
+
+// Tiles of C += A^T B: four rows by V vectors of columns, which stay in registers.
+template <int V>
+inline void gemm_tn_columns(int m, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc) {
     for (int i = 0; i < m; i += 4) {
-        int j = 0;
-        for (; j + 8 <= padded(n); j += 8) {
-            Vec acc[4][2];
-            for (int r = 0; r < 4; ++r) {
-                acc[r][0] = load(C + (i + r) * ldc + j);
-                acc[r][1] = load(C + (i + r) * ldc + j + 4);
-            }
-            for (int p = 0; p < k; ++p) {
-                const Vec b0 = load(B + p * ldb + j), b1 = load(B + p * ldb + j + 4);
-                const double* a = A + p * lda + i;
-                for (int r = 0; r < 4; ++r) {
-                    acc[r][0] += a[r] * b0;
-                    acc[r][1] += a[r] * b1;
-                }
-            }
-            for (int r = 0; r < 4; ++r) {
-                store(C + (i + r) * ldc + j, acc[r][0]);
-                store(C + (i + r) * ldc + j + 4, acc[r][1]);
-            }
+        Vec sum[4][V];
+        for (int r = 0; r < 4; ++r)
+            for (int v = 0; v < V; ++v) sum[r][v] = load(C + (i + r) * ldc + 4 * v);
+        for (int p = 0; p < k; ++p) {
+            const double *a = A + p * lda + i, *b = B + p * ldb;
+            for (int r = 0; r < 4; ++r)
+                for (int v = 0; v < V; ++v) sum[r][v] += a[r] * load(b + 4 * v);
         }
-        for (; j < n; j += 4) {
-            Vec acc[4];
-            for (int r = 0; r < 4; ++r) acc[r] = load(C + (i + r) * ldc + j);
-            for (int p = 0; p < k; ++p) {
-                const Vec b = load(B + p * ldb + j);
-                const double* a = A + p * lda + i;
-                for (int r = 0; r < 4; ++r) acc[r] += a[r] * b;
-            }
-            for (int r = 0; r < 4; ++r) store(C + (i + r) * ldc + j, acc[r]);
-        }
+        for (int r = 0; r < 4; ++r)
+            for (int v = 0; v < V; ++v) store(C + (i + r) * ldc + 4 * v, sum[r][v]);
     }
 }
 
-// Rows of C (m x n) += scale A B over V vectors of columns.
-template <int V>
-inline void gemm_nn_columns(int m, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc,
-                            double scale) {
-    for (int i = 0; i < m; ++i) {
-        Vec sum[V];
-        for (int v = 0; v < V; ++v) sum[v] = Vec{0.0, 0.0, 0.0, 0.0};
-        for (int p = 0; p < k; ++p) {
-            const double a = A[i * lda + p];
-            for (int v = 0; v < V; ++v) sum[v] += a * load(B + p * ldb + 4 * v);
-        }
-        for (int v = 0; v < V; ++v) store(C + i * ldc + 4 * v, load(C + i * ldc + 4 * v) + scale * sum[v]);
+// Splits `vectors` columns of vectors into tiles of three, two and one of them: tile(std::integral_constant, first).
+template <class Tile>
+inline void for_tiles(int vectors, Tile tile) {
+    int at = 0;
+    for (; vectors - at > 4 || vectors - at == 3; at += 3) tile(std::integral_constant<int, 3>(), 4 * at);
+    for (; vectors - at >= 2; at += 2) tile(std::integral_constant<int, 2>(), 4 * at);
+    if (vectors > at) tile(std::integral_constant<int, 1>(), 4 * at);
+}
+
+// C (m x n) += A^T B with A (k x m), B (k x n), all row-major; m and n are rounded up to whole vectors,
+// so C needs padded(m) rows and every leading dimension must be padded.
+inline void gemm_tn(int m, int n, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc) {
+    for_tiles(padded(n) / 4, [&](auto V, int j) { gemm_tn_columns<V()>(m, k, A, lda, B + j, ldb, C + j, ldc); });
+}
+
+// R rows of C += scale A B over V vectors of columns.
+template <int R, int V>
+inline void gemm_nn_tile(int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc, double scale) {
+    Vec sum[R][V];
+    for (int r = 0; r < R; ++r)
+        for (int v = 0; v < V; ++v) sum[r][v] = Vec{0.0, 0.0, 0.0, 0.0};
+    for (int p = 0; p < k; ++p) {
+        const double *a = A + p, *b = B + p * ldb;
+        for (int r = 0; r < R; ++r)
+            for (int v = 0; v < V; ++v) sum[r][v] += a[r * lda] * load(b + 4 * v);
     }
+    for (int r = 0; r < R; ++r)
+        for (int v = 0; v < V; ++v) {
+            double* c = C + r * ldc + 4 * v;
+            store(c, load(c) + scale * sum[r][v]);
+        }
 }
 
 // C (m x n) += scale A B with A (m x k), B (k x n), all row-major; n is rounded up to whole vectors.
 inline void gemm_nn(int m, int n, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc,
                     double scale = 1.0) {
-    int j = 0;
-    for (; j + 24 <= padded(n); j += 24) gemm_nn_columns<6>(m, k, A, lda, B + j, ldb, C + j, ldc, scale);
-    switch ((padded(n) - j) / 4) {
-        case 1: gemm_nn_columns<1>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
-        case 2: gemm_nn_columns<2>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
-        case 3: gemm_nn_columns<3>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
-        case 4: gemm_nn_columns<4>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
-        case 5: gemm_nn_columns<5>(m, k, A, lda, B + j, ldb, C + j, ldc, scale); break;
-        default: break;
-    }
+    for_tiles(padded(n) / 4, [&](auto V, int j) {
+        const auto rows = [&](auto R, int i) {
+            gemm_nn_tile<R(), V()>(k, A + i * lda, lda, B + j, ldb, C + i * ldc + j, ldc, scale);
+        };
+        int i = 0;
+        for (; i + 4 <= m; i += 4) rows(std::integral_constant<int, 4>(), i);
+        if (m - i == 3) rows(std::integral_constant<int, 3>(), i);
+        if (m - i == 2) rows(std::integral_constant<int, 2>(), i);
+        if (m - i == 1) rows(std::integral_constant<int, 1>(), i);
+    });
 }
 
 // y += a x, without the alias checks and the unrolling that make short loops long.
@@ -109,12 +134,35 @@ __attribute__((always_inline)) inline double dot(int n, const double* x, const d
 
 // y (m) += scale A x, A (m x n) row-major.
 inline void gemv(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
-    for (int i = 0; i < m; ++i) y[i] += scale * dot(n, A + i * lda, x);
+    int i = 0;
+    for (; i + 4 <= m; i += 4) {
+        Vec lanes[4] = {};
+        const double* a = A + i * lda;
+        int j = 0;
+        for (; j + width <= n; j += width)
+            for (int r = 0; r < 4; ++r) lanes[r] += load(a + r * lda + j) * load(x + j);
+        Vec sum;
+        for (int r = 0; r < 4; ++r) sum[r] = (lanes[r][0] + lanes[r][1]) + (lanes[r][2] + lanes[r][3]);
+        for (; j < n; ++j) sum += x[j] * Vec{a[j], a[lda + j], a[2 * lda + j], a[3 * lda + j]};
+        store(y + i, load(y + i) + scale * sum);
+    }
+    for (; i < m; ++i) y[i] += scale * dot(n, A + i * lda, x);
 }
 
 // y (n) += scale A^T x, A (m x n) row-major.
 inline void gemv_t(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
-    for (int i = 0; i < m; ++i) axpy(n, scale * x[i], A + i * lda, y);
+    int i = 0;
+    for (; i + 4 <= m; i += 4) {
+        const double *a = A + i * lda, f[4] = {scale * x[i], scale * x[i + 1], scale * x[i + 2], scale * x[i + 3]};
+        int j = 0;
+        for (; j + width <= n; j += width) {
+            Vec sum = f[0] * load(a + j) + f[1] * load(a + lda + j);
+            sum += f[2] * load(a + 2 * lda + j) + f[3] * load(a + 3 * lda + j);
+            store(y + j, load(y + j) + sum);
+        }
+        for (; j < n; ++j) y[j] += f[0] * a[j] + f[1] * a[lda + j] + f[2] * a[2 * lda + j] + f[3] * a[3 * lda + j];
+    }
+    for (; i < m; ++i) axpy(n, scale * x[i], A + i * lda, y);
 }
 
 // In-place LU with partial pivoting; returns min |pivot| / max |pivot| (0 when singular or not finite).
@@ -209,11 +257,6 @@ inline void cholesky_solve_vector(int n, const double* L, int ldl, double* b) {
         b[i] /= L[i * ldl + i];
         axpy(i, -b[i], L + i * ldl, b);
     }
-}
-
-inline void zero(double* p, int n) { std::memset(p, 0, sizeof(double) * static_cast<std::size_t>(n)); }
-inline void copy(const double* from, double* to, int n) {
-    std::memcpy(to, from, sizeof(double) * static_cast<std::size_t>(n));
 }
 
 }  // namespace mbocp::dense

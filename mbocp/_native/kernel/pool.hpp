@@ -1,4 +1,4 @@
-// One zeroed block of memory for all stages. Long horizons take hundreds of megabytes and are walked through several
+// One zeroed block of memory, on the boundary of a cache line, as for all stages. Long horizons take hundreds of megabytes and are walked through several
 // times an iteration: on huge pages, where the system has them, that costs up to a third less.
 #pragma once
 
@@ -30,6 +30,7 @@ public:
         return block_.get();
     }
 
+    double* data() const { return block_.get(); }
     std::size_t bytes() const { return bytes_; }
 
 private:

@@ -59,10 +59,19 @@ void Kind::prepare_structure() {
     const Pattern &all = complete->outputs[2], &first = jacobian->outputs[2];
     structure = std::make_shared<Structure>(all, ndx, ny, nu, groups);
     hessian = SymmetricRows(complete->outputs[4]);
-    const int others = nw() + ns() - ndx;
-    Uxx = hessian.block(0, ndx, 0, ndx), Uxo = hessian.block(0, ndx, ndx, others);
-    Uoo = hessian.block(ndx, others, ndx, others);
-    coupled_rows = Uxo.last_row(ndx), other_rows = Uoo.last_row(others - nu);
+    const int nq = structure->nq, nr = structure->nr, before = nw(), controls = nw() + ndx;
+    const Pattern& upper = complete->outputs[4];
+    const auto is_y = [&](int i) { return i >= ndx && i < before; };
+    for (int k = 0; k < upper.nnz(); ++k)
+        if (is_y(upper.row[k]) || (is_y(upper.column[k]) && upper.row[k] >= nq))
+            throw std::invalid_argument("groups: the Hessian couples algebraic unknowns with more than q");
+    const auto over_state = [&](int row, int rows, int at) {
+        return OverState{hessian.block(row, rows, at, nq), hessian.block(row, rows, at + nq, nq),
+                         hessian.block(row, rows, at + 2 * nq, nr)};
+    };
+    of_x = over_state(0, ndx, 0), of_before_in_x = over_state(before, ndx, 0), of_before = over_state(before, ndx, before);
+    of_u_in_x = over_state(controls, nu, 0), of_u_in_before = over_state(controls, nu, before);
+    of_u = hessian.block(controls, nu, controls, nu), of_y_in_q = hessian.block(ndx, ny, 0, nq);
     std::map<std::pair<int, int>, int> place;
     for (int k = 0; k < all.nnz(); ++k) place[{all.row[k], all.column[k]}] = k;
     for (int k = 0; k < first.nnz(); ++k) {
@@ -94,6 +103,14 @@ Programme::Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Termi
     allocate();
 }
 
+// Workspace of a stage's reduction beside its structure's.
+std::size_t Programme::reduced_space(const Kind& k) const {
+    const Structure& t = *k.structure;
+    const std::size_t px = padded(nd_), pm = padded(nd_ + k.nu), pd = padded(t.d), pu = padded(k.nu);
+    const std::size_t hessian = t.nq * (pm + pd) + pd * (pm + pd) + (ndx_ + pu + 2 * px) * px + px * pm + t.ny * pd;
+    return std::max({hessian, (px + pu) * px + (px + pm) * pm + pm * padded(ng_), 2 * ndx_ * px + ndx_ + px});
+}
+
 void Programme::allocate() {
     std::size_t total = 0, pivots = 0, space = 0;
     int ny = 0, nu = 0, nm = 0, nr = 0;
@@ -113,8 +130,9 @@ void Programme::allocate() {
         take(s.c, nc), take(s.gw, nw), take(s.gs, k.ns()), take(s.lw, nw), take(s.ls, k.ns());
         if (k.structure) {
             take(s.J, k.complete->outputs[2].nnz()), take(s.H, k.complete->outputs[4].nnz());
-            take(step, k.structure->num_doubles()), take(s.T, static_cast<std::size_t>(nd_ + k.ny) * padded(nd_ + k.nu));
-            take(s.B, static_cast<std::size_t>(ndx_) * ldd), take(s.b, ndx_), take(s.Hz, nw + k.ns());
+            const std::size_t pm = padded(nd_ + k.nu);
+            take(step, k.structure->num_doubles()), take(s.T, nd_ * pm), take(s.Q, pm * pm), take(s.g, ldd + pm);
+            take(s.b, ndx_), take(s.Hz, nw + k.ns());
         } else {
             take(s.Jw, nc * pw), take(s.Js, nc * ps);
             take(s.Hww, pw * pw), take(s.Hws, pw * ps), take(s.Hss, ps * ps);
@@ -122,7 +140,7 @@ void Programme::allocate() {
         }
         take(s.Quu, static_cast<std::size_t>(k.nu) * padded(k.nu));
         take(s.K, static_cast<std::size_t>(padded(k.nu)) * ldd), take(s.Keta, static_cast<std::size_t>(k.nu) * ldg);
-        take(s.P, static_cast<std::size_t>(ldd) * ldd), take(s.S, static_cast<std::size_t>(nd_) * ldg);
+        take(s.P, static_cast<std::size_t>(ldd) * ldd), take(s.S, static_cast<std::size_t>(ldd) * ldg);
         take(s.t0, nw), take(s.k, k.nu), take(s.p, nd_);
         if (k.structure && base) k.structure->place(s.step, step, ints);
         return at;
@@ -155,14 +173,12 @@ void Programme::allocate() {
         diagonal_.resize(std::max(diagonal_.size(), static_cast<std::size_t>(k.nu)));
         if (k.structure) {
             largest = std::max(largest, 12 * (pw + ps) + static_cast<std::size_t>(ldx) * (2 * ldx + 4));
-            const std::size_t pm = padded(nd_ + k.nu);
-            space = std::max(space, (2 * (pw + ps) + pm) * pm + (2 * ldd + padded(k.nu)) * (pm + ldg) + (ldx + ldd) * ldd +
-                                        k.structure->work_size(static_cast<int>(pm)));
+            space = std::max(space, reduced_space(k) + k.structure->work_size());
         } else {
             largest = std::max(largest, pw * pw + 2 * pw * ps + ps * ps + 8 * (pw + ps) + (ps + 4) * (ldx + ldg));
         }
     }
-    space_.assign(space, 0.0), both_.assign(is_structured_ ? 2 * static_cast<std::size_t>(max_nw_ + max_ns_) : 0, 0.0);
+    space_.allocate(space + 256), both_.assign(is_structured_ ? 2 * static_cast<std::size_t>(max_nw_ + max_ns_) : 0, 0.0);
     x.assign(static_cast<std::size_t>(N + 1) * nx_, 0.0);
     y.assign(ny, 0.0), u.assign(nu, 0.0), m.assign(nm, 0.0), eta.assign(ng_, 0.0);
     rho_.assign(nr, 0.0);
@@ -183,7 +199,7 @@ void Programme::allocate() {
     size_residual(rhs_), size_residual(work_);
     x_trial_ = x, y_trial_ = y, u_trial_ = u;
     c_trial_.assign(nm, 0.0), g_trial_.assign(ng_, 0.0);
-    scratch_.assign(largest + 64, 0.0);
+    scratch_.allocate(largest + 256);
     scaled_m_.assign(nm, 0.0);
     sweep_c_.assign(3 * static_cast<std::size_t>(max_nw_), 0.0);
     sweep_dx_.assign(ndx_, 0.0), planned_.assign(2 * static_cast<std::size_t>(nx_), 0.0), sweep_before_.assign(static_cast<std::size_t>(nx_) + max_nw_, 0.0);
@@ -227,6 +243,7 @@ bool Programme::evaluate_stage(int n, const double* multipliers, Evaluation& e) 
     f.arg[4] = multipliers + m_offset[n];
     f.arg[5] = theta_.data();
     f.arg[6] = rho_.data() + r_offset[n];
+    if (k.structure) f.res[2] = s.J, f.res[4] = s.H;
     const bool ok = f.call();
     e.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
     double* blocks[] = {s.Jw, s.Js, s.Hww, s.Hws, s.Hss, s.lw, s.ls};
@@ -235,8 +252,7 @@ bool Programme::evaluate_stage(int n, const double* multipliers, Evaluation& e) 
     for (std::size_t i = 0; i < k.to_gradient.size(); ++i)
         blocks[k.to_gradient[i].block][k.to_gradient[i].offset] = f.res[3][i];
     if (k.structure) {
-        dense::copy(f.res[2], s.J, f.outputs[2].nnz());
-        k.hessian.store(f.res[4], s.H);
+        k.hessian.halve_diagonal(s.H);
     } else {
         for (std::size_t i = 0; i < k.to_jacobian.size(); ++i)
             blocks[k.to_jacobian[i].block][k.to_jacobian[i].offset] = f.res[2][i];
@@ -289,7 +305,7 @@ double Programme::stationarity() const {
 
 Evaluation Programme::evaluate(double share) {
     Evaluation e;
-    backward_done_ = steps_known_ = false;
+    backward_done_ = steps_known_ = residual_known_ = false;
     const double* multipliers = m.data();
     if (share != 1.0) {
         for (std::size_t i = 0; i < m.size(); ++i) scaled_m_[i] = share * m[i];

@@ -47,9 +47,9 @@ struct Kind {
     // Groups of constraint rows, or none; with them the stage's derivatives stay sparse (see structure.hpp).
     std::vector<GroupOfRows> groups;
     std::shared_ptr<const Structure> structure;
-    SymmetricRows hessian;         // over z
-    SparseRows Uxx, Uxo, Uoo;      // blocks of its half: x and the others, (y; x_before, u)
-    int coupled_rows = 0, other_rows = 0;  // of Uxo and Uoo that have values, of the latter but for u's
+    SymmetricRows hessian;  // over z, and blocks of its half: rows in x, in the state before, in u and y
+    OverState of_x, of_before_in_x, of_before, of_u_in_x, of_u_in_before;
+    Panels of_u, of_y_in_q;
     std::vector<int> first_place;  // of the nonzeros of `jacobian` among those of `complete`
 
     void prepare();  // scatter tables from the functions' patterns
@@ -157,9 +157,10 @@ private:
         double *t0, *k, *p;                               // one right-hand side
         int *pivot, *control_pivot;
         bool definite;
-        // With a structure: values of the sparse derivatives, T with rows (xi, y), reachable states dx = B xi + b with
-        // xi = dx[chosen], and H z of the last forward pass.
-        double *J, *H, *B, *b, *Hz;
+        // With a structure: values of the sparse derivatives; the stage over reachable states alone, which is
+        // xi = T (xi before, u) and half the Hessian Q in (xi before, u), and g, its gradient in xi and in these;
+        // offsets, dx = B xi + b with xi = dx[chosen]; and H z of the last forward pass.
+        double *J, *H, *Q, *g, *b, *Hz;
         int* chosen;
         StepFactor step;
     };
@@ -179,6 +180,7 @@ private:
     bool simulate_stage(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep);
     double stationarity() const;
     void allocate();
+    std::size_t reduced_space(const Kind& k) const;
     bool condense(int n, Factorisation& result);
     // What condensing ends with: controls eliminated from the quadratic form q(i, j) over (state before, controls) and
     // its columns QS of eta, the remainder to the stage before. `kept` is workspace of nu rows.
@@ -195,12 +197,15 @@ private:
     void solve_step(int n, double* c);
     void solve_step_transposed(int n, double* w);
     // The same for stages with a structure, in reduced.cpp.
+    const StepFactor* step_before(int n) const { return n > 0 ? &stages_[n - 1].step : nullptr; }
+    bool reduce_stages(Factorisation& result);
     bool reduce(int n, Factorisation& result);
+    void reduce_hessian(int n);
+    void reduce_residual(int n, const Residual& rhs);
     bool condense_reduced(int n, Factorisation& result);
     void reduce_end();
-    void particular_states(const Residual& rhs);
     void backward_start_reduced(const Residual& rhs, Numbers& r);
-    void backward_stage_reduced(int n, const Residual& rhs, Numbers& r);
+    void backward_stage_reduced(int n, Numbers& r);
     void forward_reduced(const Residual& rhs, Step& out);
     void multipliers_reduced(const Residual& rhs, Step& out);
     struct Check {  // rhs + KKT d, its largest entry, and d'Hd
@@ -225,7 +230,8 @@ private:
     int N, nx_, ndx_, ng_;
     int nd_ = 0;              // entries of a state that value functions and gains are over: all, or the chosen ones
     bool is_structured_ = false;
-    bool steps_known_ = false;  // structured steps and their T are those of the last evaluation, whatever the shift
+    bool steps_known_ = false;  // stages are reduced as of the last evaluation, whatever the shift, and
+    bool residual_known_ = false;  // so are their gradients
     double step_pivot_ = 1.0;   // smallest pivot of these
     Numbers theta_, rho_, rho_terminal_;
     Pool pool_;
@@ -239,13 +245,14 @@ private:
     Step correction_;
     Numbers x_trial_, y_trial_, u_trial_;
     Numbers c_trial_, g_trial_;
-    Numbers scratch_, scaled_m_, diagonal_;
+    Numbers scaled_m_, diagonal_;
     double shift_ = 0, augment_ = 0;                  // of the last factorisation
     bool factorised_ = false, backward_done_ = false;  // the latter: for the residual of the last evaluation
     Numbers eta_rhs_;
     Numbers sweep_c_, sweep_dx_, sweep_before_, planned_;       // workspace of the sweeps
     Numbers auxiliary_S_;                                       // of the auxiliary adjoint: what A_n leaves at x_n
-    Numbers space_, both_;                                      // workspace of stages with a structure
+    Pool scratch_, space_;                                      // workspace; the latter of stages with a structure
+    Numbers both_;
     int max_nw_ = 0, max_ns_ = 0;
 };
 

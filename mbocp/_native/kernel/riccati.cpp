@@ -58,10 +58,9 @@ Factorisation Programme::factorise(double shift, double augment) {
     Stage& last = stages_.back();
     augment_ = augment, factorised_ = false;
     backward_done_ = false;
-    for (int n = 0; is_structured_ && !steps_known_ && n < N; ++n)
-        if (!reduce(n, f)) return f.bad_stage = n, f;
-    if (is_structured_) step_pivot_ = f.smallest_pivot = steps_known_ ? step_pivot_ : f.smallest_pivot;
+    gather_residual(rhs_);
     if (is_structured_) {
+        if (!reduce_stages(f)) return f;
         reduce_end();
     } else {
         dense::copy(Hterm_.data(), last.P, padded(ndx_) * padded(ndx_));
@@ -72,7 +71,6 @@ Factorisation Programme::factorise(double shift, double augment) {
         for (int j = 0; j < nd_; ++j)
             for (int g = 0; g < ng_; ++g) last.P[i * px + j] += augment * last.S[i * pg + g] * last.S[j * pg + g];
     std::fill(R_.begin(), R_.end(), 0.0);
-    gather_residual(rhs_);
     backward_start(rhs_, eta_rhs_);
     for (int n = N - 1; n >= 0; --n) {
         if (!(is_structured_ ? condense_reduced(n, f) : condense(n, f))) {
@@ -81,7 +79,6 @@ Factorisation Programme::factorise(double shift, double augment) {
         }
         backward_stage(n, rhs_, eta_rhs_);  // a right-hand side at hand costs little while the blocks are in the cache
     }
-    steps_known_ = is_structured_;
     if (ng_) {  // eigenvectors of the equilibrated Schur complement: ng is small, and inertia comes for free
         RowMatrix R = MatrixMap(R_.data(), ng_, ng_, Eigen::OuterStride<>(pg));
         R = 0.5 * (R + R.transpose()).eval();
@@ -118,7 +115,7 @@ void Programme::gather_residual(Residual& out) const {
 
 // The backward half of KKT * d = -rhs at stage n: t0, k and p from the right-hand side, and its share of r (eta's).
 void Programme::backward_stage(int n, const Residual& rhs, Numbers& r) {
-    if (is_structured_) return backward_stage_reduced(n, rhs, r);
+    if (is_structured_) return backward_stage_reduced(n, r);
     Stage& s = stages_[n];
     const Kind& k = *s.kind;
     const int nd = ndx_, px = padded(nd), pg = padded(ng_);
@@ -156,6 +153,8 @@ void Programme::backward_start(const Residual& rhs, Numbers& r) {
 }
 
 void Programme::backward(const Residual& rhs, Numbers& r) {
+    for (int n = 0; is_structured_ && n < N; ++n) reduce_residual(n, rhs);
+    residual_known_ = false;
     backward_start(rhs, r);
     for (int n = N - 1; n >= 0; --n) backward_stage(n, rhs, r);
 }
@@ -234,23 +233,21 @@ void Programme::check_stage(int n, const Residual& rhs, const Step& d, Check& ch
         add_hessian(n, dw, ds, Hw, Hs);
         for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
     }
-    for (int i = 0; i < nw; ++i) check.curvature += dw[i] * Hw[i];
+    check.curvature += dense::dot(nw, dw, Hw) + dense::dot(ns, ds, Hs);
     double* w = out.w.data() + m_offset[n];
     for (int i = 0; i < nw; ++i) w[i] = rhs.w[m_offset[n] + i] + Hw[i];
     const double* dm = d.dm.data() + m_offset[n];
-    for (int i = 0; i < ns; ++i) check.curvature += ds[i] * Hs[i];
     double* r = out.s.data() + u_offset[n] + n * nd;
     for (int i = 0; i < ns; ++i) r[i] = rhs.s[u_offset[n] + n * nd + i] + Hs[i];
     add_jacobian_transposed(n, dm, w, r);
     if (n > 0) {  // both contributions to x_{n-1} belong to one row
         double* before = out.w.data() + m_offset[n - 1];
         for (int i = 0; i < nd; ++i) before[i] += r[i];
-        for (int i = 0; i < nd; ++i) check.largest = std::max(check.largest, std::abs(before[i]));
+        check.largest = std::max(check.largest, dense::largest(nd, before));
     }
     std::fill(r, r + nd, 0.0);
-    for (int i = nd; i < nw; ++i) check.largest = std::max(check.largest, std::abs(w[i]));
-    for (int i = 0; i < nc; ++i) check.largest = std::max(check.largest, std::abs(c[i]));
-    for (int i = 0; i < nu; ++i) check.largest = std::max(check.largest, std::abs(r[nd + i]));
+    const double here = std::max(dense::largest(nw - nd, w + nd), dense::largest(nu, r + nd));
+    check.largest = std::max({check.largest, dense::largest(nc, c), here});
 }
 
 void Programme::check_end(const Residual& rhs, const Step& d, Check& check) {
@@ -277,7 +274,7 @@ Direction Programme::finish_direction(const Residual& rhs, int refinements) {
     forward(rhs, eta_rhs_, step_, &check);
     double scale = 0;
     for (const Numbers* part : {&rhs.c, &rhs.w, &rhs.s, &rhs.g})
-        for (const double v : *part) scale = std::max(scale, std::abs(v));
+        scale = std::max(scale, dense::largest(static_cast<int>(part->size()), part->data()));
     for (int pass = 0;; ++pass) {
         d.linear_residual = scale > 0 ? check.largest / scale : check.largest, d.curvature = check.curvature;
         if (pass >= refinements || !(check.largest > 1e-11 * scale)) break;
@@ -298,10 +295,8 @@ Direction Programme::finish_direction(const Residual& rhs, int refinements) {
         const Kind& k = *s.kind;
         const double* dx0 = step_.dx.data() + static_cast<std::size_t>(n) * ndx_;
         const double* dx1 = dx0 + ndx_;
-        for (int i = 0; i < ndx_; ++i) {
-            squared += dx1[i] * dx1[i];
-            d.cost_slope += s.lw[i] * dx1[i] + s.ls[i] * dx0[i];
-        }
+        squared += dense::dot(ndx_, dx1, dx1);
+        d.cost_slope += dense::dot(ndx_, s.lw, dx1) + dense::dot(ndx_, s.ls, dx0);
         for (int i = 0; i < k.ny; ++i) {
             const double v = step_.dy[y_offset[n] + i];
             squared += v * k.scale_y[i] * v * k.scale_y[i];

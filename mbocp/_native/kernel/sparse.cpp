@@ -67,69 +67,152 @@ void SparseRows::transposed_times(const double* values, const double* x, double*
     }
 }
 
-void SparseRows::times_matrix(const double* values, const double* X, int ld, double* Y, double a) const {
-    for (int i = 0; i < rows(); ++i) {
-        const int count = start[i + 1] - start[i];
-        if (count == 0) continue;
-        const int *c = column.data() + start[i], *at = index.data() + start[i];
-        double* y = Y + i * ld;
-        int j = 0;
-        for (; j + 24 <= ld; j += 24) add_row<6>(count, c, at, values, X + j, ld, y + j, a);
-        switch ((ld - j) / 4) {
-            case 1: add_row<1>(count, c, at, values, X + j, ld, y + j, a); break;
-            case 2: add_row<2>(count, c, at, values, X + j, ld, y + j, a); break;
-            case 3: add_row<3>(count, c, at, values, X + j, ld, y + j, a); break;
-            case 4: add_row<4>(count, c, at, values, X + j, ld, y + j, a); break;
-            case 5: add_row<5>(count, c, at, values, X + j, ld, y + j, a); break;
-            default: break;
+void SparseRows::times_matrix(const double* values, const double* X, int ldx, int width, double* Y, int ldy,
+                              double a) const {
+    dense::for_tiles(width / 4, [&](auto V, int j) {
+        for (int i = 0; i < rows(); ++i) {
+            const int first = start[i], count = start[i + 1] - first;
+            if (count) add_row<V()>(count, &column[first], &index[first], values, X + j, ldx, Y + i * ldy + j, a);
         }
+    });
+}
+
+void SparseRows::add_to(const double* values, double* Y, int ldy, double a) const {
+    for (int i = 0; i < rows(); ++i)
+        for (int k = start[i]; k < start[i + 1]; ++k) Y[i * ldy + column[k]] += a * values[index[k]];
+}
+
+void Panels::append(int row, int column, int first, int count) {
+    panels_.push_back({row, column, count, 1, {first, 0, 0}});
+}
+
+void Panels::group() {
+    std::vector<Panel> grouped;
+    std::vector<bool> taken(panels_.size(), false);
+    for (std::size_t k = 0; k < panels_.size(); ++k) {
+        if (taken[k]) continue;
+        Panel p = panels_[k];
+        for (std::size_t other = k + 1; other < panels_.size() && p.rows < 3; ++other) {
+            const Panel& o = panels_[other];
+            if (o.row > p.row + p.rows) break;
+            if (o.row < p.row + p.rows || o.column != p.column || o.count != p.count) continue;
+            p.first[p.rows++] = o.first[0], taken[other] = true;
+        }
+        grouped.push_back(p);
+    }
+    panels_.swap(grouped);
+}
+
+namespace {
+
+// R rows of a run: y[columns] += A'x[rows] and y[rows] += A x[columns].
+template <int R>
+inline void panel_times_both(int count, const double* const* values, const double* xc, const double* xr, double* yc,
+                             double* yr) {
+    using dense::Vec;
+    Vec lanes[R] = {};
+    double f[R], sum[R];
+    for (int r = 0; r < R; ++r) f[r] = xr[r];
+    int j = 0;
+    for (; j + 4 <= count; j += 4) {
+        const Vec x = dense::load(xc + j);
+        Vec y = dense::load(yc + j);
+        for (int r = 0; r < R; ++r) {
+            const Vec v = dense::load(values[r] + j);
+            lanes[r] += v * x, y += f[r] * v;
+        }
+        dense::store(yc + j, y);
+    }
+    for (int r = 0; r < R; ++r) sum[r] = (lanes[r][0] + lanes[r][1]) + (lanes[r][2] + lanes[r][3]);
+    for (; j < count; ++j) {
+        double y = yc[j];
+        for (int r = 0; r < R; ++r) sum[r] += values[r][j] * xc[j], y += f[r] * values[r][j];
+        yc[j] = y;
+    }
+    for (int r = 0; r < R; ++r) yr[r] += sum[r];
+}
+
+// R rows of a run times V vectors of columns.
+template <int R, int V>
+inline void panel_times_matrix(int count, const double* const* values, const double* X, int ldx, double* Y, int ldy) {
+    using dense::Vec;
+    Vec sum[R][V];
+    for (int r = 0; r < R; ++r)
+        for (int v = 0; v < V; ++v) sum[r][v] = dense::load(Y + r * ldy + 4 * v);
+    for (int k = 0; k < count; ++k)
+        for (int r = 0; r < R; ++r)
+            for (int v = 0; v < V; ++v) sum[r][v] += values[r][k] * dense::load(X + k * ldx + 4 * v);
+    for (int r = 0; r < R; ++r)
+        for (int v = 0; v < V; ++v) dense::store(Y + r * ldy + 4 * v, sum[r][v]);
+}
+
+// call(std::integral_constant) with the number of rows of a panel, one to three.
+template <class Call>
+inline void for_rows(int rows, Call call) {
+    if (rows == 3)
+        call(std::integral_constant<int, 3>());
+    else if (rows == 2)
+        call(std::integral_constant<int, 2>());
+    else
+        call(std::integral_constant<int, 1>());
+}
+
+}  // namespace
+
+void Panels::times_both(const double* values, const double* x, double* y) const {
+    for (const Panel& p : panels_) {
+        const double* rows[] = {values + p.first[0], values + p.first[1], values + p.first[2]};
+        for_rows(p.rows, [&](auto R) {
+            panel_times_both<R()>(p.count, rows, x + p.column, x + p.row, y + p.column, y + p.row);
+        });
     }
 }
 
-void SparseRows::transposed_times_matrix(const double* values, const double* X, int ld, double* Y, double a) const {
-    for (int i = 0; i < rows(); ++i)
-        for (int k = start[i]; k < start[i + 1]; ++k)
-            dense::axpy(ld, a * values[index[k]], X + i * ld, Y + column[k] * ld);
+void Panels::times_matrix(const double* values, const double* X, int ldx, int width, double* Y, int ldy) const {
+    dense::for_tiles(width / 4, [&](auto V, int j) {
+        for (const Panel& p : panels_) {
+            const double* rows[] = {values + p.first[0], values + p.first[1], values + p.first[2]};
+            for_rows(p.rows, [&](auto R) {
+                panel_times_matrix<R(), V()>(p.count, rows, X + p.column * ldx + j, ldx, Y + p.row * ldy + j, ldy);
+            });
+        }
+    });
+}
+
+void Panels::add_to(const double* values, double* Y, int ldy) const {
+    for (const Panel& p : panels_)
+        for (int r = 0; r < p.rows; ++r)
+            for (int k = 0; k < p.count; ++k) Y[(p.row + r) * ldy + p.column + k] += values[p.first[r] + k];
 }
 
 SymmetricRows::SymmetricRows(const Pattern& upper) {
-    std::vector<int> index(upper.row.size());
-    for (std::size_t k = 0; k < index.size(); ++k) index[k] = static_cast<int>(k);
-    half = by_rows(upper.rows, upper.row, upper.column, index);
-    order_ = half.index;
-    for (int i = 0; i < half.rows(); ++i)
-        for (int k = half.start[i]; k < half.start[i + 1]; ++k) {
-            half.index[k] = k;
-            if (half.column[k] == i) diagonal_.push_back(k);
-            const bool continues = k > half.start[i] && half.column[k] == half.column[k - 1] + 1;
-            if (continues)
-                ++runs_.back().count;
-            else
-                runs_.push_back({i, half.column[k], k, 1});
+    const int n = upper.columns;
+    for (int i = 0, k = 0; i < n; ++i) {
+        for (; k < upper.nnz() && upper.column[k] == i; ++k) {
+            if (upper.row[k] == i) diagonal_.push_back(k);
+            column_.push_back(upper.row[k]);
         }
+        start_.push_back(k);
+    }
+    all_ = block(0, n, 0, n);
 }
 
-void SymmetricRows::store(const double* output, double* values) const {
-    for (std::size_t k = 0; k < order_.size(); ++k) values[k] = output[order_[k]];
+void SymmetricRows::halve_diagonal(double* values) const {
     for (const int k : diagonal_) values[k] *= 0.5;
 }
 
-void SymmetricRows::times(const double* values, const double* x, double* y) const {
-    for (const Run& r : runs_) {
-        const double sum = dense::dot(r.count, values + r.first, x + r.column);
-        dense::axpy(r.count, x[r.row], values + r.first, y + r.column);
-        y[r.row] += sum;
-    }
-}
-
-SparseRows SymmetricRows::block(int row, int rows, int column, int columns) const {
-    std::vector<int> r, c, index;
+Panels SymmetricRows::block(int row, int rows, int column, int columns) const {
+    Panels out;
     for (int i = row; i < row + rows; ++i)
-        for (int k = half.start[i]; k < half.start[i + 1]; ++k) {
-            const int j = half.column[k] - column;
-            if (j >= 0 && j < columns) r.push_back(i - row), c.push_back(j), index.push_back(k);
+        for (int k = start_[i]; k < start_[i + 1];) {
+            const int first = k, j = column_[k] - column;
+            while (++k < start_[i + 1] && column_[k] == column_[k - 1] + 1 && column_[k] != column + columns &&
+                   column_[k] != column) {
+            }
+            if (j >= 0 && j < columns) out.append(i - row, j, first, k - first);
         }
-    return by_rows(rows, r, c, index);
+    out.group();
+    return out;
 }
 
 }  // namespace mbocp

@@ -14,11 +14,6 @@ struct SparseRows {
 
     int rows() const { return static_cast<int>(start.size()) - 1; }
     int nnz() const { return static_cast<int>(column.size()); }
-    // One past the last row before `end` that has a value.
-    int last_row(int end) const {
-        while (end > 0 && start[end] == start[end - 1]) --end;
-        return end;
-    }
 
     // Rows [row, row + rows) of the nonzeros whose column is in [first, first + columns), counted from `first`.
     static SparseRows block(const Pattern& p, int row, int rows, int first, int columns);
@@ -29,31 +24,53 @@ struct SparseRows {
     void times(const double* values, const double* x, double* y, double a = 1.0) const;
     // y += a A'x
     void transposed_times(const double* values, const double* x, double* y, double a = 1.0) const;
-    // Y += a A X, row-major with `ld` columns, a multiple of the vector's width.
-    void times_matrix(const double* values, const double* X, int ld, double* Y, double a = 1.0) const;
-    // Y += a A'X, likewise.
-    void transposed_times_matrix(const double* values, const double* X, int ld, double* Y, double a = 1.0) const;
+    // Y += a A X over the first `width` columns of row-major matrices, a multiple of the vector's width.
+    void times_matrix(const double* values, const double* X, int ldx, int width, double* Y, int ldy,
+                      double a = 1.0) const;
+    // Y += a A
+    void add_to(const double* values, double* Y, int ldy, double a = 1.0) const;
 };
 
-// A symmetric matrix H = U + U', U its upper triangle with half the diagonal; values row by row.
-struct SymmetricRows {
-    SparseRows half;  // U
+// Rows by small dense panels: up to three neighbouring rows with the same run of columns. That is how the Hessians of
+// bodies look, and nothing of it needs an index for each entry.
+class Panels {
+public:
+    bool empty() const { return panels_.empty(); }
+    // A run of `count` values, the first at values[first]; runs come row by row.
+    void append(int row, int column, int first, int count);
+    // Groups runs of neighbouring rows. To be called when all are there.
+    void group();
 
-    explicit SymmetricRows(const Pattern& upper = Pattern());
-
-    // Values in this order from the function's output.
-    void store(const double* output, double* values) const;
-    // y += H x
-    void times(const double* values, const double* x, double* y) const;
-    // A block of U.
-    SparseRows block(int row, int rows, int column, int columns) const;
+    // y += A x + A'(x of the rows), as a symmetric matrix asks for whose half this is.
+    void times_both(const double* values, const double* x, double* y) const;
+    // Y += A X over the first `width` columns, as above.
+    void times_matrix(const double* values, const double* X, int ldx, int width, double* Y, int ldy) const;
+    // Y += A
+    void add_to(const double* values, double* Y, int ldy) const;
 
 private:
-    struct Run {  // neighbours in a row
-        int row, column, first, count;
+    struct Panel {
+        int row, column, count, rows, first[3];
     };
-    std::vector<int> order_, diagonal_;
-    std::vector<Run> runs_;
+    std::vector<Panel> panels_;
+};
+
+// A symmetric matrix H = L + L', L its lower triangle with half the diagonal. Values row by row, which is how a
+// function writes the upper triangle, column by column.
+class SymmetricRows {
+public:
+    explicit SymmetricRows(const Pattern& upper = Pattern());
+
+    // The function's output becomes L's values.
+    void halve_diagonal(double* values) const;
+    // y += H x
+    void times(const double* values, const double* x, double* y) const { all_.times_both(values, x, y); }
+    // A block of L, rows and columns counted from its own first.
+    Panels block(int row, int rows, int column, int columns) const;
+
+private:
+    std::vector<int> start_{0}, column_, diagonal_;
+    Panels all_;
 };
 
 }  // namespace mbocp

@@ -78,7 +78,7 @@ bool Programme::simulate_stage(int n, double tolerance, int max_iterations, bool
 Sweep Programme::simulate(double tolerance, int max_iterations, bool warm, bool feedback) {
     Sweep sweep;
     double largest = 0;
-    factorised_ = backward_done_ = steps_known_ = false;
+    factorised_ = backward_done_ = steps_known_ = residual_known_ = false;
     double* planned = planned_.data();  // x_n before it is swept, and x_{n+1} likewise
     double* next = planned + nx_;
     for (int n = 0; n < N; ++n) {
@@ -190,7 +190,7 @@ void Programme::close_loop(int n, const double* du, double* dx) const {
 
 Evaluation Programme::gradient(bool auxiliary, bool feedback) {
     Evaluation e;
-    factorised_ = backward_done_ = steps_known_ = false;
+    factorised_ = backward_done_ = steps_known_ = residual_known_ = false;
     bool ok = evaluate_terminal(e);
     if (auxiliary) {
         sigma.assign(static_cast<std::size_t>(N) * ndx_, 0.0);
@@ -271,7 +271,7 @@ Numbers Programme::control_scale() const {
 Numbers Programme::reduced_hessian(double shift) {
     const int nd = ndx_, px = padded(nd), pg = padded(ng_);
     const int total = ng_ + u_offset[N];
-    factorised_ = backward_done_ = steps_known_ = false;
+    factorised_ = backward_done_ = steps_known_ = residual_known_ = false;
     for (Stage& s : stages_) {
         const Kind& k = *s.kind;
         const int pw = padded(k.nw()), ps = padded(k.ns());
