@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,13 @@ def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> 
     """
     if not robot.nc or not active.any():
         return q
+    return np.array(_completed(robot, q.tobytes(), active.tobytes(), q_start.tobytes()))
+
+
+@lru_cache(maxsize=64)  # copies of a problem check themselves again
+def _completed(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: bytes) -> Array:
+    q, q_start = np.frombuffer(q_bytes), np.frombuffer(start_bytes)
+    active = np.frombuffer(active_bytes, dtype=np.bool_)
     if active.all():
         check_position(robot, q, "goal.q")
         _check_mode(robot, q_start, q)

@@ -38,6 +38,7 @@ _ATTEMPTS = 4  # the first from where the pose is, the others from around it
 _MASSLESS = 1e-6  # part of the largest inertia that every joint gets where some have none
 _RANK = 1e-9
 _STRIDE, _SHORTEST_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
+_LONG_STRIDE, _STRAIGHT, _MOST_BENT = 1.0, 0.1, 0.5  # where the way bends by less than a part of the step
 _KICKS = 4
 _ARRIVED = 1e-9  # [rad, m]
 _TURNED = 0.5  # [rad] rows of a weld that vanish with more than this between its frames are deceiving
@@ -102,9 +103,9 @@ def follow(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> 
     rng, kicks, step = np.random.default_rng(0), 0, _STRIDE
     nearest = q
     while (left := _left(robot, q, target, wanted)).max(initial=0.0) > _ARRIVED:
-        found = _stride(robot, q, target, wanted, step)
+        found, bent = _stride(robot, q, target, wanted, step)
         if found is not None:
-            q, step = found, min(2.0 * step, _STRIDE)
+            q, step = found, min(2.0 * step, _LONG_STRIDE if bent < _STRAIGHT else _STRIDE)
         elif step > _SHORTEST_STRIDE:
             step /= 4.0
         else:
@@ -215,22 +216,25 @@ def _left(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> A
     return np.abs(robot.difference(q, target)[wanted])
 
 
-def _stride(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_], longest: float) -> Array | None:
-    """Configuration a step nearer to the target; None if a step of this length leads nowhere."""
+def _stride(
+    robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_], longest: float
+) -> tuple[Array | None, float]:
+    """Configuration a step nearer to the target, or None; and how much of the step the way bends aside."""
     basis = null_space(robot.constraint_jacobian(q), _RANK)
     missing = robot.difference(q, target)[wanted]
     ahead = basis @ np.linalg.lstsq(basis[wanted], missing, rcond=1e-6)[0]
     size = float(np.abs(ahead).max(initial=0.0))
     if size < _ARRIVED:
-        return None
+        return None, np.inf
     guess = robot.integrate(q, ahead * min(1.0, longest / size))
     found = gauss_newton(robot, guess, np.ones(robot.nv, dtype=np.bool_), robot.kept_rows)
     corrected = float(np.abs(robot.difference(guess, found)).max())
     after = robot.difference(found, target)[wanted]
     nearer = np.linalg.norm(after) < np.linalg.norm(missing) * (1.0 - 1e-6)
     # A correction as long as the step itself may be another assembly mode.
-    is_short = corrected <= 0.5 * min(size, longest)
-    return found if nearer and is_short and not violations(robot, found) else None
+    bent = corrected / min(size, longest)
+    is_good = nearer and bent <= _MOST_BENT and not violations(robot, found)
+    return found if is_good else None, bent
 
 
 def _kicked(robot: Robot, q: Array, rng: np.random.Generator) -> Array:
