@@ -13,6 +13,7 @@ import mbocp
 from mbocp.cli.app import app
 from mbocp.exceptions import (
     InconsistentStart,
+    LoopNotClosed,
     MbocpError,
     OverdeterminedGoal,
     UnreachableGoal,
@@ -137,6 +138,14 @@ def test_a_goal_in_full_velocity_that_violates_the_constraints(load: Load) -> No
 
 
 # What is refused
+
+
+def test_a_start_at_which_the_loops_cannot_be_closed(load: Load) -> None:
+    with pytest.raises(
+        LoopNotClosed,
+        match=r"start\.q: robot 'four_bar': the loops cannot be closed with 'rocker' held.*'pin",
+    ):
+        load("start.q={rocker=0.2}")
 
 
 UNREACHABLE = {
