@@ -397,6 +397,8 @@ class Robot:
         jacobians : ndarray, shape (n, rows, nv)
         """
         array = frozen_array(qs, shape=(None, self.nq), name=f"robot {self.name!r}: qs")
+        if not np.isfinite(array).all():
+            raise InvalidValue(f"robot {self.name!r}: qs", "numbers that are not finite", "finite numbers")
         residuals, jacobians = self._closure.along(array)
         return frozen_array(residuals), frozen_array(jacobians)
 

@@ -104,8 +104,9 @@ def constraint_violation(robot: Robot, qs: Array, vs: Array) -> ConstraintViolat
     """
     if not robot.nc:
         return ConstraintViolation()
-    position = np.array([robot.constraint_residual(q) for q in qs])
-    velocity = np.array([robot.constraint_jacobian(q) @ v for q, v in zip(qs, vs, strict=True)])
+    kept = list(robot.kept_rows)
+    residuals, jacobians = robot.closure_along(qs)
+    position, velocity = residuals[:, kept], np.einsum("nij,nj->ni", jacobians[:, kept], vs)
     return worst_violation(position, velocity, [label.name for label in robot.constraint_labels])
 
 
