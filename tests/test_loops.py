@@ -19,10 +19,13 @@ PLANAR = ("four_bar", "slider_crank", "five_bar", "parallelogram_arm")
 SPATIAL = ("delta", "stewart")
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb+fbsm_newton", "fbsm_bb+monolithic")
 ORDER = {"se1": 1, "midpoint": 2}
-# Stage functions of the large robots take minutes to compile in natural coordinates.
+# Stage functions of the large robots take a while to compile.
 EVERYWHERE = [(name, coordinates) for name in PLANAR for coordinates in ("joint", "natural")]
-EVERYWHERE += [(name, "joint") for name in SPATIAL]
-SLOW = [pytest.param(name, "natural", marks=pytest.mark.slow) for name in SPATIAL]
+EVERYWHERE += [("delta", "joint")]
+SLOW = [
+    pytest.param(*case, marks=pytest.mark.slow)
+    for case in (("delta", "natural"), ("stewart", "joint"), ("stewart", "natural"))
+]
 
 
 def example(name: str, steps: int, coordinates: str = "joint") -> Problem:
