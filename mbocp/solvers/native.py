@@ -11,7 +11,7 @@ from mbocp.exceptions import NativeMismatch
 from mbocp.transcription import StagewiseProgramme
 from mbocp.transcription.compilation import CompiledFunctions, has_avx2
 
-__all__ = ["kernel", "kernel_programme"]
+__all__ = ["kernel", "kernel_programme", "nlp_helpers"]
 
 
 @cache
@@ -30,6 +30,18 @@ def kernel() -> Any:
             return _kernel
         return _kernel_avx2
     return _kernel
+
+
+@cache
+def nlp_helpers() -> Any:
+    """The module that helps interior-point solvers."""
+    try:
+        from mbocp._native import _nlp
+    except ImportError as error:
+        raise NativeMismatch(
+            f"the native part cannot be loaded ({error}); build it with `make` or `pip install .`"
+        ) from error
+    return _nlp
 
 
 def kernel_programme(programme: StagewiseProgramme) -> Any:

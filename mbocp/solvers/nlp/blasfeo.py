@@ -12,7 +12,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from mbocp.exceptions import NativeMismatch
+from mbocp.solvers.native import nlp_helpers
 from mbocp.transcription.compilation import has_avx2
 
 __all__ = ["accelerate_blasfeo"]
@@ -30,10 +30,4 @@ def accelerate_blasfeo() -> tuple[str, ...]:
     library = Path(ca.__file__).parent / "libblasfeo.so.0"
     if not has_avx2() or not library.is_file():
         return ()
-    try:
-        from mbocp._native import _nlp
-    except ImportError as error:
-        raise NativeMismatch(
-            f"the native part cannot be loaded ({error}); build it with `make` or `pip install .`"
-        ) from error
-    return tuple(_nlp.accelerate_blasfeo(str(library)))
+    return tuple(nlp_helpers().accelerate_blasfeo(str(library)))

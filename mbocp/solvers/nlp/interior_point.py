@@ -25,7 +25,7 @@ from mbocp.solvers.iterate import BoundMultipliers, Iterate
 from mbocp.solvers.nlp.blasfeo import accelerate_blasfeo
 from mbocp.solvers.nlp.functions import NlpFunctions, parameters
 from mbocp.solvers.nlp.layout import NlpLayout
-from mbocp.solvers.nlp.log import IterationLog
+from mbocp.solvers.nlp.log import IterationLog, whole_lines
 from mbocp.solvers.nlp.watch import Watch
 from mbocp.solvers.nlp.words import advice_of, status_of
 from mbocp.solvers.records import IterationRecord
@@ -83,7 +83,7 @@ class InteriorPoint:
         watch.begin(self.time_limit)
         p = parameters(programme)
         w0 = _packed(iterate, lay)
-        with _interruptible(watch, log), contextlib.redirect_stdout(log):
+        with _interruptible(watch, log), contextlib.redirect_stdout(log), whole_lines():
             try:
                 found: dict[str, Any] | None = compiled.solver(x0=w0, p=p, **inner)
             except RuntimeError:  # fatrop throws where there is nothing to begin with
@@ -174,6 +174,7 @@ class _Compiled:
             accelerate_blasfeo()
         w, p = ca.MX.sym("x", functions.f.numel_in(0)), ca.MX.sym("p", functions.f.numel_in(1))
         rows, jacobian = functions.jac_g(w, p)
+        # In all entries: with numbers left in some, fatrop raises its shift for ever.
         watched = ca.MX(jacobian.sparsity(), jacobian.nz[:] + self.watch(w))
         self.gradient = functions.gradient(has_cost=False)
         cache = {

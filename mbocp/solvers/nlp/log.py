@@ -1,20 +1,22 @@
 """Iterations of an interior-point solver, read from the table that it prints.
 
 IPOPT and fatrop print the same columns: iteration, objective, inf_pr, inf_du, lg(mu), ||d||, lg(rg),
-alpha_du, alpha_pr, line search. Reading them gives one record an iteration, live, at no cost to the solver.
+alpha_du, alpha_pr, line search. Reading them gives one record an iteration, live, at little cost.
 """
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
+from mbocp.solvers.native import nlp_helpers
 from mbocp.solvers.records import IterationRecord
 
-__all__ = ["IterationLog"]
+__all__ = ["IterationLog", "whole_lines"]
 
 _NUMBER = r"[-+]?(?:\d+\.\d+e[-+]\d+|\d+\.\d+|nan|inf)"
 _LINE = re.compile(
@@ -23,6 +25,17 @@ _LINE = re.compile(
     rf"(?P<alpha>{_NUMBER})",
     re.IGNORECASE,
 )
+
+
+@contextlib.contextmanager
+def whole_lines() -> Iterator[None]:
+    """Let what CasADi prints come line by line, and not in forty calls an iteration."""
+    native = nlp_helpers()
+    native.begin_whole_lines()
+    try:
+        yield
+    finally:
+        native.end_whole_lines()
 
 
 class IterationLog(io.TextIOBase):
