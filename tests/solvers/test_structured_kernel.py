@@ -24,6 +24,7 @@ class Chain:
     closed: bool = False  # a rod from the last link to the ground
     remembered: bool = False  # controls of the step before belong to the state
     whole_loop: bool = False  # the loop may pivot in the last link's columns only
+    costly_impulses: bool = False  # the constraints' impulses cost something
 
     @property
     def nq(self) -> int:
@@ -103,6 +104,7 @@ class Chain:
         c = ca.vertcat(*rows, phi / DT)
         cost = DT * (ca.sumsqr(u) / 2 + ca.sumsqr(v1) / 10 + rho * theta * ca.sumsqr(q1 - self.rest()))
         cost += ca.sumsqr(u - x0[2 * nq :]) if nr else 0
+        cost += ca.sumsqr(y) if self.costly_impulses else 0
         z, args = ca.vertcat(x1, y, x0, u), [x0, x1, y, u]
         hessian, _ = ca.hessian(cost + ca.dot(m, c), z)
         first = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z)]
@@ -225,6 +227,20 @@ def test_newton_directions_agree(off_the_manifold: tuple[Any, Any], shift: float
     for name in ("increment", "cost_slope", "curvature"):
         assert getattr(directions[1], name) == pytest.approx(getattr(directions[0], name), rel=1e-8)
     assert directions[1].linear_residual < 1e-11
+
+
+def test_directions_with_other_shifts_agree_without_an_evaluation(off_the_manifold: tuple[Any, Any]) -> None:
+    for programme in off_the_manifold:
+        programme.evaluate()
+    for shift, augment in ((0.0, 1.0), (3.0, 1.0), (20.0, 100.0)):
+        for programme in off_the_manifold:
+            assert programme.factorise(shift, augment).ok
+            programme.solve(2)
+        for name in DIRECTION:
+            assert same(getattr(off_the_manifold[0], name), getattr(off_the_manifold[1], name)), name
+        for programme in off_the_manifold:
+            programme.trial(0.5)
+            programme.correct(0.5)  # leaves another right-hand side behind
 
 
 def test_directions_from_a_start_off_the_manifold_agree(pair: tuple[Any, Any]) -> None:
@@ -388,6 +404,11 @@ def test_wrong_groups_are_refused(message: str) -> None:
     load = {k: native.StageFunction.from_string(f.serialize()) for k, f in chain.functions(1).items()}
     with pytest.raises(ValueError, match=message):
         chain.programme(load, WRONG_GROUPS[message], 1)
+
+
+def test_costs_of_the_impulses_are_refused() -> None:
+    with pytest.raises(ValueError, match="the Hessian couples algebraic unknowns with more than q"):
+        Chain(links=1, costly_impulses=True).programmes()
 
 
 def test_order_of_the_groups_does_not_matter() -> None:
