@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
 from mbocp._arrays import Array
 from mbocp.integrators import TAU
@@ -51,13 +53,14 @@ def _impulses(programme: StagewiseProgramme, xs: Array, us: Array) -> Array:
     step = programme.functions.function("jacobian").map(N)
     c, _, derivatives, _ = step(xs[:-1].T, xs[1:].T, np.zeros((ny, N)), us.T, theta, rho.T)
     rows = np.asarray(c)[at.ds].T
-    blocks = derivatives.sparse().tocsc()
-    width = blocks.shape[1] // N
+    side_by_side = derivatives.sparse().tocsc()
+    width = side_by_side.shape[1] // N
     columns = (np.arange(N)[:, None] * width + at.ndx + np.arange(ny)).ravel()
-    push = -blocks[at.ds][:, columns].toarray().reshape(-1, N, ny).transpose(1, 0, 2)  # G'
-    normal = push.transpose(0, 2, 1) @ push
-    found: Array = np.linalg.solve(normal, push.transpose(0, 2, 1) @ rows[:, :, None])[:, :, 0]
-    return found
+    blocks = side_by_side[at.ds][:, columns].tocoo()
+    places = (blocks.row + blocks.col // ny * rows.shape[1], blocks.col)  # one below the other
+    push = sparse.csc_matrix((-blocks.data, places), shape=(rows.size, N * ny))  # G' of all steps
+    found: Array = spsolve(push.T @ push, push.T @ rows.ravel(), permc_spec="MMD_AT_PLUS_A")
+    return found.reshape(N, ny)
 
 
 def natural_hamiltonians(
