@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 
+_MOST_CONSTRAINTS = 6  # more would need a legend that is larger than the plot
 _MOST_MARKERS = 40  # more merge into a band
 
 
@@ -216,6 +217,16 @@ def momentum_panel(solution: Solution) -> LinePanel:
     )
 
 
+def _violations(solution: Solution, violation: Array) -> list[tuple[str, Array]]:
+    """Name and absolute value of each constraint of the robot, or of the worst where they are many."""
+    count = violation.shape[1]
+    if count > _MOST_CONSTRAINTS:
+        return [(f"worst of {count}", np.abs(violation).max(axis=1))]
+    # Natural coordinates have more constraints; those of the robot are the last.
+    names = [column.name for column in solution.labels.lam[-count:]]
+    return [(name, np.abs(violation[:, i])) for i, name in enumerate(names)]
+
+
 def drift_panel(solution: Solution, violation: Array | None) -> Panel:
     """Return what should be zero, in logarithmic scale: drift of control momenta and rotations, constraints.
 
@@ -230,12 +241,9 @@ def drift_panel(solution: Solution, violation: Array | None) -> Panel:
                 axes, solution.t, np.abs(momenta[:, i] - momenta[0, i]), rf"$\xi$ {plain_text(name)}", i
             )
         if violation is not None and violation.size:
-            # Natural coordinates have more constraints; those of the robot are the last.
-            for i, column in enumerate(solution.labels.lam[-violation.shape[1] :]):
-                _log_points(
-                    axes, solution.t, np.abs(violation[:, i]), rf"$\Phi$ {plain_text(column.name)}", shown + i
-                )
-            shown += violation.shape[1]
+            for name, values in _violations(solution, violation):
+                _log_points(axes, solution.t, values, rf"$\Phi$ {plain_text(name)}", shown)
+                shown += 1
         _log_points(axes, solution.t, solution.manifold_drifts, "rotations", shown)
         what = "Drift of invariants, violation of constraints" if solution.nc else "Drift of invariants"
         finish_axes(

@@ -176,8 +176,11 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
     data: Any = model.createData()
     pin.framesForwardKinematics(model, data, q)
     lines = []
+    feet = sum(parent == 0 for parent in model.parents) - 1  # the first is the universe's own
     for joint in range(1, model.njoints):
         parent = model.parents[joint]
+        if parent == 0 and feet > 1 and robot.constraints:
+            continue  # a loop over the ground, which is no link
         # A slider's axes are no links, and neither is the way from the world to a floating base.
         if joint_kind(model, joint).word in _HINGES:
             lines.append((data.oMi[parent].translation.copy(), data.oMi[joint].translation.copy()))
