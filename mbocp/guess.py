@@ -203,11 +203,7 @@ def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
     else:
         q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, dt)
     accelerations = np.diff(vs, axis=0) / dt
-    rows = constraint_jacobians(robot, q_taus)
-    balanced = [
-        _balance(robot, q, v, a, G) for q, v, a, G in zip(q_taus, v_taus, accelerations, rows, strict=True)
-    ]
-    us, lams = np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
+    us, lams = _balances(robot, q_taus, v_taus, accelerations)
     return _iterate(problem, programme, qs, vs, us, lams)
 
 
@@ -317,6 +313,19 @@ def _required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Generalised force that actuators and constraints have to supply for a motion, shape (nv,)."""
     force: Array = pin.rnea(robot.model, robot.model.createData(), q, v, a)
     return force - robot.force_elements(q, v) if robot.forces else force
+
+
+def _balances(robot: Robot, qs: Array, vs: Array, accelerations: Array) -> tuple[Array, Array]:
+    """Controls and multipliers that balance the inverse dynamics best along a motion."""
+    motion = zip(qs, vs, accelerations, strict=True)
+    if robot.nc or robot.forces or robot.actuation.frame_actuators:
+        rows = constraint_jacobians(robot, qs)
+        balanced = [_balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
+        return np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
+    data, columns = robot.model.createData(), robot.actuation_matrix(qs[0])  # the same everywhere
+    forces = np.array([pin.rnea(robot.model, data, *at).copy() for at in motion])
+    us: Array = np.linalg.lstsq(columns, forces.T, rcond=None)[0].T
+    return np.ascontiguousarray(us), np.zeros((len(qs), 0))
 
 
 def _balance(robot: Robot, q: Array, v: Array, a: Array, dPhi_dq: Array) -> tuple[Array, Array]:
