@@ -177,12 +177,13 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
     pin.framesForwardKinematics(model, data, q)
     lines = []
     feet = sum(parent == 0 for parent in model.parents) - 1  # the first is the universe's own
+    is_over_ground = feet > 1 and bool(robot.constraints)  # where loops close over what is no link
+    turns = [False] * model.njoints
     for joint in range(1, model.njoints):
         parent = model.parents[joint]
-        if parent == 0 and feet > 1 and robot.constraints:
-            continue  # a loop over the ground, which is no link
-        # A slider's axes are no links, and neither is the way from the world to a floating base.
-        if joint_kind(model, joint).word in _HINGES:
+        # A slider's axes are no links unless they turn, and neither is the way to a floating base.
+        turns[joint] = turns[parent] or joint_kind(model, joint).word in _HINGES
+        if turns[joint] and not (parent == 0 and is_over_ground):
             lines.append((data.oMi[parent].translation.copy(), data.oMi[joint].translation.copy()))
     ends = [
         f for c in robot.constraints if isinstance(c, Point | Hinge | Weld) for f in (c.frame_a, c.frame_b)
