@@ -1,5 +1,7 @@
 #include "sparse.hpp"
 
+#include <algorithm>
+
 namespace mbocp {
 
 namespace {
@@ -17,6 +19,12 @@ SparseRows by_rows(int rows, const std::vector<int>& row, const std::vector<int>
         const int at = next[row[k]]++;
         s.column[at] = column[k], s.index[at] = index[k];
     }
+    for (int i = 0; i < rows; ++i)
+        for (int k = s.start[i]; k < s.start[i + 1]; ++k) s.along.push_back({i, s.column[k], s.index[k]});
+    s.across = s.along;
+    std::stable_sort(s.across.begin(), s.across.end(), [](const SparseRows::Entry& a, const SparseRows::Entry& b) {
+        return a.column < b.column;
+    });
     return s;
 }
 
@@ -53,18 +61,11 @@ SparseRows SparseRows::select(const Pattern& p, int row, int rows, const std::ve
 }
 
 void SparseRows::times(const double* values, const double* x, double* y, double a) const {
-    for (int i = 0; i < rows(); ++i) {
-        double sum = 0;
-        for (int k = start[i]; k < start[i + 1]; ++k) sum += values[index[k]] * x[column[k]];
-        y[i] += a * sum;
-    }
+    for (const Entry& e : across) y[e.row] += values[e.index] * (a * x[e.column]);
 }
 
 void SparseRows::transposed_times(const double* values, const double* x, double* y, double a) const {
-    for (int i = 0; i < rows(); ++i) {
-        const double scaled = a * x[i];
-        for (int k = start[i]; k < start[i + 1]; ++k) y[column[k]] += values[index[k]] * scaled;
-    }
+    for (const Entry& e : along) y[e.column] += values[e.index] * (a * x[e.row]);
 }
 
 void SparseRows::times_matrix(const double* values, const double* X, int ldx, int width, double* Y, int ldy,
@@ -100,6 +101,9 @@ void Panels::group() {
         }
         grouped.push_back(p);
     }
+    std::stable_sort(grouped.begin(), grouped.end(), [](const Panel& a, const Panel& b) {
+        return a.rows != b.rows ? a.rows > b.rows : a.count > b.count;
+    });
     panels_.swap(grouped);
 }
 

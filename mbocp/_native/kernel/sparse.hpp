@@ -10,7 +10,13 @@ namespace mbocp {
 
 // Pattern by rows. `index` says where in the function's output a nonzero's value is, so that values need no scatter.
 struct SparseRows {
+    struct Entry {
+        int row, column, index;
+    };
     std::vector<int> start{0}, column, index;
+    // For vectors all entries in one loop, as rows are too short for loops of their own; in an order in which neighbours
+    // add to different places.
+    std::vector<Entry> across, along;  // column by column, row by row
 
     int rows() const { return static_cast<int>(start.size()) - 1; }
     int nnz() const { return static_cast<int>(column.size()); }
@@ -38,7 +44,7 @@ public:
     bool empty() const { return panels_.empty(); }
     // A run of `count` values, the first at values[first]; runs come row by row.
     void append(int row, int column, int first, int count);
-    // Groups runs of neighbouring rows. To be called when all are there.
+    // Groups runs of neighbouring rows, and panels of the same shape. To be called when all are there.
     void group();
 
     // y += A x + A'(x of the rows), as a symmetric matrix asks for whose half this is.

@@ -532,8 +532,7 @@ void Structure::respond(const double* values, const StepFactor& f, const StepFac
 
 void Structure::respond_transposed(const double* values, const StepFactor& f, const double* mm, double* s) const {
     Ms_.transposed_times(values, mm, s, -1.0);
-    for (int i = 0; i < nq; ++i)
-        for (int k = Mv_.start[i]; k < Mv_.start[i + 1]; ++k) s[Mv_.column[k]] += values[Mv_.index[k]] * mm[i] / f.dt;
+    Mv_.transposed_times(values, mm, s, 1.0 / f.dt);
 }
 
 }  // namespace mbocp
