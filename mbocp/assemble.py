@@ -213,12 +213,18 @@ def _momenta_of_symmetries(
 
 def _drifts(programme: StagewiseProgramme, zs: Array) -> Array:
     """Largest defect of the groups' invariants at each node, shape (N + 1,)."""
-    found = np.abs(np.asarray(_defects(programme.space).map(len(zs))(zs.T)))
+    space = programme.space
+    defects = _kept_defects(space) if isinstance(space, ConfigurationSpace) else _defects(space)
+    found = np.abs(np.asarray(defects.map(len(zs))(zs.T)))
     drifts: Array = found.max(axis=0, initial=0.0)
     return drifts
 
 
 @lru_cache(maxsize=_KEPT)
+def _kept_defects(space: ConfigurationSpace) -> ca.Function:
+    return _defects(space)
+
+
 def _defects(space: ConfigurationSpace | NaturalSpace) -> ca.Function:
     z = ca.SX.sym("z", space.nz)
     return ca.Function("defects", [z], [ca.densify(space.defects(z))])
