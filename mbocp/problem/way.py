@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -123,9 +123,13 @@ def _closed_beside(robot: Robot, q: Array, ahead: Array, free: BoolArray) -> Arr
     return None
 
 
-@lru_cache(maxsize=16)
 def _closure(robot: Robot) -> ca.Function:
-    """Phi and dPhi_dq of q in one call, where Pinocchio's numbers take many."""
-    mechanics, q = JointMechanics(robot), ca.SX.sym("q", robot.nq)
-    rows = [mechanics.constraints(q), mechanics.constraint_jacobian(q)]
-    return ca.Function("closure", [q], [ca.densify(value) for value in rows])
+    """Phi and dPhi_dq of q in one call, where Pinocchio's numbers take many; made once for a robot."""
+    if robot not in _closures:
+        mechanics, q = JointMechanics(robot), ca.SX.sym("q", robot.nq)
+        rows = [mechanics.constraints(q), mechanics.constraint_jacobian(q)]
+        _closures[robot] = ca.Function("closure", [q], [ca.densify(value) for value in rows])
+    return _closures[robot]
+
+
+_closures: WeakKeyDictionary[Robot, ca.Function] = WeakKeyDictionary()
