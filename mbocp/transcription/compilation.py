@@ -31,6 +31,7 @@ _FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
 _OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-aliasing")
 _FUSED = ("-mavx2", "-mfma")  # a fifth less time
 _LARGE = 150_000  # operations of a function beyond which optimising it takes many minutes: -O0, then
+_LARGE_END = 20_000  # the same for what is called once where others are called at every step
 _MAGIC = b"mbocp-stage-1:"  # then the SHA-256 of all that stands before it
 _TRAILER = len(_MAGIC) + 64
 
@@ -117,7 +118,9 @@ def _private_folder(folder: str, reason: str) -> Path:
     return Path(tempfile.mkdtemp(prefix="mbocp-"))
 
 
-def load_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> CompiledFunctions:
+def load_functions(
+    key: str, build: Callable[[], dict[str, ca.Function]], *, of_end: bool = False
+) -> CompiledFunctions:
     """Functions of the shape `key`, from the cache or compiled now.
 
     Parameters
@@ -126,6 +129,8 @@ def load_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> Com
         Text that stands for everything the functions depend on.
     build : callable
         Gives the CasADi functions by name; only called when the cache has no sound entry.
+    of_end : bool
+        They are called once in an evaluation, and not at every step: compiling is worth less.
 
     Raises
     ------
@@ -144,7 +149,7 @@ def load_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> Com
         return CompiledFunctions(
             None, {name: f.serialize() for name, f in build().items()}, compiled_now=False
         )
-    _compile(cc, build(), library)
+    _compile(cc, build(), library, _LARGE_END if of_end else _LARGE)
     return CompiledFunctions(library, {}, compiled_now=True)
 
 
@@ -199,7 +204,7 @@ def _has_checksum(library: Path, changed_ns: int, size: int) -> bool:
     return trailer == _MAGIC + hashlib.sha256(body).hexdigest().encode()
 
 
-def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path) -> None:
+def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path, most: int) -> None:
     with tempfile.TemporaryDirectory(dir=library.parent, prefix="build-") as scratch:
         generator = ca.CodeGenerator("stage.c")
         for function in functions.values():
@@ -207,7 +212,7 @@ def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path) -> No
         generator.generate(scratch + os.sep)
         built = Path(scratch) / "stage.so"
         largest = max(function.n_instructions() for function in functions.values())
-        flags = _flags() if largest <= _LARGE else ("-O0", *_FLAGS)
+        flags = _flags() if largest <= most else ("-O0", *_FLAGS)
         command = [cc, *flags, "-o", str(built), str(Path(scratch) / "stage.c"), "-lm"]
         try:
             done = subprocess.run(command, capture_output=True, text=True, check=False)

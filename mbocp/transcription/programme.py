@@ -207,7 +207,9 @@ def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgra
         ),
         end_rows=rows,
         end_functions=load_functions(
-            "end " + shape.end_text, lambda: build_end_functions(mechanics_for(robot, shape), shape)
+            "end " + shape.end_text,
+            lambda: build_end_functions(mechanics_for(robot, shape), shape),
+            of_end=True,
         ),
         theta=theta,
         rho=rho,

@@ -13,7 +13,9 @@ from mbocp.transcription.compilation import CompiledFunctions
 _MADE: dict[str, CompiledFunctions] = {}
 
 
-def interpreted_functions(key: str, build: Callable[[], dict[str, ca.Function]]) -> CompiledFunctions:
+def interpreted_functions(
+    key: str, build: Callable[[], dict[str, ca.Function]], *, of_end: bool = False
+) -> CompiledFunctions:
     if key not in _MADE:
         texts = {name: function.serialize() for name, function in build().items()}
         _MADE[key] = CompiledFunctions(None, texts, compiled_now=False)

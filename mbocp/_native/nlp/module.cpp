@@ -1,17 +1,12 @@
 // Python's view of what helps interior-point solvers.
 #include <nanobind/nanobind.h>
-#include <nanobind/stl/string.h>
-#include <nanobind/stl/vector.h>
 
-#include "blasfeo.hpp"
 #include "lines.hpp"
 
 namespace nb = nanobind;
 
 NB_MODULE(_nlp, module) {
     module.doc() = "What helps interior-point solvers.";
-    module.def("accelerate_blasfeo", &mbocp::accelerate_blasfeo, nb::arg("path"),
-               "Replace kernels of the BLASFEO at a path; their names.");
     module.def("begin_whole_lines", &mbocp::begin_whole_lines, "Hand on CasADi's output line by line from now on.");
     module.def("end_whole_lines", &mbocp::end_whole_lines, "As it was before `begin_whole_lines`.");
 }

@@ -22,7 +22,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.solvers.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.nlp.blasfeo import accelerate_blasfeo
 from mbocp.solvers.nlp.functions import NlpFunctions, parameters
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.nlp.log import IterationLog, whole_lines
@@ -170,8 +169,6 @@ class _Compiled:
         functions = NlpFunctions(key.programme, key.layout)
         self.functions, self.watch = functions, Watch(key.layout.num_unknowns)
         is_ipopt = key.name == "ipopt"
-        if not is_ipopt:
-            accelerate_blasfeo()
         w, p = ca.MX.sym("x", functions.f.numel_in(0)), ca.MX.sym("p", functions.f.numel_in(1))
         rows, jacobian = functions.jac_g(w, p)
         # In all entries: with numbers left in some, fatrop raises its shift for ever.
