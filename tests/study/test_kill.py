@@ -32,7 +32,7 @@ def write_study(folder: Path, tasks: int) -> Path:
     file = folder / "goals.toml"
     file.write_text(
         f'problem = "{EXAMPLES}/paper/rigid_pendulum.toml"\n'
-        f'[sample]\ncount = {tasks}\n"start.p" = {{ uniform = [[0, 5, -5], [0, 15, 5]] }}\n'
+        f'[sample]\ncount = {tasks}\n"start.p" = {{ uniform = [[0, 9, -2], [0, 12, 2]] }}\n'
     )
     return file
 
@@ -133,6 +133,7 @@ def test_many_deaths_lose_nothing(tmp_path: Path, seed: int) -> None:
 
 
 CTRL_C_TASKS = 200  # more than are solved between two looks at the file
+LASTING_TASKS = 400  # more than are solved before a second process has begun
 
 
 def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:
@@ -157,7 +158,7 @@ def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:
 
 
 def test_two_at_once_are_refused(tmp_path: Path) -> None:
-    file, rows = write_study(tmp_path, 40), tmp_path / "rows.jsonl"
+    file, rows = write_study(tmp_path, LASTING_TASKS), tmp_path / "rows.jsonl"
     first = start(file, rows)
     wait_for(rows, 1, first)
     second = start(file, rows)
@@ -166,4 +167,4 @@ def test_two_at_once_are_refused(tmp_path: Path) -> None:
     assert "another process is writing it" in errors
     first.communicate(timeout=PATIENCE)
     assert first.returncode == 0
-    assert sorted(row["index"] for row in rows_of(rows)) == list(range(40))
+    assert sorted(row["index"] for row in rows_of(rows)) == list(range(LASTING_TASKS))
