@@ -31,6 +31,7 @@ _FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
 _OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-aliasing")
 _FUSED = ("-mavx2", "-mfma")  # a fifth less time
 _LARGE = 150_000  # operations of a function beyond which optimising it takes many minutes: -O0, then
+_MANY_INPUTS = 40_000_000  # operations times numbers that go in, likewise: reading each is a branch
 _LARGE_END = 20_000  # the same for what is called once where others are called at every step
 _MAGIC = b"mbocp-stage-1:"  # then the SHA-256 of all that stands before it
 _TRAILER = len(_MAGIC) + 64
@@ -212,7 +213,9 @@ def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path, most:
         generator.generate(scratch + os.sep)
         built = Path(scratch) / "stage.so"
         largest = max(function.n_instructions() for function in functions.values())
-        flags = _flags() if largest <= most else ("-O0", *_FLAGS)
+        inputs = max(function.nnz_in() for function in functions.values())
+        is_optimised = largest <= most and largest * inputs <= _MANY_INPUTS
+        flags = _flags() if is_optimised else ("-O0", *_FLAGS)
         command = [cc, *flags, "-o", str(built), str(Path(scratch) / "stage.c"), "-lm"]
         try:
             done = subprocess.run(command, capture_output=True, text=True, check=False)
