@@ -14,7 +14,7 @@ import numpy as np
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
-from benchmarks.tables import Table, show
+from benchmarks.tables import Table, put_into, show
 from mbocp.guess import make_guess
 from mbocp.problem import Problem
 from mbocp.problem.build import problem_from_tables
@@ -29,7 +29,7 @@ _LINKS = (2, 4, 8, 16, 32)
 _ROUNDS = 5
 _FIRST = 6  # iterations of a chain that are timed
 _DOCS = Path(__file__).parent.parent / "docs" / "natural_coordinates.md"
-_BEGIN, _END = "<!-- tables: python -m benchmarks.coordinates --docs -->", "<!-- end of tables -->"
+_BEGIN = "<!-- tables: python -m benchmarks.coordinates --docs -->"
 
 
 def reference_task(robot: str, start: Sequence[float], goal: Sequence[float], steps: int) -> Problem:
@@ -171,11 +171,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         tables.append(table())
         show(tables[-1])
     if options.docs:
-        page = _DOCS.read_text(encoding="utf-8")
-        before, _, rest = page.partition(_BEGIN)
-        after = rest.partition(_END)[2]
-        text = "\n\n".join(table.markdown() for table in tables)
-        _DOCS.write_text(f"{before}{_BEGIN}\n\n{text}\n\n{_END}{after}", encoding="utf-8")
+        put_into(_DOCS, _BEGIN, tables)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
-from benchmarks.tables import Table, show
+from benchmarks.tables import Table, put_into, show
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.problem.build import problem_from_tables
@@ -30,7 +30,7 @@ _STEPS = (1000, 4000)
 _METHODS = ("monolithic", "fbsm_newton", "fbsm_bb+fbsm_newton", "fbsm_bb+monolithic")
 _HALVINGS = (50, 100, 200, 400)
 _DOCS = Path(__file__).parent.parent / "docs" / "loops.md"
-_BEGIN, _END = "<!-- tables: python -m benchmarks.loops --docs -->", "<!-- end of tables -->"
+_BEGIN = "<!-- tables: python -m benchmarks.loops --docs -->"
 
 
 class Simulation:
@@ -188,11 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         tables.append(make(options.robots))
         show(tables[-1])
     if options.docs:
-        page = _DOCS.read_text(encoding="utf-8")
-        before, _, rest = page.partition(_BEGIN)
-        after = rest.partition(_END)[2]
-        text = "\n\n".join(table.markdown() for table in tables)
-        _DOCS.write_text(f"{before}{_BEGIN}\n\n{text}\n\n{_END}{after}", encoding="utf-8")
+        put_into(_DOCS, _BEGIN, tables)
 
 
 if __name__ == "__main__":

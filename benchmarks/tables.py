@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-__all__ = ["Table", "show"]
+__all__ = ["Table", "put_into", "show"]
+
+_END = "<!-- end of tables -->"
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,16 @@ def show(table: Table, *, markdown: bool = False) -> None:
     if table.note:
         console.print(Text(table.note, style="dim"))
     console.print()
+
+
+def put_into(page: Path, begin: str, tables: Sequence[Table]) -> None:
+    """Replace what stands in a Markdown file between the line `begin` and the end of the tables."""
+    before, found, rest = page.read_text(encoding="utf-8").partition(begin)
+    _, ended, after = rest.partition(_END)
+    if not (found and ended):
+        raise SystemExit(f"{page}: has no lines {begin} and {_END}")
+    text = "\n\n".join(table.markdown() for table in tables)
+    page.write_text(f"{before}{begin}\n\n{text}\n\n{_END}{after}", encoding="utf-8")
 
 
 def _line(cells: Sequence[str]) -> str:
