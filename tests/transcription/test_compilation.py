@@ -151,3 +151,15 @@ def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:
     transcribe(pendulum())
     assert transcribe(heavy).functions.compiled_now
     assert len(list(folder.glob("*.so"))) == 2 * LIBRARIES
+
+
+def test_flags_follow_what_is_compiled() -> None:
+    x = ca.SX.sym("x", 2)
+    plain = ca.Function("plain", [x], [2 * x])
+    long = x[0]
+    for _ in range(40):
+        long = ca.sin(long) * x[1]
+    dense = ca.Function("dense", [x], [long])
+    assert "-fschedule-insns" in compilation._flags_for([plain, dense], 1000)
+    assert "-fschedule-insns" not in compilation._flags_for([plain], 1000)
+    assert "-O0" in compilation._flags_for([plain, dense], 20)
