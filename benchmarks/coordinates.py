@@ -155,7 +155,8 @@ def chain_table(links: Sequence[int] = _LINKS, steps: int = 50) -> Table:
         f"A Newton iteration of a chain, {steps} steps",
         columns,
         rows,
-        f"The first {_FIRST} iterations from a straight line; 32 links are compiled without optimisation.",
+        f"The first {_FIRST} iterations from a straight line; in joint coordinates 32 links are compiled "
+        "without optimisation.",
     )
 
 
