@@ -11,8 +11,9 @@ from mbocp.exceptions import DimensionMismatch
 
 Array: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.intp]
 
-__all__ = ["Array", "BoolArray", "frozen_array", "frozen_mask"]
+__all__ = ["Array", "BoolArray", "IntArray", "frozen_array", "frozen_mask"]
 
 
 def frozen_array(

@@ -42,6 +42,9 @@ class Evaluation:
     worst_stage: int
     worst_row: int
     finite: bool
+    objective: float
+    barrier_error: float
+    complementarity: float
 
 class Factorisation:
     negative: int
@@ -52,13 +55,15 @@ class Factorisation:
 
 class Direction:
     increment: float
-    cost_slope: float
+    slope: float
+    longest: float
+    longest_dual: float
     curvature: float
     linear_residual: float
     finite: bool
 
 class Trial:
-    cost: float
+    objective: float
     violation: float
     finite: bool
 
@@ -74,6 +79,9 @@ class Programme:
     u: Array
     m: Array
     eta: Array
+    slack: Array
+    z_lower: Array
+    z_upper: Array
     def __init__(
         self,
         kinds: Sequence[Kind],
@@ -89,7 +97,26 @@ class Programme:
     def correct(self, alpha: float) -> Direction: ...
     def move(self, alpha: float) -> bool: ...
     def trial(self, alpha: float) -> Trial: ...
-    def accept(self, alpha_dual: float) -> None: ...
+    def accept(self, alpha: float, alpha_limits: float = 1.0) -> None: ...
+    def set_limits(
+        self,
+        *,
+        x_lower: Array,
+        x_upper: Array,
+        u_lower: Array,
+        u_upper: Array,
+        path_lower: Array,
+        path_upper: Array,
+        path: StageFunction | None,
+        num_guards: int,
+        guard: StageFunction | None,
+    ) -> None: ...
+    def start_limits(self, barrier: float) -> None: ...
+    def weigh(self, barrier: float) -> Evaluation: ...
+    @property
+    def num_limits(self) -> int: ...
+    @property
+    def limit_multipliers(self) -> Array: ...
     def simulate(
         self, tolerance: float, max_iterations: int, warm: bool = False, feedback: bool = False
     ) -> Sweep: ...

@@ -32,7 +32,12 @@ METHODS: tuple[str, ...] = (
     "ipopt",
     "fatrop",
 )
-BOUNDED_METHODS: tuple[str, ...] = ("auto", "ipopt", "fatrop")  # those that keep limits and path constraints
+BOUNDED_METHODS: tuple[str, ...] = (
+    "auto",
+    "monolithic",
+    "ipopt",
+    "fatrop",
+)  # those that keep limits and path constraints
 GLOBALISATIONS: tuple[Globalisation, ...] = ("default", "none")
 HESSIANS: tuple[str, ...] = ("structured", "dense", "finite-difference")
 ADJOINTS: tuple[str, ...] = ("direct", "auxiliary")
@@ -53,9 +58,9 @@ class SolverOptions:
         5.1). ``fbsm_newton``: Newton's method on the controls alone, with a forward sweep for the state and a
         backward sweep for the adjoint (5.2). ``fbsm_bb``: gradient steps of Barzilai-Borwein length between
         the same sweeps. ``fbsm_bb+monolithic``, ``fbsm_bb+fbsm_newton``: gradient steps first, then Newton's
-        (5.3). ``ipopt``, ``fatrop``: interior-point methods, the only ones that keep limits and path
-        constraints. ``auto``: with either of them an interior-point method; else it starts with
-        ``monolithic`` and goes over to the others when it makes no progress.
+        (5.3). ``ipopt``, ``fatrop``: interior-point methods. Limits and path constraints are kept by these
+        two and by ``monolithic``, with a barrier of its own. ``auto`` starts with ``monolithic``; when that
+        makes no progress it goes over to ``ipopt`` where there are limits, and else to the others.
     globalisation : {"default", "none"}
         Of the Newton methods. ``none`` is the paper's: no safeguards for ``monolithic``, halving the step
         until :math:`\|r_u\|` falls for ``fbsm_newton``. ``default`` corrects the inertia and searches along
@@ -129,6 +134,11 @@ class SolverOptions:
     def is_interior_point(self) -> bool:
         """Whether the method itself is one of those that keep limits."""
         return self.method in ("ipopt", "fatrop")
+
+    @property
+    def is_pure_newton(self) -> bool:
+        """Whether Newton's method is asked for without safeguards."""
+        return self.globalisation == "none" and not self.is_interior_point
 
     @property
     def newton_iterations(self) -> int:

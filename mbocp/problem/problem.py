@@ -315,6 +315,11 @@ class Problem:
                 f'solver.method: got "{self.solver.method}", which cannot keep [{what}]; take {able}, or '
                 f"leave out [{what}]"
             )
+        if self.is_bounded and self.solver.is_pure_newton:
+            raise ProblemError(
+                'solver.globalisation: got "none", with which Newton\'s method keeps neither [limits] nor '
+                '[path]; take "default"'
+            )
 
     def _warn_singular(self, q: Array, key: str) -> None:
         """Say that a mechanism is where it may go on in several ways."""

@@ -113,7 +113,7 @@ class FBSMNewton:
                 step = (
                     self._omega_step(state, shift * self.control_weight, kept) if direction.finite else None
                 )
-                taken = None if step is None else self._search(state, kept, step, direction.cost_slope, shift)
+                taken = None if step is None else self._search(state, kept, step, direction.slope, shift)
                 if step is not None and taken is not None:
                     return advanced(
                         state,

@@ -45,25 +45,25 @@ class Filter:
 
         Parameters
         ----------
-        before, trial : records with `cost` and `violation`
+        before, trial : records with `objective` and `violation`
             The iterate and the moved one.
         slope : float
-            Directional derivative of the cost.
+            Directional derivative of the objective: the cost, with limits and their barrier.
         length : float
             Step length.
         """
         if not trial.finite or trial.violation > self.most_violation:
             return False, False
-        if any(trial.violation >= violation and trial.cost >= cost for violation, cost in self.entries):
+        if any(trial.violation >= violation and trial.objective >= cost for violation, cost in self.entries):
             return False, False
-        slack = _ROUND_OFF * abs(before.cost)
+        slack = _ROUND_OFF * abs(before.objective)
         if self._is_descent(before.violation, slope, length):
-            return trial.cost <= before.cost + _ARMIJO * length * slope + slack, True
+            return trial.objective <= before.objective + _ARMIJO * length * slope + slack, True
         both_feasible = before.violation < _FEASIBLE and trial.violation < _FEASIBLE
         return (
             trial.violation <= (1 - _MARGIN) * before.violation
-            or trial.cost <= before.cost - _MARGIN * before.violation + slack
-            or (both_feasible and trial.cost <= before.cost + 10 * slack)
+            or trial.objective <= before.objective - _MARGIN * before.violation + slack
+            or (both_feasible and trial.objective <= before.objective + 10 * slack)
         ), False
 
     def accepts_after_relaxation(self, reference: Any, trial: Any) -> bool:
@@ -72,13 +72,13 @@ class Filter:
             trial.finite
             and trial.violation <= (1 - _MARGIN) * reference.violation
             and not any(
-                trial.violation >= violation and trial.cost >= cost for violation, cost in self.entries
+                trial.violation >= violation and trial.objective >= cost for violation, cost in self.entries
             )
         )
 
     def grown(self, before: Any) -> Filter:
         """Filter that also forbids going back to `before`."""
-        corner = ((1 - _MARGIN) * before.violation, before.cost - _MARGIN * before.violation)
+        corner = ((1 - _MARGIN) * before.violation, before.objective - _MARGIN * before.violation)
         return Filter((*self.entries, corner), self.most_violation, self.least_violation)
 
     def _is_descent(self, violation: float, slope: float, length: float) -> bool:

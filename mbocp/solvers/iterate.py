@@ -92,8 +92,10 @@ class Iterate:
         native.m, native.eta = self.ms.ravel(), self.eta
 
     @classmethod
-    def read_from(cls, native: Any, programme: StagewiseProgramme) -> Iterate:
-        """Copy the iterate of a kernel programme."""
+    def read_from(
+        cls, native: Any, programme: StagewiseProgramme, bounds: BoundMultipliers | None = None
+    ) -> Iterate:
+        """Copy the iterate of a kernel programme, without the multipliers of its limits."""
         N, kind = programme.num_steps, programme.kinds[0]
         return cls(
             xs=native.x.reshape(N + 1, kind.nx),
@@ -101,6 +103,7 @@ class Iterate:
             us=native.u.reshape(N, kind.nu),
             ms=native.m.reshape(N, kind.ndx + kind.ny),
             eta=native.eta,
+            bounds=bounds,
         )
 
 

@@ -32,7 +32,9 @@ from typing import Any
 
 import numpy as np
 
+from mbocp.solvers.filter import Filter
 from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.limits import begin, lowered
 from mbocp.solvers.multiplier import end_multiplier
 from mbocp.solvers.newton import NewtonState, Reference, advanced, end_of, factorise, start
 from mbocp.solvers.records import Status
@@ -44,6 +46,7 @@ __all__ = ["GlobalisedNewton", "PureNewton"]
 
 _SHORTEST_STEP = 0.02  # below it a larger shift is tried first ...
 _PATIENCE = 3  # ... this many times; then
+_RESTARTS = 2
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
@@ -122,10 +125,12 @@ class GlobalisedNewton:
 
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         """State at an iterate."""
-        return start(programme, iterate)
+        return begin(programme, iterate)
 
     def step(self, state: NewtonState) -> NewtonState:
         """One accepted step, with the smallest shift found that allows one; or a relaxed step."""
+        if state.barrier:
+            state = lowered(state, self.tolerance)
         if state.reference is not None:
             return self._relaxed(state)
         shift, attempts = state.shift, 0
@@ -155,15 +160,17 @@ class GlobalisedNewton:
             shift = larger_shift(shift)
             if shift > LARGEST_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
+                if direction is not None and state.restarts < _RESTARTS:
+                    return self.step(self._restarted(state))
                 return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
         length, by_cost = found
-        state.native.accept(length)
+        state.native.accept(length * direction.longest, direction.longest_dual)
         evaluation = state.native.evaluate()
         return advanced(
             state,
             evaluation,
             direction.increment,
-            length,
+            length * direction.longest,
             augmentation=augmentation,
             regularisation=shift,
             shift=next_shift(shift, length, evaluation.residual / state.evaluation.residual),
@@ -193,6 +200,21 @@ class GlobalisedNewton:
         admissible = factorisation.ok and factorisation.negative == len(state.native.eta)
         direction = state.native.solve() if admissible else None
         return factorisation, augmentation, direction if direction is not None and direction.finite else None
+
+    def _restarted(self, state: NewtonState) -> NewtonState:
+        """The same motion with multipliers that know nothing of the way there."""
+        native = state.native
+        native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
+        if state.barrier:
+            native.start_limits(state.barrier)
+        evaluation = native.evaluate()
+        return replace(
+            state,
+            evaluation=evaluation,
+            shift=0.0,
+            filter=Filter.start(evaluation.violation),
+            restarts=state.restarts + 1,
+        )
 
     def _restored(self, state: NewtonState, shift: float) -> NewtonState | None:
         """Feasibility by a sweep along the iterate; None with the iterate back if that is no gain.
@@ -230,14 +252,14 @@ class GlobalisedNewton:
             shift = larger_shift(shift)
             _, augmentation, direction = self._direction(state, shift)
         if direction is not None:
-            native.move(1.0)
-            native.accept(1.0)
+            native.move(direction.longest)
+            native.accept(direction.longest, direction.longest_dual)
             evaluation = native.evaluate()
             after = advanced(
                 state,
                 evaluation,
                 direction.increment,
-                1.0,
+                direction.longest,
                 augmentation=augmentation,
                 regularisation=shift,
                 shift=next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual),
@@ -287,19 +309,23 @@ def _with_adjoint(state: NewtonState) -> NewtonState | None:
 
 
 def _search(state: NewtonState, direction: Any, shortest: float) -> tuple[float, bool] | None:
-    """Step length that the filter accepts and whether for its cost, or None; the kernel has moved."""
-    native, before = state.native, state.evaluation
+    """Step length that the filter accepts and whether for its cost, or None; the kernel has moved.
+
+    The length is relative to the longest step that limits allow.
+    """
+    native, before, longest = state.native, state.evaluation, direction.longest
 
     def verdict(trial: Any, length: float) -> tuple[bool, bool]:
-        return state.filter.accepts(before, trial, direction.cost_slope, length)
+        return state.filter.accepts(before, trial, direction.slope, length * longest)
 
     length = 1.0
     while length >= shortest:
-        trial = native.trial(length)
+        trial = native.trial(length * longest)
         accepted, by_cost = verdict(trial, length)
         if not accepted and length == 1.0 and trial.finite and trial.violation >= before.violation:
-            native.correct(1.0)  # the corrected direction replaces the plain one in the kernel ...
-            accepted, by_cost = verdict(native.trial(1.0), 1.0)
+            # The corrected direction replaces the plain one in the kernel ...
+            corrected = native.correct(longest)
+            accepted, by_cost = verdict(native.trial(min(longest, corrected.longest)), 1.0)
             if not accepted:
                 native.solve()  # ... which has to be had again when that does not help
         if accepted:

@@ -44,8 +44,11 @@ def nlp_helpers() -> Any:
     return _nlp
 
 
-def kernel_programme(programme: StagewiseProgramme) -> Any:
-    """Kernel programme with the functions and parameters of `programme`; the iterate is all zeros."""
+def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False) -> Any:
+    """Kernel programme with the functions and parameters of `programme`; the iterate is all zeros.
+
+    Its bounds and guards are part of it with `has_limits`, and have room between them then.
+    """
     native = kernel()
 
     def function(name: str) -> Any:
@@ -77,6 +80,19 @@ def kernel_programme(programme: StagewiseProgramme) -> Any:
         kinds, list(programme.stage_kind), terminal, function("retract"), function("difference")
     )
     made.set_parameters(programme.theta, programme.rho, programme.rho_terminal)
+    if has_limits:
+        bounds = programme.bounds
+        made.set_limits(
+            x_lower=bounds.x_lower,
+            x_upper=bounds.x_upper,
+            u_lower=bounds.u_lower,
+            u_upper=bounds.u_upper,
+            path_lower=bounds.path_lower,
+            path_upper=bounds.path_upper,
+            path=function("path") if bounds.nh else None,
+            num_guards=programme.num_guards,
+            guard=_stage_function(native, programme.end_functions, "guard") if programme.num_guards else None,
+        )
     return made
 
 

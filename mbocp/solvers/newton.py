@@ -69,6 +69,10 @@ class NewtonState:
         Whether the last KKT matrix had a minimum's inertia without any shift.
     still : int
         Steps in a row, without a shift, that halved neither residual nor increment.
+    restarts : int
+        How often the multipliers have been started anew.
+    barrier : float
+        Parameter mu of the limits' barrier; 0: there are no limits.
     failure : Status or None
         Why no step could be taken.
     failed_stage : int
@@ -90,6 +94,8 @@ class NewtonState:
     patience: int = 0
     at_minimum: bool = False
     still: int = 0
+    restarts: int = 0
+    barrier: float = 0.0
     failure: Status | None = None
     failed_stage: int = -1
     sweeps: Sweeps | None = None

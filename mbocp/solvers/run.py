@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.limits import multipliers_of
 from mbocp.solvers.protocol import Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.transcription import StagewiseProgramme
@@ -88,7 +89,7 @@ def run(
             record = _record(state, phase, first, time.perf_counter() - clock)
             history.append(record)
             if record.residual < best_record.residual and state.iteration % _KEEP_EVERY == 0:
-                best, best_record = Iterate.read_from(state.native, programme), record
+                best, best_record = _iterate(state, programme), record
             if callback:
                 callback(record)
             if watch and watch(history) and solver.terminate(state) is None:
@@ -100,10 +101,15 @@ def run(
     if status in (Status.CONVERGED, Status.SWITCHED) or (
         math.isfinite(last.residual) and last.residual <= best_record.residual
     ):
-        best, best_record = Iterate.read_from(state.native, programme), last
+        best, best_record = _iterate(state, programme), last
     else:
         advice += f"; returned is the better iterate {best_record.iteration} ({best_record.residual:.1e})"
     return SolverResult(status, advice, best, best_record, tuple(history))
+
+
+def _iterate(state: SolverState, programme: StagewiseProgramme) -> Iterate:
+    bounds = multipliers_of(state.native, programme) if state.native.num_limits else None
+    return Iterate.read_from(state.native, programme, bounds)
 
 
 def _record(state: SolverState, phase: str, first: int, seconds: float) -> IterationRecord:

@@ -11,6 +11,7 @@ from typing import Any
 from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
 from mbocp.solvers.fbsm_newton import FBSMNewton
 from mbocp.solvers.iterate import Iterate
+from mbocp.solvers.limits import why_limits_cannot_be_kept
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.protocol import Solver
@@ -117,7 +118,13 @@ class Methods:
             )
         if self.globalisation == "none":
             return PureNewton(self.tolerance, self.newton_iterations)
-        return GlobalisedNewton(self.tolerance, self.newton_iterations, control_weight=self.control_weight)
+        words = "barrier, " if self.has_inequalities else ""
+        return GlobalisedNewton(
+            self.tolerance,
+            self.newton_iterations,
+            control_weight=self.control_weight,
+            name=f"monolithic (Newton, {words}inertia correction, filter line search)",
+        )
 
 
 @dataclass(frozen=True)
@@ -214,11 +221,15 @@ def pursue(
     label : str
         Put behind the phases' names.
     """
-    if methods.method in INTERIOR_POINT or (methods.method == "auto" and methods.has_inequalities):
+    if methods.method in INTERIOR_POINT:
         return _interior(methods, programme, iterate, callback, first, label)
     runs = _Runs(programme, callback, first, label, methods.time_limit)
     if methods.method == "auto":
-        return _auto(methods, iterate, runs)
+        return (
+            _auto_within_limits(methods, iterate, runs)
+            if methods.has_inequalities
+            else _auto(methods, iterate, runs)
+        )
     names = methods.method.split("+")
     if len(names) == 1:
         solver = methods.solver(names[0])
@@ -235,16 +246,33 @@ def _interior(
     first: int,
     label: str,
 ) -> Outcome:
-    """An interior-point method; with `auto` IPOPT, whose restoration phase gets along with the most."""
-    name = "ipopt" if methods.method == "auto" else methods.method
+    """IPOPT or fatrop."""
+    name = methods.method
     clock = time.perf_counter()
     solver = InteriorPoint(
         name, methods.tolerance, methods.interior_iterations, methods.time_limit, methods.linear_solver
     )
     result = solver.run(programme, iterate, callback, name + label, first)
     taken = sum(not record.is_guess for record in result.history)
-    title = f"auto: {solver.title}" if methods.method == "auto" else solver.title
-    return Outcome(result, (Phase(name + label, taken, time.perf_counter() - clock),), title)
+    return Outcome(result, (Phase(name + label, taken, time.perf_counter() - clock),), solver.title)
+
+
+def _auto_within_limits(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
+    """Monolithic Newton with its barrier while it makes progress; else IPOPT, which knows the infeasible."""
+    told, budget = "", methods.interior_iterations
+    if why_limits_cannot_be_kept(runs.programme) is None:
+        solver = methods.solver("monolithic")
+        begun = runs.run(solver, "monolithic", iterate, is_watched=True)
+        spent = methods.budget is not None and runs.taken >= methods.budget
+        if spent or begun.status in (Status.CONVERGED, *_STOPPED):
+            return runs.outcome(begun, f"auto: {solver.name}")
+        told, budget = f"auto: monolithic {_ended(begun)}", budget - runs.taken
+    left = None if math.isinf(runs.deadline) else max(0.0, runs.deadline - time.perf_counter())
+    ipopt = replace(methods, method="ipopt", budget=budget, time_limit=left)
+    found = _interior(ipopt, runs.programme, iterate, runs.callback, runs.first, runs.label)
+    runs.history += found.result.history
+    runs.phases += found.phases
+    return runs.outcome(found.result, "auto: " + " > ".join([*_names(runs.phases[:-1]), found.solver]), told)
 
 
 def _hybrid(

@@ -91,15 +91,18 @@ class Kept:
     u: Array
     m: Array
     eta: Array
+    limits: tuple[Array, Array, Array]  # slacks, multipliers of lower and of upper bounds
 
     @classmethod
     def of(cls, native: Any) -> Kept:
         """Remember the iterate."""
-        return cls(native.x, native.y, native.u, native.m, native.eta)
+        limits = (native.slack, native.z_lower, native.z_upper)
+        return cls(native.x, native.y, native.u, native.m, native.eta, limits)
 
     def restore(self, native: Any) -> None:
         """Put it back."""
         native.x, native.y, native.u, native.m, native.eta = self.x, self.y, self.u, self.m, self.eta
+        native.slack, native.z_lower, native.z_upper = self.limits
 
 
 def begin(native: Any, programme: StagewiseProgramme, *, loop: str, auxiliary: bool) -> tuple[Sweeps, Sweep]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
@@ -42,6 +42,22 @@ class StateBounds:
     def nh(self) -> int:
         """Number of path functions."""
         return int(self.path_lower.size)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is bounded."""
+        sides = [np.isfinite(getattr(self, name)).any() for name in self.__dataclass_fields__]
+        return not any(sides) and not self.nh
+
+    @property
+    def limited_x(self) -> IntArray:
+        """Entries of a state that are bounded."""
+        return np.flatnonzero(np.isfinite(self.x_lower) | np.isfinite(self.x_upper))
+
+    @property
+    def limited_u(self) -> IntArray:
+        """Controls that are bounded."""
+        return np.flatnonzero(np.isfinite(self.u_lower) | np.isfinite(self.u_upper))
 
 
 def state_bounds(problem: Problem, space: ConfigurationSpace | NaturalSpace, at: StateLayout) -> StateBounds:

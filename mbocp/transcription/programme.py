@@ -31,6 +31,7 @@ from mbocp.transcription.parameters import (
     concatenated,
     parameter_layout,
 )
+from mbocp.transcription.rows import row_describer
 from mbocp.transcription.shape import PathShape, Shape
 from mbocp.transcription.stage import build_functions, mechanics_for, state_layout
 from mbocp.transcription.start import start_state
@@ -111,7 +112,8 @@ class StagewiseProgramme:
     control_weight : float
         Smallest second derivative of the running cost in a control, the unit of regularisation.
     describe_row : callable
-        (stage, row) -> words for messages; stage -1 is the end condition.
+        (stage, row) -> words for messages; stage -1 is the end condition, and rows beyond those of a stage
+        or of the end condition are its limits or guards.
     path_names : tuple of str
         Of the path functions, for messages.
     constraint_labels : tuple of Label
@@ -221,7 +223,7 @@ def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgra
         is_explicit=shape.is_explicit,
         dt=problem.dt,
         control_weight=_control_weight(problem),
-        describe_row=_row_describer(problem, at, rows, natural),
+        describe_row=row_describer(problem, space, at, rows),
         path_names=tuple(label.name for constraint in problem.path for label in constraint.labels),
         constraint_labels=robot.constraint_labels if natural is None else natural.constraint_labels,
     )
@@ -338,31 +340,3 @@ def _parameters(
 def _mask(sizes: Mapping[str, int]) -> BoolArray:
     found = [np.full(size, name in COST_WEIGHTS) for name, size in sizes.items()]
     return np.concatenate(found)
-
-
-def _row_describer(
-    problem: Problem, at: StateLayout, rows: EndRows, natural: NaturalMechanics | None
-) -> Callable[[int, int], str]:
-    robot, dt, duration = problem.robot, problem.dt, problem.duration
-    is_explicit, of_end = problem.scheme in EXPLICIT_SCHEMES, rows.words(robot)
-    speeds = robot.speed_labels if is_explicit else robot.v_labels
-    balance = "rate" if is_explicit else "momentum balance"
-    positions, constraints = robot.v_labels, robot.constraint_labels
-    if natural is not None:
-        positions = speeds = natural.coordinate_labels
-        constraints = natural.constraint_labels
-
-    def describe(stage: int, row: int) -> str:
-        if stage < 0:
-            return f"end condition {row + 1} ({of_end[row]}) at t = {duration:g} s"
-        when = f"in the step to t = {(stage + 1) * dt:g} s"
-        if row < at.nw:
-            name = positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"
-            return f"kinematics of {name} {when}"
-        if row < at.nw + at.ns:
-            return f"{balance} of {speeds[row - at.nw].name} {when}"
-        if row < at.ndx:
-            return f"remembered control {robot.u_labels[row - at.nw - at.ns].name} {when}"
-        return f"constraint {constraints[row - at.ndx].name} {when}"
-
-    return describe

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem
 from mbocp.solution import Solution
+from mbocp.transcription import transcribe
 from tests.integrators.explicit import hector
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -24,7 +26,7 @@ LEASH = '{name="leash", kind="distance", frame="bob", point=[0, 0, 0], min=3, ma
 CALM = '{name="calm", kind="speed", frame="bob", max=7}'
 PATH = f"path=[{BOX}, {LEASH}, {CALM}]"
 # fatrop regularises near curved constraints, and reaches no more.
-TOLERANCE = {"ipopt": 1e-9, "fatrop": 1e-7}
+TOLERANCE = {"monolithic": 1e-9, "ipopt": 1e-9, "fatrop": 1e-7}
 
 
 def solved(method: str, *settings: str) -> Solution:
@@ -39,19 +41,20 @@ def solved(method: str, *settings: str) -> Solution:
 @pytest.mark.parametrize("setting", [LIMITS, PATH], ids=["limits", "path"])
 def test_methods_agree_where_inequalities_are_active(scheme: str, setting: str) -> None:
     integrator = f"integrator.scheme={scheme}"
-    ipopt, fatrop = (solved(method, integrator, setting) for method in ("ipopt", "fatrop"))
+    ipopt, *others = (solved(method, integrator, setting) for method in ("ipopt", "fatrop", "monolithic"))
     assert ipopt.active_limits
-    touched = [{(a.kind, a.name, a.side) for a in s.active_limits} for s in (ipopt, fatrop)]
-    assert touched[0] == touched[1]
-    assert fatrop.cost == pytest.approx(ipopt.cost, rel=1e-6)
-    for field in ("us", "qs", "mus", "eta", "lam_us", "lam_vs", "lam_qs", "lam_path"):
-        a, b = getattr(ipopt, field), getattr(fatrop, field)
-        assert np.allclose(a, b, rtol=0, atol=2e-4 * (1.0 + np.abs(a).max(initial=0.0))), field
+    for other in others:
+        touched = [{(a.kind, a.name, a.side) for a in s.active_limits} for s in (ipopt, other)]
+        assert touched[0] == touched[1]
+        assert other.cost == pytest.approx(ipopt.cost, rel=1e-6)
+        for field in ("us", "qs", "mus", "eta", "lam_us", "lam_vs", "lam_qs", "lam_path"):
+            a, b = getattr(ipopt, field), getattr(other, field)
+            assert np.allclose(a, b, rtol=0, atol=2e-4 * (1.0 + np.abs(a).max(initial=0.0))), field
     free = mbocp.solve(mbocp.load_problem(FILE, ["horizon.steps=20", integrator]), solver="monolithic")
     assert free.cost < ipopt.cost
 
 
-@pytest.mark.parametrize("method", ["ipopt", "fatrop"])
+@pytest.mark.parametrize("method", list(TOLERANCE))
 def test_multipliers_are_signed_and_complementary(method: str) -> None:
     """Positive at an upper bound, negative at a lower one, and nothing away from both."""
     s = solved(method, LIMITS)
@@ -78,7 +81,7 @@ def test_multipliers_are_signed_and_complementary(method: str) -> None:
     assert s.lam_us[:, 1].min() < -1e-2 < 1e-2 < s.lam_us[:, 2].max()
 
 
-@pytest.mark.parametrize("method", ["ipopt", "fatrop"])
+@pytest.mark.parametrize("method", list(TOLERANCE))
 def test_path_constraints_are_kept_and_active(method: str) -> None:
     s = solved(method, PATH)
     assert s.path_names == ("box.z", "leash", "calm")
@@ -91,7 +94,7 @@ def test_path_constraints_are_kept_and_active(method: str) -> None:
         assert sign * s.lam_path[worst[column], column] > 1e-3
 
 
-@pytest.mark.parametrize("method", ["ipopt", "fatrop"])
+@pytest.mark.parametrize("method", list(TOLERANCE))
 @pytest.mark.parametrize("scheme", ["se1", "rk4"])
 def test_a_free_body_within_limits(method: str, scheme: str) -> None:
     """Quaternions beside bounded positions, velocities and thrusts; the box is the position limit again."""
@@ -124,11 +127,38 @@ def test_a_free_body_within_limits(method: str, scheme: str) -> None:
     assert costs[0] == pytest.approx(costs[1], rel=1e-6)
 
 
-def test_auto_takes_an_interior_point_method_where_there_are_inequalities() -> None:
+def test_auto_takes_its_own_solver_where_there_are_inequalities() -> None:
     problem = mbocp.load_problem(FILE, ["horizon.steps=20", LIMITS])
     s = mbocp.solve(problem, solver="auto")
     assert s.converged
-    assert s.solver == "auto: IPOPT"
+    assert s.solver.startswith("auto: monolithic (Newton, barrier")
+
+
+def test_auto_goes_over_to_ipopt_where_its_own_solver_fails() -> None:
+    """Too short for these forces: the first says what is furthest off, and the second that it cannot be."""
+    settings = ["horizon.steps=20", "horizon.duration=0.3", "limits={effort=5.3}"]
+    problem = mbocp.load_problem(FILE, settings)
+    own = mbocp.solve(problem, solver="monolithic")
+    assert own.status == "line_search_failed"
+    assert "largest violation: end condition" in own.advice
+    s = mbocp.solve(problem, solver="auto")
+    assert s.status == "infeasible"
+    assert s.solver == "auto: monolithic > IPOPT"
+    assert "auto: monolithic ended as line_search_failed" in s.advice
+    assert s.iterations == sum(p.iterations for p in s.phases) > own.iterations
+
+
+def test_limits_have_names_for_messages() -> None:
+    programme = transcribe(mbocp.load_problem(FILE, [LIMITS, f"path=[{CALM}]"]))
+    nc = programme.kinds[0].ndx + programme.kinds[0].ny
+    words = [programme.describe_row(0, nc + i).split(" in the step")[0] for i in range(6)]
+    of_controls = [f"limit of control {axis}" for axis in "xyz"]
+    assert words == ["position limit of z", "velocity limit of y", *of_controls, "path constraint 'calm'"]
+
+
+def test_pure_newton_keeps_no_limits() -> None:
+    with pytest.raises(ProblemError, match="globalisation"):
+        mbocp.load_problem(FILE, [LIMITS, "solver.method=monolithic", "solver.globalisation=none"])
 
 
 def test_the_linear_solver_of_ipopt_can_be_chosen() -> None:

@@ -224,7 +224,7 @@ def test_newton_directions_agree(off_the_manifold: tuple[Any, Any], shift: float
     assert 1e-6 < results[1].smallest_pivot <= 1.0
     for name in DIRECTION:
         assert same(getattr(dense, name), getattr(structured, name)), name
-    for name in ("increment", "cost_slope", "curvature"):
+    for name in ("increment", "slope", "curvature"):
         assert getattr(directions[1], name) == pytest.approx(getattr(directions[0], name), rel=1e-8)
     assert directions[1].linear_residual < 1e-11
 

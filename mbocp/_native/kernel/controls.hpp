@@ -28,10 +28,12 @@ bool Programme::eliminate_controls(int n, Quadratic q, const double* QS, double*
     // Controls: K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
     for (int i = 0; i < nu; ++i) {
         for (int j = 0; j < nu; ++j) s.Quu[i * pu + j] = q(nd + i, nd + j);
-        diagonal_[i] = s.Quu[i * pu + i];
         for (int j = 0; j < nd; ++j) s.K[i * px + j] = -q(nd + i, j);
         for (int g = 0; g < ng_; ++g) s.Keta[i * pg + g] = -QS[(nd + i) * pg + g];
     }
+    for (std::size_t i = 0; i < limits_.u.size(); ++i)
+        s.Quu[limits_.u[i] * (pu + 1)] += limits_.sigma[n * limits_.rows + limits_.x.size() + i];
+    for (int i = 0; i < nu; ++i) diagonal_[i] = s.Quu[i * pu + i];
     double* P_before = n > 0 ? stages_[n - 1].P : nullptr;
     if (P_before)
         for (int i = 0; i < nd; ++i)

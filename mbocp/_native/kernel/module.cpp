@@ -96,7 +96,10 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_ro("worst", &Evaluation::worst)
         .def_ro("worst_stage", &Evaluation::worst_stage)
         .def_ro("worst_row", &Evaluation::worst_row)
-        .def_ro("finite", &Evaluation::finite);
+        .def_ro("finite", &Evaluation::finite)
+        .def_ro("objective", &Evaluation::objective)
+        .def_ro("barrier_error", &Evaluation::barrier_error)
+        .def_ro("complementarity", &Evaluation::complementarity);
 
     nb::class_<Factorisation>(module, "Factorisation")
         .def_ro("negative", &Factorisation::negative)
@@ -107,13 +110,15 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
 
     nb::class_<Direction>(module, "Direction")
         .def_ro("increment", &Direction::increment)
-        .def_ro("cost_slope", &Direction::cost_slope)
+        .def_ro("slope", &Direction::slope)
+        .def_ro("longest", &Direction::longest)
+        .def_ro("longest_dual", &Direction::longest_dual)
         .def_ro("curvature", &Direction::curvature)
         .def_ro("linear_residual", &Direction::linear_residual)
         .def_ro("finite", &Direction::finite);
 
     nb::class_<Trial>(module, "Trial")
-        .def_ro("cost", &Trial::cost)
+        .def_ro("objective", &Trial::objective)
         .def_ro("violation", &Trial::violation)
         .def_ro("finite", &Trial::finite);
 
@@ -131,6 +136,9 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
     vector_property<&Programme::u>(programme, "u", "Controls, stage after stage.");
     vector_property<&Programme::m>(programme, "m", "Multipliers of the stages' rows, stage after stage.");
     vector_property<&Programme::eta>(programme, "eta", "Multipliers of the end condition.");
+    vector_property<&Programme::slack>(programme, "slack", "Slacks of the limits: stage after stage, then the guards.");
+    vector_property<&Programme::z_lower>(programme, "z_lower", "Multipliers of the lower limits, not negative.");
+    vector_property<&Programme::z_upper>(programme, "z_upper", "Multipliers of the upper limits, not negative.");
     programme
         .def("set_parameters",
              [](Programme& p, const Input& theta, const Input& rho, const Input& rho_terminal) {
@@ -143,7 +151,22 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("correct", &Programme::correct, nb::arg("alpha"))
         .def("move", &Programme::move, nb::arg("alpha"))
         .def("trial", &Programme::trial, nb::arg("alpha"))
-        .def("accept", &Programme::accept, nb::arg("alpha_dual"))
+        .def("accept", &Programme::accept, nb::arg("alpha"), nb::arg("alpha_limits") = 1.0)
+        .def("set_limits",
+             [](Programme& p, const Input& x_lower, const Input& x_upper, const Input& u_lower, const Input& u_upper,
+                const Input& path_lower, const Input& path_upper, Function path, int num_guards, Function guard) {
+                 p.set_limits({to_numbers(x_lower), to_numbers(x_upper), to_numbers(u_lower), to_numbers(u_upper),
+                               to_numbers(path_lower), to_numbers(path_upper), num_guards},
+                              std::move(path), std::move(guard));
+             },
+             nb::kw_only(), nb::arg("x_lower"), nb::arg("x_upper"), nb::arg("u_lower"), nb::arg("u_upper"),
+             nb::arg("path_lower"), nb::arg("path_upper"), nb::arg("path").none(), nb::arg("num_guards"),
+             nb::arg("guard").none())
+        .def("start_limits", &Programme::start_limits, nb::arg("barrier"))
+        .def("weigh", &Programme::weigh, nb::arg("barrier"))
+        .def_prop_ro("num_limits", &Programme::num_limits)
+        .def_prop_ro("limit_multipliers", [](const Programme& p) { return to_array(p.limit_multipliers()); },
+                     nb::rv_policy::move)
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false,
              nb::arg("feedback") = false)
         .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false,

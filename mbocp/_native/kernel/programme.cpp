@@ -18,12 +18,24 @@ double square(double v) { return v * v; }
 
 }  // namespace
 
+// Whether Jw has entries on its diagonal alone, as where the step's rows are F(x_before, u) - x.
+static bool has_diagonal(const Pattern& J, int nw) {
+    int count = 0;
+    for (int k = 0; k < J.nnz(); ++k) {
+        if (J.column[k] >= nw) continue;
+        if (J.row[k] != J.column[k]) return false;
+        ++count;
+    }
+    return count == nw;
+}
+
 void Kind::prepare() {
     check_output(values, 0, nc(), 1, "values");
     check_output(jacobian, 2, nc(), nw() + ns(), "jacobian");
     check_output(complete, 2, nc(), nw() + ns(), "complete");
     check_output(complete, 4, nw() + ns(), nw() + ns(), "complete");
     if (!groups.empty()) prepare_structure();
+    may_be_explicit = groups.empty() && has_diagonal(complete->outputs[2], nw()) && has_diagonal(jacobian->outputs[2], nw());
     const int ldw = padded(nw()), lds = padded(ns());
     const auto split = [&](int j) { return j < nw(); };
     const auto derivatives = [&](const StageFunction& f, std::vector<Target>& jacobian_targets,
@@ -197,7 +209,7 @@ void Programme::allocate() {
         r.x_terminal.assign(ndx_, 0.0), r.g.assign(ng_, 0.0);
     };
     size_residual(rhs_), size_residual(work_);
-    x_trial_ = x, y_trial_ = y, u_trial_ = u;
+    x_trial_ = x, y_trial_ = y, u_trial_ = u, zeros_.assign(static_cast<std::size_t>(max_nw_ + max_ns_), 0.0);
     c_trial_.assign(nm, 0.0), g_trial_.assign(ng_, 0.0);
     scratch_.allocate(largest + 256);
     scaled_m_.assign(nm, 0.0);
@@ -289,16 +301,22 @@ bool Programme::evaluate_terminal(Evaluation& e) {
     return ok;
 }
 
-// Squared norm of the stationarity conditions; that in x_n collects from stage n and from stage n + 1.
-double Programme::stationarity() const {
+// Squared norm of the stationarity conditions, and their largest defect before it is scaled; that in x_n collects from
+// stage n and from stage n + 1.
+double Programme::stationarity(double& largest) const {
     double sum = 0;
     for (int n = 0; n < N; ++n) {
         const Stage& s = stages_[n];
         const Kind& k = *s.kind;
         const double* after = n + 1 < N ? stages_[n + 1].gs : rterm_.data();
-        for (int i = 0; i < ndx_; ++i) sum += square(s.gw[i] + after[i]);
-        for (int i = 0; i < k.ny; ++i) sum += square(s.gw[ndx_ + i]);
-        for (int i = 0; i < k.nu; ++i) sum += square(s.gs[ndx_ + i] * k.scale_ru[i]);
+        const double* of_x = limits_.empty() ? zeros_.data() : limits_.of_x.data() + static_cast<std::size_t>(n) * ndx_;
+        const double* of_u = limits_.empty() ? zeros_.data() : limits_.of_u.data() + u_offset[n];
+        const auto add = [&](double defect, double scale) {
+            largest = std::max(largest, std::abs(defect)), sum += square(defect * scale);
+        };
+        for (int i = 0; i < ndx_; ++i) add(s.gw[i] + after[i] + of_x[i], 1.0);
+        for (int i = 0; i < k.ny; ++i) add(s.gw[ndx_ + i], 1.0);
+        for (int i = 0; i < k.nu; ++i) add(s.gs[ndx_ + i] + of_u[i], k.scale_ru[i]);
     }
     return sum;
 }
@@ -320,11 +338,22 @@ Evaluation Programme::evaluate(double share) {
     }
     ok = evaluate_terminal(e) && ok;
     for (int i = 0; i < ng_; ++i) violations.add(gterm_[i], 1.0, -1, i);
-    const double dual = stationarity();
+    const Limits& l = limits_;
+    if (!l.empty()) {
+        ok = evaluate_limits() && ok;
+        for (int i = 0; i < l.total; ++i) {
+            const bool is_guard = i >= N * l.rows;
+            const int n = is_guard ? -1 : i / l.rows;
+            violations.add(l.defect[i], 1.0, n, is_guard ? ng_ + i - N * l.rows : stages_[n].kind->nc() + i % l.rows);
+        }
+    }
+    const double dual = stationarity(e.barrier_error);
     e.primal = std::sqrt(violations.squared), e.dual = std::sqrt(dual);
-    e.residual = std::sqrt(violations.squared + dual);
+    e.residual = std::sqrt(violations.squared + dual), e.objective = e.cost;
+    e.barrier_error = std::max(e.barrier_error, e.worst);
     e.finite = ok && std::isfinite(e.residual) && std::isfinite(e.cost);
-    return e;
+    last_ = e;
+    return l.empty() ? e : weigh(l.barrier);
 }
 
 bool Programme::retract_into(const double* x_now, const double* dx, double alpha, double* x_next) {
@@ -345,6 +374,7 @@ bool Programme::move(double alpha) {
     for (int n = 1; n <= N; ++n)
         ok = retract_into(x.data() + static_cast<std::size_t>(n) * nx_, step_.dx.data() + static_cast<std::size_t>(n) * ndx_,
                           alpha, x_trial_.data() + static_cast<std::size_t>(n) * nx_) && ok;
+    for (int i = 0; i < limits_.total; ++i) limits_.slack_trial[i] = slack[i] + alpha * limits_.ds[i];
     return ok;
 }
 
@@ -361,23 +391,25 @@ Trial Programme::trial(double alpha) {
         double* c = c_trial_.data() + m_offset[n];
         for (int i = 0; i < f.outputs[0].nnz(); ++i) c[f.outputs[0].row[i]] = f.res[0][i];
         for (int i = 0; i < k.nc(); ++i) t.violation += std::abs(c[i]);
-        t.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
+        t.objective += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
     }
     StageFunction& f = *terminal_.values;
     f.arg[0] = x_trial_.data() + static_cast<std::size_t>(N) * nx_;
     f.arg[1] = rho_terminal_.data();
     ok = f.call() && ok;
-    t.cost += f.outputs[0].nnz() ? f.res[0][0] : 0.0;
+    t.objective += f.outputs[0].nnz() ? f.res[0][0] : 0.0;
     for (int i = 0; i < f.outputs[1].nnz(); ++i) g_trial_[f.outputs[1].row[i]] = f.res[1][i];
     for (int i = 0; i < ng_; ++i) t.violation += std::abs(g_trial_[i]);
-    t.finite = ok && std::isfinite(t.cost) && std::isfinite(t.violation);
+    if (!limits_.empty()) ok = try_limits(t) && ok;
+    t.finite = ok && std::isfinite(t.objective) && std::isfinite(t.violation);
     return t;
 }
 
-void Programme::accept(double alpha_dual) {
+void Programme::accept(double alpha, double alpha_limits) {
     x.swap(x_trial_), y.swap(y_trial_), u.swap(u_trial_);
-    for (std::size_t i = 0; i < m.size(); ++i) m[i] += alpha_dual * step_.dm[i];
-    for (std::size_t i = 0; i < eta.size(); ++i) eta[i] += alpha_dual * step_.deta[i];
+    for (std::size_t i = 0; i < m.size(); ++i) m[i] += alpha * step_.dm[i];
+    for (std::size_t i = 0; i < eta.size(); ++i) eta[i] += alpha * step_.deta[i];
+    accept_limits(alpha_limits);
 }
 
 }  // namespace mbocp

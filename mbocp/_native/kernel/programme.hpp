@@ -13,14 +13,12 @@
 #include <vector>
 
 #include "dense.hpp"
+#include "limits.hpp"
 #include "pool.hpp"
 #include "stage_function.hpp"
 #include "structure.hpp"
 
 namespace mbocp {
-
-using Function = std::shared_ptr<StageFunction>;
-using Numbers = std::vector<double>;
 
 // Blocks of a stage that a function's nonzeros are scattered into.
 enum Block { JW, JS, HWW, HWS, HSS, GW, GS };
@@ -33,6 +31,8 @@ struct Kind {
     Function complete;    // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
     // Factors from the programme's rows, unknowns, multipliers and control gradient to the reported ones.
     Numbers scale_c, scale_y, scale_m, scale_ru;
+
+    bool may_be_explicit = false;  // by the pattern of Jw
 
     int nw() const { return ndx + ny; }
     int ns() const { return ndx + nu; }
@@ -66,8 +66,11 @@ struct Terminal {
 
 struct Evaluation {
     double cost = 0, residual = 0, primal = 0, dual = 0, violation = 0, worst = 0;
-    int worst_stage = -1, worst_row = -1;  // stage -1: the end condition
+    int worst_stage = -1, worst_row = -1;  // stage -1: the end condition; rows beyond a stage's own: its limits
     bool finite = false;
+    // With limits: the cost with its barrier, which the line search looks at; the largest defect of the optimality
+    // conditions of the barrier problem; the norm of multipliers times distances, which `dual` contains.
+    double objective = 0, barrier_error = 0, complementarity = 0;
 };
 
 struct Factorisation {
@@ -79,12 +82,13 @@ struct Factorisation {
 };
 
 struct Direction {
-    double increment = 0, cost_slope = 0, curvature = 0, linear_residual = 0;
+    double increment = 0, slope = 0, curvature = 0, linear_residual = 0;  // slope of the objective
+    double longest = 1, longest_dual = 1;  // steps that keep slacks and limits' multipliers positive
     bool finite = false;
 };
 
 struct Trial {
-    double cost = 0, violation = 0;
+    double objective = 0, violation = 0;
     bool finite = false;
 };
 
@@ -106,6 +110,17 @@ public:
 
     Numbers x, y, u, m, eta;  // the iterate: (N+1) nx, then stage after stage
 
+    // Limits, see limits.hpp; states are plain vectors then (nx = ndx) and no stage has a structure.
+    void set_limits(const Bounds& bounds, Function path, Function guard);
+    // Slacks at the values of the iterate, moved inside, and multipliers that suit the barrier parameter.
+    void start_limits(double barrier);
+    // Another barrier parameter at the iterate of the last evaluation.
+    Evaluation weigh(double barrier);
+    int num_limits() const { return limits_.total; }
+    // Multipliers of the limits, positive where an upper one is active: rows of the stages, then guards.
+    Numbers limit_multipliers() const;
+    Numbers slack, z_lower, z_upper;  // part of the iterate
+
     // Functions and derivatives at the iterate; the Hessian uses multipliers scaled by `share` (0: Gauss-Newton).
     Evaluation evaluate(double share);
     // `shift` is added to the Hessian's diagonal in every state, `augment` weighs the end condition (see riccati.cpp).
@@ -116,8 +131,8 @@ public:
     // The iterate moved along the direction, into a second buffer; `trial` also evaluates cost and violation there.
     bool move(double alpha);
     Trial trial(double alpha);
-    // Take the moved iterate over; multipliers go alpha_dual of their way.
-    void accept(double alpha_dual);
+    // Take the moved iterate over; multipliers go alpha of their way, those of limits alpha_limits.
+    void accept(double alpha, double alpha_limits);
     // States and algebraic unknowns from x[0] and u, stage by stage (eq. 29). A warm sweep starts each step from the
     // iterate, a cold one from the state before. With `feedback` the controls answer deviations from the iterate's
     // states with the gains of the last factorisation, which keeps a sweep of an unstable system near them.
@@ -156,7 +171,7 @@ private:
         double *LU, *T, *Quu, *K, *Keta, *P, *S;          // factorisation
         double *t0, *k, *p;                               // one right-hand side
         int *pivot, *control_pivot;
-        bool definite;
+        bool definite, is_explicit;                       // the latter: Jw = -1
         // With a structure: values of the sparse derivatives; the stage over reachable states alone, which is
         // xi = T (xi before, u) and half the Hessian Q in (xi before, u), and g, its gradient in xi and in these;
         // offsets, dx = B xi + b with xi = dx[chosen]; and H z of the last forward pass.
@@ -178,7 +193,7 @@ private:
     void feed_back(int n, const double* dx, double* du) const;
     void close_loop(int n, const double* du, double* dx) const;
     bool simulate_stage(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep);
-    double stationarity() const;
+    double stationarity(double& largest) const;
     void allocate();
     std::size_t reduced_space(const Kind& k) const;
     bool condense(int n, Factorisation& result);
@@ -192,9 +207,11 @@ private:
     void add_jacobian_transposed(int n, const double* dm, double* w, double* s) const;
     void add_hessian(int n, const double* dw, const double* ds, double* w, double* s);
     double factor_step(int n);
+    bool is_minus_identity(int n) const;
     double factor_step_of(int n, const StageFunction& jacobian);
     void store_first_jacobian(int n, const StageFunction& jacobian);
     void solve_step(int n, double* c);
+    void solve_steps(int n, double* C, int ldc);
     void solve_step_transposed(int n, double* w);
     // The same for stages with a structure, in reduced.cpp.
     const StepFactor* step_before(int n) const { return n > 0 ? &stages_[n - 1].step : nullptr; }
@@ -221,8 +238,21 @@ private:
     void check_end(const Residual& rhs, const Step& d, Check& check);
     void gather_residual(Residual& out) const;
     Direction finish_direction(const Residual& rhs, int refinements);
+    // Limits, in limits.cpp.
+    bool evaluate_limits();
+    bool evaluate_path(int n, const Numbers& x_now, double* h, double* J, double* H);
+    bool evaluate_guard(const Numbers& x_now, double* h, double* J, double* H);
+    void add_limit_gradients(Residual& out) const;
+    void add_limits_to_value(int n);
+    void add_limit_products(int n, const double* dx, const double* du, double* Hx, double* Hu) const;
+    void find_limit_step(Direction& d);
+    bool try_limits(Trial& t);
+    void accept_limits(double alpha);
+    void finish_evaluation(Evaluation& e) const;
     bool retract_into(const double* x_now, const double* dx, double alpha, double* x_next);
 
+    Limits limits_;
+    Evaluation last_;  // the last evaluation without what depends on the barrier parameter
     std::vector<Kind> kinds_;
     std::vector<int> stage_kind_;
     Terminal terminal_;
@@ -244,7 +274,7 @@ private:
     Residual rhs_, work_;
     Step correction_;
     Numbers x_trial_, y_trial_, u_trial_;
-    Numbers c_trial_, g_trial_;
+    Numbers c_trial_, g_trial_, zeros_;
     Numbers scaled_m_, diagonal_;
     double shift_ = 0, augment_ = 0;                  // of the last factorisation
     bool factorised_ = false, backward_done_ = false;  // the latter: for the residual of the last evaluation

@@ -25,8 +25,9 @@ bool Programme::condense(int n, Factorisation& result) {
     const double pivot = factor_step(n);
     result.smallest_pivot = std::min(result.smallest_pivot, pivot);
     if (pivot < singular) return false;
-    for (int i = 0; i < nc * ps; ++i) s.T[i] = -s.Js[i];
-    dense::lu_solve(nc, s.LU, pw, s.pivot, s.T, ps, ps);
+    dense::copy(s.Js, s.T, nc * ps);
+    solve_steps(n, s.T, ps);
+    if (!limits_.empty()) add_limits_to_value(n);
 
     // Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term.
     double* Hhat = scratch_.data();
@@ -111,6 +112,7 @@ void Programme::gather_residual(Residual& out) const {
     }
     out.x_terminal = rterm_;
     out.g = gterm_;
+    if (!limits_.empty()) add_limit_gradients(out);
 }
 
 // The backward half of KKT * d = -rhs at stage n: t0, k and p from the right-hand side, and its share of r (eta's).
@@ -123,7 +125,7 @@ void Programme::backward_stage(int n, const Residual& rhs, Numbers& r) {
     double* h = scratch_.data();
     double* q = h + padded(max_nw_);
     for (int i = 0; i < nc; ++i) s.t0[i] = -rhs.c[m_offset[n] + i];
-    dense::lu_solve_vector(nc, s.LU, pw, s.pivot, s.t0);
+    solve_step(n, s.t0);
     dense::copy(rhs.w.data() + m_offset[n], h, nw);
     for (int i = 0; i < nd; ++i) h[i] += s.p[i];
     dense::gemv(nw, nw, s.Hww, pw, s.t0, h);
@@ -201,7 +203,7 @@ void Programme::forward(const Residual& rhs, const Numbers& r, Step& out, Check*
         for (int i = 0; i < nd; ++i) dm[i] += s.p[i] + shift_ * dw[i];
         dense::gemv(nd, ng_, s.S, pg, out.deta.data(), dm);
         for (int i = 0; i < nc; ++i) dm[i] = -dm[i];
-        dense::lu_solve_transposed(nc, s.LU, pw, s.pivot, dm);
+        solve_step_transposed(n, dm);
         if (check) check_stage(n, rhs, out, *check);
     }
     if (check) check_end(rhs, out, *check);
@@ -232,6 +234,7 @@ void Programme::check_stage(int n, const Residual& rhs, const Step& d, Check& ch
     } else {
         add_hessian(n, dw, ds, Hw, Hs);
         for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
+        if (!limits_.empty()) add_limit_products(n, dw, ds + nd, Hw, Hs + nd);
     }
     check.curvature += dense::dot(nw, dw, Hw) + dense::dot(ns, ds, Hs);
     double* w = out.w.data() + m_offset[n];
@@ -296,24 +299,25 @@ Direction Programme::finish_direction(const Residual& rhs, int refinements) {
         const double* dx0 = step_.dx.data() + static_cast<std::size_t>(n) * ndx_;
         const double* dx1 = dx0 + ndx_;
         squared += dense::dot(ndx_, dx1, dx1);
-        d.cost_slope += dense::dot(ndx_, s.lw, dx1) + dense::dot(ndx_, s.ls, dx0);
+        d.slope += dense::dot(ndx_, s.lw, dx1) + dense::dot(ndx_, s.ls, dx0);
         for (int i = 0; i < k.ny; ++i) {
             const double v = step_.dy[y_offset[n] + i];
             squared += v * k.scale_y[i] * v * k.scale_y[i];
-            d.cost_slope += s.lw[ndx_ + i] * v;
+            d.slope += s.lw[ndx_ + i] * v;
         }
         for (int i = 0; i < k.nu; ++i) {
             const double v = step_.du[u_offset[n] + i];
             squared += v * v;
-            d.cost_slope += s.ls[ndx_ + i] * v;
+            d.slope += s.ls[ndx_ + i] * v;
         }
         for (int i = 0; i < k.nc(); ++i) {
             const double v = step_.dm[m_offset[n] + i] * k.scale_m[i];
             squared += v * v;
         }
     }
-    for (int i = 0; i < ndx_; ++i) d.cost_slope += psix_[i] * step_.dx[static_cast<std::size_t>(N) * ndx_ + i];
+    for (int i = 0; i < ndx_; ++i) d.slope += psix_[i] * step_.dx[static_cast<std::size_t>(N) * ndx_ + i];
     for (const double v : step_.deta) squared += v * v;
+    if (!limits_.empty()) find_limit_step(d);
     d.increment = std::sqrt(squared);
     d.finite = std::isfinite(d.increment) && std::isfinite(d.linear_residual);
     return d;

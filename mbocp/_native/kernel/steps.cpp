@@ -50,11 +50,21 @@ void Programme::add_hessian(int n, const double* dw, const double* ds, double* w
     }
 }
 
+bool Programme::is_minus_identity(int n) const {
+    const Stage& s = stages_[n];
+    const int nc = s.kind->nc(), pw = padded(s.kind->nw());
+    if (!s.kind->may_be_explicit) return false;
+    for (int i = 0; i < nc; ++i)
+        if (s.Jw[i * (pw + 1)] != -1.0) return false;
+    return true;
+}
+
 // Factorises Jw; returns the relative size of the smallest pivot.
 double Programme::factor_step(int n) {
     Stage& s = stages_[n];
     const Kind& k = *s.kind;
     if (k.structure) return k.structure->factor(s.J, s.step, space_.data());
+    if ((s.is_explicit = is_minus_identity(n))) return 1.0;
     dense::copy(s.Jw, s.LU, k.nc() * padded(k.nw()));
     return dense::lu_factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
 }
@@ -67,6 +77,7 @@ double Programme::factor_step_of(int n, const StageFunction& f) {
         store_first_jacobian(n, f);
         return k.structure->factor(s.J, s.step, space_.data());
     }
+    s.is_explicit = false;
     dense::zero(s.LU, k.nc() * padded(k.nw()));
     for (std::size_t i = 0; i < k.to_first_jacobian.size(); ++i)
         if (k.to_first_jacobian[i].block == JW) s.LU[k.to_first_jacobian[i].offset] = f.res[2][i];
@@ -107,8 +118,19 @@ void Programme::solve_step(int n, double* c) {
     const Kind& k = *s.kind;
     if (k.structure)
         k.structure->solve_vector(s.J, s.step, c, space_.data());
+    else if (s.is_explicit)
+        for (int i = 0; i < k.nc(); ++i) c[i] = -c[i];
     else
         dense::lu_solve_vector(k.nc(), s.LU, padded(k.nw()), s.pivot, c);
+}
+
+// C <- -Jw^{-1} C likewise, without a structure; all of ldc columns.
+void Programme::solve_steps(int n, double* C, int ldc) {
+    Stage& s = stages_[n];
+    const int nc = s.kind->nc();
+    if (s.is_explicit) return;
+    for (int i = 0; i < nc * ldc; ++i) C[i] = -C[i];
+    dense::lu_solve(nc, s.LU, padded(s.kind->nw()), s.pivot, C, ldc, ldc);
 }
 
 // w <- Jw^{-T} w likewise.
@@ -117,6 +139,8 @@ void Programme::solve_step_transposed(int n, double* w) {
     const Kind& k = *s.kind;
     if (k.structure)
         k.structure->solve_transposed(s.J, s.step, w, space_.data());
+    else if (s.is_explicit)
+        for (int i = 0; i < k.nc(); ++i) w[i] = -w[i];
     else
         dense::lu_solve_transposed(k.nc(), s.LU, padded(k.nw()), s.pivot, w);
 }

@@ -222,7 +222,7 @@ Evaluation Programme::gradient(bool auxiliary, bool feedback) {
         end += gterm_[i] * gterm_[i];
         if (!(std::abs(gterm_[i]) <= e.worst)) e.worst = std::abs(gterm_[i]), e.worst_row = i;
     }
-    e.primal = std::sqrt(end), e.residual = std::sqrt(end + squared);
+    e.primal = std::sqrt(end), e.residual = std::sqrt(end + squared), e.objective = e.cost;
     e.finite = std::isfinite(e.residual) && std::isfinite(e.cost);
     return e;
 }
@@ -274,12 +274,12 @@ Numbers Programme::reduced_hessian(double shift) {
     factorised_ = backward_done_ = steps_known_ = residual_known_ = false;
     for (Stage& s : stages_) {
         const Kind& k = *s.kind;
-        const int pw = padded(k.nw()), ps = padded(k.ns());
+        const int ps = padded(k.ns());
         if (factor_step(static_cast<int>(&s - stages_.data())) < singular)
             throw std::runtime_error("reduced_hessian: the matrix of a step is singular");
         if (is_structured_) continue;
-        for (int i = 0; i < k.nc() * ps; ++i) s.T[i] = -s.Js[i];
-        dense::lu_solve(k.nc(), s.LU, pw, s.pivot, s.T, ps, ps);
+        dense::copy(s.Js, s.T, k.nc() * ps);
+        solve_steps(static_cast<int>(&s - stages_.data()), s.T, ps);
     }
     Numbers K(static_cast<std::size_t>(total) * total, 0.0);
     Step d = step_;

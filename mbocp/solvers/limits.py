@@ -1,0 +1,88 @@
+r"""Limits in Newton's method: a primal-dual barrier, [Waechter2006]_.
+
+Every limit has a slack, which a logarithm of weight mu in the cost keeps between its bounds, and multipliers
+of its own. The kernel eliminates them from the linear system, so that a step costs what it does without
+limits. Here is when mu falls: as soon as the conditions of the barrier problem hold to a multiple of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mbocp.exceptions import ProblemError
+from mbocp.solvers.filter import Filter
+from mbocp.solvers.iterate import BoundMultipliers, Iterate
+from mbocp.solvers.native import kernel_programme
+from mbocp.solvers.newton import NewtonState, fresh, start
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["begin", "lowered", "multipliers_of", "why_limits_cannot_be_kept"]
+
+_FIRST = 0.1  # of the guess's cost, for what mu comes to over all limits ...
+_LEAST, _MOST = 1e-3, 1.0  # ... within these
+_SETTLED = 10.0  # defect of the barrier problem, by mu, below which mu falls ...
+_FACTOR, _POWER = 0.2, 1.5  # ... to the smaller of mu by this factor and to this power
+_SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
+
+
+def begin(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
+    """State at an iterate, evaluated, and with a barrier if there are limits.
+
+    Raises
+    ------
+    ProblemError
+        If there are limits that the barrier does not get along with.
+    """
+    if not programme.num_guards and programme.bounds.is_empty:
+        return start(programme, iterate)
+    iterate.check(programme)
+    reason = why_limits_cannot_be_kept(programme)
+    if reason:
+        raise ProblemError(f'solver.method: "monolithic" {reason}; take "ipopt" or "fatrop"')
+    native = kernel_programme(programme, has_limits=True)
+    iterate.load_into(native)
+    native.start_limits(_LEAST)
+    barrier = _FIRST * abs(native.evaluate().cost) / native.num_limits
+    barrier = min(max(barrier, _LEAST), _MOST) if math.isfinite(barrier) else _MOST
+    native.start_limits(barrier)
+    return replace(fresh(programme, native, native.evaluate()), barrier=barrier)
+
+
+def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
+    """Words for what the barrier does not get along with, or None."""
+    if programme.kinds[0].groups:
+        return "keeps no limits in natural coordinates"
+    return None
+
+
+def lowered(state: NewtonState, tolerance: float) -> NewtonState:
+    """State with the barrier parameter as small as the iterate deserves, and a filter that knows of it."""
+    last = _SHARE * tolerance / math.sqrt(max(1, state.native.num_limits))
+    barrier, evaluation = state.barrier, state.evaluation
+    while barrier > last and evaluation.barrier_error <= _SETTLED * barrier:
+        barrier = max(last, min(_FACTOR * barrier, barrier**_POWER))
+        evaluation = state.native.weigh(barrier)
+    if barrier == state.barrier:
+        return state
+    return replace(
+        state,
+        barrier=barrier,
+        evaluation=evaluation,
+        filter=Filter.start(evaluation.violation),
+        reference=None,
+    )
+
+
+def multipliers_of(native: Any, programme: StagewiseProgramme) -> BoundMultipliers:
+    """Multipliers of the limits that a kernel programme holds."""
+    bounds, kind, N = programme.bounds, programme.kinds[0], programme.num_steps
+    found, x, u = native.limit_multipliers, bounds.limited_x, bounds.limited_u
+    rows = x.size + u.size + bounds.nh
+    of_steps = found[: N * rows].reshape(N, rows)
+    xs, us = np.zeros((N + 1, kind.nx)), np.zeros((N, kind.nu))
+    xs[1:, x], us[:, u] = of_steps[:, : x.size], of_steps[:, x.size : x.size + u.size]
+    return BoundMultipliers(xs=xs, us=us, path=of_steps[:, x.size + u.size :], guard=found[N * rows :])
