@@ -184,7 +184,9 @@ def paper(
     ] = None,
     solver: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="so3: fatrop or ipopt. [default: fatrop, as_printed: ipopt]"),
+        typer.Option(
+            metavar="NAME", help="so3: monolithic, fatrop or ipopt. [default: monolithic, as_printed: ipopt]"
+        ),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="so3: processes. [default: one a processor]")

@@ -52,7 +52,7 @@ class Wanted:
             folder=folder,
             lattice=parse_lattice(self.lattice) if self.lattice is not None else default,
             variant=variant,
-            solver=self.solver or DEFAULT_SOLVERS.get(variant, "fatrop"),
+            solver=self.solver or DEFAULT_SOLVERS.get(variant, "monolithic"),
             workers=self.workers,
             quick=quick,
             results=self.results,

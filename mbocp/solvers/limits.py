@@ -23,7 +23,7 @@ from mbocp.transcription import StagewiseProgramme
 __all__ = ["begin", "lowered", "multipliers_of", "why_limits_cannot_be_kept"]
 
 _FIRST = 0.1  # of the guess's cost, for what mu comes to over all limits ...
-_LEAST, _MOST = 1e-3, 1.0  # ... within these
+_LEAST, _MOST = 1e-5, 1.0  # ... within these
 _SETTLED = 10.0  # defect of the barrier problem, by mu, below which mu falls ...
 _FACTOR, _POWER = 0.2, 1.5  # ... to the smaller of mu by this factor and to this power
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
@@ -54,8 +54,9 @@ def begin(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
 
 def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     """Words for what the barrier does not get along with, or None."""
-    if programme.kinds[0].groups:
-        return "keeps no limits in natural coordinates"
+    bounds = programme.bounds
+    if programme.kinds[0].groups and (bounds.nh or bounds.limited_x.size or programme.num_guards):
+        return "keeps no path constraints in natural coordinates"
     return None
 
 

@@ -14,8 +14,9 @@ makes sure that it gets there:
   from a backward sweep along the guess instead, eq. (30), and the step is tried again.
 - *Relaxed steps.* Linearised constraints bend away quickly (a rod, a rotation), and a full Newton step then
   violates them more than any line search accepts, though the next steps make up for it. Where the line
-  search shortens the step to less than a tenth, up to six full steps are taken without judging them; if none
-  of them is closer to feasible than the start of the run, the start is restored.
+  search shortens the step to less than a tenth, up to six full steps are taken without judging them, and
+  more while each halves the violation; if none of them is closer to feasible than the start of the run,
+  the start is restored.
 - *Restoration.* Where none of this allows a step of a fiftieth, a forward sweep in closed loop makes
   the state equations hold along nearly the same motion.
 
@@ -50,6 +51,7 @@ _RESTARTS = 2
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
+_PROMISING = 0.5  # of the violation: a relaxed step that leaves no more may be followed by another
 _PAUSE = 10  # steps after a run that led nowhere, before the next
 _RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
 _LARGEST_ADJOINT = 1e8  # of a backward sweep that is worth starting from
@@ -255,6 +257,7 @@ class GlobalisedNewton:
             native.move(direction.longest)
             native.accept(direction.longest, direction.longest_dual)
             evaluation = native.evaluate()
+            promising = evaluation.violation < _PROMISING * state.evaluation.violation
             after = advanced(
                 state,
                 evaluation,
@@ -263,12 +266,12 @@ class GlobalisedNewton:
                 augmentation=augmentation,
                 regularisation=shift,
                 shift=next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual),
-                reference=replace(reference, steps_left=reference.steps_left - 1),
+                reference=replace(reference, steps_left=max(reference.steps_left - 1, 1 if promising else 0)),
                 at_minimum=shift == 0.0,
             )
             if state.filter.accepts_after_relaxation(reference.evaluation, after.evaluation):
                 return replace(after, reference=None, filter=state.filter.grown(reference.evaluation))
-            if after.failure is None and reference.steps_left > 1:
+            if after.failure is None and after.reference is not None and after.reference.steps_left:
                 return after
         reference.iterate.restore(native)
         return replace(

@@ -32,7 +32,7 @@ def write_study(folder: Path, tasks: int) -> Path:
     file = folder / "goals.toml"
     file.write_text(
         f'problem = "{EXAMPLES}/paper/rigid_pendulum.toml"\n'
-        f'[sample]\ncount = {tasks}\n"start.p" = {{ uniform = [[0, 9, -2], [0, 12, 2]] }}\n'
+        f'[sample]\ncount = {tasks}\n"start.p" = {{ uniform = [[0, 5, -5], [0, 15, 5]] }}\n'
     )
     return file
 

@@ -34,7 +34,6 @@ struct Barrier {
 }  // namespace
 
 void Programme::set_limits(const Bounds& bounds, Function path, Function guard) {
-    if (is_structured_) throw std::invalid_argument("limits: stages with a structure cannot have any");
     if (nx_ != ndx_) throw std::invalid_argument("limits: states must be plain vectors");
     Limits l;
     const auto chosen = [](const Numbers& lower, const Numbers& upper, int size, const char* name) {
@@ -56,6 +55,8 @@ void Programme::set_limits(const Bounds& bounds, Function path, Function guard) 
     l.nh = static_cast<int>(bounds.path_lower.size()), l.num_guards = bounds.num_guards;
     if (l.nh && !path) throw std::invalid_argument("limits: the path functions are missing");
     if (l.num_guards && !guard) throw std::invalid_argument("limits: the guards are missing");
+    if (is_structured_ && (l.nh || l.num_guards || !l.x.empty()))
+        throw std::invalid_argument("limits: where stages have a structure, only controls can have any");
     l.path = std::move(path), l.guard = std::move(guard);
     l.rows = static_cast<int>(l.x.size() + l.u.size()) + l.nh;
     l.total = N * l.rows + l.num_guards;

@@ -110,7 +110,7 @@ public:
 
     Numbers x, y, u, m, eta;  // the iterate: (N+1) nx, then stage after stage
 
-    // Limits, see limits.hpp; states are plain vectors then (nx = ndx) and no stage has a structure.
+    // Limits, see limits.hpp; states are plain vectors then (nx = ndx). With a structure only controls can have any.
     void set_limits(const Bounds& bounds, Function path, Function guard);
     // Slacks at the values of the iterate, moved inside, and multipliers that suit the barrier parameter.
     void start_limits(double barrier);

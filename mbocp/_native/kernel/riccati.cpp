@@ -234,8 +234,8 @@ void Programme::check_stage(int n, const Residual& rhs, const Step& d, Check& ch
     } else {
         add_hessian(n, dw, ds, Hw, Hs);
         for (int i = 0; i < nd; ++i) Hw[i] += shift_ * dw[i];
-        if (!limits_.empty()) add_limit_products(n, dw, ds + nd, Hw, Hs + nd);
     }
+    if (!limits_.empty()) add_limit_products(n, dw, ds + nd, Hw, Hs + nd);
     check.curvature += dense::dot(nw, dw, Hw) + dense::dot(ns, ds, Hs);
     double* w = out.w.data() + m_offset[n];
     for (int i = 0; i < nw; ++i) w[i] = rhs.w[m_offset[n] + i] + Hw[i];

@@ -36,7 +36,7 @@ __all__ = [
 
 Variant = Literal["corrected", "as_printed"]
 
-SOLVERS = ("ipopt", "fatrop")
+SOLVERS = ("ipopt", "fatrop", "monolithic")
 
 # What each variant changes of the problem. As printed, the end condition has a row that the dynamics meet by
 # themselves, nothing excludes half-turns of a rotation matrix, and a guess at rest agrees with no kinematics.
@@ -120,7 +120,7 @@ def example_file(name: str) -> Path:
 def lattice_study(
     lattice: Lattice | None = None,
     variant: str = "corrected",
-    solver: str = "fatrop",
+    solver: str = "monolithic",
     labels: Sequence[str] | None = None,
 ) -> Study:
     """Study of all tasks of a lattice by the six formulations.
@@ -133,7 +133,7 @@ def lattice_study(
         Default: the paper's, 13 x 13 x 12.
     variant : {"corrected", "as_printed"}
         See `VARIANTS`.
-    solver : {"ipopt", "fatrop"}
+    solver : {"monolithic", "fatrop", "ipopt"}
     labels : sequence of str, optional
         Formulations to try; default: all six.
     """

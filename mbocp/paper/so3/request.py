@@ -17,7 +17,7 @@ __all__ = ["DEFAULT_SOLVERS", "QUICK_LATTICE", "Request", "Say", "lattice_outcom
 Say = Callable[[str], object]
 
 QUICK_LATTICE = Lattice(2, 2)
-DEFAULT_SOLVERS = {"corrected": "fatrop", "as_printed": "ipopt"}  # a repeated condition stalls fatrop
+DEFAULT_SOLVERS = {"corrected": "monolithic", "as_printed": "ipopt"}  # a repeated condition stalls the others
 
 _REPORTS = 100  # lines about the progress of a lattice
 
@@ -32,7 +32,7 @@ class Request:
         Where figures and rows go.
     lattice : Lattice
     variant : {"corrected", "as_printed"}
-    solver : {"ipopt", "fatrop"}
+    solver : {"monolithic", "fatrop", "ipopt"}
         Of the lattice.
     workers : int, optional
         Processes for the lattice.
@@ -50,7 +50,7 @@ class Request:
     folder: Path = Path("paper")
     lattice: Lattice = field(default_factory=Lattice)
     variant: str = "corrected"
-    solver: str = "fatrop"
+    solver: str = "monolithic"
     workers: int | None = None
     quick: bool = False
     results: Path | None = None

@@ -24,7 +24,7 @@ __all__ = ["IterationTime", "iteration_time", "one_core", "timing_table"]
 TITLE = "time of a Newton iteration, N = 100"
 
 _LIMITS = {"solver.max_iterations": 300, "solver.time_limit": 20.0}
-_TITLES = {"ipopt": "IPOPT", "fatrop": "fatrop"}
+_TITLES = {"ipopt": "IPOPT", "fatrop": "fatrop", "monolithic": "mbocp"}
 _COLUMNS = (
     Column("formulation", "", "label"),
     Column("paper [ms]", "", "paper"),
@@ -82,7 +82,7 @@ def iteration_time(
     Parameters
     ----------
     formulation : Formulation
-    solver : {"ipopt", "fatrop"}
+    solver : {"ipopt", "fatrop", "monolithic"}
     tasks : sequence of Task
         For the mean.
     repetitions : int

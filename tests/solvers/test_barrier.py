@@ -1,0 +1,168 @@
+"""The barrier inside the structured Newton step: its derivatives, its parameter, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.exceptions import ProblemError
+from mbocp.guess import make_guess
+from mbocp.solvers import GlobalisedNewton, NewtonState
+from mbocp.solvers.limits import lowered
+from mbocp.solvers.native import kernel_programme
+from mbocp.transcription import StagewiseProgramme, transcribe
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+PAPER = Path(__file__).parents[2] / "examples" / "paper"
+LIMITS = "limits={effort=5.3, velocity={y=6.5}, position={z=[-11.3, 100]}}"
+PATH = (
+    'path=[{name="leash", kind="distance", frame="bob", point=[0, 0, 0], min=3, max=11.5}, '
+    '{name="calm", kind="speed", frame="bob", max=7}]'
+)
+
+
+ARM = """
+robot = "double_pendulum"
+goal = { q = [1.2, -0.8], v = [0, 0] }
+[horizon]
+duration = 1.0
+steps = 20
+"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """A double pendulum that is lifted."""
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM)
+    return path
+
+
+def begun(
+    *settings: str, name: str = "elastic_pendulum"
+) -> tuple[StagewiseProgramme, GlobalisedNewton, NewtonState]:
+    problem = mbocp.load_problem(PAPER / f"{name}.toml", ["horizon.steps=12", *settings])
+    programme = transcribe(problem)
+    iterate, _ = make_guess("line", problem, programme)
+    solver = GlobalisedNewton(control_weight=programme.control_weight)
+    return programme, solver, solver.init(programme, iterate)
+
+
+def fields(native: Any) -> dict[str, np.ndarray]:
+    names = ("x", "y", "u", "m", "eta", "slack", "z_lower", "z_upper")
+    return {name: getattr(native, name) for name in names}
+
+
+@pytest.mark.parametrize("scheme", ["se1", "midpoint", "rk4"])
+@pytest.mark.parametrize("setting", [LIMITS, PATH], ids=["limits", "path"])
+def test_newtons_method_on_the_barrier_problem_is_of_second_order(scheme: str, setting: str) -> None:
+    """Every derivative has its part in that: one that is wrong leaves an error of first order."""
+    _, solver, state = begun(setting, f"integrator.scheme={scheme}")
+    native, mu = state.native, 1e-2
+    solver = replace(
+        solver, tolerance=10.0 * mu * np.sqrt(native.num_limits)
+    )  # mu falls to this and no further
+    while state.evaluation.barrier_error > 1e-10:
+        state = solver.step(state)
+        assert state.iteration < 60
+    assert state.barrier == pytest.approx(mu)
+    solved, rng = fields(native), np.random.default_rng(0)
+    noise = {name: rng.standard_normal(value.size) for name, value in solved.items()}
+    noise["x"][: native.x.size // (native.num_stages + 1)] = 0.0  # the start is given
+    bounded = {"z_lower": 0.1, "z_upper": 0.1, "slack": 1e-3}
+    errors = []
+    for size in (1e-3, 5e-4):
+        for name, value in solved.items():
+            scale = bounded.get(name, 1.0) * (value if name.startswith("z_") else 1.0)
+            setattr(native, name, value + size * scale * noise[name])
+        native.evaluate()
+        native.weigh(mu)
+        assert native.factorise(0.0, state.augmentation).ok
+        assert native.solve().finite
+        native.move(1.0)
+        native.accept(1.0, 1.0)
+        native.evaluate()
+        errors.append(native.weigh(mu).barrier_error)
+    order = np.log2(errors[0] / errors[1])
+    assert 1.7 < order < 2.6, (errors, order)
+
+
+def test_steps_stay_inside_and_the_direction_solves_its_system() -> None:
+    programme, solver, state = begun(LIMITS, PATH)
+    native, bounds = state.native, programme.bounds
+    for _ in range(8):
+        state = solver.step(state)
+        assert state.failure is None
+        native.factorise(1e-2, state.augmentation)
+        assert native.solve().linear_residual < 1e-9
+        assert native.z_lower.min() >= 0.0
+        assert native.z_upper.min() >= 0.0
+        controls = native.slack.reshape(native.num_stages, -1)[:, 2:5]
+        assert (bounds.u_lower < controls).all()
+        assert (controls < bounds.u_upper).all()
+
+
+def test_the_barrier_falls_and_ends_below_the_tolerance() -> None:
+    _, solver, state = begun(LIMITS)
+    barriers = [state.barrier]
+    while solver.terminate(state) is None:
+        state = solver.step(state)
+        barriers.append(state.barrier)
+    assert all(after <= before for before, after in pairwise(barriers))
+    assert state.evaluation.complementarity <= 0.2 * solver.tolerance
+    assert state.evaluation.residual <= solver.tolerance
+    assert lowered(state, solver.tolerance) is state
+
+
+def test_a_guess_outside_its_limits_is_no_obstacle() -> None:
+    """Slacks are inside from the beginning; the controls of the straight line need not be."""
+    _, solver, state = begun("limits={effort=5.3}")
+    native = state.native
+    outside = native.u.copy()
+    outside[:] = 40.0
+    native.u = outside
+    native.start_limits(state.barrier)
+    state = replace(state, evaluation=native.evaluate())
+    while solver.terminate(state) is None:
+        state = solver.step(state)
+    assert str(solver.terminate(state)) == "converged"
+    assert np.abs(native.u).max() <= 5.3
+
+
+def test_the_kernel_refuses_what_is_no_limit() -> None:
+    programme, _, _ = begun(LIMITS)
+    native = kernel_programme(programme)
+    bounds = programme.bounds
+    sides = {name: getattr(bounds, name) for name in bounds.__dataclass_fields__}
+    rest = {"path": None, "num_guards": 0, "guard": None}
+    with pytest.raises(ValueError, match="wrong length"):
+        native.set_limits(**{**sides, "u_lower": bounds.u_lower[:1]}, **rest)
+    with pytest.raises(ValueError, match="no room"):
+        native.set_limits(**{**sides, "u_lower": bounds.u_upper}, **rest)
+    with pytest.raises(ValueError, match="path functions are missing"):
+        native.set_limits(**{**sides, "path_lower": np.zeros(1), "path_upper": np.ones(1)}, **rest)
+
+
+def test_natural_coordinates_keep_limits_of_controls(arm: Path) -> None:
+    problem = mbocp.load_problem(arm, ["coordinates=natural", "limits={effort=0.2}"])
+    own, ipopt = (mbocp.solve(problem, solver=solver, check=True) for solver in ("monolithic", "ipopt"))
+    assert own.active_limits
+    assert own.limit_violation == 0.0
+    assert own.cost == pytest.approx(ipopt.cost, rel=1e-7)
+    np.testing.assert_allclose(own.lam_us, ipopt.lam_us, atol=1e-4 * np.abs(ipopt.lam_us).max())
+
+
+def test_natural_coordinates_leave_path_constraints_to_others(arm: Path) -> None:
+    wall = 'path=[{frame="link2", kind="position", z=[-9, 9]}]'
+    problem = mbocp.load_problem(arm, ["coordinates=natural", wall])
+    with pytest.raises(ProblemError, match='natural coordinates; take "ipopt" or "fatrop"'):
+        mbocp.solve(problem, solver="monolithic")
+    s = mbocp.solve(problem, solver="auto", check=True)
+    assert s.solver == "auto: IPOPT"
