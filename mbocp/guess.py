@@ -25,6 +25,7 @@ from mbocp.robot import Robot
 from mbocp.robot.drives import speed_maps
 from mbocp.solution import Solution
 from mbocp.solvers import Iterate, Methods, SolverResult, Status, pursue, zero_multipliers
+from mbocp.solvers.iterate import BoundMultipliers
 from mbocp.solvers.native import kernel_programme
 from mbocp.transcription import StagewiseProgramme, transcribe
 
@@ -129,6 +130,23 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
         us=us,
         ms=np.hstack([mus, np.zeros((N, programme.layout.nr)), dt**2 * saved.zetas[middle]]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
+        bounds=_bound_multipliers(saved, programme, left, share, middle),
+    )
+
+
+def _bound_multipliers(
+    saved: Solution, programme: StagewiseProgramme, left: Any, share: Array, middle: Any
+) -> BoundMultipliers | None:
+    """Multipliers of limits where states are (q, v); those of path constraints and guards begin anew."""
+    if not (saved.lam_us.any() or saved.lam_qs.any() or saved.lam_vs.any()):
+        return None
+    lam_xs = _between(np.hstack([saved.lam_qs, saved.lam_vs]), left, share)
+    N, at = programme.num_steps, programme.layout
+    return BoundMultipliers(
+        xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr))]),
+        us=saved.lam_us[middle],
+        path=np.zeros((N, programme.bounds.nh)),
+        guard=np.zeros(programme.num_guards),
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.iterate import BoundMultipliers, Iterate
@@ -24,6 +25,8 @@ __all__ = ["begin", "lowered", "multipliers_of", "why_limits_cannot_be_kept"]
 
 _FIRST = 0.1  # of the guess's cost, for what mu comes to over all limits ...
 _LEAST, _MOST = 1e-5, 1.0  # ... within these
+_MARGIN = 1e-2  # first distance of a slack from its bounds, relative to them and to their gap
+_WARM = 0.1  # of both, where multipliers of the limits are known
 _SETTLED = 10.0  # defect of the barrier problem, by mu, below which mu falls ...
 _FACTOR, _POWER = 0.2, 1.5  # ... to the smaller of mu by this factor and to this power
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
@@ -45,10 +48,17 @@ def begin(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         raise ProblemError(f'solver.method: "monolithic" {reason}; take "ipopt" or "fatrop"')
     native = kernel_programme(programme, has_limits=True)
     iterate.load_into(native)
-    native.start_limits(_LEAST)
+    native.start_limits(_LEAST, _MARGIN)
     barrier = _FIRST * abs(native.evaluate().cost) / native.num_limits
     barrier = min(max(barrier, _LEAST), _MOST) if math.isfinite(barrier) else _MOST
-    native.start_limits(barrier)
+    if iterate.bounds is None:
+        native.start_limits(barrier, _MARGIN)
+    else:
+        barrier *= _WARM
+        native.start_limits(barrier, _WARM * _MARGIN)
+        rows = _rows_of(iterate.bounds, programme)
+        native.z_lower = np.maximum(native.z_lower, -rows)
+        native.z_upper = np.maximum(native.z_upper, rows)
     return replace(fresh(programme, native, native.evaluate()), barrier=barrier)
 
 
@@ -76,6 +86,13 @@ def lowered(state: NewtonState, tolerance: float) -> NewtonState:
         filter=Filter.start(evaluation.violation),
         reference=None,
     )
+
+
+def _rows_of(bounds: BoundMultipliers, programme: StagewiseProgramme) -> Array:
+    """Multipliers in the order of the kernel's rows."""
+    x, u = programme.bounds.limited_x, programme.bounds.limited_u
+    of_steps = np.hstack([bounds.xs[1:, x], bounds.us[:, u], bounds.path])
+    return np.concatenate([of_steps.ravel(), bounds.guard])
 
 
 def multipliers_of(native: Any, programme: StagewiseProgramme) -> BoundMultipliers:

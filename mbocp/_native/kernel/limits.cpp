@@ -12,7 +12,6 @@ using dense::padded;
 
 namespace {
 
-constexpr double inside = 1e-2;          // a slack's first distance from its bounds, relative to them and to their gap
 constexpr double least_rest = 1e-2;      // of a distance to a bound that a step has to leave: 1 - tau, or mu
 constexpr double most_off_centre = 1e10;  // z (s - lower) / mu stays between this and its inverse
 
@@ -158,7 +157,7 @@ bool Programme::evaluate_limits() {
     return ok;
 }
 
-void Programme::start_limits(double barrier) {
+void Programme::start_limits(double barrier, double inside) {
     Limits& l = limits_;
     limits_.barrier = barrier;
     evaluate_limits();

@@ -162,7 +162,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
              nb::kw_only(), nb::arg("x_lower"), nb::arg("x_upper"), nb::arg("u_lower"), nb::arg("u_upper"),
              nb::arg("path_lower"), nb::arg("path_upper"), nb::arg("path").none(), nb::arg("num_guards"),
              nb::arg("guard").none())
-        .def("start_limits", &Programme::start_limits, nb::arg("barrier"))
+        .def("start_limits", &Programme::start_limits, nb::arg("barrier"), nb::arg("inside") = 1e-2)
         .def("weigh", &Programme::weigh, nb::arg("barrier"))
         .def_prop_ro("num_limits", &Programme::num_limits)
         .def_prop_ro("limit_multipliers", [](const Programme& p) { return to_array(p.limit_multipliers()); },

@@ -112,8 +112,9 @@ public:
 
     // Limits, see limits.hpp; states are plain vectors then (nx = ndx). With a structure only controls can have any.
     void set_limits(const Bounds& bounds, Function path, Function guard);
-    // Slacks at the values of the iterate, moved inside, and multipliers that suit the barrier parameter.
-    void start_limits(double barrier);
+    // Slacks at the values of the iterate, moved inside by a part of their bounds and of the gap between them, and
+    // multipliers that suit the barrier parameter.
+    void start_limits(double barrier, double inside);
     // Another barrier parameter at the iterate of the last evaluation.
     Evaluation weigh(double barrier);
     int num_limits() const { return limits_.total; }
