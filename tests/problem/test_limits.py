@@ -166,7 +166,7 @@ def test_true_needs_limits_of_the_robot(hector: Robot) -> None:
         limited(hector, velocity=True)
 
 
-@pytest.mark.parametrize("method", ["monolithic", "fbsm_newton", "fbsm_bb", "fbsm_bb+monolithic"])
+@pytest.mark.parametrize("method", ["fbsm_newton", "fbsm_bb", "fbsm_bb+monolithic"])
 def test_other_methods_cannot_keep_limits(load: Loader, method: str) -> None:
     reason = (
         rf'solver\.method: got "{method.replace("+", ".")}", which cannot keep \[limits\]; take "auto" \|'
@@ -176,7 +176,7 @@ def test_other_methods_cannot_keep_limits(load: Loader, method: str) -> None:
     load("limits.effort=false", f"solver.method='{method}'")
 
 
-@pytest.mark.parametrize("method", ["auto", "ipopt", "fatrop"])
+@pytest.mark.parametrize("method", ["auto", "monolithic", "ipopt", "fatrop"])
 def test_interior_point_methods_keep_limits(load: Loader, method: str) -> None:
     assert load("limits.effort=true", f"solver.method='{method}'").limits.any_finite
 

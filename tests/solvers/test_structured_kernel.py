@@ -298,7 +298,7 @@ def test_second_order_corrections_and_accepted_iterates_agree(off_the_manifold: 
     for name in (*DIRECTION, "x", "y", "u", "m", "eta"):
         assert same(getattr(dense, name), getattr(structured, name)), name
     assert trials[1].violation == pytest.approx(trials[0].violation, rel=1e-9)
-    assert trials[1].cost == pytest.approx(trials[0].cost, rel=1e-9)
+    assert trials[1].objective == pytest.approx(trials[0].objective, rel=1e-9)
 
 
 @pytest.mark.parametrize("warm", [False, True])

@@ -11,7 +11,14 @@ import pytest
 from mbocp.exceptions import InvalidValue
 from mbocp.paper.so3 import CHOICES, FORMULATIONS, lattice
 from mbocp.paper.so3.data import formulation
-from mbocp.paper.so3.experiment import Lattice, example_file, lattice_study, parse_lattice, task_problem
+from mbocp.paper.so3.experiment import (
+    SOLVERS,
+    Lattice,
+    example_file,
+    lattice_study,
+    parse_lattice,
+    task_problem,
+)
 from mbocp.paper.so3.outcomes import UPRIGHT, outcomes_of, turn_from_upright
 from mbocp.study import Study, run_study
 from mbocp.study.task import make_problem
@@ -39,7 +46,7 @@ def test_the_tasks_are_those_of_the_data() -> None:
             assert math.isclose(found.overrides["goal.q.yaw"], task.yaw, abs_tol=1e-15)
 
 
-@pytest.mark.parametrize("solver", ["fatrop", "ipopt"])
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_problems_have_the_choices(solver: str) -> None:
     study = lattice_study(Lattice(2, 2), solver=solver)
     problem = make_problem(study.job, study.task(5).overrides)

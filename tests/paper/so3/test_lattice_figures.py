@@ -85,6 +85,6 @@ def test_unknown_figures_are_refused() -> None:
 def test_requests_are_checked() -> None:
     with pytest.raises(InvalidValue, match="--variant: got wrong, expected one of corrected, as_printed"):
         Request(variant="wrong")
-    with pytest.raises(InvalidValue, match="--solver: got auto, expected one of ipopt, fatrop"):
+    with pytest.raises(InvalidValue, match="--solver: got auto, expected one of ipopt, fatrop, monolithic"):
         Request(solver="auto")
-    assert Request(folder=Path("a")).rows == Path("a/so3_13x13x12_corrected_fatrop.jsonl")
+    assert Request(folder=Path("a")).rows == Path("a/so3_13x13x12_corrected_monolithic.jsonl")

@@ -101,7 +101,7 @@ def test_no_success_is_no_number(tmp_path: Path) -> None:
 def test_an_unfinished_file_says_so(tmp_path: Path) -> None:
     found = outcomes(tmp_path, count=7)
     assert not found.is_complete
-    assert found.words == "7 of 24 tasks, fatrop, corrected"
+    assert found.words == "7 of 24 tasks, monolithic, corrected"
     assert [len(runs.ends) for runs in found.runs] == [2, 1, 1, 1, 1, 1]
 
 
