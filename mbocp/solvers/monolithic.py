@@ -19,6 +19,10 @@ makes sure that it gets there:
   the start is restored.
 - *Restoration.* Where none of this allows a step of a fiftieth, a forward sweep in closed loop makes
   the state equations hold along nearly the same motion.
+- *Restart.* Where no shift allows any step, the multipliers begin anew, twice at most: many short steps may
+  have spoilt them.
+- *Limits* enter by a barrier, see `mbocp.solvers.limits`. Everything above is then about the cost with the
+  barrier, and steps are as long as slacks and multipliers allow.
 
 On random rest-to-rest motions of arms without a velocity weight, where pure Newton fails, alternatives did
 worse: shifting controls instead of states, Gauss-Newton in place of a shift, an l1 merit function instead of
@@ -108,7 +112,7 @@ class PureNewton:
 
 @dataclass(frozen=True)
 class GlobalisedNewton:
-    """Newton's method with inertia correction and a filter line search.
+    """Newton's method with inertia correction and a filter line search; limits are kept by a barrier.
 
     Attributes
     ----------

@@ -176,7 +176,7 @@ void Programme::start_limits(double barrier, double inside) {
 Evaluation Programme::weigh(double barrier) {
     Limits& l = limits_;
     l.barrier = barrier;
-    backward_done_ = factorised_ = false;
+    backward_done_ = factorised_ = residual_known_ = false;
     for (int i = 0; i < l.total; ++i) {
         double sigma = 0, force = 0;
         if (has(l.lower[i])) sigma += z_lower[i] / (slack[i] - l.lower[i]), force -= barrier / (slack[i] - l.lower[i]);
