@@ -15,7 +15,7 @@ makes sure that it gets there:
 - *Relaxed steps.* Linearised constraints bend away quickly (a rod, a rotation), and a full Newton step then
   violates them more than any line search accepts, though the next steps make up for it. Where the line
   search shortens the step to less than a tenth, up to six full steps are taken without judging them, and
-  more while each halves the violation; if none of them is closer to feasible than the start of the run,
+  more while each halves the residual; if none of them is closer to feasible than the start of the run,
   the start is restored.
 - *Restoration.* Where none of this allows a step of a fiftieth, a forward sweep in closed loop makes
   the state equations hold along nearly the same motion.
@@ -55,7 +55,7 @@ _RESTARTS = 2
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
-_PROMISING = 0.5  # of the violation: a relaxed step that leaves no more may be followed by another
+_PROMISING = 0.5  # of the residual: a relaxed step that leaves no more may be followed by another
 _PAUSE = 10  # steps after a run that led nowhere, before the next
 _RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
 _LARGEST_ADJOINT = 1e8  # of a backward sweep that is worth starting from
@@ -261,7 +261,7 @@ class GlobalisedNewton:
             native.move(direction.longest)
             native.accept(direction.longest, direction.longest_dual)
             evaluation = native.evaluate()
-            promising = evaluation.violation < _PROMISING * state.evaluation.violation
+            promising = evaluation.residual < _PROMISING * state.evaluation.residual
             after = advanced(
                 state,
                 evaluation,

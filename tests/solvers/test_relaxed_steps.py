@@ -16,7 +16,7 @@ SPHERE = Path(__file__).parents[2] / "examples" / "paper" / "rigid_pendulum.toml
 
 
 @pytest.mark.parametrize("slide", [0.0, 1e-6, 1e-3, 5e-2, -5e-2])
-def test_a_run_goes_on_while_it_halves_the_violation(slide: float) -> None:
+def test_a_run_goes_on_while_it_halves_the_residual(slide: float) -> None:
     """The end condition is nearly singular at the guess, and the first step leads far out."""
     start = [0.0, 5.406947424340803 + slide, 4.261553452260436]
     s = mbocp.solve(mbocp.load_problem(SPHERE, {"start.p": start}), solver="monolithic")
