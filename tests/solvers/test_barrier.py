@@ -21,6 +21,8 @@ from mbocp.transcription import StagewiseProgramme, transcribe
 pytestmark = pytest.mark.usefixtures("interpreted")
 
 PAPER = Path(__file__).parents[2] / "examples" / "paper"
+UNICYCLE = PAPER.parent / "so3" / "unicycle_pendulum.toml"
+TALL = 'path=[{frame="pendulum", kind="distance", point=[0, 0, 3], min=0.5}]'
 LIMITS = "limits={effort=5.3, velocity={y=6.5}, position={z=[-11.3, 100]}}"
 PATH = (
     'path=[{name="leash", kind="distance", frame="bob", point=[0, 0, 0], min=3, max=11.5}, '
@@ -46,9 +48,9 @@ def arm(tmp_path: Path) -> Path:
 
 
 def begun(
-    *settings: str, name: str = "elastic_pendulum"
+    *settings: str, path: Path = PAPER / "elastic_pendulum.toml"
 ) -> tuple[StagewiseProgramme, GlobalisedNewton, NewtonState]:
-    problem = mbocp.load_problem(PAPER / f"{name}.toml", ["horizon.steps=12", *settings])
+    problem = mbocp.load_problem(path, ["horizon.steps=12", *settings])
     programme = transcribe(problem)
     iterate, _ = make_guess("line", problem, programme)
     solver = GlobalisedNewton(control_weight=programme.control_weight)
@@ -92,6 +94,24 @@ def test_newtons_method_on_the_barrier_problem_is_of_second_order(scheme: str, s
         errors.append(native.weigh(mu).barrier_error)
     order = np.log2(errors[0] / errors[1])
     assert 1.7 < order < 2.6, (errors, order)
+
+
+def test_derivatives_do_not_pile_up() -> None:
+    """At the last node guards and path functions meet; evaluated again, everything is as it was."""
+    settings = ["horizon.steps=8", "robot.rotations=dcm", "integrator.lie=plain", TALL]
+    programme, solver, state = begun(*settings, path=UNICYCLE)
+    assert programme.num_guards
+    assert programme.bounds.nh
+    native = solver.step(solver.step(state)).native
+    directions = []
+    for _ in range(3):
+        native.evaluate()
+        assert native.factorise(1.0, state.augmentation).ok
+        assert native.solve().linear_residual < 1e-8
+        directions.append((native.dx, native.du, native.dm))
+    for later in directions[1:]:
+        for a, b in zip(directions[0], later, strict=True):
+            assert np.array_equal(a, b)
 
 
 def test_steps_stay_inside_and_the_direction_solves_its_system() -> None:

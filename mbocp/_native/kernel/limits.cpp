@@ -69,9 +69,10 @@ void Programme::set_limits(const Bounds& bounds, Function path, Function guard) 
         l.upper.insert(l.upper.end(), upper.begin(), upper.end());
     }
     l.lower.resize(l.total, 0.0), l.upper.resize(l.total, std::numeric_limits<double>::infinity());
-    for (Numbers* v : {&l.defect, &l.sigma, &l.force, &l.ds, &l.dz_lower, &l.dz_upper, &l.slack_trial, &l.h, &l.products,
-                       &slack, &z_lower, &z_upper})
+    for (Numbers* v : {&l.defect, &l.sigma, &l.force, &l.ds, &l.dz_lower, &l.dz_upper, &l.slack_trial, &l.h, &slack,
+                       &z_lower, &z_upper})
         v->assign(l.total, 0.0);
+    l.lambda.assign(std::max(l.nh, l.num_guards), 0.0);
     const std::size_t px = padded(ndx_), nodes = l.nh ? N : l.num_guards ? 1 : 0;
     l.of_x.assign(static_cast<std::size_t>(N) * ndx_, 0.0), l.of_u.assign(u.size(), 0.0);
     l.J.assign(static_cast<std::size_t>(l.nh) * N * px, 0.0), l.guard_J.assign(l.num_guards * px, 0.0);
@@ -79,37 +80,11 @@ void Programme::set_limits(const Bounds& bounds, Function path, Function guard) 
     limits_ = std::move(l);
 }
 
-// Values h of a stage's path functions at the end of its step, and their derivatives where J and H are not null.
-bool Programme::evaluate_path(int n, const Numbers& x_now, double* h, double* J, double* H) {
-    Limits& l = limits_;
-    StageFunction& f = *l.path;
-    const int px = padded(ndx_), first = n * l.rows + l.rows - l.nh;
-    for (int i = 0; i < l.nh; ++i) l.products[i] = z_upper[first + i] - z_lower[first + i];
-    f.arg[0] = x_now.data() + static_cast<std::size_t>(n + 1) * nx_;
-    f.arg[1] = l.products.data();
-    f.arg[2] = u.data() + u_offset[n];  // velocities that a control prescribes have no path constraints
-    f.arg[3] = theta_.data();
-    const bool ok = f.call();
-    const auto &values = f.outputs[0], &slopes = f.outputs[1], &curvature = f.outputs[2];
-    for (int k = 0; k < values.nnz(); ++k) h[values.row[k]] = f.res[0][k];
-    if (!J) return ok;
-    for (int k = 0; k < slopes.nnz(); ++k) J[slopes.row[k] * px + slopes.column[k]] = f.res[1][k];
-    for (int k = 0; k < curvature.nnz(); ++k) {
-        const int i = curvature.row[k], j = curvature.column[k];
-        H[i * px + j] = H[j * px + i] = f.res[2][k];
-    }
-    return ok;
-}
+namespace {
 
-// The same for the guards of the end condition; their Hessian is added.
-bool Programme::evaluate_guard(const Numbers& x_now, double* h, double* J, double* H) {
-    Limits& l = limits_;
-    StageFunction& f = *l.guard;
-    const int px = padded(ndx_), first = N * l.rows;
-    for (int i = 0; i < l.num_guards; ++i) l.products[i] = z_upper[first + i] - z_lower[first + i];
-    f.arg[0] = x_now.data() + static_cast<std::size_t>(N) * nx_;
-    f.arg[1] = l.products.data();
-    f.arg[2] = rho_terminal_.data();
+// Calls a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h; values into h, and, where J and H are not null,
+// derivatives into J and added to H, both with leading dimension px.
+bool evaluate_rows(StageFunction& f, int px, double* h, double* J, double* H) {
     const bool ok = f.call();
     const auto &values = f.outputs[0], &slopes = f.outputs[1], &curvature = f.outputs[2];
     for (int k = 0; k < values.nnz(); ++k) h[values.row[k]] = f.res[0][k];
@@ -123,13 +98,38 @@ bool Programme::evaluate_guard(const Numbers& x_now, double* h, double* J, doubl
     return ok;
 }
 
+}  // namespace
+
+// Path functions at the end of a stage's step.
+bool Programme::evaluate_path(int n, const Numbers& x_now, double* h, double* J, double* H) {
+    Limits& l = limits_;
+    const int first = n * l.rows + l.rows - l.nh;
+    for (int i = 0; i < l.nh; ++i) l.lambda[i] = z_upper[first + i] - z_lower[first + i];
+    l.path->arg[0] = x_now.data() + static_cast<std::size_t>(n + 1) * nx_;
+    l.path->arg[1] = l.lambda.data();
+    l.path->arg[2] = nullptr;  // zeros: what of a velocity a control prescribes is not limited
+    l.path->arg[3] = theta_.data();
+    return evaluate_rows(*l.path, padded(ndx_), h, J, H);
+}
+
+// Guards of the end condition.
+bool Programme::evaluate_guard(const Numbers& x_now, double* h, double* J, double* H) {
+    Limits& l = limits_;
+    const int first = N * l.rows;
+    for (int i = 0; i < l.num_guards; ++i) l.lambda[i] = z_upper[first + i] - z_lower[first + i];
+    l.guard->arg[0] = x_now.data() + static_cast<std::size_t>(N) * nx_;
+    l.guard->arg[1] = l.lambda.data();
+    l.guard->arg[2] = rho_terminal_.data();
+    return evaluate_rows(*l.guard, padded(ndx_), h, J, H);
+}
+
 // Values, defects and derivatives of all rows at the iterate.
 bool Programme::evaluate_limits() {
     Limits& l = limits_;
     const int nd = ndx_, px = padded(nd), nlx = static_cast<int>(l.x.size()), nlu = static_cast<int>(l.u.size());
     bool ok = true;
     std::fill(l.of_x.begin(), l.of_x.end(), 0.0), std::fill(l.of_u.begin(), l.of_u.end(), 0.0);
-    if (!l.nh) std::fill(l.H.begin(), l.H.end(), 0.0);
+    std::fill(l.H.begin(), l.H.end(), 0.0);
     for (int n = 0; n < N; ++n) {
         const int first = n * l.rows;
         double *h = l.h.data() + first, *of_x = l.of_x.data() + static_cast<std::size_t>(n) * nd;

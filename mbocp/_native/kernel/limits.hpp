@@ -38,7 +38,7 @@ struct Limits {
     Numbers slack_trial;
     Numbers of_x, of_u;       // derivatives of lambda'h in the nodes' states and in the controls
     Numbers J, H, B;          // of a node's path functions; Hessian of lambda'h; that with J' Sigma J
-    Numbers guard_J, h, products;  // of the guards; workspace
+    Numbers guard_J, h, lambda;  // of the guards; values; multipliers of one call
 
     bool empty() const { return total == 0; }
     bool has_matrix(int n, int N) const { return nh > 0 || (num_guards > 0 && n == N - 1); }
