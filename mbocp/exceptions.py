@@ -10,6 +10,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from mbocp._text import LONGEST_MESSAGE, shortened
+
 __all__ = [
     "CompilationError",
     "DimensionMismatch",
@@ -35,6 +37,7 @@ __all__ = [
     "UnknownJoint",
     "UnknownRobot",
     "UnreachableGoal",
+    "Unreadable",
     "UnsupportedRobot",
     "suggest",
 ]
@@ -45,13 +48,24 @@ def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
     names = list(valid)
     close = difflib.get_close_matches(name, names, n=3)
     if close:
-        return f"did you mean {' or '.join(repr(c) for c in close)}?"
-    shown = ", ".join(names[:limit])
+        return f"did you mean {' or '.join(repr(shortened(c)) for c in close)}?"
+    shown = ", ".join(shortened(name) for name in names[:limit])
     return f"valid names: {shown}{', ...' if len(names) > limit else ''}"
 
 
 class MbocpError(Exception):
-    """Root of all errors of mbocp."""
+    """Root of all errors of mbocp; a message has at most `LONGEST_MESSAGE` characters, whatever it quotes."""
+
+    def __init__(self, *words: Any) -> None:
+        super().__init__(*(shortened(w, LONGEST_MESSAGE) if isinstance(w, str) else w for w in words))
+
+
+class Unreadable(MbocpError):
+    """A file or text that cannot be read as what it should be; who names the file adds `reason` to it."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(reason)
 
 
 class DimensionMismatch(MbocpError):

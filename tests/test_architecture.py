@@ -13,7 +13,9 @@ PACKAGE = Path(__file__).parents[1] / "mbocp"
 
 # A layer imports itself and those before it. What composes the layers comes last.
 LAYERS = (
+    "_text",
     "exceptions",
+    "_files",
     "_arrays",
     "_linear",
     "_native",
@@ -40,7 +42,7 @@ SCRIPTS = {"__main__.py", "locate.py"}  # run, not imported
 SOURCES = sorted(
     path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py" and path.name not in SCRIPTS
 )
-ALONE = {"symbolic": {"exceptions", "_native"}, "_native": set(), "exceptions": set()}
+ALONE = {"symbolic": {"exceptions", "_native"}, "_native": set(), "exceptions": {"_text"}}
 
 
 def module_name(path: Path) -> str:

@@ -1,0 +1,147 @@
+"""Reading a file that a user names: a regular file of bounded size, as text in UTF-8 or as TOML.
+
+A folder, a pipe or a device is refused before anything is read; what cannot be read ends in one kind of
+error, `Unreadable`, whose `reason` the caller puts into an error of its own layer.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mbocp._text import shortened, shown
+from mbocp.exceptions import Unreadable
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # pragma: no cover
+    import tomli as tomllib
+
+__all__ = ["MEGABYTE", "MOST_LEVELS", "TEXT_LIMIT", "parse_toml", "read_bytes", "read_text", "read_toml"]
+
+MEGABYTE = 2**20
+TEXT_LIMIT = 4 * MEGABYTE  # of problem, study and robot files [bytes]; the largest that we know has 50 kB
+MOST_LEVELS = 64  # of tables and lists within each other
+_TOO_DEEP = f"lists or tables are nested more than {MOST_LEVELS} deep"
+_INTEGERS = range(-(2**63), 2**63)  # what TOML lets an integer be
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+# tomllib takes time quadratic in the number of parts of a dotted key.
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_LONG_KEY = re.compile(rf"(?m)^[ \t\[]*(?:{_PART}\.[ \t]*){{{MOST_LEVELS}}}")
+
+
+def read_bytes(path: str | Path, *, expected: str = "a file", limit: int = TEXT_LIMIT) -> bytes:
+    """Read a regular file of at most `limit` bytes.
+
+    Parameters
+    ----------
+    path : str or Path
+    expected : str, optional
+        What the file should be, for the message: "a problem file (TOML)".
+    limit : int, optional
+        Largest size [bytes].
+
+    Raises
+    ------
+    Unreadable
+        If there is no such file, if it is a folder, pipe or device, may not be read, or is too large.
+    """
+    try:
+        # Non-blocking: to open a pipe that nobody writes to would take for ever.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+    except FileNotFoundError as error:
+        raise Unreadable("no such file") from error
+    except OSError as error:
+        raise Unreadable(f"cannot be read: {error.strerror}") from error
+    except ValueError as error:  # a NUL in the name, or half of a surrogate pair
+        raise Unreadable(f"cannot be read: this is no name of a file ({error})") from error
+    try:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            kind = next((name for test, name in _KINDS if test(status.st_mode)), "no regular file")
+            raise Unreadable(f"is {kind}, expected {expected}")
+        with os.fdopen(handle, "rb", closefd=False) as file:
+            content = file.read(limit + 1)
+    except OSError as error:
+        raise Unreadable(f"cannot be read: {error.strerror}") from error
+    finally:
+        os.close(handle)
+    if len(content) > limit:
+        size = max(status.st_size, len(content)) / MEGABYTE
+        raise Unreadable(f"has {size:.1f} MB, expected {expected} of at most {limit / MEGABYTE:g} MB")
+    return content
+
+
+def read_text(path: str | Path, *, expected: str = "a text file", limit: int = TEXT_LIMIT) -> str:
+    """Read a text in UTF-8, with plain line ends; parameters and errors are those of `read_bytes`."""
+    try:
+        text = read_bytes(path, expected=expected, limit=limit).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise Unreadable(f"is not a text file in UTF-8, expected {expected}") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_toml(path: str | Path, *, expected: str = "a TOML file", limit: int = TEXT_LIMIT) -> dict[str, Any]:
+    """Read a TOML file; parameters are those of `read_bytes`, errors those of it and of `parse_toml`."""
+    return parse_toml(read_text(path, expected=expected, limit=limit))
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Tables of a TOML text.
+
+    Integers are those of 64 bits, as TOML demands (Python's parser takes longer ones, which no float can
+    hold), and tables and lists go at most `MOST_LEVELS` deep.
+
+    Raises
+    ------
+    Unreadable
+        If it is not TOML, with line and column; if it is nested too deeply, or has a longer integer.
+    """
+    if _LONG_KEY.search(text):
+        raise Unreadable(f"malformed TOML: a key of more than {MOST_LEVELS} parts")
+    try:
+        document: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        lines = text.splitlines() or [""]
+        end = f"at the end, line {len(lines)}, column {len(lines[-1]) + 1}"
+        raise Unreadable(f"malformed TOML: {str(error).replace('at end of document', end)}") from error
+    except RecursionError as error:
+        raise Unreadable(f"malformed TOML: {_TOO_DEEP}") from error
+    except ValueError as error:  # Python refuses to convert more than 4300 digits
+        raise Unreadable(f"malformed TOML: an integer that does not fit into 64 bits ({error})") from error
+    for path, value in _walk(document):
+        if len(path) > MOST_LEVELS:
+            raise Unreadable(f"malformed TOML: {_dotted(path)}: {_TOO_DEEP}")
+        if isinstance(value, int) and value not in _INTEGERS:
+            raise Unreadable(
+                f"malformed TOML: {_dotted(path)}: got {shown(value)}, expected an integer of 64 "
+                "bits; write a large number as a float, 1e20"
+            )
+    return document
+
+
+def _dotted(path: tuple[str, ...]) -> str:
+    return shortened(".".join(path).replace(".[", "["))
+
+
+def _walk(document: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Keys that lead to a value, and the value, for everything in a document, without recursion."""
+    stack: list[tuple[tuple[str, ...], Any]] = [((), document)]
+    while stack:
+        path, value = stack.pop()
+        yield path, value
+        if isinstance(value, dict):
+            stack += [((*path, name), inner) for name, inner in value.items()]
+        elif isinstance(value, list):
+            stack += [((*path, f"[{number}]"), inner) for number, inner in enumerate(value)]

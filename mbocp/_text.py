@@ -1,0 +1,55 @@
+"""Words of messages: what a file said is quoted, however large it is, in a few words."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from typing import Any
+
+__all__ = ["LONGEST_MESSAGE", "LONGEST_QUOTE", "shortened", "shown"]
+
+LONGEST_QUOTE = 200  # characters of one value in a message
+LONGEST_MESSAGE = 4000  # characters of a message
+_GAP = " [...] "
+_LOG10_2 = math.log10(2.0)
+_BITS = 256  # of an integer that is written out
+
+
+class _Repr(reprlib.Repr):
+    """`repr` that looks at a few entries and levels only, so that it ends in time whatever it is given."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 4
+        self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = self.maxdeque = self.maxdict = 12
+        self.maxstring = self.maxlong = self.maxother = LONGEST_QUOTE
+
+    def repr_int(self, x: int, level: int) -> str:
+        """An integer; Python itself refuses to print one of more than 4300 digits."""
+        if x.bit_length() <= _BITS:
+            return repr(x)
+        return f"an integer of about {int(x.bit_length() * _LOG10_2) + 1} digits"
+
+
+_REPR = _Repr()
+
+
+def shown(value: Any, limit: int = LONGEST_QUOTE) -> str:
+    """`repr(value)` for a message, with at most `limit` characters and in bounded time.
+
+    Parameters
+    ----------
+    value : Any
+        What a user's file or option said: text, numbers, lists and tables of any size and depth.
+    limit : int, optional
+        Longest text that is returned [characters].
+    """
+    return shortened(_REPR.repr(value), limit)
+
+
+def shortened(text: str, limit: int = LONGEST_QUOTE) -> str:
+    """`text` itself, or its beginning and end with "[...]" between them if it is longer than `limit`."""
+    if len(text) <= limit:
+        return text
+    end = max((limit - len(_GAP)) // 4, 0)
+    return text[: limit - len(_GAP) - end] + _GAP + text[len(text) - end :]
