@@ -1,25 +1,36 @@
-"""The table that grows while a solver works: live on a terminal, plain lines elsewhere."""
+"""The table that grows while a solver works: live on a terminal, plain lines elsewhere.
+
+A record costs the solver constant work: it is formatted and kept. The live picture is drawn by a thread of
+its own, a few times a second whatever comes in, and is never taller than the terminal. Of many phases the
+first and the last ones are kept, and the others are counted.
+"""
 
 from __future__ import annotations
 
 import math
 import sys
+import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Protocol
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.spinner import Spinner
-from rich.table import Table
 from rich.text import Text
 
 __all__ = ["Progress", "Record"]
 
 _ROWS = 12  # as many iterations of the phase at work stay in view
-_PERIOD = 0.05  # [s] between two pictures: a Newton step may take a millisecond, drawing takes longer
-# Without a terminal: of each phase the first so many iterations, then every tenth, then every hundredth.
+_PICTURES = 4  # a second; one takes about 2 ms to draw, and terminals far away take longer
+_FIRST, _LAST = 3, 12  # finished phases that are kept: so many from the beginning, so many from the end
+_LIVE = 3  # finished phases in the live picture, where the terminal has room for them ...
+_TALL = 4  # ... with so many lines each: name, first row, "... more", last row
+_FRAME = 5  # lines around: columns' names, phases before, name and "... more" of the phase at work, spinner
+# Without a terminal: the first so many iterations of a phase, then every tenth, then every hundredth; and
+# likewise of the phases.
 _PLAIN_ROWS, _PLAIN_TENTHS = 20, 200
 
 _COLUMNS = ("iteration", "cost", "residual", "increment", "step", "time")
@@ -76,9 +87,78 @@ class _Section:
         """Keep where the phase began and where it came to."""
         self.rows = deque([self.rows[-1]] if self.count == 1 else [self.first, self.rows[-1]])
 
+    def write(self, text: Text, rows: int = _ROWS) -> None:
+        """Append its lines: the last `rows` of the phase at work, first and last row of a finished one."""
+        if self.name:
+            text.append(f"{self.name}\n", style="bold cyan")
+        shown = list(self.rows)[-rows:]
+        hidden = self.count - len(shown)
+        before = 1 if hidden and shown[0] is self.first else 0
+        for i, row in enumerate(shown):
+            if hidden and i == before:
+                text.append(_line(("", f"... {hidden} more")) + "\n", style="dim")
+            text.append(_line(row) + "\n")
+
+
+class _Sections:
+    """All phases: the first ones, a count of those between, the last ones."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.current: _Section | None = None
+        self._first: list[_Section] = []
+        self._last: deque[_Section] = deque()
+        self._left_out = [0, 0]  # phases, iterations
+
+    def begin(self, name: str) -> _Section:
+        """Finish the phase at work and begin another."""
+        if self.current is not None:
+            self.current.shorten()
+            self._keep(self.current)
+        self.count += 1
+        self.current = _Section(name)
+        return self.current
+
+    def _keep(self, section: _Section) -> None:
+        if len(self._first) < _FIRST:
+            self._first.append(section)
+            return
+        self._last.append(section)
+        if len(self._last) > _LAST:
+            gone = self._last.popleft()
+            self._left_out = [self._left_out[0] + 1, self._left_out[1] + gone.count]
+
+    def text(self, *, most: int = _FIRST + _LAST, rows: int = _ROWS) -> Text:
+        """Table of the phases: of the finished ones all that are kept, or the last `most` of them."""
+        text = Text(no_wrap=True, overflow="crop")
+        text.append(_line(_COLUMNS) + "\n", style="bold")
+        finished = [*self._first, *self._last]
+        shown = finished[len(finished) - most :] if most < len(finished) else finished
+        hidden = finished[: len(finished) - len(shown)]
+        phases, iterations = self._left_out
+        phases, iterations = phases + len(hidden), iterations + sum(section.count for section in hidden)
+        gap = 0 if hidden else len(self._first)
+        for i, section in enumerate(shown):
+            if i == gap:
+                _write_gap(text, phases, iterations)
+            section.write(text)
+        if gap >= len(shown):
+            _write_gap(text, phases, iterations)
+        if self.current is not None:
+            self.current.write(text, rows)
+        text.rstrip()
+        return text
+
+
+def _write_gap(text: Text, phases: int, iterations: int) -> None:
+    if phases:
+        text.append(f"... {phases} phases with {iterations} rows more\n", style="dim")
+
 
 class Progress:
     """Callback of a solver that shows its iterations on stderr, phase after phase.
+
+    The column `time` counts from the first record, where the solver begins.
 
     Parameters
     ----------
@@ -93,16 +173,23 @@ class Progress:
     def __init__(self, title: str, *, quiet: bool = False, console: Console | None = None) -> None:
         self.title, self.quiet = title, quiet
         self._console = console if console is not None else Console(file=sys.stderr)
-        self._sections: list[_Section] = []
+        self._lock = threading.Lock()  # the picture is drawn by another thread
+        self._sections = _Sections()
         self._unprinted: tuple[str, ...] = ()
-        self._begin = self._drawn = time.perf_counter()
+        self._unnamed = 0  # phases that were left out of the log since the last one that was not
+        self._begin = math.nan
         self._doing = ""
         self._spinner = Spinner("dots")
         self._live: Live | None = None
 
     def __enter__(self) -> Progress:
         if not self.quiet and self._console.is_terminal:
-            self._live = Live(self._picture(), console=self._console, refresh_per_second=10, transient=True)
+            self._live = Live(
+                console=self._console,
+                refresh_per_second=_PICTURES,
+                transient=True,
+                get_renderable=self._picture,
+            )
             self._live.start()
         return self
 
@@ -110,90 +197,83 @@ class Progress:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._live is None:
+            self._print_gap()
             self._print_row(self._unprinted)
             return
         self._doing = ""
-        self._live.update(self._picture())
         self._live.stop()
-        if self._sections and kind is None:
-            self._console.print(*self._tables(), sep="\n")  # the last iterations stay
+        if self._sections.current is not None and kind is None:
+            self._console.print(self._sections.text())  # the last iterations stay
 
     def say(self, doing: str) -> None:
         """Show what is going on before the first iteration."""
         self._doing = doing
-        self._draw(now=True)
+        if self._live is not None:
+            self._live.refresh()
 
     def __call__(self, record: Record) -> None:
         """Show an iteration."""
-        is_new = not self._sections or self._sections[-1].is_over(record)
-        if is_new:
-            for section in self._sections:
-                section.shorten()
-            self._sections.append(_Section(record.phase))
-        self._doing = record.phase
-        row = _row(record, time.perf_counter() - self._begin)
-        self._sections[-1].add(record, row)
-        if self._live is None:
-            self._print_plain(row, is_new=is_new)
-        else:
-            self._draw(now=is_new)
-
-    def _draw(self, *, now: bool) -> None:
         moment = time.perf_counter()
-        if self._live is not None and (now or moment - self._drawn > _PERIOD):
-            self._drawn = moment
-            self._live.update(self._picture(), refresh=True)
+        self._begin = moment if math.isnan(self._begin) else self._begin
+        row = _row(record, moment - self._begin)
+        with self._lock:
+            section = self._sections.current
+            is_new = section is None or section.is_over(record)
+            if section is None or is_new:
+                section = self._sections.begin(record.phase)
+            section.add(record, row)
+            self._doing = record.phase
+        if self._live is None and not self.quiet:
+            self._print_plain(section, row, is_new=is_new)
 
-    def _print_plain(self, row: tuple[str, ...], *, is_new: bool) -> None:
-        section = self._sections[-1]
+    def _print_plain(self, section: _Section, row: tuple[str, ...], *, is_new: bool) -> None:
+        is_named = self._sections.count % _every(self._sections.count) == 0
         if is_new:
-            self._print_row(self._unprinted)  # where the phase before came to
-            if len(self._sections) == 1:
-                self._print_row(_COLUMNS)
-            self._print_line(section.name)
-        every = 1 if section.count <= _PLAIN_ROWS else 10 if section.count <= _PLAIN_TENTHS else 100
-        if section.count % every == 0:
+            self._unnamed += not is_named
+            if is_named:
+                self._print_gap()
+                self._print_row(self._unprinted)  # where the phase before came to
+                if self._sections.count == 1:
+                    self._print_row(_COLUMNS)
+                self._print_line(section.name)
+        is_shown = is_named and section.count % _every(section.count) == 0
+        if is_shown:
             self._print_row(row)
-        self._unprinted = row if section.count % every else ()
+        self._unprinted = () if is_shown else row
+
+    def _print_gap(self) -> None:
+        if self._unnamed:
+            self._print_line(f"... {self._unnamed} phases more")
+        self._unnamed = 0
 
     def _print_row(self, row: tuple[str, ...]) -> None:
-        self._print_line("  ".join(n.rjust(w) for n, w in zip(row, _WIDTHS, strict=True)) if row else "")
+        self._print_line(_line(row))
 
     def _print_line(self, line: str) -> None:
         if line and not self.quiet:
             self._console.file.write(line + "\n")
 
     def _picture(self) -> Group:
-        parts: list[Table | Text | Spinner] = self._tables() if self._sections else []
-        if self._doing:
-            self._spinner.update(text=Text(f"{self.title}: {self._doing}"))
+        """As many phases and iterations as the terminal has room for, and what is going on."""
+        rows = max(1, min(_ROWS, self._console.height - _FRAME))
+        most = max(0, min(_LIVE, (self._console.height - _FRAME - _ROWS) // _TALL))
+        with self._lock:
+            doing, is_begun = self._doing, self._sections.current is not None
+            parts: list[Text | Spinner] = [self._sections.text(most=most, rows=rows)] if is_begun else []
+        if doing:
+            self._spinner.update(text=Text(f"{self.title}: {doing}", no_wrap=True, overflow="crop"))
             parts.append(self._spinner)
         return Group(*parts)
 
-    def _tables(self) -> list[Table | Text | Spinner]:
-        parts: list[Table | Text | Spinner] = [_table(header=True)]
-        for section in self._sections:
-            if section.name:
-                parts.append(Text(section.name, style="bold cyan"))
-            parts.append(_table(section))
-        return parts
+
+def _every(count: int) -> int:
+    """Which of so many are shown in a log: all, every tenth, every hundredth."""
+    return 1 if count <= _PLAIN_ROWS else 10 if count <= _PLAIN_TENTHS else 100
 
 
-def _table(section: _Section | None = None, *, header: bool = False) -> Table:
-    """Columns of the same widths for every phase; the header stands alone, above the first one's name."""
-    table = Table(box=None, pad_edge=False, header_style="bold", show_header=header)
-    for name, width in zip(_COLUMNS, _WIDTHS, strict=True):
-        table.add_column(name, justify="right", no_wrap=True, width=width)
-    if section is None:
-        return table
-    rows, hidden = list(section.rows), section.count - len(section.rows)
-    # A finished phase shows its first and its last row, the one at work its last ones.
-    before = 1 if hidden and rows[0] is section.first else 0
-    for i, row in enumerate(rows):
-        if hidden and i == before:
-            table.add_row("", f"... {hidden} more", style="dim")
-        table.add_row(*row)
-    return table
+def _line(row: Iterable[str]) -> str:
+    """Columns of the same widths for every phase."""
+    return "  ".join(n.rjust(w) for n, w in zip(row, _WIDTHS))  # noqa: B905  # short rows are notes
 
 
 def _row(record: Record, elapsed: float) -> tuple[str, ...]:

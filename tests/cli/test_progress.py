@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import re
+import time
 
+import pytest
 from rich.console import Console
 
 from mbocp.cli.progress import Progress
@@ -84,3 +86,72 @@ def test_phases_are_apart_on_a_terminal() -> None:
     last = [line.split()[0] for line in lines[heads[2] + 1 :] if line.strip()]
     assert last == ["33", "34", "35"]
     assert max(map(len, lines)) <= 80
+
+
+def _switch(progress: Progress, switches: int) -> None:
+    """Drive an interior-point method that goes into its restoration and back all the time, two rows each."""
+    for n in range(switches):
+        phase = "ipopt (restoration)" if n % 2 else "ipopt"
+        for k in range(2):
+            progress(IterationRecord(2 * n + k, residual=1.0, step_length=1.0, phase=phase))
+
+
+def _lines(text: str) -> list[str]:
+    plain = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", text).replace("\r", "")
+    return [line for line in plain.splitlines() if line.strip()]
+
+
+def test_pictures_do_not_grow_with_the_phases(monkeypatch: pytest.MonkeyPatch) -> None:
+    out, pictures = io.StringIO(), []
+    draw = Progress._picture
+    monkeypatch.setattr(Progress, "_picture", lambda self: pictures.append(0) or draw(self))
+    console = Console(file=out, width=80, height=40, force_terminal=True)
+    clock = time.perf_counter()
+    with Progress("arm", console=console) as progress:
+        _switch(progress, 1000)
+        assert len(console.render_lines(draw(progress))) <= console.height
+    pace = 4.0 * (time.perf_counter() - clock)  # pictures a second, whatever comes in
+    assert len(pictures) <= pace + 4
+    assert len(_lines(out.getvalue())) <= (len(pictures) + 1) * console.height + 80
+
+
+@pytest.mark.parametrize("height", [10, 24, 60])
+def test_the_picture_fits_the_terminal_and_shows_the_phase_at_work(height: int) -> None:
+    console = Console(file=io.StringIO(), width=80, height=height, force_terminal=True)
+    with Progress("arm", console=console) as progress:
+        _switch(progress, 50)
+        for k in range(100, 130):
+            progress(IterationRecord(k, residual=1.0, step_length=1.0, phase="ipopt"))
+        lines = ["".join(part.text for part in line) for line in console.render_lines(progress._picture())]
+    assert len(lines) <= height
+    assert lines[-1].split()[-1] == "ipopt"  # the spinner's
+    assert lines[-2].split()[0] == "129"
+
+
+def test_many_phases_end_in_a_short_table() -> None:
+    out = io.StringIO()
+    with Progress("arm", console=Console(file=out, width=80, force_terminal=True)) as progress:
+        _switch(progress, 300)
+    text = out.getvalue()
+    lines = _lines(text[text.rindex("iteration ") :])
+    assert "... 284 phases with 568 rows more" in lines
+    assert len(lines) < 70
+    assert lines[-1].split()[0] == "599"
+
+
+def test_many_phases_thin_out_in_a_log() -> None:
+    out = io.StringIO()
+    with Progress("arm", console=Console(file=out, width=80)) as progress:
+        _switch(progress, 300)
+    lines = _lines(out.getvalue())
+    assert len(lines) < 200
+    assert "... 99 phases more" in lines
+    assert lines[-1].split()[0] == "599"
+
+
+def test_the_clock_of_the_table_begins_with_the_solver() -> None:
+    out = io.StringIO()
+    with Progress("arm", console=Console(file=out, width=80)) as progress:
+        time.sleep(0.05)  # [s] imports, compiling
+        progress(IterationRecord(0, residual=1.0))
+    assert _lines(out.getvalue())[-1].endswith("0.00 s")
