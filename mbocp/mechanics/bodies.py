@@ -27,6 +27,7 @@ from mbocp.robot.joints import joint_kind
 __all__ = ["Body", "BodyTree", "body_tree"]
 
 SIZE = 12  # numbers of a body
+TURNING = ("revolute", "continuous")  # joints whose displacement is an angle, known up to full turns
 _ROUND_OFF = 1e-12
 _ANGLE = 0.1  # [rad, m] displacement at which a follower's motion is looked at
 
@@ -183,7 +184,8 @@ def body_tree(robot: Robot) -> BodyTree:
     Raises
     ------
     UnsupportedRobot
-        For what natural coordinates cannot describe, naming the joint: helical joints, drives.
+        For what natural coordinates cannot describe, naming the joint: helical joints, drives, followers of
+        a leader that may turn by more than half a turn, other than by whole turns.
     """
     model = robot.model
     _refuse(robot)
@@ -201,6 +203,9 @@ def body_tree(robot: Robot) -> BodyTree:
             sliding += [(first.idx_v + i, first.idx_q + i) for i in range(first.nv)]
         bodies.append(_body(robot, joint, kind, -1 if slides else at, placements[joint], data))
         at += 0 if slides else SIZE
+    for body in bodies:
+        if body.leader:
+            _refuse_unknown_turns(robot, body, bodies[body.leader - 1])
     shifted = [_shifted(body, len(sliding)) for body in bodies]
     return BodyTree(robot, tuple(shifted), tuple(v for v, _ in sliding), tuple(q for _, q in sliding))
 
@@ -218,6 +223,21 @@ def _refuse(robot: Robot) -> None:
         raise UnsupportedRobot(
             f"robot {robot.name!r}: drives ({', '.join(d.name for d in robot.drives)}) prescribe motions of "
             'joints, which natural coordinates do not have; take coordinates = "joint"'
+        )
+
+
+def _refuse_unknown_turns(robot: Robot, follower: Body, leader: Body) -> None:
+    """Refuse a follower whose place needs the number of full turns of its leader, which coordinates lack."""
+    turns_whole = follower.kind in TURNING and abs(follower.ratio - round(follower.ratio)) < _ROUND_OFF
+    if leader.kind not in TURNING or turns_whole:
+        return
+    where, limits = robot.configuration_indices(leader.name), robot.limits
+    lower, upper = limits.position_lower[where], limits.position_upper[where]
+    if leader.kind == "continuous" or lower.min() < -np.pi or upper.max() > np.pi:
+        raise UnsupportedRobot(
+            f"robot {robot.name!r}: joint {follower.name!r} follows {leader.name!r} at the ratio "
+            f"{follower.ratio:.6g}, and {leader.name!r} may leave -pi ... pi: natural coordinates know an "
+            'angle up to full turns; limit that joint in the URDF, or take coordinates = "joint"'
         )
 
 

@@ -9,17 +9,24 @@ dq is a tangent vector at q throughout, and dp belongs to the body-fixed compone
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.mechanics.joint import JointMechanics
 from mbocp.robot import Robot
 
 __all__ = ["dual_of_momentum", "dual_of_velocity", "momentum_derivative"]
 
 
 def momentum_derivative(robot: Robot, q: Array, v: Array) -> Array:
-    """Derivative of M(q) v along the tangent space of q, shape (nv, nv)."""
+    """Derivative of M(q) v along the tangent space of q, shape (nv, nv) [N s/rad, N m s/rad, N s/m]."""
+    if len(robot.model.mimicking_joints):  # Pinocchio's derivatives refuse them
+        symbolic: Array = _momentum_derivative(robot)(q, v).full()
+        return symbolic
     model, zero = robot.model, np.zeros(robot.nv)
     data = model.createData()  # what Pinocchio returns points into it
     # M(q) v is what an acceleration v takes at rest, less gravity.
@@ -40,3 +47,13 @@ def dual_of_velocity(robot: Robot, q: Array, v: Array, mu: Array) -> Array:
     nv = robot.nv
     along_q = mu[:nv] + momentum_derivative(robot, q, v).T @ mu[nv:]
     return np.concatenate([along_q, robot.mass_matrix(q) @ mu[nv:]])
+
+
+@lru_cache(maxsize=16)
+def _momentum_derivative(robot: Robot) -> ca.Function:
+    """Derivative of M(q) v along the tangent space of q, from the symbolic inverse dynamics."""
+    mechanics, rest = JointMechanics(robot), ca.SX.zeros(robot.nv)
+    q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
+    momentum = mechanics.inverse_dynamics(q, rest, v) - mechanics.inverse_dynamics(q, rest, rest)
+    derivative = ca.jacobian(momentum, q) @ mechanics.tangent_map(q)
+    return ca.Function("momentum_derivative", [q, v], [ca.densify(derivative)])

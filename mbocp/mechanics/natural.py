@@ -24,7 +24,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.mechanics.bodies import SIZE, Body, BodyTree
 from mbocp.mechanics.forces import force_element_energy, force_element_force
-from mbocp.mechanics.natural_joints import JointRow, joint_rows
+from mbocp.mechanics.natural_joints import JointRow, follower_row, joint_rows
 from mbocp.mechanics.natural_kinematics import NaturalKinematics, constant
 from mbocp.robot import Robot
 from mbocp.robot.constraint_equations import constraint_rows
@@ -174,13 +174,8 @@ class NaturalMechanics(NaturalKinematics):
             )
             yield from joint_rows(body, axes, away, D)
             if body.leader:
-                own = self.joint_displacement(body.joint, q)
-                yield JointRow(
-                    body,
-                    "follows",
-                    "rad" if body.kind == "revolute" else "m",
-                    own - body.ratio * self.joint_displacement(body.leader, q),
-                )
+                own, others = (self.joint_displacement(j, q) for j in (body.joint, body.leader))
+                yield follower_row(body, own, others)
 
     def _loops(self, q: ca.SX) -> ca.SX:
         if not self.robot.constraints:

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.mechanics.bodies import Body
+from mbocp.mechanics.bodies import TURNING, Body
 
-__all__ = ["JointRow", "joint_rows", "perpendiculars"]
+__all__ = ["JointRow", "follower_row", "joint_rows", "perpendiculars"]
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,18 @@ def joint_rows(body: Body, axes: ca.SX, away: ca.SX, D: ca.SX) -> Iterator[Joint
         yield JointRow(body, "height", "m", ca.dot(axes[:, 2], away))
         for i in range(2):
             yield JointRow(body, f"tilt {i + 1}", "", ca.dot(axes[:, i], D[:, 2]))
+
+
+def follower_row(body: Body, own: ca.SX, leaders: ca.SX) -> JointRow:
+    """What ties a follower (mimic joint) to its leader, given the displacements of both [rad, m].
+
+    An angle is known up to full turns: a follower that turns is at the place nearest to where it stands. That
+    is the right one however far it has turned, if its leader is known, or turns it by whole turns.
+    """
+    value = own - body.ratio * leaders
+    if body.kind not in TURNING:
+        return JointRow(body, "follows", "m", value)
+    return JointRow(body, "follows", "rad", ca.atan2(ca.sin(value), ca.cos(value)))
 
 
 def perpendiculars(axis: Array) -> tuple[Array, Array]:
