@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -67,7 +68,8 @@ def solve(
     Raises
     ------
     MbocpError
-        If the problem is not well posed, or its functions cannot be compiled.
+        If the problem is not well posed, or its functions cannot be compiled, or not within
+        `problem.solver.time_limit`.
     NotConverged
         With `check`: carries the solution.
     """
@@ -77,9 +79,11 @@ def solve(
         problem = problem.with_(solver=replace(problem.solver, method=solver))
     clock = time.perf_counter()
     phases: list[Phase] = []
+    limit = problem.solver.time_limit
+    deadline = math.inf if limit is None else clock + limit
     with _timed(phases, "compile"):
-        programme, left_out = _programme(problem)
-    outcome, guess_used = _solve_programme(problem, programme, warm_start, callback, phases)
+        programme, left_out = _programme(problem, deadline)
+    outcome, guess_used = _solve_programme(problem, programme, warm_start, callback, phases, deadline)
     with _timed(phases, "diagnostics"):
         trajectory = assemble(problem, programme, outcome.result.iterate)
         meanings = _meanings(problem.robot, trajectory.control_momentum_names)
@@ -100,16 +104,16 @@ def solve(
     return solution
 
 
-def _programme(problem: Problem) -> tuple[StagewiseProgramme, str]:
+def _programme(problem: Problem, deadline: float) -> tuple[StagewiseProgramme, str]:
     """Programme without end conditions that the dynamics meet by themselves, and which these are."""
-    programme = transcribe(problem)
+    programme = transcribe(problem, deadline=deadline)
     if problem.scheme not in EXPLICIT_SCHEMES or problem.goal.redundant == "keep":
         return programme, ""
     rows = dependent_end_rows(programme, np.vstack(programme.end_rows))
     if not rows:
         return programme, ""
     names = ", ".join(programme.describe_row(-1, row) for row in rows)
-    return transcribe(problem, rows), f"; left out, since the dynamics imply it: {names}"
+    return transcribe(problem, rows, deadline=deadline), f"; left out, since the dynamics imply it: {names}"
 
 
 @contextmanager
@@ -125,12 +129,12 @@ def _solve_programme(
     warm_start: Solution | None,
     callback: Callable[[IterationRecord], object] | None,
     phases: list[Phase],
+    deadline: float,
 ) -> tuple[Outcome, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails."""
     methods, best = Methods.of(problem.solver, programme, has_inequalities=problem.is_bounded), None
     history: list[IterationRecord] = []
     kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
-    clock, limit = time.perf_counter(), problem.solver.time_limit
     for attempt, kind in enumerate(kinds):
         try:
             with _timed(phases, "guess"):
@@ -148,7 +152,7 @@ def _solve_programme(
                 raise  # there is nothing to return yet
             best = (_interrupted(best[0]), best[1])
             break
-        left = None if limit is None else max(0.0, limit - (time.perf_counter() - clock))
+        left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
         outcome = pursue(
             replace(methods, time_limit=left),
             programme,
@@ -199,6 +203,7 @@ def _solution(
         advice=result.advice
         + _other_root(problem, result, trajectory.qs[-1])
         + _coarse_steps(problem, trajectory.qs, trajectory.vs)
+        + _compiled_long(problem, result, phases)
         + told,
         solver=outcome.solver,
         iterations=sum(p.iterations for p in phases),
@@ -249,6 +254,15 @@ def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:
         f"; but the end is {distance:.3g} off goal.q: the end condition, projected onto the constraints, "
         "has another root there; start from another guess"
     )
+
+
+def _compiled_long(problem: Problem, result: SolverResult, phases: list[Phase]) -> str:
+    """Say where compiling took most of the time that a solve had."""
+    limit = problem.solver.time_limit
+    seconds = sum(phase.wall_time_s for phase in phases if phase.name == "compile")
+    if limit is None or result.status is not Status.TIME_LIMIT or seconds < limit / 2:
+        return ""
+    return f"; compiling took {seconds:.1f} s of it, which the next run of this shape is spared"
 
 
 def _singular(robot: Robot, qs: Array) -> str:

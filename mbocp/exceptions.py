@@ -14,6 +14,7 @@ from mbocp._text import LONGEST_MESSAGE, shortened
 
 __all__ = [
     "CompilationError",
+    "CompilationTimeout",
     "DimensionMismatch",
     "InconsistentStart",
     "InvalidValue",
@@ -172,6 +173,17 @@ class TranscriptionError(MbocpError):
 
 class CompilationError(TranscriptionError):
     """The C compiler refused a generated stage function."""
+
+
+class CompilationTimeout(CompilationError):
+    """The time limit of a solve passed before its stage functions were there; `doing` says at what."""
+
+    def __init__(self, doing: str) -> None:
+        self.doing = doing
+        super().__init__(
+            f"solver.time_limit passed while {doing}: no iteration was taken. Raise it; the functions are "
+            "kept once they are compiled, so that later runs of this shape begin at once"
+        )
 
 
 class NativeMismatch(MbocpError):

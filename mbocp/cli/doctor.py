@@ -105,7 +105,7 @@ def _kernel() -> tuple[Verdict, str, str]:
 
 
 def _compiler() -> tuple[Verdict, str, str]:
-    from mbocp.transcription.compilation import compiler
+    from mbocp.transcription.compiler import compiler
 
     path = compiler()
     if path is None:
@@ -118,19 +118,20 @@ def _compiler() -> tuple[Verdict, str, str]:
 
 
 def _cache() -> tuple[Verdict, str, str]:
-    from mbocp.transcription.compilation import cache_folder
+    from mbocp.transcription.cache import cache_folder, cache_limit, entries, is_private, scratch_folder
 
     folder = cache_folder()
-    entries = [entry for entry in folder.iterdir() if entry.suffix == ".so"]
-    size = sum(entry.stat().st_size for entry in entries) / 1e6  # [MB]
-    found = f"{folder}: {len(entries)} compiled shapes, {size:.1f} MB"
-    if not os.access(folder, os.W_OK):
-        return (
-            "warn",
-            found,
-            "not writable: every run compiles anew; set MBOCP_CACHE_DIR to a folder of yours",
-        )
-    return "ok", found, ""
+    held = entries(folder)
+    size = sum(state.st_size for _, state in held) / 1e6  # [MB]
+    found = f"{folder}: {len(held)} compiled shapes, {size:.1f} of {cache_limit() / 1e6:.0f} MB"
+    advice = "every run compiles anew; set MBOCP_CACHE_DIR to a folder of yours"
+    if is_private(folder):
+        return "warn", found, f"temporary: {advice}"
+    try:
+        with scratch_folder(folder):
+            return "ok", found, ""
+    except OSError as error:
+        return "warn", found, f"cannot be written ({error}): {advice}"
 
 
 def _robots() -> tuple[Verdict, str, str]:

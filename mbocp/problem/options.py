@@ -88,7 +88,7 @@ class SolverOptions:
         A hybrid goes over to Newton's method when the residual is below `switch_residual`, or the cost below
         this part of the guess's, or after so many gradient steps. 0 switches one of the first two off.
     time_limit : float or None
-        Wall time after which the solver gives up [s]; None: never.
+        Wall time after which the solve is given up, compiling included [s]; None: never.
     linear_solver : {"auto", "mumps", "ma27"}
         Of ``ipopt``.
     """

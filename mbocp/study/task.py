@@ -8,11 +8,12 @@ import time
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from mbocp.api import solve
+from mbocp.exceptions import CompilationTimeout
 from mbocp.problem import Problem
 from mbocp.problem.build import problem_from_tables
 from mbocp.problem.overrides import apply_overrides
@@ -127,6 +128,8 @@ def run_task(job: Job, overrides: Mapping[str, Any], custom: Solve | None = None
             row = solution_row(problem, solution, time.perf_counter() - clock, job.record)
         except _TimeIsUp:
             return failure_row(TIMEOUT, watch.words, time.perf_counter() - clock)
+        except CompilationTimeout as error:
+            return failure_row(TIMEOUT, str(error), time.perf_counter() - clock)
         except Exception as error:
             return failure_row(ERROR, f"{type(error).__name__}: {error}", time.perf_counter() - clock)
         if not solution.converged and watch.has_ended(solution):
@@ -139,7 +142,8 @@ def rehearse(job: Job, overrides: Mapping[str, Any]) -> None:
     with _lock, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            solve(make_problem(job, {**overrides, "solver.max_iterations": 1}))
+            problem = make_problem(job, {**overrides, "solver.max_iterations": 1})
+            solve(problem.with_(solver=replace(problem.solver, time_limit=None)))
         except Exception:
             return  # the task itself will say it
 

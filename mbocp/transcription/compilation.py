@@ -2,20 +2,20 @@
 
 An entry is one shared library with a checksum behind it, written under a temporary name and moved into
 place, so that several processes can fill the cache at once and a torn or foreign file is noticed and
-rebuilt. Without a C compiler the functions run in CasADi's virtual machine.
+rebuilt. Where the folder cannot be written, a temporary one takes its place. Without a C compiler the
+functions run in CasADi's virtual machine.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import math
 import os
 import platform
-import shutil
-import stat
-import subprocess
-import tempfile
 import warnings
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -23,9 +23,19 @@ from pathlib import Path
 import casadi as ca
 
 from mbocp.exceptions import CompilationError
+from mbocp.transcription.cache import (
+    cache_folder,
+    cached,
+    is_private,
+    private_folder,
+    scratch_folder,
+    sealed,
+    trim,
+)
+from mbocp.transcription.compiler import check_deadline, compiler, run_compiler
 from mbocp.transcription.splitting import split_functions
 
-__all__ = ["CompiledFunctions", "NoCompilerWarning", "cache_folder", "compiler", "has_avx2", "load_functions"]
+__all__ = ["CompiledFunctions", "NoCompilerWarning", "has_avx2", "load_functions"]
 
 _FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
 # All that -O2 or -O3 gain on such code, compiled in half the time or a third of it.
@@ -35,8 +45,6 @@ _SCHEDULE = ("-fschedule-insns", "-fsched-pressure")  # of dense functions 4 % l
 _DENSE = 10  # operations per number that goes in or out: joint coordinates have dozens, natural ones 5
 _LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
 _LARGE_END = 20_000  # the same for what is called once where others are called at every step
-_MAGIC = b"mbocp-stage-1:"  # then the SHA-256 of all that stands before it
-_TRAILER = len(_MAGIC) + 64
 
 
 class NoCompilerWarning(UserWarning):
@@ -82,47 +90,12 @@ def has_avx2() -> bool:
     return {"avx2", "fma"} <= set(line.split())
 
 
-def compiler() -> str | None:
-    """Path of the C compiler that is used: $CC, else cc, gcc or clang; None when there is none."""
-    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        found = shutil.which(name) if name else None
-        if found:
-            return found
-    return None
-
-
-def cache_folder() -> Path:
-    """Folder of compiled stage functions: $MBOCP_CACHE_DIR, else $XDG_CACHE_HOME/mbocp, else ~/.cache/mbocp.
-
-    The folder is created for the user alone; one that somebody else owns or may write to is not used, since
-    its content is loaded as code: a private temporary folder takes its place for this process.
-    """
-    named = os.environ.get("MBOCP_CACHE_DIR")
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mbocp"
-    folder = (Path(named) if named else base) / "stages"
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        state = folder.stat()
-        trusted = state.st_uid == os.getuid() and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-        reason = "somebody else may write to it"
-    except OSError as error:
-        trusted, reason = False, str(error)
-    return folder if trusted else _private_folder(str(folder), reason)
-
-
-@cache
-def _private_folder(folder: str, reason: str) -> Path:
-    warnings.warn(
-        f"the cache of compiled functions {folder} is not used: {reason}; mend it (chmod 700, owner) or set "
-        "MBOCP_CACHE_DIR. Compiling into a temporary folder.",
-        RuntimeWarning,
-        stacklevel=3,
-    )
-    return Path(tempfile.mkdtemp(prefix="mbocp-"))
-
-
 def load_functions(
-    key: str, build: Callable[[], dict[str, ca.Function]], *, of_end: bool = False
+    key: str,
+    build: Callable[[], dict[str, ca.Function]],
+    *,
+    of_end: bool = False,
+    deadline: float = math.inf,
 ) -> CompiledFunctions:
     """Functions of the shape `key`, from the cache or compiled now.
 
@@ -134,25 +107,31 @@ def load_functions(
         Gives the CasADi functions by name; only called when the cache has no sound entry.
     of_end : bool
         They are called once in an evaluation, and not at every step: compiling is worth less.
+    deadline : float
+        Time of `time.perf_counter` at which compiling is given up.
 
     Raises
     ------
     CompilationError
-        If the compiler refuses the generated code.
+        If the compiler refuses the generated code, or nothing can be written.
+    CompilationTimeout
+        If the deadline passes before the functions are there.
     """
     material = "\n".join([key, _sources_digest(), _casadi_version(), platform.machine(), " ".join(_flags())])
-    digest = hashlib.sha256(material.encode()).hexdigest()[:32]
-    folder = cache_folder()
-    library = folder / f"{digest}.so"
-    if _is_sound(library):
+    name = f"{hashlib.sha256(material.encode()).hexdigest()[:32]}.so"
+    library = cached(name)
+    if library is not None:
         return CompiledFunctions(library, {}, compiled_now=False)
+    check_deadline(deadline, "the functions were to be built")
+    functions = build()
+    check_deadline(deadline, "the functions were built")
     cc = compiler()
     if cc is None:
         _warn_no_compiler()
         return CompiledFunctions(
-            None, {name: f.serialize() for name, f in build().items()}, compiled_now=False
+            None, {name: f.serialize() for name, f in functions.items()}, compiled_now=False
         )
-    _compile(cc, build(), library, _LARGE_END if of_end else _LARGE)
+    library = _compiled(_Unit(cc, functions, _LARGE_END if of_end else _LARGE, deadline), name)
     return CompiledFunctions(library, {}, compiled_now=True)
 
 
@@ -188,25 +167,6 @@ def _sources_digest() -> str:
     return digest.hexdigest()
 
 
-def _is_sound(library: Path) -> bool:
-    try:
-        state = library.stat()
-    except OSError:
-        return False
-    return state.st_uid == os.getuid() and _has_checksum(library, state.st_mtime_ns, state.st_size)
-
-
-@lru_cache(maxsize=1024)
-def _has_checksum(library: Path, changed_ns: int, size: int) -> bool:
-    """Whether the file ends with the checksum of the rest; looked at once for each state of the file."""
-    try:
-        content = library.read_bytes()
-    except OSError:
-        return False
-    body, trailer = content[:-_TRAILER], content[-_TRAILER:]
-    return trailer == _MAGIC + hashlib.sha256(body).hexdigest().encode()
-
-
 def _flags_for(functions: Collection[ca.Function], most: int) -> tuple[str, ...]:
     """Flags by the largest function; `most` operations are worth optimising."""
     largest = max(functions, key=lambda function: function.n_instructions())
@@ -217,26 +177,52 @@ def _flags_for(functions: Collection[ca.Function], most: int) -> tuple[str, ...]
     return (*_flags(), *(_SCHEDULE if is_dense else ()))
 
 
-def _compile(cc: str, functions: Mapping[str, ca.Function], library: Path, most: int) -> None:
-    with tempfile.TemporaryDirectory(dir=library.parent, prefix="build-") as scratch:
+@dataclass(frozen=True)
+class _Unit:
+    """What is compiled together: by which compiler, how many operations are worth optimising, until when."""
+
+    cc: str
+    functions: Mapping[str, ca.Function]
+    most: int
+    deadline: float
+
+
+def _compiled(unit: _Unit, name: str) -> Path:
+    """Compile into the folder that is used; where it cannot be written, into a temporary one."""
+    folder = cache_folder()
+    try:
+        if not is_private(folder):
+            try:
+                return _compile(unit, folder / name)
+            except OSError as error:
+                folder = private_folder(folder, str(error))
+        return _compile(unit, folder / name)
+    except OSError as error:
+        raise CompilationError(
+            f"compiled functions cannot be written: {error}; make room, or set MBOCP_CACHE_DIR to a folder "
+            "that can be written to"
+        ) from error
+
+
+def _compile(unit: _Unit, library: Path) -> Path:
+    if library.is_dir():  # nothing could be moved into its place
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(library))
+    with scratch_folder(library.parent) as scratch:
         generator = ca.CodeGenerator("stage.c")
-        for function in functions.values():
+        for function in unit.functions.values():
             generator.add(function)
-        generator.generate(scratch + os.sep)
-        source, built = Path(scratch) / "stage.c", Path(scratch) / "stage.so"
-        source.write_text(split_functions(source.read_text(encoding="utf-8")), encoding="utf-8")
-        command = [cc, *_flags_for(functions.values(), most), "-o", str(built), str(source), "-lm"]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-        except OSError as error:
+        source, built = scratch / "stage.c", scratch / "stage.so"
+        source.write_text(split_functions(generator.dump()), encoding="utf-8")
+        check_deadline(unit.deadline, "the functions were written in C")
+        flags = _flags_for(unit.functions.values(), unit.most)
+        run_compiler([unit.cc, *flags, "-o", str(built), str(source), "-lm"], scratch, unit.deadline)
+        body = built.read_bytes() if built.is_file() else b""
+        if not body:
             raise CompilationError(
-                f"cannot run the C compiler {cc}: {error}; set CC to one that works"
-            ) from error
-        if done.returncode != 0:
-            raise CompilationError(
-                f"the C compiler {cc} failed on generated functions (exit {done.returncode}); set CC to "
-                f"another compiler. It said:\n{done.stderr[-2000:]}"
+                f"the C compiler {unit.cc} reports no error, but has made no library; set CC to one that "
+                "works"
             )
-        body = built.read_bytes()
-        built.write_bytes(body + _MAGIC + hashlib.sha256(body).hexdigest().encode())
+        built.write_bytes(sealed(body))
         built.replace(library)
+    trim(library.parent)
+    return library

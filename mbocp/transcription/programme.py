@@ -7,6 +7,7 @@ subject to  c_n(x_{n-1}, x_n, y_n, u_{n-1}) = 0
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -164,7 +165,9 @@ def is_flat(problem: Problem) -> bool:
     return leaves_the_group or problem.is_bounded or problem.solver.is_interior_point
 
 
-def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgramme:
+def transcribe(
+    problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
+) -> StagewiseProgramme:
     """Stagewise programme of a problem, compiled or from the cache.
 
     Parameters
@@ -172,11 +175,13 @@ def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgra
     problem : Problem
     without : sequence of int
         Rows of the end condition to leave out.
+    deadline : float
+        Time of `time.perf_counter` at which compiling is given up.
 
     Raises
     ------
     TranscriptionError
-        If the stage functions cannot be compiled.
+        If the stage functions cannot be compiled, or not before the deadline.
     InconsistentStart
         If the scheme cannot begin with the start velocity in steps of this length.
     """
@@ -205,13 +210,16 @@ def transcribe(problem: Problem, without: Sequence[int] = ()) -> StagewiseProgra
         layout=at,
         space=space,
         functions=load_functions(
-            shape.stage_text, lambda: build_functions(mechanics_for(robot, shape), shape)
+            shape.stage_text,
+            lambda: build_functions(mechanics_for(robot, shape), shape),
+            deadline=deadline,
         ),
         end_rows=rows,
         end_functions=load_functions(
             "end " + shape.end_text,
             lambda: build_end_functions(mechanics_for(robot, shape), shape),
             of_end=True,
+            deadline=deadline,
         ),
         theta=theta,
         rho=rho,

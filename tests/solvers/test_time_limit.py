@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.exceptions import CompilationTimeout
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Status
+from mbocp.transcription import transcribe
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "auto", "ipopt", "fatrop")
@@ -19,6 +22,11 @@ METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "auto", "ipopt", "fatrop")
 
 def pendulum(*settings: str) -> Problem:
     return mbocp.load_problem(EXAMPLES / "paper" / "rigid_pendulum.toml", ["horizon.steps=20", *settings])
+
+
+def build(problem: Problem) -> None:
+    """See to it that all is compiled."""
+    transcribe(problem)
 
 
 def wait_at(number: int, seconds: float) -> Callable[[IterationRecord], None]:
@@ -49,7 +57,7 @@ def test_other_guesses_get_what_is_left(method: str) -> None:
         EXAMPLES / "arms" / "ur5_reach.toml",
         ["horizon.steps=20", "solver.max_iterations=3", "solver.time_limit=0.4"],
     )
-    mbocp.solve(problem, solver=method)
+    build(problem)
     s = mbocp.solve(problem, solver=method, callback=wait_at(3, 0.6))
     assert not s.converged
     guesses = {r.phase for r in s.history}
@@ -62,6 +70,7 @@ def test_phases_share_it() -> None:
         EXAMPLES / "paper" / "cart_pendulum_elastic.toml",
         ["horizon.steps=200", "solver.globalisation=none", "solver.time_limit=1.5"],
     )
+    build(problem)
     s = mbocp.solve(problem, solver="auto", callback=wait_at(45, 1.6))
     assert s.status is Status.TIME_LIMIT
     assert [p.name for p in s.phases if p.name not in ("compile", "guess", "diagnostics")] == [
@@ -69,3 +78,31 @@ def test_phases_share_it() -> None:
         "fbsm_bb",
     ]
     assert "fbsm_bb ran out of time after" in s.advice
+
+
+def test_compiling_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = tmp_path / "cc"
+    script.write_text(f"#!/bin/sh\nexec {shutil.which('sleep')} 60\n")
+    script.chmod(0o755)
+    monkeypatch.setenv("CC", str(script))
+    monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path))
+    clock = time.perf_counter()
+    with pytest.raises(CompilationTimeout, match="time_limit passed while the C compiler ran"):
+        mbocp.solve(pendulum("solver.time_limit=1"))
+    assert time.perf_counter() - clock < 30
+
+
+def test_a_long_compilation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is left is not enough: a result, and the reason."""
+    build = mbocp.api.transcribe
+
+    def slow(*args: object, **kwargs: object) -> object:
+        time.sleep(0.4)
+        return build(*args, **kwargs)
+
+    mbocp.solve(pendulum("solver.max_iterations=1"))
+    monkeypatch.setattr(mbocp.api, "transcribe", slow)
+    s = mbocp.solve(pendulum("solver.time_limit=0.3"))
+    assert s.status is Status.TIME_LIMIT
+    assert s.iterations == 0
+    assert "compiling took 0." in s.advice

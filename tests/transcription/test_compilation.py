@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import shutil
-import stat
 from pathlib import Path
 
 import casadi as ca
@@ -15,7 +14,7 @@ import mbocp
 from mbocp.exceptions import CompilationError
 from mbocp.problem import Problem
 from mbocp.transcription import compilation, transcribe
-from mbocp.transcription.compilation import NoCompilerWarning, cache_folder, load_functions
+from mbocp.transcription.compilation import NoCompilerWarning, load_functions
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -104,18 +103,6 @@ def test_processes_may_fill_the_cache_together(folder: Path) -> None:
     assert not list(folder.glob("build-*"))
 
 
-def test_folder_is_the_user_s_alone(folder: Path) -> None:
-    assert stat.S_IMODE(cache_folder().stat().st_mode) == 0o700
-    folder.chmod(0o777)
-    compilation._private_folder.cache_clear()
-    with pytest.warns(RuntimeWarning, match="somebody else may write to it"):
-        other = cache_folder()
-    assert other != folder
-    assert stat.S_IMODE(other.stat().st_mode) == 0o700
-    shutil.rmtree(other)
-    compilation._private_folder.cache_clear()
-
-
 def test_without_a_compiler_the_functions_are_interpreted(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,6 +129,13 @@ def test_a_compiler_that_fails_is_named(folder: Path, monkeypatch: pytest.Monkey
         load_functions("key", doubling)
     assert not list(folder.glob("*.so"))
     assert not list(folder.glob("build-*"))
+
+
+def test_a_compiler_that_makes_nothing_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", shutil.which("true") or "")
+    with pytest.raises(CompilationError, match=r"true reports no error, but has made no library; set CC"):
+        load_functions("key", doubling)
+    assert not list(folder.iterdir())
 
 
 def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:

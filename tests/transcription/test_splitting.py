@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp._arrays import Array
-from mbocp.transcription.compilation import compiler
+from mbocp.transcription.compiler import compiler
 from mbocp.transcription.splitting import split_functions
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")

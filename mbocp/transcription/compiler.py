@@ -1,0 +1,123 @@
+"""The C compiler as a process that never outlives the one that started it.
+
+A compiler driver starts others (cc1, as, ld). All of them run in a process group of their own, led by a
+shell that also waits for the end of a pipe. The parent alone holds the other end of that pipe: when it ends,
+however it ends, the system closes the pipe and the shell kills the group. A signal at the parent's death
+(PR_SET_PDEATHSIG) would reach the driver but not what it has started, and is known to Linux alone.
+"""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from mbocp.exceptions import CompilationError, CompilationTimeout
+
+__all__ = ["check_deadline", "compiler", "run_compiler"]
+
+_SHELL = "/bin/sh"
+_WATCHED = """\
+exec 3<&0 </dev/null
+(read -r _ <&3; kill -KILL 0) &
+watch=$!
+"$@" 3<&- &
+wait $!
+code=$?
+{ kill $watch; wait $watch; } 2>/dev/null
+exit $code
+"""
+_SHOWN = 2000  # characters of what a compiler said
+_FULL = ("No space left on device", "Disk quota exceeded", "Bus error")  # ld maps its output into memory
+_FROM_SIGNAL = 128  # a shell adds it to the number of the signal that killed a command
+
+
+def compiler() -> str | None:
+    """Path of the C compiler that is used: $CC, else cc, gcc or clang; None when there is none."""
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        found = shutil.which(name) if name else None
+        if found:
+            return found
+    return None
+
+
+def check_deadline(deadline: float, doing: str) -> None:
+    """Raise `CompilationTimeout` if the time of `time.perf_counter` is beyond the deadline."""
+    if time.perf_counter() > deadline:
+        raise CompilationTimeout(doing)
+
+
+def run_compiler(command: Sequence[str], scratch: Path, deadline: float = math.inf) -> None:
+    """Run a compiler to its end.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Path of the compiler, and its arguments.
+    scratch : Path
+        Folder for its temporary files.
+    deadline : float
+        Time of `time.perf_counter` at which it is killed.
+
+    Raises
+    ------
+    CompilationError
+        If it cannot be run, or fails.
+    CompilationTimeout
+        If it was killed at the deadline.
+    OSError
+        If the disk is full.
+    """
+    code, messages = _outcome(command, scratch, deadline)
+    if code == 0:
+        return
+    said = messages[-_SHOWN:].decode(errors="replace").strip()
+    if any(words in said for words in _FULL) and shutil.disk_usage(scratch).free < _room(scratch):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(scratch))
+    how = f"exit {code}"
+    if code > _FROM_SIGNAL:
+        how = f"killed by signal {code - _FROM_SIGNAL}"
+    raise CompilationError(
+        f"the C compiler {command[0]} failed on generated functions ({how}); set CC to "
+        f"another compiler. It said:\n{said}"
+    )
+
+
+def _room(scratch: Path) -> int:
+    """Twice what the compiler has read and written so far, and at least 1 MB [bytes]."""
+    return max(2 * sum(path.stat().st_size for path in scratch.iterdir()), 10**6)
+
+
+def _outcome(command: Sequence[str], scratch: Path, deadline: float) -> tuple[int, bytes]:
+    """Exit code, and what was said; nothing that was started is left."""
+    environment = {**os.environ, "TMPDIR": str(scratch), "LC_ALL": "C"}
+    left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
+    watched, held = os.pipe()  # neither is inherited, but for what is passed on as standard input
+    try:
+        with subprocess.Popen(
+            [_SHELL, "-c", _WATCHED, _SHELL, *command],
+            stdin=watched,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+        ) as process:
+            try:
+                messages, _ = process.communicate(timeout=left)
+            except subprocess.TimeoutExpired as error:
+                raise CompilationTimeout("the C compiler ran") from error
+            finally:
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)
+            return process.returncode, messages
+    except FileNotFoundError as error:
+        raise CompilationError(f"cannot run the C compiler: there is no {_SHELL}") from error
+    finally:
+        os.close(watched)
+        os.close(held)
