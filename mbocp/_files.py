@@ -22,7 +22,18 @@ if sys.version_info >= (3, 11):
 else:  # pragma: no cover
     import tomli as tomllib
 
-__all__ = ["MEGABYTE", "MOST_LEVELS", "TEXT_LIMIT", "parse_toml", "read_bytes", "read_text", "read_toml"]
+__all__ = [
+    "MEGABYTE",
+    "MOST_LEVELS",
+    "TEXT_LIMIT",
+    "is_file",
+    "is_folder",
+    "parse_toml",
+    "path_of",
+    "read_bytes",
+    "read_text",
+    "read_toml",
+]
 
 MEGABYTE = 2**20
 TEXT_LIMIT = 4 * MEGABYTE  # of problem, study and robot files [bytes]; the largest that we know has 50 kB
@@ -39,6 +50,21 @@ _KINDS = (
 # tomllib takes time quadratic in the number of parts of a dotted key.
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
 _LONG_KEY = re.compile(rf"(?m)^[ \t\[]*(?:{_PART}\.[ \t]*){{{MOST_LEVELS}}}")
+
+
+def path_of(name: str | Path) -> Path:
+    """A path with ~ and ~user expanded; that of an unknown user stays as it stands."""
+    return Path(os.path.expanduser(name))  # noqa: PTH111  # Path.expanduser raises RuntimeError
+
+
+def is_file(path: Path) -> bool:
+    """Whether it is a file; False, too, for a name that no file can have (too long, with a NUL)."""
+    return os.path.isfile(path)  # noqa: PTH113  # Path.is_file raises OSError
+
+
+def is_folder(path: Path) -> bool:
+    """Whether it is a folder; False, too, for a name that no folder can have."""
+    return os.path.isdir(path)  # noqa: PTH112  # Path.is_dir raises OSError
 
 
 def read_bytes(path: str | Path, *, expected: str = "a file", limit: int = TEXT_LIMIT) -> bytes:

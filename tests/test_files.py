@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 
 import pytest
 
-from mbocp._files import MOST_LEVELS, parse_toml, read_bytes, read_text, read_toml
+from mbocp._files import (
+    MOST_LEVELS,
+    is_file,
+    is_folder,
+    parse_toml,
+    path_of,
+    read_bytes,
+    read_text,
+    read_toml,
+)
 from mbocp.exceptions import Unreadable
 
 
@@ -96,3 +106,14 @@ def test_the_largest_that_toml_allows_is_read():
     deep = "[" * (MOST_LEVELS - 1) + "]" * (MOST_LEVELS - 1)
     document = parse_toml(f"x = {deep}\ny = [9223372036854775807, -9223372036854775808]\nt = 2020-12-31")
     assert document["y"] == [2**63 - 1, -(2**63)]
+
+
+def test_names_that_no_file_can_have(tmp_path):
+    (tmp_path / "a").touch()
+    assert is_file(tmp_path / "a")
+    assert is_folder(tmp_path)
+    for name in ("x" * 5000, "a\0b", "gone", "a/b"):
+        assert not is_file(tmp_path / name)
+        assert not is_folder(tmp_path / name)
+    assert path_of("~/a") == Path.home() / "a"
+    assert path_of("~no_such_user_here/a") == Path("~no_such_user_here/a")

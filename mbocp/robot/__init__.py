@@ -22,9 +22,11 @@ from mbocp.robot.describe import describe
 from mbocp.robot.load import load_robot, robot_from_spec
 from mbocp.robot.notices import (
     IgnoredKeysWarning,
+    ImpossibleInertiaWarning,
     InitialPoseWarning,
     MissingMeshWarning,
     NormalisationWarning,
+    NotModelledWarning,
 )
 from mbocp.robot.parts import (
     Actuation,
@@ -49,12 +51,14 @@ __all__ = [
     "FrameActuator",
     "Hinge",
     "IgnoredKeysWarning",
+    "ImpossibleInertiaWarning",
     "InitialPoseWarning",
     "Kinematics",
     "Label",
     "Limits",
     "MissingMeshWarning",
     "NormalisationWarning",
+    "NotModelledWarning",
     "Point",
     "PointOnLine",
     "PointOnPlane",

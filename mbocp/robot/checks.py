@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
@@ -16,9 +17,10 @@ from mbocp.robot.drives import free_dofs
 if TYPE_CHECKING:
     from mbocp.robot.robot import Robot
 
-__all__ = ["SingularMassMatrix", "check_mechanics"]
+__all__ = ["IndefiniteMassMatrix", "SingularMassMatrix", "check_mechanics"]
 
 _RANK = 1e-9  # relative singular value below which rows count as dependent
+_POSES = 16  # at which a mass matrix that may be indefinite is looked at
 _SHARE = 1e-3  # share of the null vector from which a joint is named
 
 
@@ -35,22 +37,75 @@ class SingularMassMatrix(UnsupportedRobot):
         )
 
 
+class IndefiniteMassMatrix(UnsupportedRobot):
+    """A motion with negative kinetic energy; `joints` has those that move impossible inertias."""
+
+    def __init__(self, robot: str, joints: list[str], eigenvalue: float, where: str) -> None:
+        self.robot, self.joints, self.eigenvalue = robot, tuple(joints), eigenvalue
+        moved = ", ".join(map(repr, joints))
+        named = f", because what {moved} moves has an impossible inertia" if joints else ""
+        super().__init__(
+            f"robot {robot!r}: the mass matrix is indefinite {where} (scaled eigenvalue {eigenvalue:.1e})"
+            f"{named}: some motion has negative kinetic energy. Mend mass and inertia of these links in the "
+            "URDF (principal moments must be positive, and none above the sum of the other two)"
+        )
+
+
 def check_mechanics(robot: Robot) -> None:
-    """Check the mass matrix at the initial pose.
+    """Check the mass matrix at the initial pose, and at others if some body's inertia is indefinite.
 
     Raises
     ------
     SingularMassMatrix
         Naming the joints, unless constraints make up for it.
+    IndefiniteMassMatrix
+        Naming the joints that move impossible inertias.
+    UnsupportedRobot
+        If masses and inertias are so large that the mass matrix is not finite.
     """
     jacobian = robot.constraint_jacobian(robot.q0)
     free = free_dofs(robot)  # what drives move needs no mass
     mass = robot.mass_matrix(robot.q0)[np.ix_(free, free)]
+    if not np.isfinite(mass).all():
+        raise UnsupportedRobot(
+            f"robot {robot.name!r}: the mass matrix is not finite; masses, inertias or lengths of the URDF "
+            "are too large (units: kg, kg m^2, m)"
+        )
+    if jacobian.shape[0] == 0:
+        _check_definite(robot, free)
     if not kinematics.is_singular(mass):
         return
     basis = null_space(jacobian[:, free], _RANK)
-    if kinematics.is_singular(basis.T @ mass @ basis):
+    reduced = basis.T @ mass @ basis
+    if kinematics.is_singular(reduced):
+        lowest = float(kinematics.scaled_spectrum(reduced)[0][0])
+        if lowest < -_RANK:
+            raise IndefiniteMassMatrix(robot.name, _indefinite(robot), lowest, "at the initial pose")
         raise _singular(robot, mass, free)
+
+
+def _check_definite(robot: Robot, free: list[int]) -> None:
+    """Look for negative kinetic energy at seeded poses; only bodies with indefinite inertias can cause it."""
+    joints = _indefinite(robot)
+    if not joints:
+        return
+    steps = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, robot.nv))
+    poses = np.array([robot.q0, *(pin.integrate(robot.model, robot.q0, step) for step in steps)])
+    masses = kinematics.mass_matrices(robot.model, poses)[:, free][:, :, free]
+    lowest = min(float(kinematics.scaled_spectrum(mass)[0][0]) for mass in masses)
+    if lowest < -_RANK:
+        raise IndefiniteMassMatrix(robot.name, joints, lowest, "at some poses")
+
+
+def _indefinite(robot: Robot) -> list[str]:
+    """Joints that move a body whose inertia about its centre of mass has a negative eigenvalue."""
+    found = []
+    for joint in range(1, robot.model.njoints):
+        inertia = np.asarray(robot.model.inertias[joint].inertia)
+        size = float(np.abs(inertia).max())
+        if size > 0 and np.linalg.eigvalsh(inertia / size)[0] < -_RANK:
+            found.append(robot.model.names[joint])
+    return found
 
 
 def _singular(robot: Robot, mass: Array, free: list[int]) -> SingularMassMatrix:

@@ -12,6 +12,8 @@ import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mbocp._arrays import Array
+from mbocp._files import path_of
+from mbocp._text import shown
 from mbocp.exceptions import (
     DimensionMismatch,
     InvalidValue,
@@ -186,7 +188,7 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
         key = ".".join(str(step) for step in first["loc"][:1])
         if first["type"] == "extra_forbidden":
             raise RobotError(f"robot: unknown key {key!r}; {suggest(key, _Spec.model_fields)}") from error
-        raise RobotError(f"robot.{key}: got {first['input']!r}: {first['msg']}") from error
+        raise RobotError(f"robot.{key}: got {shown(first['input'])}: {first['msg']}") from error
     options = table.model_dump(exclude={"name", "label"})
     return load_robot(table.name, name=table.label, base=base, **options)
 
@@ -332,5 +334,5 @@ def _plain_lock(lock: Mapping[str, float | Sequence[float]] | Sequence[str] | No
 
 
 def _absolute(path: str | Path, base: Path | None) -> Path:
-    expanded = Path(path).expanduser()
+    expanded = path_of(path)
     return (expanded if base is None else base / expanded).resolve()

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-__all__ = ["IgnoredKeysWarning", "InitialPoseWarning", "MissingMeshWarning", "NormalisationWarning"]
+__all__ = [
+    "IgnoredKeysWarning",
+    "ImpossibleInertiaWarning",
+    "InitialPoseWarning",
+    "MissingMeshWarning",
+    "NormalisationWarning",
+    "NotModelledWarning",
+]
 
 
 class MissingMeshWarning(UserWarning):
@@ -19,3 +26,11 @@ class InitialPoseWarning(UserWarning):
 
 class IgnoredKeysWarning(UserWarning):
     """A robot.yaml says something that mbocp does not know, and that is left out."""
+
+
+class ImpossibleInertiaWarning(UserWarning):
+    """A link has a rotational inertia that no body can have; it is used as it stands."""
+
+
+class NotModelledWarning(UserWarning):
+    """The URDF says something about forces or motions that mbocp does not know, and that is left out."""

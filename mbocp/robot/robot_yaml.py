@@ -18,16 +18,19 @@ from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from mbocp.exceptions import RobotFileError, suggest
+from mbocp._files import MEGABYTE, read_text
+from mbocp._text import shown
+from mbocp.exceptions import RobotFileError, Unreadable, suggest
 from mbocp.robot.notices import IgnoredKeysWarning
+from mbocp.robot.safe_yaml import parse_yaml
 from mbocp.robot.schema import ActuationTable, ConstraintTable, PointTable, RobotTable, WeldTable
 from mbocp.robot.urdf import Urdf
 
 __all__ = ["RobotYaml", "read_robot_yaml"]
 
+LIMIT = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, and the largest that we know has 3 kB
 _AXES = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
 _JOINT_TYPES = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in _AXES for b in _AXES if a != b))
 
@@ -94,11 +97,9 @@ def read_robot_yaml(path: Path) -> RobotYaml:
         For keys that are not known.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotFileError(path, f"cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise RobotFileError(path, f"malformed YAML: {' '.join(str(error).split())}") from error
+        data = parse_yaml(read_text(path, expected="a robot.yaml", limit=LIMIT))
+    except Unreadable as error:
+        raise RobotFileError(path, error.reason) from error
     if not isinstance(data, dict):
         raise RobotFileError(path, "expected keys and values: closed_loop, type, name_mot, ...")
     try:
@@ -106,7 +107,7 @@ def read_robot_yaml(path: Path) -> RobotYaml:
     except ValidationError as error:
         first = error.errors()[0]
         key = "".join(f"[{step}]" if isinstance(step, int) else f"{step}" for step in first["loc"])
-        got = "" if first["type"] == "missing" else f"got {first['input']!r}: "
+        got = "" if first["type"] == "missing" else f"got {shown(first['input'])}: "
         raise RobotFileError(path, f"{got}{first['msg']}", key) from error
     _check_lengths(path, found)
     if found.model_extra:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -17,12 +16,9 @@ from pydantic import (
     model_validator,
 )
 
-from mbocp.exceptions import RobotFileError, suggest
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from mbocp._files import read_toml
+from mbocp._text import shown
+from mbocp.exceptions import RobotFileError, Unreadable, suggest
 
 __all__ = [
     "TABLES",
@@ -291,11 +287,9 @@ def read_robot_toml(path: Path) -> RobotTable:
         Naming file, key, what was got and what is allowed.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotFileError(path, f"cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise RobotFileError(path, f"malformed TOML: {error}") from error
+        data = read_toml(path, expected="a robot.toml")
+    except Unreadable as error:
+        raise RobotFileError(path, error.reason) from error
     try:
         return RobotTable.model_validate(data)
     except ValidationError as error:
@@ -335,12 +329,12 @@ def _reason(error: Any, data: Any) -> str:
     if kind == "union_tag_not_found":
         return f"type is required: {_plain(context.get('discriminator', 'type'))}"
     if kind == "union_tag_invalid":
-        return f"unknown type {context['tag']!r}, known: {_plain(context['expected_tags'])}"
+        return f"unknown type {shown(context['tag'])}, known: {_plain(context['expected_tags'])}"
     if kind == "literal_error":
         what = "unknown type" if error["loc"][-1] == "type" else "got"
-        return f"{what} {got!r}, known: {_plain(context['expected'])}"
+        return f"{what} {shown(got)}, known: {_plain(context['expected'])}"
     message = error["msg"].removeprefix("Value error, ")
-    return message if kind == "value_error" else f"got {got!r}: {message}"
+    return message if kind == "value_error" else f"got {shown(got)}: {message}"
 
 
 def _plain(text: str) -> str:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import mbocp
+from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
 from mbocp.robot import chain, examples
 from mbocp.robot.schema import read_robot_toml
@@ -70,11 +71,11 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
         Folder that relative paths start from; the working directory if None.
     """
     if isinstance(spec, Path) or _looks_like_path(spec):
-        path = Path(spec).expanduser()
+        path = path_of(spec)
         return _from_path(path if base is None else base / path)
     for folder in robot_folders():
         for kind, file in _FILES.items():
-            if (folder / spec / file).is_file():
+            if is_file(folder / spec / file):
                 return Source(kind, spec, spec, folder / spec / file)
     if chain.num_links(spec) is not None:
         return Source("chain", spec, spec, Path())
@@ -89,7 +90,7 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
 def robot_folders() -> list[Path]:
     """Folders that hold robots by name: those of MBOCP_ROBOT_PATH, then mbocp's own."""
     package = Path(mbocp.__file__).resolve().parent
-    listed = [Path(p).expanduser() for p in os.environ.get(PATH_VARIABLE, "").split(os.pathsep) if p]
+    listed = [path_of(p) for p in os.environ.get(PATH_VARIABLE, "").split(os.pathsep) if p]
     return [
         folder
         for folder in (*listed, package / "data" / "robots", package.parent / "robots")
@@ -127,7 +128,11 @@ def _looks_like_path(spec: str) -> bool:
 
 
 def _from_path(path: Path) -> Source:
-    path = path.resolve()
+    try:
+        path = path.resolve()
+        there = path.exists()
+    except (OSError, RuntimeError, ValueError) as error:  # too long, a circle of links, a NUL
+        raise RobotFileError(path, f"no such file or folder ({error.__class__.__name__})") from error
     if path.is_dir():
         for kind, file in _FILES.items():
             if (path / file).is_file():
@@ -139,7 +144,7 @@ def _from_path(path: Path) -> Source:
         raise RobotFileError(
             path, f"this folder has no {TOML} or {YAML}, and not exactly one URDF (it has: {held})"
         )
-    if not path.exists():
+    if not there:
         raise RobotFileError(path, "no such file or folder")
     if path.suffix in (".toml", ".yaml"):
         return Source("toml" if path.suffix == ".toml" else "yaml", path.parent.name, str(path), path)

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import sys
 import tempfile
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
 import pinocchio as pin
 
-from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp._files import MEGABYTE, read_text
+from mbocp.exceptions import RobotFileError, Unreadable, UnsupportedRobot
+from mbocp.robot.not_modelled import tell_not_modelled
+from mbocp.robot.urdf_inertia import read_inertials, tell_impossible_inertias, total_mass
+from mbocp.robot.urdf_tree import check_tree
 
 __all__ = ["Urdf", "build_model", "read_urdf"]
 
 ROOT_JOINT = "root_joint"
-_JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _MIMIC_TYPES = ("revolute", "continuous", "prismatic")
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
-_ROUND_OFF = 1e-9  # [kg m^2]; exporters print a zero moment of inertia as a tiny negative number
-_INERTIA_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_LIMIT = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB
+_MOST_LEVELS = 100  # of elements within each other; a URDF needs six
+_SAME_MASS = 1e-9  # relative
 _stderr_lock = threading.Lock()
 
 
@@ -54,9 +57,8 @@ def read_urdf(path: Path) -> Urdf:
         If it has a joint type that is not supported, a negative or NaN mass or moment of inertia.
     """
     urdf = _parse(path)
-    _check_tree(urdf)
-    for link in urdf.root.iterfind("link"):
-        _check_inertial(urdf, link)
+    check_tree(path, urdf.root)
+    read_inertials(path, urdf.root)
     return urdf
 
 
@@ -74,6 +76,14 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
     """
     if mimic:
         _check_mimic(urdf)
+    model = _pinocchio_model(urdf, free_flyer=free_flyer, mimic=mimic)
+    _check_mass(urdf, model)
+    tell_impossible_inertias(urdf.path, urdf.root, model)
+    tell_not_modelled(urdf.path, urdf.root)
+    return model
+
+
+def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
     noise: list[str] = []
     try:
         with captured_stderr(noise):
@@ -104,16 +114,17 @@ def captured_stderr(into: list[str]) -> Iterator[None]:
 
 
 def _parse(path: Path) -> Urdf:
-    if not path.exists():
+    if not os.path.lexists(path):
         raise RobotFileError(path, "no such URDF file")
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotFileError(path, f"cannot be read: {error}") from error
+        text = read_text(path, expected="a URDF", limit=_LIMIT)
+    except Unreadable as error:
+        raise RobotFileError(path, error.reason) from error
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise RobotFileError(path, f"malformed XML: {error}") from error
+    _check_depth(path, root)
     if root.tag != "robot":
         what = _FOREIGN_ROOTS.get(root.tag, f"XML with the root element <{root.tag}>")
         raise RobotFileError(path, f"not a URDF: it is {what}, expected the root element <robot>")
@@ -124,67 +135,24 @@ def _parse(path: Path) -> Urdf:
     return Urdf(path, text, root)
 
 
-def _check_tree(urdf: Urdf) -> None:
-    links = [_name(urdf, link) for link in urdf.root.iterfind("link")]
-    elements = list(urdf.root.iterfind("joint"))
-    names = [_name(urdf, joint) for joint in elements]
-    for kind, found in (("link", links), ("joint", names)):
-        repeated = [name for name, count in Counter(found).items() if count > 1]
-        if repeated:
-            raise RobotFileError(urdf.path, f"{kind} {repeated[0]!r} is defined more than once")
-    if not links:
-        raise RobotFileError(urdf.path, "has no link")
-    children: dict[str, str] = {}
-    for name, joint in zip(names, elements, strict=True):
-        _check_joint_type(urdf, name, joint.get("type"))
-        for end in ("parent", "child"):
-            link = _attribute(joint.find(end), "link")
-            if link not in links:
-                raise RobotFileError(urdf.path, f"joint {name!r}: its {end} link {link!r} is not defined")
-        child = _attribute(joint.find("child"), "link") or ""
-        if child in children:
-            raise RobotFileError(
-                urdf.path,
-                f"link {child!r} is the child of two joints, {children[child]!r} and {name!r}: a URDF is a "
-                "tree; close loops with [[constraint]] in a robot.toml",
-            )
-        children[child] = name
-    roots = [link for link in links if link not in children]
-    if len(roots) != 1:
-        found_roots = ", ".join(repr(r) for r in roots) or "none"
+def _check_depth(path: Path, root: ElementTree.Element) -> None:
+    level, depth = [root], 0
+    while level:
+        level, depth = [inner for element in level for inner in element], depth + 1
+        if depth > _MOST_LEVELS:
+            raise RobotFileError(path, f"XML elements are nested more than {_MOST_LEVELS} deep")
+
+
+def _check_mass(urdf: Urdf, model: pin.Model) -> None:
+    """Nothing that has mass is lost between the file and the model."""
+    found, written = (
+        math.fsum(i.mass for i in model.inertias),
+        total_mass(read_inertials(urdf.path, urdf.root)),
+    )
+    if not abs(found - written) <= _SAME_MASS * written:
         raise RobotFileError(
-            urdf.path, f"must have exactly one root link (one that is no joint's child), has {found_roots}"
+            urdf.path, f"its links weigh {written:g} kg, but Pinocchio reads {found:g} kg of them"
         )
-
-
-def _check_joint_type(urdf: Urdf, name: str, kind: str | None) -> None:
-    if kind not in _JOINT_TYPES:
-        raise UnsupportedRobot(
-            f"{urdf.path}: joint {name!r} is of type {kind!r}; supported: {', '.join(_JOINT_TYPES)} "
-            "(and mimic on revolute, continuous and prismatic joints)"
-        )
-
-
-def _check_inertial(urdf: Urdf, link: ElementTree.Element) -> None:
-    inertial = link.find("inertial")
-    if inertial is None:
-        return
-    where = f"{urdf.path}: link {link.get('name')!r}"
-    mass = _number(where, "mass", _attribute(inertial.find("mass"), "value"))
-    if mass < 0:
-        raise UnsupportedRobot(
-            f"{where}: mass is {mass:g} kg; a mass must be positive (or zero: a massless link)"
-        )
-    element = inertial.find("inertia")
-    values = {
-        k: _number(where, k, _attribute(element, k) or ("0" if element is None else None))
-        for k in _INERTIA_KEYS
-    }
-    for key in ("ixx", "iyy", "izz"):
-        if values[key] < -_ROUND_OFF:
-            raise UnsupportedRobot(
-                f"{where}: {key} is {values[key]:g} kg m^2; a moment of inertia cannot be negative"
-            )
 
 
 def _check_mimic(urdf: Urdf) -> None:
@@ -207,24 +175,3 @@ def _check_mimic(urdf: Urdf) -> None:
                 f"{where} {who}: a {kinds[0]} joint cannot follow a {kinds[1]} one (continuous follows "
                 f"continuous, revolute and prismatic follow each other); {remedy}"
             )
-
-
-def _name(urdf: Urdf, element: ElementTree.Element) -> str:
-    name = element.get("name")
-    if not name:
-        raise RobotFileError(urdf.path, f"a <{element.tag}> has no name")
-    return name
-
-
-def _attribute(element: ElementTree.Element | None, key: str) -> str | None:
-    return None if element is None else element.get(key)
-
-
-def _number(where: str, key: str, text: str | None) -> float:
-    try:
-        value = float(text) if text is not None else float("nan")
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise UnsupportedRobot(f"{where}: {key} is {text!r}, expected a finite number")
-    return value

@@ -16,14 +16,20 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._files import is_file, is_folder
+from mbocp._text import shortened, shown
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.notices import MissingMeshWarning
 from mbocp.robot.urdf import Urdf
+from mbocp.robot.urdf_numbers import child_attribute, finite_numbers
 
 __all__ = ["build_visuals", "resolve"]
 
 _GREY = (0.7, 0.7, 0.72, 1.0)
 _SCHEMES = ("package://", "model://")
+_SCALES = (1e-9, 1e9)  # of a mesh, in size; a mirror has a negative one
+_LARGEST = 1e6  # [m] of a shape
+_ROUND = {"sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
 _SHOWN = 5  # missing meshes named in one warning
 
 
@@ -41,13 +47,14 @@ def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) ->
     visuals, missing = pin.GeometryModel(), []
     for link in urdf.root.iterfind("link"):
         for number, visual in enumerate(link.iterfind("visual")):
+            where = f"visual {number} of link {shown(link.get('name'))}"
             try:
-                shape = _shape(urdf, visual, package_dirs)
+                shape = _shape(urdf, where, visual, package_dirs)
             except FileNotFoundError as error:
                 missing.append((str(error), link.get("name")))
                 continue
             if shape is not None:
-                visuals.addGeometryObject(_object(model, link, number, visual, shape, materials))
+                visuals.addGeometryObject(_object(urdf, model, link, number, visual, shape, materials))
     if missing:
         named = "; ".join(f"link {link!r}: {file}" for file, link in missing[:_SHOWN])
         more = f"; and {len(missing) - _SHOWN} more" if len(missing) > _SHOWN else ""
@@ -74,23 +81,23 @@ def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
             return _in_package(package, rest, uri, base, package_dirs)
     path = Path(uri.removeprefix("file://"))
     path = path if path.is_absolute() else base / path
-    if not path.is_file():
-        raise FileNotFoundError(f"{path} does not exist")
+    if not is_file(path):
+        raise FileNotFoundError(f"{shortened(str(path))} does not exist")
     return path
 
 
 def _in_package(package: str, rest: str, uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
     folders = [*package_dirs, *_environment_packages(), base, *base.parents]
-    roots = [folder / package for folder in folders if (folder / package).is_dir()]
+    roots = [folder / package for folder in folders if is_folder(folder / package)]
     roots += [folder for folder in folders if folder.name == package]
     if not roots:
         raise FileNotFoundError(
-            f"{uri}: no package folder {package!r} found, name its parent in package_dirs"
+            f"{shortened(uri)}: no package folder {shown(package)} found, name its parent in package_dirs"
         )
     for root in roots:
-        if (root / rest).is_file():
+        if is_file(root / rest):
             return root / rest
-    raise FileNotFoundError(f"{uri}: {roots[0] / rest} does not exist")
+    raise FileNotFoundError(f"{shortened(uri)}: {shortened(str(roots[0] / rest))} does not exist")
 
 
 def _environment_packages() -> list[Path]:
@@ -100,28 +107,42 @@ def _environment_packages() -> list[Path]:
 
 
 def _shape(
-    urdf: Urdf, visual: ElementTree.Element, package_dirs: Sequence[Path]
+    urdf: Urdf, where: str, visual: ElementTree.Element, package_dirs: Sequence[Path]
 ) -> tuple[coal.CollisionGeometry, str, Array] | None:
     """Geometry, mesh path and scale of a <visual>; None if it has no shape."""
     geometry = visual.find("geometry")
     element = None if geometry is None else next(iter(geometry), None)
     if element is None:
         return None
-    if element.tag == "mesh":
+    tag, unscaled = element.tag, np.ones(3)
+    if tag == "mesh":
         path = resolve(element.get("filename", ""), urdf.path.parent, package_dirs)
-        return coal.BVHModelOBBRSS(), str(path), _numbers(urdf, element.get("scale"), (1.0, 1.0, 1.0))
-    if element.tag == "box":
-        return coal.Box(*_numbers(urdf, element.get("size"), (0.0, 0.0, 0.0))), "", np.ones(3)
-    radius = float(_numbers(urdf, element.get("radius"), (0.0,))[0])
-    if element.tag == "sphere":
-        return coal.Sphere(radius), "", np.ones(3)
-    length = float(_numbers(urdf, element.get("length"), (0.0,))[0])
-    if element.tag in ("cylinder", "capsule"):
-        return (coal.Cylinder if element.tag == "cylinder" else coal.Capsule)(radius, length), "", np.ones(3)
-    raise RobotFileError(urdf.path, f"<geometry> has the unknown shape <{element.tag}>")
+        scale = finite_numbers(urdf.path, f"{where}: mesh scale", element.get("scale"), (1.0, 1.0, 1.0))
+        if not np.all((np.abs(scale) >= _SCALES[0]) & (np.abs(scale) <= _SCALES[1])):
+            least, most = _SCALES
+            raise RobotFileError(
+                urdf.path, f"{where}: mesh scale is {scale.tolist()}, expected {least:g} to {most:g} in size"
+            )
+        return coal.BVHModelOBBRSS(), str(path), scale
+    if tag == "box":
+        return coal.Box(*_sizes(urdf, f"{where}: box size", element.get("size"), 3)), "", unscaled
+    if tag not in _ROUND:
+        raise RobotFileError(urdf.path, f"<geometry> has the unknown shape <{shortened(tag)}>")
+    keys = ("radius",) if tag == "sphere" else ("radius", "length")
+    sizes = [_sizes(urdf, f"{where}: {tag} {key}", element.get(key), 1)[0] for key in keys]
+    return _ROUND[tag](*map(float, sizes)), "", unscaled
+
+
+def _sizes(urdf: Urdf, what: str, text: str | None, count: int) -> Array:
+    """Lengths that a picture can have [m]."""
+    sizes = finite_numbers(urdf.path, what, text, (0.0,) * count)
+    if not np.all((sizes >= 0.0) & (sizes <= _LARGEST)):
+        raise RobotFileError(urdf.path, f"{what} is {shown(text)}, expected 0 to {_LARGEST:g} m")
+    return sizes
 
 
 def _object(
+    urdf: Urdf,
     model: pin.Model,
     link: ElementTree.Element,
     number: int,
@@ -131,14 +152,16 @@ def _object(
 ) -> pin.GeometryObject:
     name = link.get("name", "")
     frame = model.getFrameId(name, pin.FrameType.BODY)
-    origin = pin.SE3.Identity()
-    element = visual.find("origin")
-    if element is not None:
-        rpy = np.array([float(x) for x in element.get("rpy", "0 0 0").split()])
-        xyz = np.array([float(x) for x in element.get("xyz", "0 0 0").split()])
-        origin = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+    where = f"visual {number} of link {shown(name)}"
+    rpy, xyz = (
+        finite_numbers(
+            urdf.path, f"{where}: origin {key}", child_attribute(visual, "origin", key), (0.0,) * 3
+        )
+        for key in ("rpy", "xyz")
+    )
+    origin = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
     geometry, mesh, scale = shape
-    color = _color(visual.find("material"), materials)
+    color = _color(urdf, where, visual.find("material"), materials)
     placement = model.frames[frame].placement * origin
     override = color is not None
     rgba = np.array(color if override else _GREY)
@@ -149,24 +172,15 @@ def _object(
 
 
 def _color(
-    material: ElementTree.Element | None, materials: dict[str | None, ElementTree.Element]
-) -> tuple[float, ...] | None:
+    urdf: Urdf,
+    where: str,
+    material: ElementTree.Element | None,
+    materials: dict[str | None, ElementTree.Element],
+) -> Array | None:
     if material is None:
         return None
     for candidate in (material, materials.get(material.get("name"))):
-        element = None if candidate is None else candidate.find("color")
-        if element is not None:
-            return tuple(float(x) for x in element.get("rgba", "0.7 0.7 0.7 1").split())
+        if candidate is not None and candidate.find("color") is not None:
+            text = child_attribute(candidate, "color", "rgba")
+            return finite_numbers(urdf.path, f"{where}: color rgba", text, (0.7, 0.7, 0.7, 1.0))
     return None
-
-
-def _numbers(urdf: Urdf, text: str | None, default: tuple[float, ...]) -> Array:
-    if text is None:
-        return np.array(default)
-    try:
-        values = np.array([float(x) for x in text.split()])
-    except ValueError as error:
-        raise RobotFileError(urdf.path, f"expected numbers, got {text!r}") from error
-    if values.shape != (len(default),):
-        raise RobotFileError(urdf.path, f"expected {len(default)} numbers, got {text!r}")
-    return values

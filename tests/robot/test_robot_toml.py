@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mbocp._text import LONGEST_MESSAGE
 from mbocp.exceptions import (
     DimensionMismatch,
     InvalidValue,
@@ -180,6 +181,13 @@ def test_connectors(tmp_path: Path) -> None:
 
 WRONG = {
     r"malformed TOML: .*line 2": "gravity = [0]\nname = nobody",
+    r"malformed TOML: lists or tables are nested more than 64 deep": "x = " + "[" * 5000 + "]" * 5000,
+    r"malformed TOML: an integer that does not fit into 64 bits": "gravity = [0, 0, " + "9" * 5000 + "]",
+    r"malformed TOML: gravity\[2\]: got an integer of about 401": "gravity = [0, 0, 1" + "0" * 400 + "]",
+    r"free_flyer: got \[\[0, 0, 0, 0, 0, .{1,100}": f"free_flyer = [{[0] * 10000}]",
+    r"has 5\.0 MB, expected a robot\.toml of at most 4 MB": "#" * (5 * 2**20),
+    r"urdf: .*name too long|urdf: .*does not exist": f'urdf = "{"x" * 5000}"',
+    r"urdf: .*does not exist": 'urdf = "a\\u0000b.urdf"',
     r"urdff: unknown key; did you mean 'urdf'\?": 'urdff = "a.urdf"',
     r"gravity\[2\]: this number is missing": "gravity = [0, 0]",
     r"gravity\[2\]: got nan: Input should be a finite number": "gravity = [0, 0, nan]",
@@ -244,6 +252,7 @@ WRONG = {
 def test_wrong_files_are_refused_with_file_and_key(tmp_path: Path, message: str) -> None:
     with pytest.raises(RobotFileError, match=message) as refused:
         load(tmp_path, WRONG[message])
+    assert len(str(refused.value)) <= LONGEST_MESSAGE
     assert refused.value.path == tmp_path / "robot.toml"
     assert str(tmp_path / "robot.toml") in str(refused.value)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -109,13 +110,33 @@ WRONG = {
     + "joint_name: ['knee']\njoint_type: ['CARDAN']",
     r"malformed YAML: .*line 1": "closed_loop: [",
     r"expected keys and values: closed_loop": "- 1",
+    r"malformed YAML: stands for more than 20000 entries": "a: &a0 [x, x, x, x, x, x, x, x, x]\n"
+    + "".join(f"b{k}: &a{k + 1} [{', '.join([f'*a{k}'] * 9)}]\n" for k in range(9))
+    + "closed_loop: *a9\n",
+    r"malformed YAML: lists or tables are nested more than 20 deep": "closed_loop: " + "[" * 5000,
+    r"malformed YAML: \*a stands within itself": "closed_loop: &a [[*a, b]]",
+    r"type\[0\]: got '2020-13-45'": LOOP + "type: [2020-13-45]",
+    r"type\[0\]: got '12'": LOOP + "type: [!!int 12]",
+    r"closed_loop\[0\]\[0\]: got \['a', 'a', .{1,150}": "closed_loop: [[[" + "a, " * 9000 + "a], b]]",
+    r"malformed YAML: .*unacceptable character": LOOP + "x: '\x00'",
+    r"has 0\.5 MB, expected a robot\.yaml of at most 0\.25 MB": LOOP + "#" * 2**19,
 }
 
 
 @pytest.mark.parametrize("message", WRONG)
 def test_wrong_files_are_refused(tmp_path: Path, message: str) -> None:
-    with pytest.raises(RobotFileError, match=message):
+    began = time.perf_counter()
+    with pytest.raises(RobotFileError, match=message) as refused:
         load(tmp_path, WRONG[message])
+    assert len(str(refused.value)) < 1000
+    assert time.perf_counter() - began < 5.0
+
+
+def test_every_scalar_is_a_name(tmp_path: Path) -> None:
+    """Frames may be called 1 and on, or like a date, without quotes."""
+    urdf = URDF.replace("loop1_A", "2020-13-45").replace("loop1_B", "0b_")
+    robot = load(tmp_path, "closed_loop: [[2020-13-45, 0b_]]\ntype: [3d]\n", urdf)
+    assert robot.constraints[0].frames == ("2020-13-45", "0b_")
 
 
 def test_names_that_there_are_not(tmp_path: Path) -> None:

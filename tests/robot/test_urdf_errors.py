@@ -47,6 +47,32 @@ BROKEN = {
     r"exactly one root link .* has none": robot(
         link("a"), link("b"), joint("j", "revolute", "a", "b"), joint("k", "revolute", "b", "a")
     ),
+    r"links that do not hang on the root link 'a': 'c', 'd', 'e'; their joints \('l', 'k', 'm'\)": robot(
+        *(link(n) for n in "abcde"),
+        joint("j", "revolute", "a", "b"),
+        joint("k", "revolute", "c", "d"),
+        joint("l", "revolute", "d", "c"),
+        joint("m", "revolute", "d", "e"),
+    ),
+    r"joint 'k' joins link 'c' to itself": robot(
+        *(link(n) for n in "abc"), joint("j", "revolute", "a", "b"), joint("k", "revolute", "c", "c")
+    ),
+    r"joint 'j': axis xyz is '0 0 0', expected a direction": robot(
+        link("a"), link("b"), joint("j", "revolute", "a", "b", axis="0 0 0")
+    ),
+    r"joint 'j': axis xyz is '0 0 1e300', expected a direction": robot(
+        link("a"), link("b"), joint("j", "revolute", "a", "b", axis="0 0 1e300")
+    ),
+    r"joint 'j': axis xyz is '0 1', expected 3 finite numbers": robot(
+        link("a"), link("b"), joint("j", "revolute", "a", "b", axis="0 1")
+    ),
+    r"joint 'j': origin xyz is 'nan 0 0.1', expected 3 finite numbers": robot(
+        link("a"), link("b"), joint("j", "revolute", "a", "b").replace('xyz="0.3', 'xyz="nan')
+    ),
+    r"link 'b': inertial origin xyz is 'x 0.02 0.2', expected 3 finite numbers": robot(
+        link("a"), link("b").replace('"0.1 0.02', '"x 0.02'), joint("j", "revolute", "a", "b")
+    ),
+    r"XML elements are nested more than 100 deep": robot("<a>" * 200, "</a>" * 200),
     r"joint 'j2' mimics 'nobody', which is not defined": robot(
         link("a"), link("b"), joint("j2", "revolute", "a", "b", extra=urdfs.mimic("nobody"))
     ),
@@ -102,6 +128,9 @@ UNSUPPORTED = {
     r"link 'b': iyy is -0.03 kg m\^2; a moment of inertia cannot be negative": robot(
         link("a"), link("b").replace('iyy="0.03"', 'iyy="-0.03"'), joint("j", "revolute", "a", "b")
     ),
+    r"link 'b': mass is '1_0', expected a finite number": robot(
+        link("a"), link("b", mass="1_0"), joint("j", "revolute", "a", "b")
+    ),
     r"link 'b': ixz is None, expected a finite number": robot(
         link("a"), link("b").replace('ixz="0"', ""), joint("j", "revolute", "a", "b")
     ),
@@ -109,10 +138,9 @@ UNSUPPORTED = {
         link("a"), link("b", mass=None), joint("j", "revolute", "a", "b")
     ),
     r"moves with 'k'\.": robot(
-        link("a"), link("b"), link("c", mass=0.0).replace('"0.0', '"0'), joint("j", "revolute", "a", "b"),
+        link("a"), link("b"), link("c", mass=0), joint("j", "revolute", "a", "b"),
         joint("k", "prismatic", "b", "c"),
-    ).replace('ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0.001" izz="0.04"/></inertial></link><joint',
-              'ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link><joint'),
+    ),
     r"robot 'test': has no joint that moves": robot(link("a"), link("b"), joint("j", "fixed", "a", "b")),
 }  # fmt: skip
 

@@ -99,13 +99,53 @@ def test_missing_meshes_are_named_once_and_left_out(tmp_path: Path) -> None:
     ("shape", "message"),
     [
         ('<torus radius="1"/>', "unknown shape <torus>"),
-        ('<box size="1 2"/>', "expected 3 numbers, got '1 2'"),
-        ('<box size="1 2 x"/>', "expected numbers, got '1 2 x'|cannot read"),
+        ('<box size="1 2"/>', "box size is '1 2', expected 3 finite numbers|cannot read"),
+        ('<box size="1 2 x"/>', "box size is '1 2 x', expected 3 finite numbers|cannot read"),
+        ('<sphere radius="1e9"/>', "visual 0 of link 'tip': sphere radius is '1e9', expected 0 to 1e"),
+        ('<cylinder radius="-1" length="1"/>', "cylinder radius is '-1', expected 0 to|cannot read"),
+        (
+            '<mesh filename="a.stl" scale="nan 1 1"/>',
+            "mesh scale is 'nan 1 1', expected 3 finite|cannot read",
+        ),
+        (
+            '<mesh filename="a.stl" scale="0 1 1"/>',
+            r"mesh scale is \[0\.0, 1\.0, 1\.0\], expected 1e-09 to 1e",
+        ),
     ],
 )
 def test_wrong_shapes(tmp_path: Path, shape: str, message: str) -> None:
+    (tmp_path / "a.stl").touch()
     with pytest.raises(RobotFileError, match=message):
         load_robot(urdfs.write(tmp_path, urdf(visual(shape))))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'xyz="0 0 0.5"',
+            'xyz="0 0 up"',
+            "visual 0 of link 'tip': origin xyz is '0 0 up', expected 3 finite",
+        ),
+        ('xyz="0 0 0.5"', 'xyz="0 1e400 0"', "origin xyz is '0 1e400 0', expected 3 finite numbers"),
+        ('rpy="0 0 1"', 'rpy="0 0"', "origin rpy is '0 0', expected 3 finite numbers"),
+        ("1 0 0 0.5", "1 0 0", "visual 0 of link 'tip': color rgba is '1 0 0', expected 4 finite numbers"),
+        ("1 0 0 0.5", "abc", "color rgba is 'abc', expected 4 finite numbers"),
+    ],
+)
+def test_wrong_places_and_colours(tmp_path: Path, old: str, new: str, message: str) -> None:
+    red = '<material name="red"><color rgba="1 0 0 0.5"/></material>'
+    text = urdf(visual('<sphere radius="1"/>', red)).replace(old, new)
+    with pytest.raises(RobotFileError, match=f"{message}|cannot read"):
+        load_robot(urdfs.write(tmp_path, text))
+
+
+@pytest.mark.parametrize("name", ["x" * 5000 + ".stl", "package://" + "y" * 5000 + "/a.stl", ""])
+def test_names_that_no_mesh_can_have(tmp_path: Path, name: str) -> None:
+    path = urdfs.write(tmp_path, urdf(visual(f'<mesh filename="{name}"/>')))
+    with pytest.warns(MissingMeshWarning) as told:
+        assert not load_robot(path).visual_model.geometryObjects
+    assert len(str(told[0].message)) < 1000
 
 
 def test_shapes_of_locked_links_stay(tmp_path: Path) -> None:

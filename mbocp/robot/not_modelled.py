@@ -1,0 +1,130 @@
+"""What a URDF says about forces and motions, and mbocp leaves out: told once, by name.
+
+Contacts (<collision>), controllers (<safety_controller>, <transmission>), sensors and colours change nothing
+about the equations of motion of a mechanism in free motion, and are not told.
+"""
+
+from __future__ import annotations
+
+import difflib
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from mbocp._text import shortened, shown
+from mbocp.robot.notices import NotModelledWarning
+from mbocp.robot.urdf_inertia import read_inertials
+from mbocp.robot.urdf_numbers import child_attribute, finite_number
+
+__all__ = ["tell_not_modelled"]
+
+# Tags and attributes of extensions of the format that change the equations of motion.
+_SPRINGS = ("springStiffness", "spring_stiffness", "stiffness")
+_ROTORS = ("rotorInertia", "rotor_inertia", "motorInertia", "motor_inertia", "armature")
+_NO = ("false", "0")
+_LOOP_HINT = "[[constraint]] of a robot.toml closes loops"
+_KNOWN = {
+    "robot": ("link", "joint", "material", "transmission", "gazebo", "sensor"),
+    "link": ("inertial", "visual", "collision"),
+    "inertial": ("origin", "mass", "inertia"),
+    "joint": (
+        "origin",
+        "parent",
+        "child",
+        "axis",
+        "calibration",
+        "dynamics",
+        "limit",
+        "mimic",
+        "safety_controller",
+    ),
+}
+_LIKE = 0.8  # from this likeness on, an unknown tag is a slip of the pen
+_SHOWN = 5
+
+
+def tell_not_modelled(path: Path, root: ElementTree.Element) -> None:
+    """Warn of springs, rotors, loops and missing gravity in extensions of the format, and of misspelt tags.
+
+    Warns
+    -----
+    NotModelledWarning
+        Once for the robot, naming each.
+    """
+    told = list(dict.fromkeys([*_extensions(root), *_misspelt(root)]))
+    if told:
+        more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
+        warnings.warn(
+            f"{path}: not modelled, and left out: {'; '.join(told[:_SHOWN])}{more}",
+            NotModelledWarning,
+            stacklevel=2,
+        )
+
+
+def _extensions(root: ElementTree.Element) -> Iterator[str]:
+    for joint in root.iterfind("joint"):
+        for key in (*_SPRINGS, *_ROTORS):
+            if _not_zero(child_attribute(joint, "dynamics", key)):
+                yield f"{_what(key)} of joint {shown(joint.get('name'))} (<dynamics {key}>)"
+    for loop in root.iterfind("loop_joint"):
+        yield f"the loop that <loop_joint> {shown(loop.get('name'))} closes ({_LOOP_HINT})"
+    for element in root.iterfind("gazebo"):
+        yield from _gazebo(element)
+    yield from _weightless(root)
+    for element in root.iterfind("transmission"):
+        for inner in element.iter():
+            tag = inner.tag.rpartition("}")[2]
+            if tag in _ROTORS and (_not_zero(inner.text) or _not_zero(inner.get("value"))):
+                yield f"{_what(tag)} in <transmission> {shown(element.get('name'))}"
+
+
+def _gazebo(element: ElementTree.Element) -> Iterator[str]:
+    where = f"<gazebo reference={shown(element.get('reference'))}>"
+    for inner in element:
+        if inner.tag in _SPRINGS and _not_zero(inner.text):
+            yield f"{_what(inner.tag)} of {where}"
+        elif inner.tag == "joint":
+            yield f"the joint {shown(inner.get('name'))} in {where} ({_LOOP_HINT})"
+
+
+def _weightless(root: ElementTree.Element) -> Iterator[str]:
+    """Links with mass that gravity does not act upon in Gazebo."""
+    heavy = {i.link for i in read_inertials(Path(), root) if i.mass > 0}
+    links = [
+        element.get("reference", "")
+        for element in root.iterfind("gazebo")
+        for inner in element
+        if inner.tag in ("gravity", "turnGravityOff") and _says_no(inner.text) == (inner.tag == "gravity")
+    ]
+    named = [shown(link) for link in dict.fromkeys(links) if link in heavy]
+    if named:
+        more = f" and {len(named) - _SHOWN} more" if len(named) > _SHOWN else ""
+        yield f"gravity turned off for the links {', '.join(named[:_SHOWN])}{more} (<gazebo>)"
+
+
+def _what(key: str) -> str:
+    return "the spring" if key in _SPRINGS else "the rotor's inertia"
+
+
+def _misspelt(root: ElementTree.Element) -> Iterator[str]:
+    parents = [root, *root.iterfind("link"), *root.iterfind("joint"), *root.iterfind("link/inertial")]
+    likely: dict[tuple[str, str], list[str]] = {}
+    for parent in parents:
+        for inner in parent:
+            if inner.tag in _KNOWN[parent.tag]:
+                continue
+            key = (parent.tag, shortened(inner.tag.lower(), 40))
+            if key not in likely:
+                likely[key] = difflib.get_close_matches(key[1], _KNOWN[parent.tag], n=1, cutoff=_LIKE)
+            if likely[key]:
+                of = "" if parent is root else f" of {parent.tag} {shown(parent.get('name'))}"
+                yield f"<{shortened(inner.tag)}>{of} (did you mean <{likely[key][0]}>?)"
+
+
+def _not_zero(text: str | None) -> bool:
+    return bool(finite_number(text))
+
+
+def _says_no(text: str | None) -> bool:
+    return (text or "").strip().lower() in _NO

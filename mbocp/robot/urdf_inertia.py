@@ -1,0 +1,153 @@
+"""Masses and inertias of a URDF: what is no number is refused, what no body can have is told by name."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._text import shown
+from mbocp.exceptions import UnsupportedRobot
+from mbocp.robot.notices import ImpossibleInertiaWarning
+from mbocp.robot.urdf_numbers import child_attribute, finite_number, finite_numbers
+
+__all__ = ["Inertial", "read_inertials", "tell_impossible_inertias", "total_mass"]
+
+_ROUND_OFF = 1e-9  # [kg m^2]; exporters print a zero moment of inertia as a tiny negative number
+_DIGITS = 0.02  # of a link's largest moment: what few printed digits may be off by
+_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_PLACES = (("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
+_SHOWN = 5  # links named in one warning
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """An <inertial>: mass [kg] and rotational inertia about the centre of mass, shape (3, 3) [kg m^2]."""
+
+    link: str
+    mass: float
+    inertia: Array
+
+
+def read_inertials(path: Path, root: ElementTree.Element) -> tuple[Inertial, ...]:
+    """All masses and inertias of a URDF.
+
+    Raises
+    ------
+    RobotFileError, UnsupportedRobot
+        For what is no number, and for a negative mass or moment of inertia, naming link and attribute.
+    """
+    found = []
+    for link in root.iterfind("link"):
+        element = link.find("inertial")
+        if element is not None:
+            found.append(_read(path, link.get("name", ""), element))
+    return tuple(found)
+
+
+def total_mass(inertials: tuple[Inertial, ...]) -> float:
+    """Sum of all masses [kg]."""
+    return math.fsum(inertial.mass for inertial in inertials)
+
+
+def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.Model) -> None:
+    """Warn of bodies whose inertia no distribution of mass has.
+
+    A body is what fixed joints join: a small part with muddled numbers on a large one is harmless.
+
+    Parameters
+    ----------
+    path, root : Path, Element
+        The URDF, for the names of links.
+    model : pin.Model
+        What was built from it.
+
+    Warns
+    -----
+    ImpossibleInertiaWarning
+        Once for the robot, naming links, numbers and what is wrong with them.
+    """
+    bad = [j for j in range(1, model.njoints) if _fault(np.asarray(model.inertias[j].inertia))]
+    told = [words for joint in bad for words in _faults(joint, model, read_inertials(path, root))]
+    if told:
+        more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
+        warnings.warn(
+            f"{path}: inertias that no body has ({'; '.join(told[:_SHOWN])}{more}); they are used as they "
+            "stand. Check units (kg m^2) and axes",
+            ImpossibleInertiaWarning,
+            stacklevel=2,
+        )
+
+
+def _faults(joint: int, model: pin.Model, inertials: tuple[Inertial, ...]) -> list[str]:
+    """What is wrong with the links of a body, or with the body as a whole."""
+    links = {f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY}
+    told = [
+        f"link {shown(inertial.link)}: {words}"
+        for inertial in inertials
+        if inertial.link in links and (words := _fault(inertial.inertia))
+    ]
+    whole = _fault(np.asarray(model.inertias[joint].inertia))
+    return told or [f"what joint {shown(model.names[joint])} moves: {whole}"]
+
+
+def _read(path: Path, link: str, element: ElementTree.Element) -> Inertial:
+    where = f"{path}: link {shown(link)}"
+    for key in ("xyz", "rpy"):
+        text = child_attribute(element, "origin", key)
+        finite_numbers(path, f"link {shown(link)}: inertial origin {key}", text, (0.0,) * 3)
+    mass = _number(where, "mass", child_attribute(element, "mass", "value"))
+    if mass < 0:
+        raise UnsupportedRobot(
+            f"{where}: mass is {mass:g} kg; a mass must be positive, or zero for a massless link or a rotor"
+        )
+    written = element.find("inertia")
+    if written is None:
+        return Inertial(link, mass, np.zeros((3, 3)))
+    values = {key: _number(where, key, written.get(key)) for key in _KEYS}
+    for key in ("ixx", "iyy", "izz"):
+        if values[key] < -_ROUND_OFF:
+            raise UnsupportedRobot(
+                f"{where}: {key} is {values[key]:g} kg m^2; a moment of inertia cannot be negative"
+            )
+    xx, xy, xz, yy, yz, zz = (values[key] for key in _KEYS)
+    return Inertial(link, mass, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def _number(where: str, key: str, text: str | None) -> float:
+    value = finite_number(text)
+    if value is None:
+        raise UnsupportedRobot(f"{where}: {key} is {shown(text)}, expected a finite number")
+    return value
+
+
+def _fault(inertia: Array) -> str:
+    """What is wrong with an inertia; an empty text if nothing is."""
+    size = float(np.abs(inertia).max())
+    tolerance = max(_ROUND_OFF, _DIGITS * size)
+    if not np.isfinite(size) or size <= tolerance:
+        return ""
+    moments = size * np.linalg.eigvalsh(inertia / size)  # scaled: huge numbers have squares, too
+    if moments[0] < -tolerance:
+        negative = f"a principal moment of inertia is {moments[0]:.3g} kg m^2, but none can be negative"
+        return negative + _cause(inertia)
+    if moments[2] - moments[0] - moments[1] > tolerance:
+        principal = ", ".join(f"{m:.3g}" for m in moments)
+        return f"of its principal moments {principal} kg m^2 the largest is above the sum of the others"
+    return ""
+
+
+def _cause(inertia: Array) -> str:
+    """The product of inertia that is too large for its moments, if it is one alone."""
+    for key, i, j in _PLACES:
+        bound = math.sqrt(max(float(inertia[i, i]), 0.0)) * math.sqrt(max(float(inertia[j, j]), 0.0))
+        if abs(inertia[i, j]) > bound * (1.0 + _DIGITS):
+            sides = f"i{'xyz'[i] * 2} = {inertia[i, i]:g} and i{'xyz'[j] * 2} = {inertia[j, j]:g}"
+            return f" ({key} = {inertia[i, j]:g} is too large for {sides})"
+    return ""

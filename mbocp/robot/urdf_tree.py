@@ -1,0 +1,113 @@
+"""Whether a URDF's links and joints are one tree; Pinocchio leaves out what does not hang on the root."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from mbocp._text import shown
+from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp.robot.urdf_numbers import child_attribute, finite_numbers
+
+__all__ = ["check_tree"]
+
+_JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+_WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
+_SHOWN = 5  # links named in one message
+_NORMS = (1e-9, 1e9)  # of an axis; far beyond, its square is no number any more
+
+
+def check_tree(path: Path, root: ElementTree.Element) -> None:
+    """Check names, joint types, axes and the tree.
+
+    Raises
+    ------
+    RobotFileError, UnsupportedRobot
+        Naming the link or joint.
+    """
+    links = _names(path, root, "link")
+    joints = dict(zip(_names(path, root, "joint"), root.iterfind("joint"), strict=True))
+    if not links:
+        raise RobotFileError(path, "has no link")
+    parents: dict[str, tuple[str, str]] = {}  # of a link: its joint and the link that it hangs on
+    known = set(links)
+    for name, joint in joints.items():
+        _check_joint(path, name, joint)
+        parent, child = (_end(path, name, joint, end, known) for end in ("parent", "child"))
+        if parent == child:
+            raise RobotFileError(path, f"joint {shown(name)} joins link {shown(child)} to itself")
+        if child in parents:
+            raise RobotFileError(
+                path,
+                f"link {shown(child)} is the child of two joints, {shown(parents[child][0])} and "
+                f"{shown(name)}: a URDF is a tree; close loops with [[constraint]] in a robot.toml",
+            )
+        parents[child] = (name, parent)
+    roots = [link for link in links if link not in parents]
+    if len(roots) != 1:
+        raise RobotFileError(
+            path,
+            "must have exactly one root link (one that is no joint's child), has "
+            f"{_listed(roots) if roots else 'none'}",
+        )
+    _check_reach(path, links, parents, roots[0])
+
+
+def _check_reach(path: Path, links: list[str], parents: dict[str, tuple[str, str]], root: str) -> None:
+    """Every link hangs on the root; with one parent each, those that do not hang on a circle of links."""
+    below: dict[str, list[str]] = {}
+    for child, (_, parent) in parents.items():
+        below.setdefault(parent, []).append(child)
+    reached, stack = {root}, [root]
+    while stack:
+        found = below.get(stack.pop(), [])
+        reached.update(found)
+        stack += found
+    lost = [link for link in links if link not in reached]
+    if lost:
+        joints = _listed([parents[link][0] for link in lost])
+        raise RobotFileError(
+            path,
+            f"links that do not hang on the root link {shown(root)}: {_listed(lost)}; their joints "
+            f"({joints}) lead in a circle. A URDF is a tree; close loops with [[constraint]] in a robot.toml",
+        )
+
+
+def _check_joint(path: Path, name: str, joint: ElementTree.Element) -> None:
+    kind, where = joint.get("type"), f"joint {shown(name)}"
+    if kind not in _JOINT_TYPES:
+        raise UnsupportedRobot(
+            f"{path}: {where} is of type {shown(kind)}; supported: {', '.join(_JOINT_TYPES)} "
+            "(and mimic on revolute, continuous and prismatic joints)"
+        )
+    for key in ("xyz", "rpy"):
+        finite_numbers(path, f"{where}: origin {key}", child_attribute(joint, "origin", key), (0.0,) * 3)
+    text = child_attribute(joint, "axis", "xyz")
+    axis = finite_numbers(path, f"{where}: axis xyz", text, (1.0, 0.0, 0.0))
+    if kind in _WITH_AXIS and not _NORMS[0] <= np.abs(axis).max() <= _NORMS[1]:
+        raise RobotFileError(path, f"{where}: axis xyz is {shown(text)}, expected a direction, such as 0 0 1")
+
+
+def _end(path: Path, name: str, joint: ElementTree.Element, end: str, links: set[str]) -> str:
+    link = child_attribute(joint, end, "link")
+    if link is None or link not in links:
+        raise RobotFileError(path, f"joint {shown(name)}: its {end} link {shown(link)} is not defined")
+    return link
+
+
+def _names(path: Path, root: ElementTree.Element, tag: str) -> list[str]:
+    names = [element.get("name") or "" for element in root.iterfind(tag)]
+    if "" in names:
+        raise RobotFileError(path, f"a <{tag}> has no name")
+    repeated = next((name for name, count in Counter(names).items() if count > 1), None)
+    if repeated is not None:
+        raise RobotFileError(path, f"{tag} {shown(repeated)} is defined more than once")
+    return names
+
+
+def _listed(names: list[str]) -> str:
+    more = f", and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(shown(name) for name in names[:_SHOWN]) + more
