@@ -97,15 +97,19 @@ def read_bytes(path: str | Path, *, expected: str = "a file", limit: int = TEXT_
         if not stat.S_ISREG(status.st_mode):
             kind = next((name for test, name in _KINDS if test(status.st_mode)), "no regular file")
             raise Unreadable(f"is {kind}, expected {expected}")
-        with os.fdopen(handle, "rb", closefd=False) as file:
-            content = file.read(limit + 1)
+        content = b""
+        if status.st_size <= limit:  # else it is not even read
+            with os.fdopen(handle, "rb", closefd=False) as file:
+                content = file.read(limit + 1)
     except OSError as error:
         raise Unreadable(f"cannot be read: {error.strerror}") from error
     finally:
         os.close(handle)
-    if len(content) > limit:
-        size = max(status.st_size, len(content)) / MEGABYTE
-        raise Unreadable(f"has {size:.1f} MB, expected {expected} of at most {limit / MEGABYTE:g} MB")
+    size = max(status.st_size, len(content))
+    if size > limit:
+        raise Unreadable(
+            f"has {size / MEGABYTE:.1f} MB, expected {expected} of at most {limit / MEGABYTE:g} MB"
+        )
     return content
 
 

@@ -27,6 +27,7 @@ LAYERS = (
     "problem",
     "transcription",
     "solvers",
+    "storage",
     "solution",
     "view",
     "inequalities",
@@ -42,7 +43,12 @@ SCRIPTS = {"__main__.py", "locate.py"}  # run, not imported
 SOURCES = sorted(
     path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py" and path.name not in SCRIPTS
 )
-ALONE = {"symbolic": {"exceptions", "_native"}, "_native": set(), "exceptions": {"_text"}}
+ALONE = {
+    "symbolic": {"exceptions", "_native"},
+    "storage": {"exceptions", "_arrays", "_files"},
+    "_native": set(),
+    "exceptions": {"_text"},
+}
 
 
 def module_name(path: Path) -> str:

@@ -65,7 +65,7 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
     nodes, steps = len(t), len(t) - 1
     vs = frozen_array(given["vs"], shape=(nodes, None), name="vs")
     lams = _or_absent(given["lams"], np.zeros((steps, 0)))
-    nv, nc = vs.shape[1], lams.shape[-1]
+    nv, nc = vs.shape[1], _width("lams", lams)
     shapes: dict[str, tuple[int | None, ...]] = {
         "t": (nodes,),
         "qs": (nodes, None),
@@ -81,7 +81,11 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
         "manifold_drifts": (nodes,),
         "lam_path": (steps, num_path),
     }
-    widths = (("u", _width(given["us"]), steps), ("v", nv, nodes), ("q", _width(given["qs"]), nodes))
+    widths = (
+        ("u", _width("us", given["us"]), steps),
+        ("v", nv, nodes),
+        ("q", _width("qs", given["qs"]), nodes),
+    )
     for letter, size, rows in widths:
         shapes |= {f"limits_{letter}": (2, size), f"lam_{letter}s": (rows, size)}
     absent = {
@@ -102,9 +106,12 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
     return {name: frozen_array(values[name], shape=shape, name=name) for name, shape in shapes.items()}
 
 
-def _width(rows: Any) -> int:
+def _width(name: str, rows: Any) -> int:
     """Number of columns."""
-    return int(np.shape(rows)[-1])
+    shape = np.shape(rows)
+    if len(shape) != 2:
+        raise DimensionMismatch(name, shape, (None, None))
+    return int(shape[1])
 
 
 def _or_absent(value: Any, substitute: Array) -> Array:

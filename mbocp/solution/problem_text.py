@@ -2,38 +2,60 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mbocp._arrays import Array
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from mbocp._files import parse_toml
+from mbocp.exceptions import InvalidValue, Unreadable
 
 __all__ = ["integrator_of", "limits_of"]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
 
 
+class _Part(BaseModel):
+    """Some keys of a table; what others there are does not matter here."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+
+class _Integrator(_Part):
+    scheme: str = "se1"
+    lie: str = "munthe_kaas"
+    substeps: Annotated[int, Field(ge=1, lt=2**63)] = 1
+
+
+class _Robot(_Part):
+    rotations: str = "quaternion"
+
+
+class _Problem(_Part):
+    coordinates: str = "joint"
+    integrator: _Integrator = _Integrator()
+    robot: _Robot | str = _Robot()
+    limits: dict[str, Any] = {}
+
+
 def integrator_of(problem_text: str) -> dict[str, Any]:
-    """`coordinates` and what the integrator is, of a problem file; "" and 1 if the text is not TOML."""
+    """`coordinates` and what the integrator is, of a problem file; "" and 1 if the text is not TOML.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
     problem = _parsed(problem_text)
     if problem is None:
         return {"coordinates": "", "scheme": "", "lie": "", "substeps": 1, "rotations": ""}
-    written, robot = problem.get("integrator", {}), problem.get("robot", {})
-    rotations = robot.get("rotations", "quaternion") if isinstance(robot, dict) else "quaternion"
+    robot = problem.robot if isinstance(problem.robot, _Robot) else _Robot()
     return {
-        "coordinates": str(problem.get("coordinates", "joint")),
-        "scheme": str(written.get("scheme", "se1")),
-        "lie": str(written.get("lie", "munthe_kaas")),
-        "substeps": int(written.get("substeps", 1)),
-        "rotations": str(rotations),
+        "coordinates": problem.coordinates,
+        **problem.integrator.model_dump(),
+        "rotations": robot.rotations,
     }
 
 
@@ -41,24 +63,37 @@ def limits_of(problem_text: str) -> dict[str, Array]:
     """`limits_u`, `limits_v` and `limits_q`, shape (2, n), as far as the text has them as lists of pairs.
 
     That is how `mbocp.problem.problem_to_toml` writes them; what needs a robot to be understood is left out.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
     """
-    written = (_parsed(problem_text) or {}).get("limits", {})
+    problem = _parsed(problem_text)
+    written = problem.limits if problem is not None else {}
     return {
         name: np.array(written[key], dtype=np.float64).T
         for name, key in _KEYS.items()
-        if _pairs(written, key)
+        if _pairs(written.get(key))
     }
 
 
 @lru_cache(maxsize=4)
-def _parsed(problem_text: str) -> dict[str, Any] | None:
+def _parsed(problem_text: str) -> _Problem | None:
     try:
-        document: dict[str, Any] = tomllib.loads(problem_text)
-    except tomllib.TOMLDecodeError:
+        document = parse_toml(problem_text)
+    except Unreadable:
         return None
-    return document
+    try:
+        return _Problem.model_validate(document)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(step) for step in first["loc"])
+        raise InvalidValue("problem_text", f"{key}: {first['msg']}", "the text of a problem file") from error
 
 
-def _pairs(written: Mapping[str, Any], key: str) -> bool:
-    rows = written.get(key)
-    return isinstance(rows, list) and all(isinstance(row, list) and len(row) == 2 for row in rows)
+def _pairs(rows: Any) -> bool:
+    return isinstance(rows, list) and all(
+        isinstance(row, list) and len(row) == 2 and all(isinstance(number, (int, float)) for number in row)
+        for row in rows
+    )

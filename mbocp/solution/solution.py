@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import DimensionMismatch, ResultFileError
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ResultFileError
 from mbocp.solution._values import checked_arrays, json_copy, same
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
 from mbocp.solution.export import solution_dict, write_csv
@@ -357,5 +357,5 @@ class Solution:
         content = read_content(path)
         try:
             return cls(**fields_of(content))
-        except (KeyError, TypeError, ValueError, DimensionMismatch) as error:
+        except (DimensionMismatch, InvalidValue) as error:
             raise ResultFileError(path, f"is damaged: its parts do not fit together ({error})") from error

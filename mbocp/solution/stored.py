@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbocp.solution.files import FileContent
+from mbocp.solution.checked import check_content, read_records
 from mbocp.solution.records import Column, IterationRecord, Labels, Phase, grouped
+from mbocp.storage.content import FileContent
 
 if TYPE_CHECKING:
     from mbocp.solution.solution import Solution
@@ -85,14 +86,22 @@ def content_of(solution: Solution) -> FileContent:
 
 
 def fields_of(content: FileContent) -> dict[str, Any]:
-    """Fields of the solution that a result file holds; what it does not has its default."""
+    """Fields of the solution that a result file holds; what it does not has its default.
+
+    Raises
+    ------
+    InvalidValue
+        If something is not what mbocp writes.
+    """
+    check_content(content)
     fields: dict[str, Any] = {**content.arrays, **content.summary, **content.structures, **content.texts}
-    fields["phases"] = tuple(Phase(**record) for record in fields["phases"])
-    fields["history"] = tuple(IterationRecord(**record) for record in fields["history"])
-    fields["labels"] = Labels(**{name: content.columns[f"{name}s"] for name in _LABELLED})
-    fields["control_momentum_names"] = tuple(c.name for c in content.columns["control_momenta"])
+    fields["phases"] = read_records(Phase, fields["phases"])
+    fields["history"] = read_records(IterationRecord, fields["history"])
+    labels = {name: tuple(Column(*pair) for pair in content.columns[f"{name}s"]) for name in _LABELLED}
+    fields["labels"] = Labels(**labels)
+    fields["control_momentum_names"] = tuple(name for name, _ in content.columns["control_momenta"])
     fields["control_momentum_meanings"] = content.meanings.get("control_momenta", ())
-    fields["path_names"] = tuple(c.name for c in content.columns.get("lam_path", ()))
+    fields["path_names"] = tuple(name for name, _ in content.columns.get("lam_path", ()))
     return fields
 
 

@@ -1,0 +1,170 @@
+"""What the content of a result file must be before it becomes a solution.
+
+The digest says that a file is as it was written; here is what mbocp writes: kinds and ranges of all values,
+names for all columns, times that grow, and finite numbers wherever the status says that a solve converged.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any, TypeVar, get_type_hints
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
+
+from mbocp._text import shown
+from mbocp.exceptions import InvalidValue
+from mbocp.solution.records import IterationRecord, Phase, Status
+from mbocp.storage.content import FileContent
+
+__all__ = ["check_content", "read_records"]
+
+_Record = TypeVar("_Record", Phase, IterationRecord)
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+def _not_negative(value: float) -> float:
+    if value < 0.0:  # NaN is none: it says that nobody computed the number
+        raise ValueError("a negative number")
+    return value
+
+
+_Count = Annotated[int, Field(ge=0, lt=2**63)]
+_Size = Annotated[float, AfterValidator(_not_negative)]
+
+
+class _Summary(_Strict):
+    """What has no default here stands in every file."""
+
+    status: Annotated[Status, Field(strict=False)]
+    advice: str = ""
+    solver: str
+    iterations: _Count
+    cost: float
+    residual: _Size
+    increment: _Size = 0.0
+    constraint_violation: _Size = 0.0
+    velocity_violation: _Size = 0.0
+    limit_violation: _Size = 0.0
+    manifold_drift: _Size = 0.0
+    manifold_drift_resimulated: _Size = 0.0
+    unknowns: _Count
+    wall_time_s: _Size = 0.0
+    substeps: _Count = 0
+    problem_name: str = ""
+    robot_name: str = ""
+    guess_used: str = ""
+    coordinates: str = ""
+    scheme: str = ""
+    lie: str = ""
+    rotations: str = ""
+
+
+def _table_of(record: type) -> type[_Strict]:
+    """Model of the table that a record is stored as."""
+    hints = get_type_hints(record)
+    fields: dict[str, Any] = {
+        f.name: (hints[f.name], ... if f.default is dataclasses.MISSING else f.default)
+        for f in dataclasses.fields(record)
+    }
+    return create_model(record.__name__, __base__=_Strict, **fields)
+
+
+_TABLES: dict[type, type[_Strict]] = {record: _table_of(record) for record in (Phase, IterationRecord)}
+
+
+class _Structures(_Strict):
+    phases: list[dict[str, Any]]
+    history: list[dict[str, Any]]
+    robot_spec: dict[str, Any]
+    options: dict[str, Any]
+    versions: dict[str, str]
+
+
+class _Texts(_Strict):
+    problem_text: str
+
+
+def check_content(content: FileContent) -> None:
+    """Check everything but how the lengths of the arrays fit together, which is what `Solution` checks.
+
+    Raises
+    ------
+    InvalidValue
+        Naming the value, what it is and what it should be.
+    """
+    summary = _validated(_Summary, "summary", content.summary)
+    _validated(_Structures, "text", content.structures)
+    _validated(_Texts, "text", content.texts)
+    _check_columns(content)
+    _check_numbers(content, summary.status)
+
+
+def read_records(kind: type[_Record], tables: list[Mapping[str, Any]]) -> tuple[_Record, ...]:
+    """Records of the solver from the tables that they were stored as.
+
+    Raises
+    ------
+    InvalidValue
+        If one has another key or kind of value.
+    """
+    model = _TABLES[kind]
+    for i, table in enumerate(tables):
+        _validated(model, f"{kind.__name__} {i}", table)
+    return tuple(kind(**table) for table in tables)
+
+
+_Model = TypeVar("_Model", bound=_Strict)
+
+
+def _validated(model: type[_Model], where: str, values: Mapping[str, Any]) -> _Model:
+    try:
+        return model.model_validate(dict(values))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = ".".join(str(step) for step in first["loc"])
+        got = "nothing" if first["type"] == "missing" else shown(first["input"])
+        raise InvalidValue(f"{where}: {name}", got, first["msg"]) from error
+
+
+_VECTORS = ("t", "eta", "control_hamiltonians", "manifold_drifts")
+
+
+def _check_columns(content: FileContent) -> None:
+    for name, array in content.arrays.items():
+        if array.ndim != (1 if name in _VECTORS else 2):
+            raise InvalidValue(name, f"shape {array.shape}", "a vector" if name in _VECTORS else "a table")
+        # Vectors have one column, but for eta, in which every number has a name.
+        width = 1 if name in _VECTORS and name != "eta" else array.shape[-1]
+        if len(content.columns[name]) != width:
+            raise InvalidValue(f"columns of {name}", len(content.columns[name]), f"{width} names")
+
+
+# What may have no value, and then NaN in its place; and what may be infinite, because nothing limits it.
+_UNKNOWN = ("control_hamiltonians", "manifold_drifts")
+_SIDES = ("limits_u", "limits_v", "limits_q")
+
+
+def _check_numbers(content: FileContent, status: Status) -> None:
+    t = content.arrays["t"]
+    if not np.isfinite(t).all() or not (np.diff(t) > 0.0).all():
+        raise InvalidValue("t", "other numbers", "finite times, one later than the other")
+    for name in _SIDES:
+        limits = content.arrays.get(name)
+        if limits is not None and not (limits.shape[:1] == (2,) and (limits[0] <= limits[1]).all()):
+            raise InvalidValue(name, "other numbers", "lower limits, and upper ones above them")
+    if status is not Status.CONVERGED:
+        return
+    for name in ("cost", "residual"):
+        if not np.isfinite(content.summary[name]):
+            raise InvalidValue(name, content.summary[name], f"a finite number, for the status is {status}")
+    for name, array in content.arrays.items():
+        allowed = np.isfinite(array) | (np.isnan(array) if name in _UNKNOWN else name in _SIDES)
+        if not allowed.all():
+            where = tuple(int(i) for i in np.argwhere(~allowed)[0])
+            got = f"{array[where]} at {list(where)}"
+            raise InvalidValue(name, got, f"finite numbers, for the status is {status}")
