@@ -10,10 +10,10 @@ The public names are loaded on first use, so that `import mbocp` stays light.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all that is here
 if TYPE_CHECKING:
+    from typing import Any
+
     from mbocp.api import solve as solve
     from mbocp.problem import Problem as Problem
     from mbocp.problem import load_problem as load_problem
@@ -39,6 +39,8 @@ def __getattr__(name: str) -> Any:
     home = _HOME.get(name)
     if home is None:
         raise AttributeError(f"module 'mbocp' has no attribute {name!r}")
+    import importlib
+
     return getattr(importlib.import_module(home), name)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mbocp.cli import signals
 from mbocp.cli.report import reporting
 
 __all__ = ["app"]
@@ -77,13 +78,12 @@ def solve(
 ) -> None:
     """Solve a problem file.
 
-    Exit status: 0 converged, 1 not converged, 2 bad input.
+    Exit status: 0 converged, 1 not converged, 2 bad input, 130 interrupted (with what there is by then).
     """
     from mbocp.cli.solve import Outputs, run
 
     outputs = Outputs(result=output, replay=replay, plot=plot)
-    converged = run(file, settings or [], solver, outputs, as_json=as_json, quiet=quiet)
-    raise typer.Exit(0 if converged else 1)
+    raise typer.Exit(run(file, settings or [], solver, outputs, as_json=as_json, quiet=quiet))
 
 
 @app.command()
@@ -206,6 +206,7 @@ def paper(
     from mbocp.cli import paper as first
     from mbocp.cli import paper_so3 as second
 
+    signals.leave_in_order()
     wanted = second.Wanted(lattice, variant, solver, workers, results, resume)
     if first.is_second(which):
         request = wanted.request(output, quick=quick, pdf=pdf)
@@ -281,4 +282,5 @@ def doctor(as_json: Json = False) -> None:
     """
     from mbocp.cli.doctor import print_report
 
+    signals.leave_in_order()  # it compiles something
     raise typer.Exit(0 if print_report(as_json=as_json) else 1)

@@ -2,14 +2,48 @@
 
 from __future__ import annotations
 
+import os
+import re
+import sys
+from typing import IO, Any, cast
+
 from rich.console import Console
 
 __all__ = ["output"]
 
 _PIPE_WIDTH = 200  # nobody looks at the lines of a pipe through a narrow window
+_WIDTHS = range(20, 10_000)  # that COLUMNS may ask for
+_BLANKS = re.compile(r"[ ]+(?=\n)")
+
+
+class _Output(Console):
+    def on_broken_pipe(self) -> None:
+        """Leave it to `reporting`; rich would end with status 1, which means "not converged" here."""
+        raise BrokenPipeError
+
+
+class _Unpadded:
+    """A text stream without the blanks that fill the lines of tables."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return self._stream.write(_BLANKS.sub("", text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def output() -> Console:
-    """Return a console for stdout, wide if that is no terminal."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(width=_PIPE_WIDTH, highlight=False)
+    """Return a console for stdout: as wide as the terminal, as COLUMNS says, or wide if it is a pipe."""
+    console = _Output(highlight=False)
+    if console.is_terminal:
+        return console
+    asked = os.environ.get("COLUMNS", "")
+    width = int(asked) if re.fullmatch(r"[0-9]{1,5}", asked) else _PIPE_WIDTH
+    return _Output(
+        file=cast("IO[str]", _Unpadded(sys.stdout)),
+        width=width if width in _WIDTHS else _PIPE_WIDTH,
+        highlight=False,
+    )

@@ -1,18 +1,26 @@
-"""What goes to stderr: errors, warnings, and what an exit status means."""
+"""What goes to stderr: errors, warnings, and what an exit status means.
+
+This is the one place where an exception becomes a line and an exit status. What mbocp raises on purpose and
+what a machine refuses (memory, disk, permissions) are lines; anything else is a bug, and stays visible.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
+import json
 import os
 import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import typer
 
+from mbocp._text import LONGEST_MESSAGE, shortened
+from mbocp.cli import signals
 from mbocp.exceptions import MbocpError
 
 __all__ = ["BAD_INPUT", "BUG", "INTERRUPTED", "reporting", "shown_warnings"]
@@ -22,35 +30,107 @@ BUG = 70  # EX_SOFTWARE: 1 is "not converged", and a bug must not look like it
 INTERRUPTED = 130  # what a shell reports for Ctrl-C
 CLOSED_PIPE = 141  # and for a reader that went away
 
+_LONGEST_TRACE = 20_000  # characters
+_NO_MEMORY = (
+    "there is not enough memory for this; take fewer steps or substeps, a smaller robot, or a machine that "
+    "has more"
+)
+# What a machine refuses, whatever mbocp does; other errors of the system (no such file, ...) are looked at
+# where they arise, and are bugs here.
+_REFUSALS = frozenset(
+    {
+        errno.EACCES,
+        errno.EDQUOT,
+        errno.EFBIG,
+        errno.EIO,
+        errno.EMFILE,
+        errno.ENAMETOOLONG,
+        errno.ENFILE,
+        errno.ENOMEM,
+        errno.ENOSPC,
+        errno.EPERM,
+        errno.EROFS,
+    }
+)
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
+class _Meaning(NamedTuple):
+    """What an exception is called, how it is told, and the exit status."""
+
+    word: str
+    message: str
+    color: str
+    status: int
+
+
 def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Turn errors into a line for a person and an exit status for a script."""
+    """Turn errors into a line for a person and an exit status for a script.
+
+    With ``--json`` there is an object on stdout then, too: what kind of error, and the message.
+    """
 
     @functools.wraps(command)
     def wrapped(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         try:
-            with shown_warnings(quiet=bool(kwargs.get("quiet"))):
+            with shown_warnings(quiet=bool(kwargs.get("quiet"))), _flushed():
                 return command(*args, **kwargs)
-        except MbocpError as error:
-            _say("error", str(error), "red")
-            raise typer.Exit(BAD_INPUT) from None
-        except KeyboardInterrupt:
-            _say("interrupted", "stopped before there was a result", "yellow")
-            raise typer.Exit(INTERRUPTED) from None
         except (typer.Exit, typer.Abort):
             raise
         except BrokenPipeError:  # somebody reads only the head of the output
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _forget_output()
             raise typer.Exit(CLOSED_PIPE) from None
-        except Exception:
-            traceback.print_exc()
-            _say("error", "this is a bug in mbocp; please report it with the lines above", "red")
-            raise typer.Exit(BUG) from None
+        except BaseException as error:
+            meaning = _meaning(error)
+            if meaning is None:
+                raise
+            if kwargs.get("as_json"):
+                _print_json(error, meaning)
+            _say(meaning.word, meaning.message, meaning.color)
+            raise typer.Exit(meaning.status) from None
 
     return wrapped
+
+
+def _meaning(error: BaseException) -> _Meaning | None:
+    """What an exception means; None if it is not an error."""
+    signalled = signals.status_of_signal()
+    if isinstance(error, KeyboardInterrupt) or (signalled and not isinstance(error, MbocpError)):
+        # What is interrupted in the midst of an import may come out as another exception.
+        return _Meaning("interrupted", signals.BEFORE_A_RESULT, "yellow", signalled or INTERRUPTED)
+    if isinstance(error, MbocpError):
+        return _Meaning("error", str(error), "red", BAD_INPUT)
+    if isinstance(error, MemoryError):
+        return _Meaning("error", _NO_MEMORY, "red", BAD_INPUT)
+    if isinstance(error, OSError) and error.errno in _REFUSALS:
+        where = f"{error.filename}: " if error.filename is not None else ""
+        return _Meaning("error", f"{where}{error.strerror}", "red", BAD_INPUT)
+    if not isinstance(error, Exception):
+        return None
+    sys.stderr.write(shortened("".join(traceback.format_exception(error)), _LONGEST_TRACE))
+    return _Meaning("error", "this is a bug in mbocp; please report it with the lines above", "red", BUG)
+
+
+@contextlib.contextmanager
+def _flushed() -> Iterator[None]:
+    """Flush stdout at the end, while a reader that went away can still be noticed."""
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+
+
+def _forget_output() -> None:
+    """Let nobody try to write the rest of the output to a closed pipe."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):  # a stream without a file has no pipe, either
+            stream.flush()
+            continue
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(nowhere, stream.fileno())
 
 
 @contextlib.contextmanager
@@ -70,8 +150,22 @@ def shown_warnings(quiet: bool) -> Iterator[None]:
         yield
 
 
+def _print_json(error: BaseException, meaning: _Meaning) -> None:
+    """Print what happened as one object, in the place of the result."""
+    facts = {
+        "status": meaning.word,
+        "converged": False,
+        "error": type(error).__name__,
+        "message": shortened(meaning.message, LONGEST_MESSAGE),
+        "exit_status": meaning.status,
+    }
+    with contextlib.suppress(BrokenPipeError):
+        typer.echo(json.dumps(facts, indent=2))
+
+
 def _say(word: str, message: str, color: str) -> None:
     """Print ``word: message`` on stderr, the word in colour if that is a terminal."""
-    first, *rest = message.splitlines() or [""]
+    first, *rest = shortened(message, LONGEST_MESSAGE).splitlines() or [""]
     lines = [f"{typer.style(word, fg=color, bold=True)}: {first}", *(f"  {line}" for line in rest)]
-    typer.echo("\n".join(lines), err=True, color=None if sys.stderr.isatty() else False)
+    with contextlib.suppress(BrokenPipeError):  # nobody reads it; the exit status tells
+        typer.echo("\n".join(lines), err=True, color=None if sys.stderr.isatty() else False)

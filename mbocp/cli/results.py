@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from mbocp.cli import signals
 from mbocp.cli.solve import IMAGES, PAGES, check_output
 from mbocp.exceptions import InvalidValue, ResultFileError
 
@@ -35,6 +36,7 @@ def replay_result(
         check_output(path, "-o", PAGES)
     from mbocp.view.replay import open_replay, write_replay
 
+    signals.leave_in_order()
     solution, robot = _load(result)
     for frame in trace or ():
         robot.frame_id(frame)
@@ -52,6 +54,7 @@ def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
     check_output(path, "-o", IMAGES)
     from mbocp.view.plots import plot_solution
 
+    signals.leave_in_order()
     solution, robot = _load(result)
     plot_solution(solution, path, robot=robot)
     _tell(f"plot: {path}", quiet)

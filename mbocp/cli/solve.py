@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from mbocp.cli import signals
+from mbocp.cli.report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ def check_output(path: Path, option: str, suffixes: Sequence[str]) -> None:
 
 def run(
     file: Path, settings: Sequence[str], solver: str | None, outputs: Outputs, *, as_json: bool, quiet: bool
-) -> bool:
+) -> int:
     """Solve the problem file and write what is asked for.
 
     Parameters
@@ -86,12 +88,15 @@ def run(
 
     Returns
     -------
-    converged : bool
+    status : int
+        Exit status: 0 converged, 1 not converged, 130 interrupted (143 by SIGTERM), with what there is.
     """
+    outputs.check(file)
+    _import(outputs)
     from mbocp.cli.progress import Progress
     from mbocp.problem import load_problem
 
-    outputs.check(file)
+    signals.leave_in_order()
     chosen = [*settings, f'solver.method="{solver}"'] if solver is not None else list(settings)
     with Progress(title=file.stem, quiet=quiet or as_json) as progress:
         progress.say("loading the robot")
@@ -105,7 +110,26 @@ def run(
         from mbocp.cli.summary import print_summary
 
         print_summary(solution, problem, written)
-    return solution.converged
+    return _exit_status(solution)
+
+
+def _import(outputs: Outputs) -> None:
+    """Import what takes time, and is better not interrupted, before there is anything to lose."""
+    import mbocp.api
+    import mbocp.cli.summary
+
+    if outputs.replay is not None:
+        import mbocp.view.replay
+    if outputs.plot is not None:
+        import mbocp.view.plots  # noqa: F401
+
+
+def _exit_status(solution: Solution) -> int:
+    from mbocp.solution import Status
+
+    if solution.status is Status.INTERRUPTED:
+        return signals.status_of_signal() or INTERRUPTED
+    return 0 if solution.converged else 1
 
 
 def _solve(problem: Problem, progress: Progress) -> Solution:

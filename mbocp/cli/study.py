@@ -26,6 +26,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from mbocp.cli import signals
 from mbocp.cli.console import output
 from mbocp.cli.report import INTERRUPTED
 from mbocp.cli.solve import IMAGES, check_output
@@ -78,6 +79,7 @@ def run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
     shown.check()
     from mbocp.study import Study, run_study
 
+    signals.leave_in_order()
     study = Study.load(file)
     for name in shown.by or ():
         if name not in study.names:
@@ -98,7 +100,7 @@ def run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
             )
     except KeyboardInterrupt:
         _say_how_to_go_on(file, table, how)
-        raise typer.Exit(INTERRUPTED) from None
+        raise typer.Exit(signals.status_of_signal() or INTERRUPTED) from None
     _show(result, table, shown)
 
 

@@ -38,7 +38,7 @@ def test_ctrl_c_while_solving(tmp_path: Path, run: Run, monkeypatch: pytest.Monk
     monkeypatch.setattr(Progress, "__call__", stop)
     saved = tmp_path / "swing.h5"
     done = run("solve", FILE, *SMALL, "-o", str(saved))
-    assert done.exit_code == 1
+    assert done.exit_code == 130
     assert "interrupted" in done.stdout
     assert Solution.load(saved).status is Status.INTERRUPTED
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import warnings
@@ -35,7 +36,7 @@ def test_converged(folder: Path, run: Run, solver: FakeSolver) -> None:
     assert Solution.load(folder / "arm.h5").converged
 
 
-@pytest.mark.parametrize("status", [s for s in Status if s is not Status.CONVERGED])
+@pytest.mark.parametrize("status", [s for s in Status if s not in (Status.CONVERGED, Status.INTERRUPTED)])
 def test_not_converged_is_1_and_still_saved(
     folder: Path, run: Run, solver: FakeSolver, status: Status
 ) -> None:
@@ -176,6 +177,52 @@ def test_a_bug_is_neither_1_nor_2(folder: Path, run: Run, solver: FakeSolver) ->
     assert done.exit_code == 70
     assert "ZeroDivisionError: oh" in done.stderr
     assert "please report" in done.stderr
+
+
+def test_what_the_machine_refuses_is_a_line(folder: Path, run: Run, solver: FakeSolver) -> None:
+    for error, words in (
+        (MemoryError(), "error: there is not enough memory"),
+        (OSError(errno.ENOSPC, "No space left on device", "/a/b"), "error: /a/b: No space left on device"),
+    ):
+        solver.error = error
+        done = run("solve", "arm.toml")
+        assert done.exit_code == 2
+        assert done.stderr.splitlines()[-1].startswith(words)
+        assert "Traceback" not in done.stderr
+
+
+def test_other_errors_of_the_system_stay_bugs(folder: Path, run: Run, solver: FakeSolver) -> None:
+    for error in (FileNotFoundError(errno.ENOENT, "no"), RecursionError("deep")):
+        solver.error = error
+        assert run("solve", "arm.toml").exit_code == 70
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "kind"),
+    [
+        (SingularSystem("oh " * 10_000), 2, "SingularSystem"),
+        (MemoryError(), 2, "MemoryError"),
+        (KeyboardInterrupt(), 130, "KeyboardInterrupt"),
+        (ZeroDivisionError("oh"), 70, "ZeroDivisionError"),
+    ],
+)
+def test_json_is_one_object_also_when_it_fails(
+    folder: Path, run: Run, solver: FakeSolver, error: BaseException, status: int, kind: str
+) -> None:
+    solver.error = error
+    done = run("solve", "arm.toml", "--json")
+    facts = json.loads(done.stdout)
+    assert done.exit_code == facts["exit_status"] == status
+    assert facts["converged"] is False
+    assert facts["error"] == kind
+    assert facts["status"] == ("interrupted" if status == 130 else "error")
+    assert len(facts["message"]) <= 4000
+    assert done.stderr
+
+
+def test_messages_are_bounded(folder: Path, run: Run, solver: FakeSolver) -> None:
+    solver.error = ZeroDivisionError("x" * 1_000_000)
+    assert len(run("solve", "arm.toml").stderr) < 30_000
 
 
 def test_ctrl_c_before_the_solver(folder: Path, run: Run, solver: FakeSolver) -> None:

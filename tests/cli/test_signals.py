@@ -1,0 +1,138 @@
+"""Ctrl-C, SIGTERM and closed pipes at any moment: the right exit status, and never a traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mbocp.solution import Solution, Status
+
+from .conftest import ARM, FakeSolver, Run
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+# It says when Python's own start is over: before `main`, a signal is Python's business.
+RUN = "import os; from mbocp.cli import main; os.write(1, b'>'); main()"
+
+
+def _start(*arguments: str, program: tuple[str, ...] = ("-c", RUN), cwd: Path) -> subprocess.Popen[str]:
+    """Run the command line as from a terminal: in a shell's background Ctrl-C is ignored."""
+    return subprocess.Popen(
+        [sys.executable, *program, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+
+
+def _interrupted(number: signal.Signals, delay: float, folder: Path) -> tuple[int, str]:
+    process = _start("solve", "arm.toml", "-q", "-o", "arm.h5", cwd=folder)
+    assert process.stdout is not None
+    assert process.stdout.read(1) == ">"
+    time.sleep(delay)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=100)
+    return process.returncode, errors
+
+
+# [s] first typer is imported, then NumPy, CasADi and Pinocchio; at last the robot is loaded.
+_DELAYS = (0.0, 0.01, 0.05, 0.1, 0.3, 0.6)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_at_any_moment(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "arm.toml").write_text(ARM)
+    for delay in _DELAYS if number is signal.SIGINT else _DELAYS[::3]:
+        status, errors = _interrupted(number, delay, tmp_path)
+        if status in (0, -signal.SIGTERM):  # it was done; or SIGTERM came before the handlers stood
+            assert not errors
+        else:
+            assert status == 128 + number, (delay, errors)
+            assert errors == "interrupted: stopped before there was a result\n", delay
+
+
+@pytest.mark.slow
+def test_a_signal_at_hundreds_of_moments(tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text(ARM)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        for k in range(100):
+            status, errors = _interrupted(number, 0.002 + 0.02 * k, tmp_path)
+            assert status in (128 + number, 0, -signal.SIGTERM), (k, errors)
+            assert "Traceback" not in errors
+            assert "ignored" not in errors
+
+
+SLOW_SOLVE = """
+import os, signal, sys, threading
+import mbocp
+from mbocp.cli import main
+real, number, waits = mbocp.solve, getattr(signal, sys.argv.pop(1)), []
+def solve(problem, callback):
+    def count(record):
+        callback(record)
+        waits.append(record)
+        if len(waits) == 4:
+            os.kill(os.getpid(), number)
+    return real(problem, callback=count)
+mbocp.solve = solve
+main()
+"""
+
+
+@pytest.mark.parametrize(("name", "method"), [("SIGINT", "ipopt"), ("SIGTERM", "monolithic")])
+def test_a_signal_in_the_solver_keeps_the_best_iterate(tmp_path: Path, name: str, method: str) -> None:
+    file, result = EXAMPLES / "paper" / "rigid_pendulum.toml", tmp_path / "a.h5"
+    arguments = (name, "solve", str(file), "--solver", method, "--set", "horizon.steps=20", "-o", str(result))
+    process = _start(*arguments, program=("-c", SLOW_SOLVE), cwd=tmp_path)
+    out, errors = process.communicate(timeout=100)
+    assert process.returncode == 128 + getattr(signal, name), errors
+    assert "Traceback" not in errors
+    assert "interrupted" in out
+    assert Solution.load(result).status is Status.INTERRUPTED
+
+
+def test_interrupted_is_130_with_a_result(folder: Path, run: Run, solver: FakeSolver) -> None:
+    solver.status = Status.INTERRUPTED
+    assert run("solve", "arm.toml", "-o", "a.h5").exit_code == 130
+    assert Solution.load(folder / "a.h5").status is Status.INTERRUPTED
+
+
+@pytest.mark.parametrize("arguments", [("robots",), ("robots", "ur5"), ("robots", "--json"), ("--help",)])
+def test_a_reader_that_goes_away(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    reader, writer = os.pipe()
+    command = [sys.executable, "-m", "mbocp", *arguments]
+    process = subprocess.Popen(command, stdout=writer, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    os.close(writer)
+    os.close(reader)
+    _, errors = process.communicate(timeout=100)
+    assert process.returncode in (141, -signal.SIGPIPE), errors  # a shell says 141 for both
+    assert errors == ""
+
+
+def test_python_m_mbocp(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "mbocp", "--version"], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    assert done.stdout.startswith("mbocp ")
+
+
+def test_handlers_stand_before_anything_takes_time(tmp_path: Path) -> None:
+    """What is imported before them is part of Python's own start, or a module of a few lines."""
+    code = (
+        "import sys, signal; before = set(sys.modules)\n"
+        "signal.signal = lambda *_: (print(*sorted(set(sys.modules) - before)), sys.exit())\n"
+        "from mbocp.cli import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    found = set(done.stdout.split())
+    assert {name for name in found if name.startswith("mbocp")} == {"mbocp", "mbocp.cli", "mbocp.cli.signals"}
+    assert not found & {"typing", "typer", "numpy", "rich", "pathlib"}
