@@ -17,11 +17,23 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.view.mesh_parts import Indices, MeshPart, Surface, distinct_rows, fans
+from mbocp._files import is_file, read_bytes
+from mbocp._text import shown
+from mbocp.view.mesh_parts import (
+    MESH_LIMIT,
+    MOST_TRIANGLES,
+    Indices,
+    MeshPart,
+    Surface,
+    distinct_rows,
+    fans,
+)
 
 __all__ = ["read_collada"]
 
 Node = ElementTree.Element
+_MOST_LEVELS = 64  # of nodes within each other
+_MOST_NODES = 20_000  # each as often as others repeat it
 
 
 def read_collada(path: Path) -> tuple[MeshPart, ...]:
@@ -29,10 +41,10 @@ def read_collada(path: Path) -> tuple[MeshPart, ...]:
 
     Raises
     ------
-    OSError, ElementTree.ParseError, ValueError
+    Unreadable, ElementTree.ParseError, ValueError, IndexError
         If the file cannot be read or refers to what it does not have.
     """
-    root = ElementTree.parse(path).getroot()
+    root = ElementTree.fromstring(read_bytes(path, expected="a Collada mesh", limit=MESH_LIMIT))
     for node in root.iter():
         node.tag = node.tag.rpartition("}")[2]
     return _Reader(root, path.parent).read()
@@ -45,6 +57,7 @@ class _Reader:
         self._root, self._folder = root, folder
         self._by_id = {node.get("id"): node for node in root.iter() if node.get("id")}
         self._sources: dict[str, Array] = {}
+        self._triangles = self._visits = 0
 
     def read(self) -> tuple[MeshPart, ...]:
         scene = self._target(self._root.find("scene/instance_visual_scene"))
@@ -54,12 +67,15 @@ class _Reader:
             raise ValueError("no scene in it")
         unit = self._root.find("asset/unit")
         scale = np.diag([*[1.0 if unit is None else float(unit.get("meter", "1"))] * 3, 1.0])
-        return tuple(part for node in scene.findall("node") for part in self._node(node, scale))
+        return tuple(part for node in scene.findall("node") for part in self._node(node, scale, 1))
 
     def _target(self, reference: Node | None, key: str = "url") -> Node | None:
         return None if reference is None else self._by_id.get(reference.get(key, "").removeprefix("#"))
 
-    def _node(self, node: Node, parent: Array) -> Iterator[MeshPart]:
+    def _node(self, node: Node, parent: Array, depth: int) -> Iterator[MeshPart]:
+        self._visits += 1
+        if depth > _MOST_LEVELS or self._visits > _MOST_NODES:
+            raise ValueError(f"more than {_MOST_NODES} nodes, or {_MOST_LEVELS} within each other")
         placement = parent @ _transform(node)
         for instance in node.findall("instance_geometry"):
             yield from self._geometry(self._target(instance), instance, placement)
@@ -70,9 +86,9 @@ class _Reader:
         for instance in node.findall("instance_node"):
             other = self._target(instance)
             if other is not None:
-                yield from self._node(other, placement)
+                yield from self._node(other, placement, depth + 1)
         for child in node.findall("node"):
-            yield from self._node(child, placement)
+            yield from self._node(child, placement, depth + 1)
 
     def _geometry(self, geometry: Node | None, instance: Node, placement: Array) -> Iterator[MeshPart]:
         mesh = None if geometry is None else geometry.find("mesh")
@@ -83,6 +99,9 @@ class _Reader:
             corners = _corners(primitive)
             if corners is None or len(corners) == 0:
                 continue
+            self._triangles += len(corners) // 3
+            if self._triangles > MOST_TRIANGLES:
+                raise ValueError(f"more than {MOST_TRIANGLES} triangles")
             symbol = primitive.get("material")
             material = self._target(bound.get(symbol), "target")
             if material is None and symbol:
@@ -95,6 +114,8 @@ class _Reader:
         if "POSITION" not in names:
             raise ValueError("a mesh without positions")
         used = corners[:, [streams[name][0] for name in names]]
+        if used.min() < 0:
+            raise ValueError("a corner has a negative number")
         rows, faces = distinct_rows(used)
         values = {name: streams[name][1][rows[:, k]] for k, name in enumerate(names)}
         linear = placement[:3, :3]
@@ -127,9 +148,11 @@ class _Reader:
             source = self._target(reference, "source")
             numbers = None if source is None else source.find("float_array")
             if source is None or numbers is None:
-                raise ValueError(f"no data {key!r} in it")
+                raise ValueError(f"no data {shown(key)} in it")
             accessor = source.find("technique_common/accessor")
             stride = int(accessor.get("stride", "1")) if accessor is not None else 3
+            if stride < 1:
+                raise ValueError(f"data {shown(key)} has a stride of {stride}")
             values = np.array((numbers.text or "").split(), dtype=np.float64)
             self._sources[key] = values[: len(values) // stride * stride].reshape(-1, stride)
         return self._sources[key]
@@ -159,7 +182,7 @@ class _Reader:
             return None
         text = image.findtext("init_from") or image.findtext("init_from/ref") or ""
         file = self._folder / unquote(re.sub(r"^file://", "", text.strip())).replace("\\", "/")
-        return file if file.is_file() else None
+        return file if is_file(file) else None
 
 
 def _corners(primitive: Node) -> Indices | None:
@@ -167,7 +190,10 @@ def _corners(primitive: Node) -> Indices | None:
     inputs = primitive.findall("input")
     if primitive.tag not in ("triangles", "polylist", "polygons", "tristrips", "trifans") or not inputs:
         return None
-    width = 1 + max(int(node.get("offset", "0")) for node in inputs)
+    offsets = [int(node.get("offset", "0")) for node in inputs]
+    if min(offsets) < 0:
+        raise ValueError(f"a negative offset, {min(offsets)}")
+    width = 1 + max(offsets)
     lists = [
         np.array((p.text or "").split(), dtype=np.int64).reshape(-1, width) for p in primitive.findall("p")
     ]
@@ -180,7 +206,8 @@ def _corners(primitive: Node) -> Indices | None:
         return np.concatenate(lists)
     if primitive.tag == "polylist":
         counts = np.array((primitive.findtext("vcount") or "").split(), dtype=np.int64)
-    return np.concatenate(lists)[fans(counts)]
+    corners = np.concatenate(lists)
+    return corners[fans(counts, len(corners))]
 
 
 def _strip(count: int) -> Indices:

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp._files import MEGABYTE
 
-__all__ = ["Indices", "MeshPart", "Surface", "distinct_rows", "fans"]
+__all__ = [
+    "MESH_LIMIT",
+    "MOST_TRIANGLES",
+    "Indices",
+    "MeshPart",
+    "Surface",
+    "checked",
+    "distinct_rows",
+    "fans",
+]
 
 Indices = NDArray[np.int64]
+
+MESH_LIMIT = 128 * MEGABYTE  # of one mesh file [bytes]; the largest that we know has 29 MB
+MOST_TRIANGLES = 10_000_000  # of one mesh, each as often as the file's scene shows it
+_LARGEST = 1e9  # of a coordinate, in the mesh's own unit
+_GREY = (0.8, 0.8, 0.8)
 
 
 @dataclass(frozen=True)
@@ -45,8 +61,40 @@ class MeshPart:
     surface: Surface | None
 
 
+def checked(parts: Sequence[MeshPart]) -> tuple[MeshPart, ...]:
+    """Parts that can be drawn; normals, texture coordinates and colours that are no numbers are left out.
+
+    Raises
+    ------
+    ValueError
+        If there is no triangle, a corner is no point, or a triangle refers to a corner that is not there.
+    """
+    found = tuple(_checked(part) for part in parts if len(part.faces) > 0)
+    if not found:
+        raise ValueError("no triangles in it")
+    return found
+
+
+def _checked(part: MeshPart) -> MeshPart:
+    if part.vertices.shape[1:] != (3,) or not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
+        raise ValueError("a triangle refers to a corner that is not there")
+    if not np.all(np.abs(part.vertices) <= _LARGEST):
+        raise ValueError(f"a corner is not finite, or beyond {_LARGEST:g}")
+    shape = len(part.vertices)
+    normals, uvs, surface = part.normals, part.uvs, part.surface
+    if normals is not None and (normals.shape != (shape, 3) or not np.isfinite(normals).all()):
+        normals = None
+    if uvs is not None and (uvs.shape != (shape, 2) or not np.isfinite(uvs).all()):
+        uvs = None
+    if surface is not None and not np.isfinite(surface.colour).all():
+        surface = replace(surface, colour=_GREY)
+    return replace(part, normals=normals, uvs=uvs, surface=surface)
+
+
 def distinct_rows(tuples: Indices) -> tuple[Indices, Indices]:
     """The different rows, and for each row its number among them."""
+    if len(tuples) == 0:
+        return tuples, np.zeros(0, dtype=np.int64)
     key = np.zeros(len(tuples), dtype=np.int64)
     for column in tuples.T:  # one number a row: sorting those is much faster than sorting rows
         _, rank = np.unique(column, return_inverse=True)
@@ -55,8 +103,18 @@ def distinct_rows(tuples: Indices) -> tuple[Indices, Indices]:
     return tuples[first], inverse
 
 
-def fans(counts: Indices) -> Indices:
-    """Corner numbers of the triangles of polygons with `counts` corners each."""
+def fans(counts: Indices, corners: int) -> Indices:
+    """Corner numbers of the triangles of polygons with `counts` corners each, of `corners` that there are.
+
+    Raises
+    ------
+    ValueError
+        If a count is negative, or the polygons have more corners than there are.
+    """
+    if len(counts) == 0:
+        return np.zeros(0, dtype=np.int64)
+    if counts.min() < 0 or counts.max() > corners or counts.sum() > corners:
+        raise ValueError(f"polygons with more corners than the {corners} that are given")
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     triangles = np.maximum(counts - 2, 0)
     start = np.repeat(starts, triangles)

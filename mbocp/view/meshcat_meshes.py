@@ -1,4 +1,4 @@
-"""A robot's visuals as meshcat objects: STL as it is, Collada and OBJ parsed, primitives by Pinocchio.
+"""A robot's visuals as meshcat objects: STL, Collada and OBJ parsed, primitives by Pinocchio.
 
 The scale of a mesh sits in the object's own matrix, below the node that is animated. Pinocchio's
 MeshcatVisualizer puts it into the node's transform, where an animation would overwrite it.
@@ -7,9 +7,12 @@ MeshcatVisualizer puts it into the node's transform, where an animation would ov
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+import io
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import coal
@@ -17,28 +20,47 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.exceptions import ReplayError
+from mbocp._files import MEGABYTE
+from mbocp._text import shortened
+from mbocp.exceptions import ReplayError, Unreadable
 from mbocp.view.collada import read_collada
-from mbocp.view.mesh_parts import MeshPart, Surface
+from mbocp.view.mesh_formats import check_single_file
+from mbocp.view.mesh_parts import MeshPart, Surface, checked
 from mbocp.view.meshcat_commands import colour_number, shape_object
 from mbocp.view.meshcat_import import load_mesh, load_primitive, mg, pack_array
+from mbocp.view.pictures import Picture, picture_folders, read_picture
+from mbocp.view.stl import binary_stl, read_stl
 from mbocp.view.wavefront import read_wavefront
 
-__all__ = ["MeshLibrary"]
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = ["SCENE_LIMIT", "MeshLibrary"]
 
 _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there is
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
-_READERS = {".dae": read_collada, ".obj": read_wavefront}
-_MIME = {".jpg": "jpeg", ".jpeg": "jpeg", ".gif": "gif", ".bmp": "bmp", ".webp": "webp"}
+SCENE_LIMIT = 512 * MEGABYTE  # of all meshes and pictures of a page [bytes]
+_GREY = (0.8, 0.8, 0.8)
+_READERS = {".dae": read_collada, ".obj": read_wavefront, ".stl": read_stl}
 _CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
-_UNREADABLE = (OSError, RuntimeError, ValueError, IndexError, KeyError, ElementTree.ParseError)
+_UNREADABLE = (Unreadable, OSError, RuntimeError, ValueError, IndexError, KeyError, ElementTree.ParseError)
 
 
 class MeshLibrary:
-    """The meshes of one scene; each file is parsed once."""
+    """The meshes of one scene; each file is parsed once.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    robot : Robot
+        Whose folders the pictures on meshes may come from.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
         self._parsed: dict[str, tuple[MeshPart, ...]] = {}
+        self._pictures: dict[Path, Picture] = {}
+        self._refused: set[Path] = set()
+        self._size = 0
 
     def draw(self, visual: pin.GeometryObject) -> dict[str, Any]:
         """The meshcat object (as its `set_object` command carries it) of one visual.
@@ -62,42 +84,72 @@ class MeshLibrary:
         """Corners of the visual's bounding box in its joint's frame, shape (8, 3) [m]."""
         try:
             low, high = self._bounds(visual)
-        except _UNREADABLE:  # a mesh that only the browser can read: count its origin
+        except _UNREADABLE:  # a plane, which has no end: count its origin
             low = high = np.zeros(3)
         corners = low + _CUBE * (high - low)
         return np.asarray(corners @ visual.placement.rotation.T + visual.placement.translation)
 
     def _shape(self, visual: pin.GeometryObject) -> dict[str, Any] | None:
         suffix = Path(visual.meshPath).suffix.lower()
-        if suffix in _READERS:
-            return _scaled(_painted(self._parts(visual.meshPath), visual), visual.meshScale)
         if suffix == ".stl":
-            drawn = _plain(mg.StlMeshGeometry.from_file(visual.meshPath), visual)
+            (part,) = self._parts(visual.meshPath)
+            drawn = _plain(mg.StlMeshGeometry.from_stream(io.BytesIO(binary_stl(part))), visual)
             drawn["geometries"][0]["type"] = "_meshfile_geometry"  # the viewer's newer name for it
             return _scaled(drawn, visual.meshScale)
+        if suffix in _READERS:
+            drawn = _painted(self._parts(visual.meshPath), visual, self._pictures)
+            return _scaled(drawn, visual.meshScale)
         # Other formats come by way of coal, which puts the scale into the vertices.
-        shape = load_mesh(_loaded(visual)) if suffix else load_primitive(visual)
+        shape = load_mesh(self._loaded(visual)) if visual.meshPath else load_primitive(visual)
         return None if shape is None else _plain(shape, visual)
 
     def _parts(self, path: str) -> tuple[MeshPart, ...]:
         if path not in self._parsed:
-            self._parsed[path] = _READERS[Path(path).suffix.lower()](Path(path))
+            parts = checked(_READERS[Path(path).suffix.lower()](Path(path)))
+            self._count(sum(part.vertices.nbytes + part.faces.nbytes for part in parts))
+            self._parsed[path] = tuple(self._with_picture(path, part) for part in parts)
         return self._parsed[path]
+
+    def _with_picture(self, mesh: str, part: MeshPart) -> MeshPart:
+        """The part, without its picture if that may not be shown; the reason is told once a picture."""
+        image = None if part.surface is None else part.surface.image
+        if part.surface is None or image is None or image in self._pictures:
+            return part
+        if image not in self._refused:
+            try:
+                picture = read_picture(image, picture_folders(self._robot, Path(mesh)))
+                self._count(len(picture.content))
+                self._pictures[image] = picture
+                return part
+            except (Unreadable, ValueError) as error:
+                self._refused.add(image)
+                words = f"{mesh}: shown without its picture {shortened(str(image))}, which {error}"
+                warnings.warn(words, stacklevel=2)
+        colour = _GREY if part.surface.colour == (1.0, 1.0, 1.0) else part.surface.colour
+        return replace(part, surface=Surface(colour))
+
+    def _count(self, size: int) -> None:
+        if self._size + size > SCENE_LIMIT:
+            raise ValueError(f"all meshes and pictures have more than {SCENE_LIMIT / MEGABYTE:g} MB")
+        self._size += size
 
     def _bounds(self, visual: pin.GeometryObject) -> tuple[Array, Array]:
         if Path(visual.meshPath).suffix.lower() in _READERS:
             points = np.vstack([part.vertices for part in self._parts(visual.meshPath)]) * visual.meshScale
             return points.min(axis=0), points.max(axis=0)
-        shape = _loaded(visual) if visual.meshPath else visual.geometry
+        shape = self._loaded(visual) if visual.meshPath else visual.geometry
         shape.computeLocalAABB()
         low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
         if np.any(low > high) or np.max(np.abs([low, high])) > _ENDLESS:
             raise ValueError(f"visual {visual.name!r} has no extent")
         return low, high
 
-
-def _loaded(visual: pin.GeometryObject) -> coal.BVHModelBase:
-    return coal.MeshLoader(coal.BV_AABB).load(visual.meshPath, np.array(visual.meshScale))
+    def _loaded(self, visual: pin.GeometryObject) -> coal.BVHModelBase:
+        check_single_file(Path(visual.meshPath))
+        loaded = coal.MeshLoader(coal.BV_AABB).load(visual.meshPath, np.array(visual.meshScale))
+        if loaded.num_tris == 0 or not np.isfinite(loaded.vertices()).all():
+            raise ValueError("no triangles in it, or a corner is not finite")
+        return loaded
 
 
 def _plain(shape: Any, visual: pin.GeometryObject) -> dict[str, Any]:
@@ -115,7 +167,9 @@ def _urdf_material(visual: pin.GeometryObject) -> mg.Material:
     return mg.MeshPhongMaterial(color=colour_number(colour), opacity=alpha)
 
 
-def _painted(parts: Sequence[MeshPart], visual: pin.GeometryObject) -> dict[str, Any]:
+def _painted(
+    parts: Sequence[MeshPart], visual: pin.GeometryObject, pictures: Mapping[Path, Picture]
+) -> dict[str, Any]:
     """A mesh in its own colours, unless it is plain grey and the URDF names a colour."""
     surfaces = list(dict.fromkeys(part.surface for part in parts))
     own = _has_colours(surfaces) or not visual.overrideMaterial
@@ -125,7 +179,7 @@ def _painted(parts: Sequence[MeshPart], visual: pin.GeometryObject) -> dict[str,
     geometry = _MergedGeometry(parts, surfaces)
     drawn = shape_object(geometry, mg.MeshPhongMaterial())
     drawn["materials"] = []
-    materials = [_urdf_material(visual) if s is None else _surface_material(s) for s in surfaces]
+    materials = [_urdf_material(visual) if s is None else _surface_material(s, pictures) for s in surfaces]
     drawn["object"]["material"] = [material.lower_in_object(drawn) for material in materials]
     return drawn
 
@@ -138,20 +192,20 @@ def _has_colours(surfaces: Sequence[Surface | None]) -> bool:
     )
 
 
-def _surface_material(surface: Surface) -> mg.Material:
+def _surface_material(surface: Surface, pictures: Mapping[Path, Picture]) -> mg.Material:
     picture = None
     if surface.image is not None:
-        picture = mg.ImageTexture(_Picture(surface.image), wrap=[_REPEAT, _REPEAT])
+        picture = mg.ImageTexture(_Image(pictures[surface.image]), wrap=[_REPEAT, _REPEAT])
     return mg.MeshPhongMaterial(color=colour_number(surface.colour), map=picture)
 
 
-class _Picture(mg.Image):  # type: ignore[misc]  # meshcat has no types
+class _Image(mg.Image):  # type: ignore[misc]  # meshcat has no types
     """An image file inside the scene; meshcat's own class knows PNG only."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, picture: Picture) -> None:
         super().__init__()
-        kind = _MIME.get(path.suffix.lower(), "png")
-        self._url = f"data:image/{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+        content = base64.b64encode(picture.content).decode("ascii")
+        self._url = f"data:image/{picture.kind};base64,{content}"
 
     def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
         return {"uuid": self.uuid, "url": self._url}

@@ -125,7 +125,7 @@ def _robot_commands(robot: Robot, motion: Motion) -> tuple[list[Command], dict[i
         for joint in range(motion.model.njoints)
     ]
     corners: dict[int, list[Array]] = {}
-    library, missing = MeshLibrary(), joints_without_visuals(robot)
+    library, missing = MeshLibrary(robot), joints_without_visuals(robot)
     for index, visual in enumerate(robot.visual_model.geometryObjects):
         joint = visual.parentJoint
         path = f"{joint_node(motion, joint)}/{index}_{visual.name.replace('/', '|')}"

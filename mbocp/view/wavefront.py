@@ -11,11 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.view.mesh_parts import Indices, MeshPart, Surface, distinct_rows, fans
+from mbocp._files import TEXT_LIMIT, is_file, read_bytes
+from mbocp._text import shortened
+from mbocp.view.mesh_parts import MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans
 
 __all__ = ["read_wavefront"]
 
 _GREY = (0.8, 0.8, 0.8)
+_MOST_LIBRARIES = 100  # material files of one mesh
+_LARGEST_INDEX = 2**40
 
 
 @dataclass
@@ -31,14 +35,14 @@ def read_wavefront(path: Path) -> tuple[MeshPart, ...]:
 
     Raises
     ------
-    OSError, ValueError, IndexError
+    Unreadable, ValueError, IndexError
         If the file cannot be read or refers to what it does not have.
     """
     values: dict[str, list[list[float]]] = {"v": [], "vn": [], "vt": []}
     groups: dict[str, _Faces] = {}
-    surfaces: dict[str, Surface] = {}
+    libraries: dict[str, None] = {}
     material = ""
-    text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
+    text = _text(path, "an OBJ mesh", MESH_LIMIT).replace("\\\n", " ")
     for line in text.splitlines():
         word, _, rest = line.strip().partition(" ")
         if word in values:
@@ -48,7 +52,10 @@ def read_wavefront(path: Path) -> tuple[MeshPart, ...]:
         elif word == "usemtl":
             material = rest.strip()
         elif word == "mtllib":
-            surfaces.update(_read_materials(path.parent / rest.strip()))
+            libraries[rest.strip()] = None
+    surfaces: dict[str, Surface] = {}
+    for library in list(libraries)[:_MOST_LIBRARIES]:
+        surfaces.update(_read_materials(path.parent / library))
     parts = tuple(_part(faces, values, surfaces.get(name)) for name, faces in groups.items())
     if not parts:
         raise ValueError("no faces in it")
@@ -62,11 +69,14 @@ def _add_face(faces: _Faces, words: list[str], values: dict[str, list[list[float
         given = [int(text) if text else 0 for text in word.split("/")] + [0, 0]
         # Numbers count from one, negative ones back from the latest.
         v, vt, vn = (k - 1 if k >= 0 else size + k for k, size in zip(given, sizes, strict=False))
+        if max(v, vt, vn) >= _LARGEST_INDEX or min(v, vt, vn) < -_LARGEST_INDEX:
+            raise ValueError(f"a face refers to {shortened(word)}, which is not there")
         faces.corners.append((v, vt, vn))
 
 
 def _part(faces: _Faces, values: dict[str, list[list[float]]], surface: Surface | None) -> MeshPart:
-    corners = np.array(faces.corners, dtype=np.int64)[fans(np.array(faces.counts, dtype=np.int64))]
+    corners = np.array(faces.corners, dtype=np.int64).reshape(-1, 3)
+    corners = corners[fans(np.array(faces.counts, dtype=np.int64), len(corners))]
     rows, triangles = distinct_rows(corners)
     vertices = _take(values["v"], rows[:, 0], 3)
     if vertices is None:
@@ -84,11 +94,11 @@ def _take(values: list[list[float]], rows: Indices, width: int) -> Array | None:
 
 def _read_materials(path: Path) -> dict[str, Surface]:
     """Diffuse colours and pictures of a material file; nothing if it is missing."""
-    if not path.is_file():
+    if not is_file(path):
         return {}
     surfaces: dict[str, Surface] = {}
     name = ""
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    for line in _text(path, "a material file", TEXT_LIMIT).splitlines():
         word, _, rest = line.strip().partition(" ")
         if word == "newmtl":
             name = rest.strip()
@@ -96,7 +106,12 @@ def _read_materials(path: Path) -> dict[str, Surface]:
         elif word == "Kd" and name:
             red, green, blue = (float(x) for x in rest.split()[:3])
             surfaces[name] = Surface((red, green, blue), surfaces[name].image)
-        elif word == "map_Kd" and name:
+        elif word == "map_Kd" and name and rest.strip():
             image = path.parent / rest.split()[-1]
-            surfaces[name] = Surface((1.0, 1.0, 1.0), image) if image.is_file() else surfaces[name]
+            surfaces[name] = Surface((1.0, 1.0, 1.0), image) if is_file(image) else surfaces[name]
     return surfaces
+
+
+def _text(path: Path, expected: str, limit: int) -> str:
+    """A text of any encoding: only names can be other than ASCII."""
+    return read_bytes(path, expected=expected, limit=limit).decode("utf-8", errors="replace")

@@ -160,7 +160,7 @@ def test_parts_with_and_without_texture_share_one_geometry(tmp_path):
     )
     colours = {"a": "<color>0 0 0 1</color>", "b": '<texture texture="t" texcoord="uv"/>'}
     (tmp_path / "m.dae").write_text(collada(two, colours=colours))
-    (tmp_path / "my pic.png").write_bytes(b"\x89PNG" + b"x" * 600)
+    (tmp_path / "my pic.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"x" * 600)
     arm = write_arm(tmp_path, upper='<geometry><mesh filename="m.dae"/></geometry>')
     page = read_page(write_replay(load_robot(arm), [0.0], [angles(0, 0)], tmp_path / "r.html"))
     drawn = next(o for path, o in page.objects().items() if "upper_0" in path)

@@ -1,0 +1,94 @@
+"""Pictures on meshes: images only, and only from the robot's own folders.
+
+A mesh file names its pictures by any path, and a replay carries them to whoever gets the page. So a path is
+followed only to a picture, and only below the folders that belong to the robot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mbocp._files import MEGABYTE, is_file, read_bytes
+from mbocp._text import shortened
+from mbocp.exceptions import Unreadable
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = ["PICTURE_LIMIT", "Picture", "picture_folders", "read_picture"]
+
+PICTURE_LIMIT = 32 * MEGABYTE  # of one picture [bytes]
+_MAGIC = (  # first bytes, and what browsers call the kind
+    (b"\x89PNG\r\n\x1a\n", "png"),
+    (b"\xff\xd8\xff", "jpeg"),
+    (b"GIF87a", "gif"),
+    (b"GIF89a", "gif"),
+)
+_URDF_FOLDERS = ("urdf", "urdfs")  # by custom beside meshes/ and textures/
+_PACKAGE = "package.xml"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image file: what kind it is ("png", "jpeg", ...), and its content."""
+
+    kind: str
+    content: bytes
+
+
+def picture_folders(robot: Robot, mesh: Path) -> tuple[Path, ...]:
+    """Folders that the pictures of a mesh may come from.
+
+    They are the URDF's own folder (if it is called urdf, the one above, too), the packages (marked by a
+    package.xml) that the URDF and the mesh belong to, and the `package_dirs` that the robot was loaded with.
+    """
+    folders = [Path(folder) for folder in robot.spec.get("package_dirs", ())]
+    files = [mesh.resolve()]
+    if robot.source is not None:
+        urdf = robot.source.resolve()
+        files.append(urdf)
+        folders.append(urdf.parent)
+        if urdf.parent.name in _URDF_FOLDERS:
+            folders.append(urdf.parent.parent)
+    for file in files:
+        package = next((folder for folder in file.parents if is_file(folder / _PACKAGE)), None)
+        folders += [] if package is None else [package]
+    return tuple(dict.fromkeys(folder.resolve() for folder in folders))
+
+
+def read_picture(path: Path, folders: tuple[Path, ...]) -> Picture:
+    """Read a picture that a mesh names.
+
+    Raises
+    ------
+    Unreadable
+        If it is not below the folders (after following links), is too large, or no image that pages show.
+    """
+    try:
+        file = path.resolve(strict=True)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise Unreadable("no such file") from error
+    if not any(file.is_relative_to(folder) for folder in folders):
+        own = ", ".join(shortened(str(folder)) for folder in folders) or "none"
+        raise Unreadable(
+            f"is outside the robot's folders ({own}); move it there, or name its folder in package_dirs"
+        )
+    content = read_bytes(file, expected="a picture", limit=PICTURE_LIMIT)
+    kind = _kind(content)
+    if kind is None:
+        raise Unreadable("is no picture that a page shows (PNG, JPEG, GIF, BMP or WebP)")
+    return Picture(kind, content)
+
+
+def _kind(content: bytes) -> str | None:
+    for magic, kind in _MAGIC:
+        if content.startswith(magic):
+            return kind
+    if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
+        return "webp"
+    size, header = (int.from_bytes(content[k : k + 4], "little") for k in (2, 14))
+    if content[:2] == b"BM" and size == len(content) and header in (12, 40, 52, 56, 64, 108, 124):
+        return "bmp"
+    return None
