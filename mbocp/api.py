@@ -26,6 +26,7 @@ from mbocp.problem import Problem, load_problem
 from mbocp.problem.write import problem_to_toml
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution import Solution
+from mbocp.solution.diagnostics import largest_turn
 from mbocp.solution.records import Labels
 from mbocp.solvers import IterationRecord, Methods, Outcome, Phase, SolverResult, Status, pursue
 from mbocp.solvers.reachability import dependent_end_rows
@@ -198,11 +199,11 @@ def _solution(
 ) -> Solution:
     result = outcome.result
     last = result.record
+    status, advice = _resolution(problem, result, trajectory.qs, trajectory.vs)
     return Solution(
-        status=result.status,
-        advice=result.advice
+        status=status,
+        advice=advice
         + _other_root(problem, result, trajectory.qs[-1])
-        + _coarse_steps(problem, trajectory.qs, trajectory.vs)
         + _compiled_long(problem, result, phases)
         + told,
         solver=outcome.solver,
@@ -271,23 +272,16 @@ def _singular(robot: Robot, qs: Array) -> str:
     return f"; {words}" if words else ""
 
 
-def _coarse_steps(problem: Problem, qs: Array, vs: Array) -> str:
-    """Warn where a joint turns so far in one step that the discretisation means nothing."""
-    model, labels = problem.robot.model, problem.robot.v_labels
-    angular = [i for i, label in enumerate(labels) if label.unit == "rad/s"]
-    speeds = np.abs(vs).max(axis=0)
-    for joint in model.joints[1:]:
-        if joint.nq == joint.nv == 1:  # bodies may leap where the joint's velocity does not show it
-            leap = np.abs(np.diff(qs[:, joint.idx_q])).max() / problem.dt
-            speeds[joint.idx_v] = max(speeds[joint.idx_v], leap)
-    turns = speeds[angular] * problem.dt
-    if not angular or turns.max() <= _LARGEST_TURN:
-        return ""
-    name = labels[angular[int(turns.argmax())]].name
-    return (
-        f"; {name} turns by {turns.max():.1f} rad in one step, which is no motion any more: take more steps, "
-        "or give cost.velocity a weight"
-    )
+def _resolution(problem: Problem, result: SolverResult, qs: Array, vs: Array) -> tuple[Status, str]:
+    """Status and advice of a result, which is no motion where a joint turns too far in one step."""
+    name, turn = largest_turn(problem.robot, qs, vs, problem.dt, problem.substeps)
+    if not turn > _LARGEST_TURN:
+        return result.status, result.advice
+    words = f"{name} turns by {turn:.1f} rad in one step, which is no motion any more"
+    remedy = "take more steps, or give cost.velocity a weight"
+    if result.status is not Status.CONVERGED:
+        return result.status, f"{result.advice}; {words}: {remedy}"
+    return Status.UNDER_RESOLVED, f"{words}: {remedy}; the optimality conditions hold: {result.advice}"
 
 
 @cache

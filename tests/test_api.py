@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 import mbocp
 from mbocp.exceptions import DimensionMismatch, NotConverged, ProblemError
 from mbocp.guess import guess_candidates
-from mbocp.solvers import IterationRecord
+from mbocp.solution.diagnostics import largest_turn
+from mbocp.solvers import IterationRecord, Status
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 UR5 = EXAMPLES / "arms" / "ur5_reach.toml"
@@ -191,9 +193,33 @@ def test_velocity_weight_slows_the_motion() -> None:
     assert peak[1] < peak[0]
 
 
-def test_too_coarse_steps_are_pointed_out() -> None:
-    s = mbocp.solve(mbocp.load_problem(UR5, ["horizon.steps=2", "horizon.duration=3.0"]))
-    assert "in one step" in s.advice
+def test_a_motion_that_the_steps_do_not_resolve_has_a_status(tmp_path: Path) -> None:
+    problem = mbocp.load_problem(UR5, ["horizon.steps=2", "horizon.duration=3.0"])
+    s = mbocp.solve(problem)
+    assert s.status is Status.UNDER_RESOLVED
+    assert not s.converged
+    assert s.is_stationary
+    assert s.residual < 1e-9
+    found = re.match(r"(\w+) turns by ([0-9.]+) rad in one step", s.advice)
+    assert found
+    column = [label.name for label in problem.robot.v_labels].index(found[1])
+    assert float(found[2]) == pytest.approx(np.abs(s.vs[:, column]).max() * problem.dt, abs=0.051)
+    assert "the optimality conditions hold" in s.advice
+    assert mbocp.Solution.load(s.save(tmp_path / "coarse.h5")).status is Status.UNDER_RESOLVED
+    assert s.to_dict()["status"] == "under_resolved"
+    assert s.to_dict()["converged"] is False
+    with pytest.raises(NotConverged, match="under_resolved"):
+        mbocp.solve(problem, check=True)
+
+
+def test_substeps_resolve_a_motion() -> None:
+    robot = mbocp.load_robot("ur5")
+    qs, vs = np.zeros((3, robot.nq)), np.zeros((3, robot.nv))
+    vs[1, 4] = -12.0  # [rad/s]
+    assert largest_turn(robot, qs, vs, 0.1) == (robot.v_labels[4].name, pytest.approx(1.2))
+    assert largest_turn(robot, qs, vs, 0.1, substeps=4)[1] == pytest.approx(0.3)
+    qs[2, 0] = 3.0  # a leap that the velocities do not show
+    assert largest_turn(robot, qs, vs, 0.1) == (robot.v_labels[0].name, pytest.approx(3.0))
 
 
 def test_solution_keeps_what_made_it(ur5: mbocp.Solution, tmp_path: Path) -> None:

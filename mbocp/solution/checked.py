@@ -157,7 +157,7 @@ def _check_numbers(content: FileContent, status: Status) -> None:
         limits = content.arrays.get(name)
         if limits is not None and not (limits.shape[:1] == (2,) and (limits[0] <= limits[1]).all()):
             raise InvalidValue(name, "other numbers", "lower limits, and upper ones above them")
-    if status is not Status.CONVERGED:
+    if not status.is_stationary:
         return
     for name in ("cost", "residual"):
         if not np.isfinite(content.summary[name]):

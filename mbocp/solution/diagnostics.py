@@ -18,6 +18,7 @@ __all__ = [
     "ConstraintViolation",
     "constraint_violation",
     "control_momenta",
+    "largest_turn",
     "manifold_drift",
     "worst_violation",
 ]
@@ -143,3 +144,40 @@ def manifold_drift(robot: Robot, qs: Array) -> float:
     """
     norms = [np.linalg.norm(qs[:, group], axis=1) for _, group in unit_groups(robot.model)]
     return float(np.max(np.abs(np.array(norms) - 1.0), initial=0.0))
+
+
+def largest_turn(robot: Robot, qs: Array, vs: Array, dt: float, substeps: int = 1) -> tuple[str, float]:
+    """Find the joint that turns furthest within one step of the integrator.
+
+    Parameters
+    ----------
+    robot : Robot
+    qs : ndarray, shape (N + 1, nq)
+        Configurations; between two of them joints of one angle may leap where `vs` does not show it, in
+        natural coordinates.
+    vs : ndarray, shape (N + 1, nv)
+        Velocities [m/s, rad/s].
+    dt : float
+        Length of one of the N steps [s].
+    substeps : int
+        Steps of the integrator in each of them.
+
+    Returns
+    -------
+    name : str
+        "" if no joint turns.
+    turn : float
+        [rad]
+    """
+    labels = robot.v_labels
+    angular = [i for i, label in enumerate(labels) if label.unit == "rad/s"]
+    if not angular:
+        return "", 0.0
+    speeds = np.abs(vs).max(axis=0)
+    for joint in robot.model.joints[1:]:
+        if joint.nq == joint.nv == 1:
+            leap = np.abs(np.diff(qs[:, joint.idx_q])).max(initial=0.0) / dt
+            speeds[joint.idx_v] = max(speeds[joint.idx_v], leap)
+    turns = speeds[angular] * dt / substeps
+    worst = int(turns.argmax())
+    return labels[angular[worst]].name, float(turns[worst])

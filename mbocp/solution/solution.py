@@ -210,8 +210,13 @@ class Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether the tolerances were met."""
+        """Whether the tolerances were met, by a motion that the steps resolve."""
         return self.status is Status.CONVERGED
+
+    @property
+    def is_stationary(self) -> bool:
+        """Whether the tolerances were met, be it by a motion that the steps do not resolve."""
+        return self.status.is_stationary
 
     @property
     def num_steps(self) -> int:

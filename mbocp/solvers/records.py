@@ -13,6 +13,7 @@ class Status(str, Enum):
     """How a solve ended; the advice that goes with it says what to do."""
 
     CONVERGED = "converged"
+    UNDER_RESOLVED = "under_resolved"  # of a solution: no solver looks at the motion
     MAX_ITERATIONS = "max_iterations"
     LINE_SEARCH_FAILED = "line_search_failed"
     SINGULAR = "singular"
@@ -26,6 +27,11 @@ class Status(str, Enum):
 
     def __str__(self) -> str:
         return self.value
+
+    @property
+    def is_stationary(self) -> bool:
+        """Whether the optimality conditions hold to the tolerance."""
+        return self in (Status.CONVERGED, Status.UNDER_RESOLVED)
 
 
 @dataclass(frozen=True)
