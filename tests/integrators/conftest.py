@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import casadi as ca
@@ -14,7 +15,11 @@ _MADE: dict[str, CompiledFunctions] = {}
 
 
 def interpreted_functions(
-    key: str, build: Callable[[], dict[str, ca.Function]], *, of_end: bool = False
+    key: str,
+    build: Callable[[], dict[str, ca.Function]],
+    *,
+    of_end: bool = False,
+    deadline: float = math.inf,
 ) -> CompiledFunctions:
     if key not in _MADE:
         texts = {name: function.serialize() for name, function in build().items()}
