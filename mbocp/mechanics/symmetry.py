@@ -1,7 +1,7 @@
 r"""Rigid motions of the whole robot that change nothing about its equations, and their momentum maps.
 
 A spatial twist s (about the origin of the world, linear before angular) is a symmetry if there is a field
-X(q) of joint velocities that moves every massive body by it,
+X(q) of joint velocities that moves every body by it,
 
 .. math:: J_i(q)\,X(q) = s \quad \text{for all bodies } i,
 
@@ -60,7 +60,7 @@ def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
     rows = list(ansatz.static_rows())
     for q in _random_configurations(robot, ansatz.size + 8):
         rows += _motion_rows(robot, q, ansatz.features(q))
-    basis = null_space(np.vstack(rows), _TOLERANCE)
+    basis = _moving(null_space(np.vstack(rows), _TOLERANCE))
     basis, omegas = _with_actuation(robot, ansatz, basis)
     return tuple(
         ansatz.symmetry(name, basis @ weights, np.tensordot(weights, omegas, 1))
@@ -103,20 +103,21 @@ def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
 
 
 def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
-    """Rows of J_i X - s = 0 in the coordinates of each massive body, where X = features @ theta."""
+    """Rows of J_i X - s = 0 in the coordinates of each body with mass or inertia; X = features @ theta."""
     model = robot.model
     data = model.createData()
     pin.computeJointJacobians(model, data, q)
     for joint in range(1, model.njoints):
         inertia = model.inertias[joint]
-        if inertia.mass <= 0.0:
+        values, axes = np.linalg.eigh(inertia.inertia)
+        turning = axes[:, np.abs(values) > _POINT_MASS * inertia.mass]  # none of a point mass
+        if inertia.mass <= 0.0 and turning.shape[1] == 0:
             continue
         jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, model.nv)
         excess = np.hstack([jacobian @ features, -data.oMi[joint].toActionMatrixInverse()])
-        yield excess[:3] - skew(inertia.lever) @ excess[3:]  # the centre of mass
-        values, axes = np.linalg.eigh(inertia.inertia)
-        turning = axes[:, np.abs(values) > _POINT_MASS * inertia.mass]
-        yield turning.T @ excess[3:]  # nothing for a point mass
+        if inertia.mass > 0.0:  # of a rotor without mass it does not matter where it is
+            yield excess[:3] - skew(inertia.lever) @ excess[3:]  # the centre of mass
+        yield turning.T @ excess[3:]
 
 
 def _motion_rows(robot: Robot, q: Array, features: Array) -> list[Array]:
@@ -149,10 +150,21 @@ def _support(robot: Robot) -> Any:
     """Velocity components that can take part in a rigid motion of all bodies, at some configuration."""
     eye, moving = np.eye(robot.nv), np.zeros(robot.nv, dtype=bool)
     for q in _random_configurations(robot, 3):
-        null = null_space(np.vstack(list(_body_rows(robot, q, eye))), _TOLERANCE)
+        rows = [np.zeros((0, robot.nv + 6)), *_body_rows(robot, q, eye)]
+        null = null_space(np.vstack(rows), _TOLERANCE)
         # Massless joints move nothing: only what goes along with a twist s counts.
         null = null @ np.linalg.pinv(null[-6:], rcond=_TOLERANCE)
         moving |= np.abs(null[:-6]).max(axis=1, initial=0.0) > _TOLERANCE
+    return moving
+
+
+def _moving(basis: Array) -> Array:
+    """Without the twists that move no coordinate: those of a rotor without mass go anywhere."""
+    if basis.shape[1] == 0:
+        return basis
+    _, singular, combinations = np.linalg.svd(basis[:-6], full_matrices=True)
+    count = int(np.sum(singular > _TOLERANCE))
+    moving: Array = basis if count == basis.shape[1] else basis @ combinations[:count].T
     return moving
 
 

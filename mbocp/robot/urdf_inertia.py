@@ -73,7 +73,7 @@ def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.M
     ImpossibleInertiaWarning
         Once for the robot, naming links, numbers and what is wrong with them.
     """
-    bad = [j for j in range(1, model.njoints) if _fault(np.asarray(model.inertias[j].inertia))]
+    bad = [j for j in range(1, model.njoints) if _fault(_inertial(model, j))]
     told = [words for joint in bad for words in _faults(joint, model, read_inertials(path, root))]
     if told:
         more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
@@ -91,9 +91,9 @@ def _faults(joint: int, model: pin.Model, inertials: tuple[Inertial, ...]) -> li
     told = [
         f"link {shown(inertial.link)}: {words}"
         for inertial in inertials
-        if inertial.link in links and (words := _fault(inertial.inertia))
+        if inertial.link in links and (words := _fault(inertial))
     ]
-    whole = _fault(np.asarray(model.inertias[joint].inertia))
+    whole = _fault(_inertial(model, joint))
     return told or [f"what joint {shown(model.names[joint])} moves: {whole}"]
 
 
@@ -127,8 +127,14 @@ def _number(where: str, key: str, text: str | None) -> float:
     return value
 
 
-def _fault(inertia: Array) -> str:
+def _inertial(model: pin.Model, joint: int) -> Inertial:
+    inertia = model.inertias[joint]
+    return Inertial(model.names[joint], float(inertia.mass), np.asarray(inertia.inertia))
+
+
+def _fault(inertial: Inertial) -> str:
     """What is wrong with an inertia; an empty text if nothing is."""
+    inertia = inertial.inertia
     size = float(np.abs(inertia).max())
     tolerance = max(_ROUND_OFF, _DIGITS * size)
     if not np.isfinite(size) or size <= tolerance:
@@ -137,7 +143,8 @@ def _fault(inertia: Array) -> str:
     if moments[0] < -tolerance:
         negative = f"a principal moment of inertia is {moments[0]:.3g} kg m^2, but none can be negative"
         return negative + _cause(inertia)
-    if moments[2] - moments[0] - moments[1] > tolerance:
+    # A rotor is an idealisation: it has no mass, and often but one moment of inertia.
+    if inertial.mass > 0 and moments[2] - moments[0] - moments[1] > tolerance:
         principal = ", ".join(f"{m:.3g}" for m in moments)
         return f"of its principal moments {principal} kg m^2 the largest is above the sum of the others"
     return ""

@@ -50,6 +50,7 @@ class ModelFunctions:
     def __init__(self, model: pin.Model) -> None:
         self._robot = bridge().Robot(model.saveToString())
         self._name = str(model.name)
+        self._mass = sum(float(inertia.mass) for inertia in list(model.inertias)[1:])
         self._joints = tuple(str(name) for name in model.names)
         self._requested: dict[tuple[str, int, str], ca.Function] = {}
         self.frames: tuple[str, ...] = tuple(str(frame.name) for frame in model.frames)
@@ -101,12 +102,17 @@ class ModelFunctions:
 
     @cached_property
     def center_of_mass(self) -> ca.Function:
-        """Centre of mass in the world frame, q -> c (3,) [m]."""
+        """Centre of mass in the world frame, q -> c (3,) [m]; InvalidValue if nothing that moves has mass."""
+        self._require_mass("centre of mass")
         return self._build("center_of_mass")
 
     @cached_property
     def centroidal_momentum(self) -> ca.Function:
-        """Momentum about the centre of mass, world axes, linear first, (q, v) -> h (6,) [kg m/s, N m s]."""
+        """Momentum about the centre of mass, world axes, linear first, (q, v) -> h (6,) [kg m/s, N m s].
+
+        InvalidValue if nothing that moves has mass.
+        """
+        self._require_mass("momentum about the centre of mass")
         return self._build("centroidal_momentum")
 
     @cached_property
@@ -174,6 +180,10 @@ class ModelFunctions:
         """
         rows = [native_constraint(constraint, self._joints, self._name) for constraint in constraints]
         return ca.Function.deserialize(self._robot.constraint_jacobian(rows))
+
+    def _require_mass(self, what: str) -> None:
+        if not self._mass > 0.0:
+            raise InvalidValue(f"{self._name}: {what}: mass", self._mass, "a robot whose bodies have mass")
 
     def _build(self, name: str) -> ca.Function:
         return ca.Function.deserialize(self._robot.function(name))
