@@ -31,6 +31,7 @@ from mbocp.transcription import StagewiseProgramme
 __all__ = ["FBSMNewton"]
 
 _HALVINGS = 10  # i_max of Algorithm 2
+_LEAST_SHIFT = 1e-3
 _LARGEST_DENSE = 6000  # unknowns (eta, u) up to which a dense K is assembled: 288 MB
 _DIFFERENCE = 1.5e-8  # relative step of the forward differences
 
@@ -126,7 +127,7 @@ class FBSMNewton:
                         filter=state.filter if taken.keeps_filter else state.filter.grown(state.evaluation),
                         at_minimum=is_minimum and shift == 0.0,
                     )
-            shift = larger_shift(shift)
+            shift = larger_shift(shift, _LEAST_SHIFT)
             if shift > LARGEST_SHIFT or not self.globalised:
                 stuck = Status.LINE_SEARCH_FAILED if self.globalised else Status.SWEEP_FAILED
                 failure = stuck if factorisation.ok else Status.SINGULAR
@@ -197,7 +198,8 @@ class FBSMNewton:
     def _next_shift(self, state: NewtonState, shift: float, taken: _Taken) -> float:
         if not self.globalised:
             return 0.0
-        return next_shift(shift, taken.length, taken.evaluation.residual / state.evaluation.residual)
+        contraction = taken.evaluation.residual / state.evaluation.residual
+        return next_shift(shift, taken.length, contraction, _LEAST_SHIFT)
 
 
 @dataclass(frozen=True)

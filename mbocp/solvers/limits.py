@@ -25,10 +25,10 @@ __all__ = ["begin", "lowered", "multipliers_of", "why_limits_cannot_be_kept"]
 
 _FIRST = 0.1  # of the guess's cost, for what mu comes to over all limits ...
 _LEAST, _MOST = 1e-5, 1.0  # ... within these
-_MARGIN = 1e-2  # first distance of a slack from its bounds, relative to them and to their gap
-_WARM = 0.1  # of both, where multipliers of the limits are known
-_SETTLED = 10.0  # defect of the barrier problem, by mu, below which mu falls ...
-_FACTOR, _POWER = 0.2, 1.5  # ... to the smaller of mu by this factor and to this power
+_MARGIN = 0.1  # first distance of a slack from its bounds, relative to them and to their gap
+_WARM, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
+_SETTLED = 30.0  # defect of the barrier problem, by mu, below which mu falls ...
+_FACTOR, _POWER = 0.1, 1.7  # ... to the smaller of mu by this factor and to this power
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
 
 
@@ -55,7 +55,7 @@ def begin(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         native.start_limits(barrier, _MARGIN)
     else:
         barrier *= _WARM
-        native.start_limits(barrier, _WARM * _MARGIN)
+        native.start_limits(barrier, _WARM_MARGIN)
         rows = _rows_of(iterate.bounds, programme)
         native.z_lower = np.maximum(native.z_lower, -rows)
         native.z_upper = np.maximum(native.z_upper, rows)

@@ -12,11 +12,13 @@ makes sure that it gets there:
   step it shrinks again.
 - *Adjoint of the guess.* Where the multipliers start from zero and the first step is short, they are taken
   from a backward sweep along the guess instead, eq. (30), and the step is tried again.
+- *Cap.* No step turns a joint by more than a radian: what the linearisation says of a link that turns farther
+  is not worth following, and often leads to another minimum with more turns.
 - *Relaxed steps.* Linearised constraints bend away quickly (a rod, a rotation), and a full Newton step then
-  violates them more than any line search accepts, though the next steps make up for it. Where the line
-  search shortens the step to less than a tenth, up to six full steps are taken without judging them, and
-  more while each halves the residual; if none of them is closer to feasible than the start of the run,
-  the start is restored.
+  violates them more than any line search accepts, though the next steps make up for it. Where three larger
+  shifts still leave a step of less than a tenth, up to six steps are taken without judging them, and more
+  while each halves the residual; if none of them is closer to feasible than the start of the run, the start
+  is restored.
 - *Restoration.* Where none of this allows a step of a fiftieth, a forward sweep in closed loop makes
   the state equations hold along nearly the same motion.
 - *Restart.* Where no shift allows any step, the multipliers begin anew, twice at most: many short steps may
@@ -41,7 +43,16 @@ from mbocp.solvers.filter import Filter
 from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.limits import begin, lowered
 from mbocp.solvers.multiplier import end_multiplier
-from mbocp.solvers.newton import NewtonState, Reference, advanced, end_of, factorise, start
+from mbocp.solvers.newton import (
+    Direction,
+    NewtonState,
+    Reference,
+    advanced,
+    end_of,
+    factorise,
+    is_resolved,
+    start,
+)
 from mbocp.solvers.records import Status
 from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
@@ -52,6 +63,8 @@ __all__ = ["GlobalisedNewton", "PureNewton"]
 _SHORTEST_STEP = 0.02  # below it a larger shift is tried first ...
 _PATIENCE = 3  # ... this many times; then
 _RESTARTS = 2
+_LEAST_SHIFT = 1e-6  # of the Hessian: a larger one makes many short steps along flat valleys
+_LARGEST_TURN = 1.0  # of a joint in one iteration [rad]: beyond, its linearisation has little to do with it
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
@@ -106,8 +119,10 @@ class PureNewton:
         )
 
     def terminate(self, state: NewtonState) -> Status | None:
-        """Residual and increment both below the tolerance."""
-        return end_of(state, self.tolerance, self.max_iterations)
+        """Residual and increment both below the tolerance, or below what round-off allows."""
+        status = end_of(state, self.tolerance, self.max_iterations)
+        is_there = state.failure is None and is_resolved(state, self.tolerance)
+        return Status.CONVERGED if is_there else status
 
 
 @dataclass(frozen=True)
@@ -150,11 +165,12 @@ class GlobalisedNewton:
                 swept = _with_adjoint(state) if is_short else None
                 if swept is not None:
                     return self.step(swept)
-                if is_short and state.patience == 0 and state.evaluation.violation > _FEASIBLE:
+                is_stuck = is_short and attempts >= _PATIENCE
+                if is_stuck and state.patience == 0 and state.evaluation.violation > _FEASIBLE:
                     return self._relaxed(
                         replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
                     )
-                if is_short and attempts >= _PATIENCE:
+                if is_stuck:
                     restored = self._restored(state, shift)
                     if restored is not None:
                         return restored
@@ -163,7 +179,7 @@ class GlobalisedNewton:
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return replace(state, increment=direction.increment)  # round-off hides any decrease
             attempts += 1
-            shift = larger_shift(shift)
+            shift = larger_shift(shift, _LEAST_SHIFT)
             if shift > LARGEST_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 if direction is not None and state.restarts < _RESTARTS:
@@ -179,7 +195,7 @@ class GlobalisedNewton:
             length * direction.longest,
             augmentation=augmentation,
             regularisation=shift,
-            shift=next_shift(shift, length, evaluation.residual / state.evaluation.residual),
+            shift=next_shift(shift, length, evaluation.residual / state.evaluation.residual, _LEAST_SHIFT),
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),
             at_minimum=shift == 0.0,
@@ -187,7 +203,9 @@ class GlobalisedNewton:
         )
 
     def terminate(self, state: NewtonState) -> Status | None:
-        """Residual and increment both below the tolerance; or increments that are round-off.
+        """Residual and increment both below the tolerance, or below what round-off allows.
+
+        Or a residual far below it, and increments that are round-off.
 
         Where steps are short and constraints are many, the multipliers' increments stay above the tolerance
         though the residual is as small as it gets.
@@ -198,14 +216,17 @@ class GlobalisedNewton:
             and state.evaluation.residual <= _RESOLVED * self.tolerance
             and state.increment <= _NOISE * self.tolerance
         )
-        return Status.CONVERGED if is_noise and state.failure is None else status
+        is_there = is_noise or is_resolved(state, self.tolerance)
+        return Status.CONVERGED if is_there and state.failure is None else status
 
     def _direction(self, state: NewtonState, shift: float) -> tuple[Any, float, Any]:
         """Factorisation, augmentation and direction; no direction where the inertia is not a minimum's."""
         factorisation, augmentation = factorise(state, shift * self.control_weight)
         admissible = factorisation.ok and factorisation.negative == len(state.native.eta)
-        direction = state.native.solve() if admissible else None
-        return factorisation, augmentation, direction if direction is not None and direction.finite else None
+        found = state.native.solve() if admissible else None
+        if found is None or not found.finite:
+            return factorisation, augmentation, None
+        return factorisation, augmentation, Direction.of(state, found, _LARGEST_TURN)
 
     def _restarted(self, state: NewtonState) -> NewtonState:
         """The same motion with multipliers that know nothing of the way there."""
@@ -255,7 +276,7 @@ class GlobalisedNewton:
         assert reference is not None  # for the type checker: `step` comes here only with one
         _, augmentation, direction = self._direction(state, shift)
         while direction is None and shift <= LARGEST_SHIFT:
-            shift = larger_shift(shift)
+            shift = larger_shift(shift, _LEAST_SHIFT)
             _, augmentation, direction = self._direction(state, shift)
         if direction is not None:
             native.move(direction.longest)
@@ -269,7 +290,7 @@ class GlobalisedNewton:
                 direction.longest,
                 augmentation=augmentation,
                 regularisation=shift,
-                shift=next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual),
+                shift=next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual, _LEAST_SHIFT),
                 reference=replace(reference, steps_left=max(reference.steps_left - 1, 1 if promising else 0)),
                 at_minimum=shift == 0.0,
             )
@@ -331,7 +352,7 @@ def _search(state: NewtonState, direction: Any, shortest: float) -> tuple[float,
         accepted, by_cost = verdict(trial, length)
         if not accepted and length == 1.0 and trial.finite and trial.violation >= before.violation:
             # The corrected direction replaces the plain one in the kernel ...
-            corrected = native.correct(longest)
+            corrected = Direction.of(state, native.correct(longest), _LARGEST_TURN)
             accepted, by_cost = verdict(native.trial(min(longest, corrected.longest)), 1.0)
             if not accepted:
                 native.solve()  # ... which has to be had again when that does not help

@@ -6,14 +6,27 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import Status
+from mbocp.solvers.round_off import relative_increment, relative_residual, round_off
 from mbocp.solvers.sweep import Kept, Sweeps
-from mbocp.transcription import StagewiseProgramme
+from mbocp.transcription import StageKind, StagewiseProgramme
 
-__all__ = ["NewtonState", "Reference", "advanced", "end_of", "factorise", "fresh", "start"]
+__all__ = [
+    "Direction",
+    "NewtonState",
+    "Reference",
+    "advanced",
+    "end_of",
+    "factorise",
+    "fresh",
+    "is_resolved",
+    "start",
+]
 
 _LEAST_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
 _MOST_AUGMENTATION = 1e12
@@ -39,6 +52,33 @@ class Reference:
     def of(cls, state: NewtonState, steps: int) -> Reference:
         """Remember the state's iterate."""
         return cls(Kept.of(state.native), state.evaluation, steps)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """What is known of a Newton step that the kernel holds.
+
+    Attributes
+    ----------
+    increment : float
+        Norm over all unknowns.
+    slope : float
+        Directional derivative of the objective.
+    longest, longest_dual : float
+        Part of the step that limits and the cap on turns allow, and limits' multipliers.
+    """
+
+    increment: float
+    slope: float
+    longest: float
+    longest_dual: float
+
+    @classmethod
+    def of(cls, state: NewtonState, found: Any, largest_turn: float) -> Direction:
+        """The kernel's direction, of which no more is taken than turns a joint by `largest_turn` [rad]."""
+        turn = _largest_turn(state)
+        longest = min(found.longest, largest_turn / turn) if turn > 0.0 else found.longest
+        return cls(found.increment, found.slope, longest, found.longest_dual)
 
 
 @dataclass(frozen=True)
@@ -71,6 +111,8 @@ class NewtonState:
         Steps in a row, without a shift, that halved neither residual nor increment.
     restarts : int
         How often the multipliers have been started anew.
+    kind : StageKind or None
+        Of the stages.
     barrier : float
         Parameter mu of the limits' barrier; 0: there are no limits.
     failure : Status or None
@@ -95,6 +137,7 @@ class NewtonState:
     at_minimum: bool = False
     still: int = 0
     restarts: int = 0
+    kind: StageKind | None = None
     barrier: float = 0.0
     failure: Status | None = None
     failed_stage: int = -1
@@ -117,6 +160,7 @@ def fresh(programme: StagewiseProgramme, native: Any, evaluation: Any) -> Newton
         evaluation,
         augmentation=10.0 * weight if programme.ng else 0.0,
         filter=Filter.start(evaluation.violation),
+        kind=programme.kinds[0],
         failure=None if evaluation.finite else Status.DIVERGED,
     )
 
@@ -140,6 +184,14 @@ def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Any, float]:
         augmentation *= 100.0
 
 
+def _largest_turn(state: NewtonState) -> float:
+    """Angle [rad] by which the direction that the kernel holds turns the joint that it turns most."""
+    if state.kind is None or not state.kind.turning.any():
+        return 0.0
+    largest = np.abs(state.native.dx.reshape(-1, state.kind.ndx)).max(axis=0)
+    return float(np.max(largest * state.kind.turning))
+
+
 def advanced(
     state: NewtonState, evaluation: Any, increment: float, step_length: float, **changes: Any
 ) -> NewtonState:
@@ -152,6 +204,18 @@ def advanced(
         step_length=step_length,
         failure=None if evaluation.finite else Status.DIVERGED,
         **changes,
+    )
+
+
+def is_resolved(state: NewtonState, tolerance: float) -> bool:
+    """Whether round-off is above the tolerance, and residual and increment are no more than that allows."""
+    if state.kind is None or not math.isfinite(state.increment):
+        return False
+    native, kind = state.native, state.kind
+    return (
+        max(round_off(native, kind)) > tolerance
+        and relative_residual(native, kind, state.evaluation, tolerance) <= tolerance
+        and relative_increment(native) <= tolerance
     )
 
 

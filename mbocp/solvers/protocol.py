@@ -65,6 +65,10 @@ class Solver(Protocol, Generic[State]):
     def name(self) -> str:
         """What it is called in output."""
 
+    @property
+    def tolerance(self) -> float:
+        """Of residual and increment."""
+
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> State:
         """State at an iterate."""
 

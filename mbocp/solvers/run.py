@@ -97,7 +97,7 @@ def run(
                 break
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    last, advice = history[-1], _advice(status, state, programme)
+    last, advice = history[-1], _advice(status, state, programme, solver.tolerance)
     if status in (Status.CONVERGED, Status.SWITCHED) or (
         math.isfinite(last.residual) and last.residual <= best_record.residual
     ):
@@ -128,11 +128,14 @@ def _record(state: SolverState, phase: str, first: int, seconds: float) -> Itera
     )
 
 
-def _advice(status: Status, state: SolverState, programme: StagewiseProgramme) -> str:
+def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, tolerance: float) -> str:
     e, worst = state.evaluation, _worst(state, programme)
     taken = f"{state.iteration} iteration{'' if state.iteration == 1 else 's'}"
     if status is Status.CONVERGED:
         if state.at_minimum:
+            if e.residual > tolerance:
+                noise = f"the residual ({e.residual:.0e}) is round-off"
+                return f"a strict local minimum: {noise}, since multipliers or states are large"
             if state.still > 1:
                 noise = f"the increments are round-off ({state.increment:.0e})"
                 return f"a strict local minimum: the residual is below the tolerance, {noise}"

@@ -22,7 +22,9 @@ from mbocp.transcription import StagewiseProgramme
 __all__ = ["Methods", "Outcome", "pursue"]
 
 _WINDOW = 40  # iterations in which `auto` wants progress from Newton's method ...
-_PROGRESS = 0.5  # ... by this factor in the residual
+_PROGRESS = 0.5  # ... by this factor in the residual, ...
+_GAIN = 0.1  # ... or by this part of the cost
+_FEASIBLE_PART = 0.5
 _INTERIOR_ITERATIONS = 1000
 INTERIOR_POINT = ("ipopt", "fatrop")
 _STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)  # by the user, at once or ahead
@@ -289,11 +291,18 @@ def _hybrid(
 
 
 def _has_stalled(history: Sequence[IterationRecord]) -> bool:
-    """Whether the residual has not halved over the last iterations: contraction is lost."""
+    """Whether over the last iterations neither the residual has halved nor the cost fallen by much.
+
+    Far from a minimum the residual may stand still for long while the cost falls from step to step.
+    """
     if len(history) <= _WINDOW:
         return False
     residuals = [r.residual if math.isfinite(r.residual) else math.inf for r in history]
-    return min(residuals[-_WINDOW:]) > _PROGRESS * min(residuals[:-_WINDOW])
+    if min(residuals[-_WINDOW:]) <= _PROGRESS * min(residuals[:-_WINDOW]):
+        return False
+    before, now = history[-_WINDOW - 1], history[-1]
+    is_feasible = now.primal <= max(_FEASIBLE_PART * now.residual, before.primal)
+    return not (is_feasible and now.cost < before.cost - _GAIN * abs(before.cost))
 
 
 def _auto(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:

@@ -36,6 +36,7 @@ from mbocp.transcription.rows import row_describer
 from mbocp.transcription.shape import PathShape, Shape
 from mbocp.transcription.stage import build_functions, mechanics_for, state_layout
 from mbocp.transcription.start import start_state
+from mbocp.transcription.turning import turning_factors
 
 __all__ = ["StageKind", "StagewiseProgramme", "is_flat", "transcribe"]
 
@@ -57,6 +58,8 @@ class StageKind:
         which no step can bring down.
     scale_ru : ndarray, shape (nu,)
         From the gradient in u to grad_u H of eq. (28) [1/s].
+    turning : ndarray, shape (ndx,)
+        Angle by unit of each entry of a state's tangent; 0 for what is no angle. Steps are kept small by it.
     groups : tuple of (int, int, tuple of int)
         Constraints in the order in which they can be eliminated, in natural coordinates body by body: first
         row among the constraints, number of rows, and the coordinates that they are solved for.
@@ -71,6 +74,7 @@ class StageKind:
     scale_y: Array
     scale_m: Array
     scale_ru: Array
+    turning: Array
     groups: tuple[tuple[int, int, tuple[int, ...]], ...] = ()
 
 
@@ -203,7 +207,7 @@ def transcribe(
     theta, rho, rho_terminal = _parameters(problem, layout, space, joints, end)
     return StagewiseProgramme(
         num_steps=problem.num_steps,
-        kinds=(_kind(problem, at, ny, sum(layout.stage.values()), natural),),
+        kinds=(_kind(problem, space, at, ny, sum(layout.stage.values()), natural),),
         stage_kind=(0,) * problem.num_steps,
         ng=shape.ng_q + shape.ng_rate,
         num_guards=len(guarded),
@@ -241,7 +245,14 @@ def _rotations(problem: Problem) -> str:
     return problem.robot.rotations if problem.scheme in EXPLICIT_SCHEMES else "quaternion"
 
 
-def _kind(problem: Problem, at: StateLayout, ny: int, nr: int, natural: NaturalMechanics | None) -> StageKind:
+def _kind(
+    problem: Problem,
+    space: ConfigurationSpace | NaturalSpace,
+    at: StateLayout,
+    ny: int,
+    nr: int,
+    natural: NaturalMechanics | None,
+) -> StageKind:
     nu, dt = problem.robot.nu, problem.dt
     has_groups = problem.scheme == "se1" and at.nr == 0
     return StageKind(
@@ -254,6 +265,7 @@ def _kind(problem: Problem, at: StateLayout, ny: int, nr: int, natural: NaturalM
         scale_y=np.full(ny, 1 / dt),
         scale_m=np.concatenate([np.ones(at.ndx), np.full(ny, 1 / dt)]),
         scale_ru=np.full(nu, 1 / dt),
+        turning=turning_factors(problem.robot.model, space, at),
         groups=natural.groups if natural is not None and has_groups else (),
     )
 

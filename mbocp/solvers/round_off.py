@@ -1,0 +1,54 @@
+r"""What round-off leaves of residual and increment where the numbers of a problem are large.
+
+A row of the optimality conditions is a sum of terms that cancel at a solution. Its value cannot be brought
+below round-off of the largest of them. In the stationarity conditions these are of the size of the
+multipliers, in the state equations of the size of states and controls:
+
+.. math:: \epsilon_d = 8\, \epsilon\, \|(\mu, \Delta t\, \zeta, \eta, z)\|, \qquad
+          \epsilon_p = 8\, \epsilon\, \|(x, u)\|, \qquad \epsilon = 2^{-52}
+
+Where neither is above the tolerance, which takes numbers above 5e5, the tolerance is all that counts. Where
+one is, it stands for the tolerance in its part of the residual, and increments count relative to the unknowns
+they belong to.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.transcription import StageKind
+
+__all__ = ["relative_increment", "relative_residual", "round_off"]
+
+_ROUND_OFF = 8.0 * 2.0**-52
+
+
+def round_off(native: Any, kind: StageKind) -> tuple[float, float]:
+    """What round-off may leave of the primal and of the dual part of the residual."""
+    m = native.m.reshape(-1, kind.scale_m.size) * kind.scale_m
+    bounds = native.limit_multipliers if native.num_limits else np.zeros(0)
+    return _ROUND_OFF * _norm(native.x, native.u), _ROUND_OFF * _norm(m.ravel(), native.eta, bounds)
+
+
+def relative_residual(native: Any, kind: StageKind, evaluation: Any, tolerance: float) -> float:
+    """The residual, each part in units of its round-off by `tolerance` where that is above the tolerance."""
+    primal, dual = (max(1.0, size / tolerance) for size in round_off(native, kind))
+    return math.hypot(evaluation.primal / primal, evaluation.dual / dual)
+
+
+def relative_increment(native: Any) -> float:
+    """The last direction, each kind of unknowns relative to its own norm where that is above one."""
+    pairs = (
+        ((native.dx,), (native.x,)),
+        ((native.dy, native.du), (native.y, native.u)),
+        ((native.dm, native.deta), (native.m, native.eta)),
+    )
+    return math.hypot(*(_norm(*step) / max(1.0, _norm(*unknowns)) for step, unknowns in pairs))
+
+
+def _norm(*parts: Array) -> float:
+    return math.hypot(*(float(np.linalg.norm(part)) for part in parts))

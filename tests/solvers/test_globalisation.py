@@ -1,0 +1,142 @@
+"""What keeps Newton's method on its way: cap on turns, small shifts, slacks well inside, progress by cost."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.guess import make_guess
+from mbocp.solvers import GlobalisedNewton, NewtonState
+from mbocp.solvers.records import IterationRecord
+from mbocp.solvers.shift import larger_shift, next_shift
+from mbocp.solvers.strategy import _has_stalled
+from mbocp.transcription import StagewiseProgramme, transcribe
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def one_motor(motor: str, start: list[float], goal: list[float], steps: int = 100) -> mbocp.Problem:
+    """A double pendulum with one motor that swings from one end to the other in a second."""
+    robot = mbocp.load_robot("double_pendulum", actuated=[motor])
+    return mbocp.Problem.create(
+        robot, 1.0, steps, start={"q": start}, goal={"q": goal, "v": [0.0, 0.0]}, cost={"effort": 1.0}
+    )
+
+
+def begun(problem: mbocp.Problem) -> tuple[StagewiseProgramme, GlobalisedNewton, NewtonState]:
+    programme = transcribe(problem)
+    iterate, _ = make_guess("line", problem, programme)
+    solver = GlobalisedNewton(control_weight=programme.control_weight)
+    return programme, solver, solver.init(programme, iterate)
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("arms/ur5_reach", [1] * 6 + [0] * 6),
+        ("arms/kinova_reach", [1] * 6 + [0] * 6),
+        ("paper/elastic_pendulum", [0] * 6),
+        ("free_flyer/drone_flip", [0] * 12),
+        ("loops/four_bar", [1] * 3 + [0] * 3),
+    ],
+)
+def test_a_programme_says_which_unknowns_are_angles(path: str, expected: list[int]) -> None:
+    programme = transcribe(mbocp.load_problem(EXAMPLES / f"{path}.toml"))
+    np.testing.assert_allclose(programme.kinds[0].turning, expected, atol=1e-15)
+
+
+def test_cosine_and_sine_are_angles_in_a_flat_programme_and_quaternions_are_not() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "so3/unicycle_pendulum.toml")
+    programme = transcribe(problem)
+    turning = programme.kinds[0].turning
+    yaw = problem.robot.model.getJointId("yaw")
+    assert turning[programme.space.parts[yaw - 1].at_z] == pytest.approx(1.0)
+    assert turning.sum() == pytest.approx(programme.space.parts[yaw - 1].group.nz)
+
+
+@pytest.mark.parametrize("motor", ["joint1", "joint2"])
+def test_no_iteration_turns_a_joint_by_more_than_a_radian(motor: str) -> None:
+    _, solver, state = begun(one_motor(motor, [0.0, 0.0], [math.pi, 0.0], 40))
+    largest, was_capped = 0.0, False
+    for _ in range(12):
+        before = state.native.x.reshape(-1, 4)[:, :2]
+        state = solver.step(state)
+        if state.step_length == 0.0:
+            continue  # relaxed steps taken back
+        turn = float(np.abs(state.native.x.reshape(-1, 4)[:, :2] - before).max())
+        full = float(np.abs(state.native.dx.reshape(-1, 4)[:, :2]).max())
+        largest, was_capped = max(largest, turn), was_capped or full > 1.0 + 1e-9
+    assert largest <= 1.0 + 1e-9
+    assert was_capped
+
+
+def test_one_motor_swings_the_pendulum_up() -> None:
+    """Without the cap, and with a least shift of 1e-3, this takes 143 iterations to a cost of 0.568."""
+    s = mbocp.solve(one_motor("joint1", [math.pi, 0.0], [0.0, 0.0]), solver="monolithic")
+    assert s.converged, s.advice
+    assert s.iterations < 60
+    assert s.cost < 0.03
+
+
+def test_a_swing_that_had_not_been_solved_in_all_phases() -> None:
+    robot = mbocp.load_robot("double_pendulum", actuated=["joint2"])
+    problem = mbocp.Problem.create(
+        robot,
+        2.8900655149766044,
+        77,
+        goal={"q": [math.pi, 0.0], "v": [0.0, 0.0]},
+        cost={"effort": 1.0},
+    )
+    s = mbocp.solve(problem)
+    assert s.status.is_stationary, s.advice  # a joint turns fast, which is not the solver's to judge
+    assert s.iterations < 100
+
+
+def test_shifts_go_down_to_the_least_one_and_then_to_none() -> None:
+    assert larger_shift(0.0, 1e-6) == 1e-6
+    assert larger_shift(1e-3, 1e-6) == pytest.approx(8e-3)
+    assert next_shift(1e-3, 1.0, 0.5, 1e-6) == pytest.approx(2e-4)
+    assert next_shift(4e-6, 1.0, 0.5, 1e-6) == 0.0
+    assert next_shift(1.0, 1.0, 0.01, 1e-6) == 0.0
+    assert next_shift(0.0, 0.1, 0.5, 1e-6) == 2e-6
+
+
+def test_slacks_begin_a_tenth_inside() -> None:
+    limits = "limits={effort=5.3, velocity={y=6.5}}"
+    problem = mbocp.load_problem(EXAMPLES / "paper/elastic_pendulum.toml", ["horizon.steps=12", limits])
+    programme, _, state = begun(problem)
+    bounds, native = programme.bounds, state.native
+    slacks = native.slack.reshape(12, -1)
+    lower = np.concatenate([bounds.x_lower[bounds.limited_x], bounds.u_lower])
+    upper = np.concatenate([bounds.x_upper[bounds.limited_x], bounds.u_upper])
+    room = 0.1 * np.minimum(upper - lower, np.maximum(1.0, np.abs(upper)))
+    assert np.all(slacks >= lower + room * (1.0 - 1e-12))
+    assert np.all(slacks <= upper - room * (1.0 - 1e-12))
+
+
+def records(residuals: list[float], costs: list[float], primal: float = 0.0) -> list[IterationRecord]:
+    return [
+        IterationRecord(i, r, cost=c, primal=primal, dual=r)
+        for i, (r, c) in enumerate(zip(residuals, costs, strict=True))
+    ]
+
+
+def test_a_falling_cost_is_progress_as_a_falling_residual_is() -> None:
+    flat, falling = [1.0] * 80, list(np.geomspace(1.0, 1e-2, 80))
+    assert _has_stalled(records(flat, flat))
+    assert not _has_stalled(records(falling, flat))
+    assert not _has_stalled(records(flat, falling))
+    assert not _has_stalled(records(flat[:40], flat[:40]))  # too early to tell
+
+
+def test_a_cost_that_falls_while_constraints_are_given_up_is_no_progress() -> None:
+    flat, falling = [1.0] * 80, list(np.geomspace(1.0, 1e-2, 80))
+    history = records(flat, falling)
+    away = [IterationRecord(r.iteration, 1.0, cost=r.cost, primal=0.01 * r.iteration) for r in history]
+    assert _has_stalled(away)

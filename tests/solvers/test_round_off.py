@@ -1,0 +1,110 @@
+"""The tolerance where the numbers of a problem are so large that round-off is above it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.guess import make_guess
+from mbocp.solvers import GlobalisedNewton, NewtonState
+from mbocp.solvers.newton import is_resolved
+from mbocp.solvers.round_off import relative_increment, relative_residual, round_off
+from mbocp.transcription import transcribe
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+PAPER = Path(__file__).parents[2] / "examples" / "paper"
+
+
+def solved(name: str, settings: dict[str, Any]) -> tuple[mbocp.Problem, NewtonState]:
+    problem = mbocp.load_problem(PAPER / f"{name}.toml", settings)
+    programme = transcribe(problem)
+    iterate, _ = make_guess(
+        problem.guess.kind if problem.guess.kind != "auto" else "line", problem, programme
+    )
+    solver = GlobalisedNewton(control_weight=programme.control_weight)
+    state = solver.init(programme, iterate)
+    while solver.terminate(state) is None:
+        state = solver.step(state)
+    return problem, state
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("rigid_pendulum", {"horizon.duration": 0.01}),
+        ("elastic_pendulum", {"goal.q": [0.0, 0.0, -500.0], "horizon.steps": 40}),
+    ],
+)
+def test_a_problem_of_large_numbers_is_solved_to_round_off(name: str, settings: dict[str, Any]) -> None:
+    s = mbocp.solve(mbocp.load_problem(PAPER / f"{name}.toml", settings))
+    assert s.converged, s.advice
+    assert s.residual > 1e-9  # as it is, not scaled
+    assert "round-off" in s.advice
+    assert s.residual < 1e-13 * np.linalg.norm(s.mus)
+    assert s.constraint_violation < 1e-9
+
+
+def test_a_step_further_changes_the_motion_by_round_off_alone() -> None:
+    _, state = solved("rigid_pendulum", {"horizon.duration": 0.01})
+    native = state.native
+    assert is_resolved(state, 1e-9)
+    x, u = native.x, native.u
+    native.evaluate()
+    assert native.factorise(0.0, state.augmentation).ok
+    assert native.solve().finite
+    assert np.linalg.norm(native.dx) < 1e-12 * np.linalg.norm(x)
+    assert np.linalg.norm(native.du) < 1e-12 * np.linalg.norm(u)
+    assert np.linalg.norm(native.dm) < 1e-12 * np.linalg.norm(native.m)
+
+
+@pytest.mark.parametrize("name", ["elastic_pendulum", "rigid_pendulum", "cart_pendulum_rigid"])
+def test_problems_of_ordinary_size_know_the_tolerance_alone(name: str) -> None:
+    problem, state = solved(name, {})
+    assert state.evaluation.residual <= 1e-9
+    assert state.increment <= 1e-9
+    assert max(round_off(state.native, transcribe(problem).kinds[0])) < 1e-11
+    assert not is_resolved(state, 1e-9)
+
+
+def stub(size: float, step: float) -> Any:
+    """What a kernel programme shows, with multipliers of one size and a last step of another."""
+    unit = np.array([1.0, 0.0])
+    return SimpleNamespace(
+        x=unit,
+        u=unit,
+        y=np.zeros(0),
+        m=size * unit,
+        eta=np.zeros(1),
+        num_limits=0,
+        dx=0.0 * unit,
+        du=0.0 * unit,
+        dy=np.zeros(0),
+        dm=step * unit,
+        deta=np.zeros(1),
+    )
+
+
+def test_each_part_of_the_residual_has_its_own_round_off() -> None:
+    """Large multipliers excuse no violation of the state equations."""
+    kind: Any = SimpleNamespace(scale_m=np.ones(2), turning=np.zeros(2), ndx=2)
+    native = stub(1e9, 0.5)
+    primal, dual = round_off(native, kind)
+    assert dual == pytest.approx(8 * 2.0**-52 * 1e9)
+    assert primal == pytest.approx(8 * 2.0**-52 * np.sqrt(2.0))
+
+    def state(primal: float, dual: float, step: float = 0.5) -> Any:
+        evaluation = SimpleNamespace(primal=primal, dual=dual)
+        return NewtonState(stub(1e9, step), evaluation, increment=step, kind=kind)
+
+    assert is_resolved(state(1e-10, 1e-6), 1e-9)
+    assert not is_resolved(state(1e-10, 3e-6), 1e-9)
+    assert not is_resolved(state(1e-8, 1e-7), 1e-9)
+    assert not is_resolved(state(1e-10, 1e-6, step=2.0), 1e-9)
+    assert relative_residual(native, kind, SimpleNamespace(primal=3e-3, dual=0.0), 1e-9) == 3e-3
+    assert relative_increment(native) == pytest.approx(0.5e-9)
