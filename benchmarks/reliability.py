@@ -70,8 +70,8 @@ def reliability_table(found: Sequence[dict[str, Any]]) -> Table:
         )
     columns = ("class", "solved", "iterations", "time [ms]", "longest [ms]", "not solved")
     note = (
-        "Solved: the optimality conditions hold, at a minimum or not, whether the steps resolve the motion or "
-        "not. Iterations and times of these: median / 90th percentile / most. Solver alone."
+        "Solved: the optimality conditions hold, whether the steps resolve the motion or not. Iterations and "
+        "times of these: median / 90th percentile / most. Solver alone."
     )
     return Table("Random problems", columns, rows, note)
 
