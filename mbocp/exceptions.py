@@ -20,6 +20,7 @@ __all__ = [
     "InvalidValue",
     "LoopNotClosed",
     "MbocpError",
+    "MemoryLimitExceeded",
     "NativeMismatch",
     "NotConverged",
     "OverdeterminedGoal",
@@ -87,6 +88,20 @@ class InvalidValue(MbocpError):
     def __init__(self, name: str, got: Any, expected: str) -> None:
         self.name, self.got, self.expected = name, got, expected
         super().__init__(f"{name}: got {got}, expected {expected}")
+
+
+class MemoryLimitExceeded(MbocpError):
+    """Something that would take more memory than the limit allows; nothing was allocated for it.
+
+    `needed` and `limit` are in bytes.
+    """
+
+    def __init__(self, what: str, needed: float, limit: float, source: str, remedy: str) -> None:
+        self.what, self.needed, self.limit = what, needed, limit
+        super().__init__(
+            f"{what} would take about {_bytes(needed)} of memory; the limit is {_bytes(limit)} ({source}). "
+            f"{remedy}, or set MBOCP_MEMORY_LIMIT to as many MB as it may take"
+        )
 
 
 class RobotError(MbocpError):
@@ -228,6 +243,10 @@ class StudyFileError(StudyError):
 
 class ReplayError(MbocpError):
     """A replay that cannot be written or shown."""
+
+
+def _bytes(number: float) -> str:
+    return f"{number / 1e9:.3g} GB" if number >= 1e9 else f"{number / 1e6:.3g} MB"
 
 
 def _shape(value: Sequence[int | None] | int) -> str:

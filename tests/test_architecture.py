@@ -18,6 +18,7 @@ LAYERS = (
     "_files",
     "_arrays",
     "_linear",
+    "_memory",
     "_native",
     "symbolic",
     "lie",

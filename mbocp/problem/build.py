@@ -16,6 +16,7 @@ from mbocp.problem.cost import Cost
 from mbocp.problem.drives import without_driven_velocities
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
+from mbocp.problem.horizon import check_horizon
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits_table import bounds_from
 from mbocp.problem.messages import in_file, located, schema_error
@@ -79,9 +80,10 @@ def problem_from_tables(
 
 
 def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | None, name: str) -> Problem:
+    duration, num_steps = table.horizon.duration, table.horizon.steps
+    check_horizon(num_steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
     q_start, v_start = _start(table.start, robot)
     goal = _goal(table.goal, robot, q_start)
-    duration, num_steps = table.horizon.duration, table.horizon.steps
     return Problem(
         cost=_cost(table.cost, robot, goal, folder, duration, num_steps),
         duration=duration,

@@ -18,6 +18,7 @@ from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalMechanics, NaturalSpace
 from mbocp.problem import Problem
+from mbocp.problem.horizon import check_horizon
 from mbocp.robot import Label
 from mbocp.transcription.bounds import StateBounds, state_bounds
 from mbocp.transcription.compilation import CompiledFunctions, load_functions
@@ -186,6 +187,8 @@ def transcribe(
     ------
     TranscriptionError
         If the stage functions cannot be compiled, or not before the deadline.
+    MemoryLimitExceeded
+        If the horizon has more steps than there is memory for.
     InconsistentStart
         If the scheme cannot begin with the start velocity in steps of this length.
     """
@@ -201,6 +204,7 @@ def transcribe(
     sizes = Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv)
     layout = parameter_layout(shape, sizes)
     ny = 0 if shape.is_explicit else (robot.nc if natural is None else natural.nc)
+    check_horizon(problem.num_steps, 2 * at.ndx + ny + robot.nu, by_others=problem.solver.is_interior_point)
     end = EndTarget(*rows, np.asarray(problem.goal.value))
     if natural is not None:
         end = natural_end(problem, natural, rows)
