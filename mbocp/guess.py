@@ -23,6 +23,7 @@ from mbocp.problem.consistency import project_on_constraints, tangent_space
 from mbocp.problem.way import closed_way, constraint_jacobians
 from mbocp.robot import Robot
 from mbocp.robot.drives import speed_maps
+from mbocp.robot.large import working_data
 from mbocp.solution import Solution
 from mbocp.solvers import Iterate, Methods, SolverResult, Status, pursue, zero_multipliers
 from mbocp.solvers.iterate import BoundMultipliers
@@ -329,7 +330,7 @@ def _line_states(problem: Problem, programme: StagewiseProgramme) -> tuple[Array
 
 def _required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Generalised force that actuators and constraints have to supply for a motion, shape (nv,)."""
-    force: Array = pin.rnea(robot.model, robot.model.createData(), q, v, a)
+    force: Array = pin.rnea(robot.model, working_data(robot.model), q, v, a)
     return force - robot.force_elements(q, v) if robot.forces else force
 
 
@@ -340,7 +341,7 @@ def _balances(robot: Robot, qs: Array, vs: Array, accelerations: Array) -> tuple
         rows = constraint_jacobians(robot, qs)
         balanced = [_balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
         return np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
-    data, columns = robot.model.createData(), robot.actuation_matrix(qs[0])  # the same everywhere
+    data, columns = working_data(robot.model), robot.actuation_matrix(qs[0])  # the same everywhere
     forces = np.array([pin.rnea(robot.model, data, *at).copy() for at in motion])
     us: Array = np.linalg.lstsq(columns, forces.T, rcond=None)[0].T
     return np.ascontiguousarray(us), np.zeros((len(qs), 0))

@@ -18,6 +18,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.robot import Robot
+from mbocp.robot.large import working_data
 
 __all__ = ["dual_of_momentum", "dual_of_velocity", "momentum_derivative"]
 
@@ -28,7 +29,7 @@ def momentum_derivative(robot: Robot, q: Array, v: Array) -> Array:
         symbolic: Array = _momentum_derivative(robot)(q, v).full()
         return symbolic
     model, zero = robot.model, np.zeros(robot.nv)
-    data = model.createData()  # what Pinocchio returns points into it
+    data = working_data(model)  # what Pinocchio returns points into it
     # M(q) v is what an acceleration v takes at rest, less gravity.
     derivative: Array = pin.computeRNEADerivatives(model, data, q, zero, np.asarray(v))[0].copy()
     derivative -= pin.computeGeneralizedGravityDerivatives(model, data, q)

@@ -32,6 +32,7 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.mechanics.symmetry_fields import Ansatz, Symmetry, skew
 from mbocp.robot import Robot, SpringDamper
+from mbocp.robot.large import working_data
 
 __all__ = ["Symmetry", "find_symmetries", "momentum_map"]
 
@@ -105,7 +106,7 @@ def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
 def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
     """Rows of J_i X - s = 0 in the coordinates of each body with mass or inertia; X = features @ theta."""
     model = robot.model
-    data = model.createData()
+    data = working_data(model)
     pin.computeJointJacobians(model, data, q)
     for joint in range(1, model.njoints):
         inertia = model.inertias[joint]
@@ -123,7 +124,7 @@ def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
 def _motion_rows(robot: Robot, q: Array, features: Array) -> list[Array]:
     """Conditions on (theta, s) at q: bodies move rigidly, force elements and constraints do not notice."""
     rows = list(_body_rows(robot, q, features))
-    model, data = robot.model, robot.model.createData()
+    model, data = robot.model, working_data(robot.model)
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     rows.append(np.hstack([robot.closure_jacobian(q) @ features, np.zeros((len(robot.closure_labels), 6))]))

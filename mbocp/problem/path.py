@@ -14,6 +14,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goal import Goal
 from mbocp.robot import Label, Robot
+from mbocp.robot.large import working_data
 
 __all__ = ["PATH_KINDS", "PathConstraint", "PathKind", "check_path"]
 
@@ -93,7 +94,7 @@ class PathConstraint:
 
     def values(self, robot: Robot, q: Array, v: Array) -> Array:
         """h(q, v), shape (rows,) [m, m/s]."""
-        data = robot.model.createData()
+        data = working_data(robot.model)
         pin.forwardKinematics(robot.model, data, q, v)
         pin.updateFramePlacements(robot.model, data)
         position = data.oMf[self.frame].translation

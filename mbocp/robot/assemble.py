@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +128,10 @@ class Assembly:
         limits = [*columns.fixed_efforts, *columns.frame_efforts, *(limit for _, limit in pairs)]
         return actuation, np.array(limits)
 
+    @cached_property
+    def _effort_labels(self) -> tuple[Label, ...]:
+        return joints.velocity_labels(self.model, _EFFORT_UNITS)
+
     def _default_motors(self, driven: frozenset[int]) -> list[int]:
         count = range(1, self.model.njoints)
         return [j for j in count if joints.joint_kind(self.model, j).actuated and j not in driven]
@@ -143,10 +148,12 @@ class Assembly:
 
     def _add_joint(self, columns: _Columns, joint: int, effort: float | None) -> None:
         where = joints.velocity_slice(self.model, joint)
-        labels = joints.velocity_labels(self.model, _EFFORT_UNITS)[where]
+        labels = self._effort_labels[where]
         limits = self.model.upperEffortLimit[where]
         for index, label, limit in zip(range(where.start, where.stop), labels, limits, strict=True):
-            columns.fixed.append(np.eye(self.model.nv)[index])
+            column = np.zeros(self.model.nv)  # a row of np.eye would keep the whole matrix
+            column[index] = 1.0
+            columns.fixed.append(column)
             columns.fixed_labels.append(label)
             columns.fixed_efforts.append(_limit(limit) if effort is None else effort)
 

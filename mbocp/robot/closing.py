@@ -19,6 +19,7 @@ from mbocp._linear import null_space
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import kinematics
 from mbocp.robot.constraints import Weld
+from mbocp.robot.large import working_data
 
 if TYPE_CHECKING:
     from mbocp.robot.robot import Robot
@@ -160,7 +161,7 @@ def _by_rows(robot: Robot, q: Array) -> tuple[Array, Callable[[], Array]]:
 
 def _by_angle(robot: Robot, q: Array) -> tuple[Array, Callable[[], Array]]:
     """Like `_by_rows`, with rotation vectors in place of the last three rows of each weld."""
-    model, data = robot.model, robot.model.createData()
+    model, data = robot.model, working_data(robot.model)
     pin.framesForwardKinematics(model, data, q)
     residual, start, welds = np.array(robot.closure_residual(q)), 0, []
     for constraint in robot.constraints:
@@ -204,7 +205,7 @@ def violations(robot: Robot, q: Array, allowed: float = _CLOSED) -> list[tuple[s
 def _turns(robot: Robot, q: Array) -> list[tuple[Weld, float]]:
     """Angle between the frames of each weld [rad]."""
     welds = [constraint for constraint in robot.constraints if isinstance(constraint, Weld)]
-    data = robot.model.createData()
+    data = working_data(robot.model)
     if welds:
         pin.framesForwardKinematics(robot.model, data, q)
     turns = [data.oMf[w.frame_b].rotation.T @ data.oMf[w.frame_a].rotation for w in welds]

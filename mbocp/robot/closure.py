@@ -13,6 +13,7 @@ from mbocp._arrays import Array
 from mbocp.robot import joints
 from mbocp.robot.constraint_equations import constraint_rows
 from mbocp.robot.constraints import Constraint, Coupling
+from mbocp.robot.large import working_data
 
 __all__ = ["Closure"]
 
@@ -83,7 +84,7 @@ class Closure:
         try:
             data = self._idle.pop()
         except IndexError:
-            data = self.model.createData()
+            data = working_data(self.model)
         try:
             yield data
         finally:

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import UnknownFrame
+from mbocp.robot.large import composite_mass_matrix, is_large, working_data
 from mbocp.robot.parts import QuarticSpring, SpringDamper
 
 __all__ = [
@@ -66,7 +67,9 @@ def mass_matrices(model: pin.Model, qs: Array) -> Array:
     """Mass matrices at many configurations, shape (nodes, nv, nv)."""
     if any(joint.shortname() == "JointModelMimic" for joint in model.joints):
         return np.array([_mass_columns(model, q) for q in qs])
-    data, found = model.createData(), np.empty((len(qs), model.nv, model.nv))
+    if is_large(model):
+        return np.array([composite_mass_matrix(model, q) for q in qs])
+    data, found = working_data(model), np.empty((len(qs), model.nv, model.nv))
     for node, q in enumerate(qs):
         found[node] = pin.crba(model, data, q)
     upper = np.triu(found)
@@ -80,7 +83,7 @@ def _mass_columns(model: pin.Model, q: Array) -> Array:
     Pinocchio's own algorithm (3.x) misses entries where a joint with several velocities is between a mimic
     joint and its leader.
     """
-    data, rest = model.createData(), np.zeros(model.nv)
+    data, rest = working_data(model), np.zeros(model.nv)
     still = pin.rnea(model, data, q, rest, rest).copy()
     columns = [pin.rnea(model, data, q, rest, unit) - still for unit in np.eye(model.nv)]
     rows = np.array(columns)
@@ -119,7 +122,7 @@ def frame_jacobian(model: pin.Model, q: Array, frame: int, reference: pin.Refere
 
 def frame_jacobians(model: pin.Model, qs: Array, frame: int, reference: pin.ReferenceFrame) -> Array:
     """Jacobian of one frame at many configurations, shape (nodes, 6, nv)."""
-    data, found = model.createData(), np.empty((len(qs), 6, model.nv))
+    data, found = working_data(model), np.empty((len(qs), 6, model.nv))
     for node, q in enumerate(qs):
         jacobian = pin.computeFrameJacobian(model, data, q, frame, reference)
         found[node] = jacobian.reshape(6, model.nv)  # Pinocchio hands out a single column as a vector
@@ -128,7 +131,7 @@ def frame_jacobians(model: pin.Model, qs: Array, frame: int, reference: pin.Refe
 
 def distances(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -> Array:
     """p_a - p_b of each pair in world axes, shape (n, 3) [m]."""
-    data = model.createData()
+    data = working_data(model)
     pin.framesForwardKinematics(model, data, q)
     out = np.zeros((len(pairs), 3))
     for row, pair in enumerate(pairs):
@@ -150,7 +153,7 @@ def gravity_potential(model: pin.Model, q: Array) -> float:
 
     By hand, because Pinocchio's own function refuses mimic joints.
     """
-    data = model.createData()
+    data = working_data(model)
     pin.forwardKinematics(model, data, q)
     bodies = zip(list(model.inertias)[1:], list(data.oMi)[1:], strict=True)
     moment = sum((body.mass * placement.act(body.lever) for body, placement in bodies), start=np.zeros(3))

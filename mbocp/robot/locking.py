@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
 from mbocp.robot import joints
+from mbocp.robot.large import check_working_memory
 
 __all__ = ["Lock", "joint_configuration", "lock_joints", "pose_by_joint", "refuse_follower"]
 
@@ -41,6 +42,7 @@ def lock_joints(
         if value is not None:
             q_ref[joints.configuration_slice(model, joint)] = joint_configuration(model, joint, value, robot)
     ids += [follower for leader, follower in _followers(model) if leader in ids]
+    check_working_memory(model)
     reduced, (shown,) = pin.buildReducedModel(model, [visuals], sorted(set(ids)), q_ref)
     if reduced.nv == 0:
         raise UnsupportedRobot(f"robot {robot!r}: all joints are locked, nothing is left to move")

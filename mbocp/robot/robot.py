@@ -19,6 +19,7 @@ from mbocp.exceptions import InvalidValue
 from mbocp.robot import closing, drives, joints, kinematics
 from mbocp.robot.closure import Closure
 from mbocp.robot.constraints import Constraint
+from mbocp.robot.large import working_data
 from mbocp.robot.notices import NormalisationWarning
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 
@@ -472,7 +473,7 @@ class Robot:
             [N, N m].
         """
         q, v, a = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v"), self._vector(a, self.nv, "a")
-        force = pin.rnea(self.model, self.model.createData(), q, v, a) - self.force_elements(q, v)
+        force = pin.rnea(self.model, working_data(self.model), q, v, a) - self.force_elements(q, v)
         if u is not None:
             force = force - self.actuation_matrix(q) @ self._vector(u, self.nu, "u")
         if lam is not None:

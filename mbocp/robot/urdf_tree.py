@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,7 +13,10 @@ from mbocp._text import shown
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.urdf_numbers import child_attribute, finite_numbers
 
-__all__ = ["check_tree"]
+__all__ = ["MOST_IN_A_ROW", "MOST_MOVING", "check_tree"]
+
+MOST_MOVING = 1000  # joints; loading takes nv^2 memory and nv^3 time
+MOST_IN_A_ROW = 1200  # joints; the stack of a thread (8 MB) ends somewhere between 2000 and 4000
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
@@ -54,6 +58,38 @@ def check_tree(path: Path, root: ElementTree.Element) -> None:
             f"{_listed(roots) if roots else 'none'}",
         )
     _check_reach(path, links, parents, roots[0])
+    _check_size(path, joints.values(), parents)
+
+
+def _check_size(
+    path: Path, joints: Iterable[ElementTree.Element], parents: dict[str, tuple[str, str]]
+) -> None:
+    """Parsers of C++ call themselves for each link in a row, until the stack ends without a word."""
+    moving = sum(joint.get("type") != "fixed" for joint in joints)
+    if moving > MOST_MOVING:
+        raise UnsupportedRobot(
+            f"{path}: has {moving:,} joints that move; supported are at most {MOST_MOVING:,}. Make "
+            "some of them fixed"
+        )
+    depth = max(_depths(parents).values(), default=0)
+    if depth > MOST_IN_A_ROW:
+        raise UnsupportedRobot(
+            f"{path}: has {depth:,} joints one behind the other; supported are at most {MOST_IN_A_ROW:,}. "
+            "Merge links that do not move against each other"
+        )
+
+
+def _depths(parents: dict[str, tuple[str, str]]) -> dict[str, int]:
+    """Number of joints between each link and the root."""
+    found: dict[str, int] = {}
+    for link in parents:
+        row = [link]
+        while row[-1] in parents and row[-1] not in found:
+            row.append(parents[row[-1]][1])
+        depth = found.get(row[-1], 0)
+        for i, passed in enumerate(reversed(row)):
+            found.setdefault(passed, depth + i)
+    return found
 
 
 def _check_reach(path: Path, links: list[str], parents: dict[str, tuple[str, str]], root: str) -> None:

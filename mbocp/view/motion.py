@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue
+from mbocp.robot.large import working_data
 
 __all__ = ["MAX_SAMPLES", "Motion", "sample_motion"]
 
@@ -114,7 +115,7 @@ def _configuration(model: pin.Model, t: Array, qs: Array, time: float) -> Array:
 
 
 def _placed(model: pin.Model, times: Array, qs: Array) -> Motion:
-    data = model.createData()
+    data = working_data(model)
     frames, joints = len(times), model.njoints
     rotations = np.empty((frames, joints, 3, 3))
     quaternions = np.empty((frames, joints, 4))

@@ -13,6 +13,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from mbocp._arrays import Array
 from mbocp.robot.constraints import Hinge, Point, Rod, Weld
 from mbocp.robot.joints import joint_kind
+from mbocp.robot.large import working_data
 from mbocp.view.plots_style import GREY, finish_axes, line_style, plain_text, strip_legend
 
 if TYPE_CHECKING:
@@ -160,7 +161,7 @@ def frame_paths(robot: Robot, qs: Array, frames: Sequence[str] | None = None) ->
     names = list(frames) if frames is not None else list(robot.trace_frames)
     ids = [robot.frame_id(name) for name in names]
     keep = np.unique(np.linspace(0, len(qs) - 1, min(len(qs), _MOST_NODES)).astype(int))
-    model, data = robot.model, robot.model.createData()
+    model, data = robot.model, working_data(robot.model)
     paths = np.empty((len(ids), len(keep), 3))
     for n, q in enumerate(qs[keep]):
         pin.forwardKinematics(model, data, q)
@@ -173,7 +174,7 @@ def frame_paths(robot: Robot, qs: Array, frames: Sequence[str] | None = None) ->
 def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
     """Return lines that stand for the robot: from joint to joint to traced frame, its rods and springs."""
     model: Any = robot.model
-    data: Any = model.createData()
+    data: Any = working_data(model)
     pin.framesForwardKinematics(model, data, q)
     lines = []
     feet = sum(parent == 0 for parent in model.parents) - 1  # the first is the universe's own

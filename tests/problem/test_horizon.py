@@ -22,7 +22,7 @@ PENDULUM = Path(__file__).parents[2] / "examples" / "paper" / "rigid_pendulum.to
 def test_too_many_steps_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, exponent: int) -> None:
     monkeypatch.setenv("MBOCP_MEMORY_LIMIT", "16000")
     words = (
-        rf"^horizon.steps: 1e\+{exponent:02} steps .* would take about .* GB of memory; the limit is 16 GB "
+        rf"horizon.steps: 1e\+{exponent:02} steps .* would take about .* GB of memory; the limit is 16 GB "
         r"\(MBOCP_MEMORY_LIMIT\). Take fewer steps, or set MBOCP_MEMORY_LIMIT"
     )
     with pytest.raises(MemoryLimitExceeded, match=words):

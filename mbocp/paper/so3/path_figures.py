@@ -16,6 +16,7 @@ from mbocp.paper.so3.data import CHOICES, UNICYCLE
 from mbocp.paper.so3.motions import Motion, task_motion
 from mbocp.paper.so3.request import Request, Say
 from mbocp.robot import Robot
+from mbocp.robot.large import working_data
 from mbocp.view.plots_style import PALETTE, finish_axes, mark_time, new_figure, strip_legend
 from mbocp.view.replay import write_replay
 
@@ -106,7 +107,7 @@ def _continuous(motion: Motion) -> Array:
 
 def _positions(robot: Robot, qs: Array, frame: str) -> Array:
     """Positions of a frame at each node, shape (N + 1, 3) [m]."""
-    data, index = robot.model.createData(), robot.model.getFrameId(frame)
+    data, index = working_data(robot.model), robot.model.getFrameId(frame)
     found = []
     for q in qs:
         pin.framesForwardKinematics(robot.model, data, q)
