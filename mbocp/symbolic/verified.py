@@ -59,7 +59,7 @@ def self_test(model: pin.Model) -> None:
 
 def _compare(model: pin.Model, functions: ModelFunctions) -> None:
     rng = np.random.default_rng(0)
-    data = model.createData()
+    data = pin.Data(model)  # model.createData() would make it twice, and copy
     # Pinocchio's own generator of random configurations is left alone: its state is the user's.
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
     v, a = rng.standard_normal((2, model.nv))
