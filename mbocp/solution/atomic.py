@@ -73,12 +73,14 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 
 def _target(path: str | Path) -> Path:
+    kind = stat.S_IFREG  # if there is nothing yet
     try:
         target = Path(path).expanduser()
         # Follow a symbolic link, so that the link survives and its target is replaced.
         target = target.resolve() if target.is_symlink() else target.absolute()
-        kind = target.stat().st_mode if target.exists() else stat.S_IFREG
         has_folder = target.parent.is_dir()
+        with contextlib.suppress(FileNotFoundError):
+            kind = target.stat().st_mode
     except (OSError, ValueError, RuntimeError) as error:
         raise ResultFileError(
             path, f"cannot be written: {getattr(error, 'strerror', '') or error}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ResultFileError
-from mbocp.solution.atomic import atomic_path
+from mbocp.solution.atomic import replace_file
 
 __all__ = [
     "GREY",
@@ -195,6 +196,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 160) -> Path:
     if suffix not in SUFFIXES:
         got = f"a picture cannot have the suffix {suffix!r}" if suffix else "a picture needs a suffix"
         raise ResultFileError(path, f"{got}: use {', '.join(SUFFIXES)}")
-    with house_style(), atomic_path(path) as temporary:
-        figure.savefig(temporary, format=suffix[1:], dpi=dpi)
-    return Path(path)
+    drawn = io.BytesIO()
+    with house_style():
+        figure.savefig(drawn, format=suffix[1:], dpi=dpi)
+    return replace_file(path, drawn.getvalue())

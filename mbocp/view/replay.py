@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp.exceptions import MbocpError, ReplayError
-from mbocp.solution.atomic import atomic_path
+from mbocp.solution.atomic import replace_file
 from mbocp.view.meshcat_scene import Scene, build_scene
 from mbocp.view.motion import Motion, sample_motion
 from mbocp.view.replay_live import LiveReplay, ends_gently
@@ -72,11 +72,9 @@ def write_replay(
         scene, title=title or robot.name, subtitle=_subtitle(robot, motion, title), speed=speed
     )
     try:
-        with atomic_path(path) as temporary:
-            temporary.write_text(page, encoding="utf-8")
+        return replace_file(path, page.encode("utf-8", errors="replace"))  # names of files may be no text
     except MbocpError as error:
         raise ReplayError(f"replay {error}") from error
-    return Path(path)
 
 
 def open_replay(

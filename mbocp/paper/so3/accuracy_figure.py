@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from mbocp.paper.so3.accuracy import METHODS, SUFFIXES, Curve, accuracy_curves
 from mbocp.paper.so3.request import Request, Say
-from mbocp.solution.atomic import atomic_path
+from mbocp.solution.atomic import replace_file
 from mbocp.view.plots_style import GREY, PALETTE, new_figure
 
 __all__ = ["accuracy_figure", "accuracy_file", "draw_curves"]
@@ -43,10 +43,8 @@ def accuracy_file(request: Request, say: Say = str) -> list[Path]:
         {"rotations": c.rotations, "integrator": c.label, "points": [p.to_dict() for p in c.points]}
         for c in curves
     ]
-    path = request.folder / "so3_fig12.json"
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(facts, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return [path]
+    words = json.dumps(facts, indent=1, allow_nan=False) + "\n"
+    return [replace_file(request.folder / "so3_fig12.json", words.encode())]
 
 
 _made: dict[tuple[bool, int | None], list[Curve]] = {}
