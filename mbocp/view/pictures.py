@@ -41,11 +41,11 @@ class Picture:
 def picture_folders(robot: Robot, mesh: Path) -> tuple[Path, ...]:
     """Folders that the pictures of a mesh may come from.
 
-    They are the URDF's own folder (if it is called urdf, the one above, too), the packages (marked by a
-    package.xml) that the URDF and the mesh belong to, and the `package_dirs` that the robot was loaded with.
+    They are the URDF's own folder (if it is called urdf, the one above, too) and the packages, marked by a
+    package.xml, that the URDF and the mesh belong to. What robot.toml or a problem file say does not count,
+    for they may be foreign, too.
     """
-    folders = [Path(folder) for folder in robot.spec.get("package_dirs", ())]
-    files = [mesh.resolve()]
+    folders, files = [], [mesh.resolve()]
     if robot.source is not None:
         urdf = robot.source.resolve()
         files.append(urdf)
@@ -73,7 +73,8 @@ def read_picture(path: Path, folders: tuple[Path, ...]) -> Picture:
     if not any(file.is_relative_to(folder) for folder in folders):
         own = ", ".join(shortened(str(folder)) for folder in folders) or "none"
         raise Unreadable(
-            f"is outside the robot's folders ({own}); move it there, or name its folder in package_dirs"
+            f"is outside the robot's folders ({own}); move it there, or mark the package of the mesh by a "
+            "package.xml"
         )
     content = read_bytes(file, expected="a picture", limit=PICTURE_LIMIT)
     kind = _kind(content)

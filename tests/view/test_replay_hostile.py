@@ -114,21 +114,20 @@ def test_what_is_no_picture_does_not_travel(tmp_path):
 
 
 def test_pictures_of_a_package_are_shown(tmp_path):
-    """Beside urdf/, in a folder with a package.xml, and below package_dirs."""
+    """Beside urdf/, and in a folder with a package.xml; package_dirs of a foreign file are no reason."""
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "photo.png").write_bytes(PNG)
     (tmp_path / "photo.png").write_bytes(PNG)
     page, told = with_picture(tmp_path / "urdf", "../photo.png")
     assert told == []
     assert carries(page, PNG)
-    page, told = with_picture(tmp_path / "deep" / "robots", "../../other/photo.png")
-    assert len(told) == 1
-    page, told = with_picture(
-        tmp_path / "deep" / "robots", "../../other/photo.png", package_dirs=[tmp_path / "other"]
-    )
-    assert (told, carries(page, PNG)) == ([], True)
+    deep, path = tmp_path / "deep" / "robots", "../../other/photo.png"
+    page, told = with_picture(deep, path, package_dirs=[tmp_path / "other"])
+    assert not carries(page, PNG)
+    assert "is outside the robot's folders" in told[0]
     (tmp_path / "package.xml").touch()
-    assert with_picture(tmp_path / "deep" / "robots", "../../other/photo.png")[1] == []
+    page, told = with_picture(deep, path)
+    assert (told, carries(page, PNG)) == ([], True)
 
 
 @pytest.mark.parametrize(
