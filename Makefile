@@ -1,4 +1,4 @@
-# make demo | test | lint | bench | sanitize | clean; each installs what it needs into .venv first.
+# make demo | test | lint | bench | sanitize | campaign | clean; each installs what it needs into .venv first.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -7,7 +7,7 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo test lint bench sanitize setup clean
+.PHONY: demo test lint bench sanitize campaign setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -26,6 +26,10 @@ bench: setup
 # The native part with every access checked: its tests, in a build of its own (a quarter of an hour, once).
 sanitize: setup
 	.ci/sanitize.sh
+
+# Random valid problems, each result verified by a second opinion; rows in build/campaign.jsonl, where it goes on.
+campaign: setup
+	$(BIN)/python -m tests.campaign
 
 setup: $(STAMP)
 

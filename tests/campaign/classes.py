@@ -1,0 +1,108 @@
+"""Classes of tasks: a robot, a scheme, a form of the cost; one shape of functions each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["CLASSES", "QUICK", "TaskClass"]
+
+
+@dataclass(frozen=True)
+class TaskClass:
+    """What the tasks of a class have in common.
+
+    Attributes
+    ----------
+    motion : str
+        How a task is made, so that it is feasible: "geodesic" and "loops" lead from rest to rest, "rollout"
+        ends where a simulation with random controls ends.
+    cost : str
+        "velocity" (and effort), "effort" alone, "tracking", "rate", "penalty".
+    spread : float
+        How far tasks go [rad, m].
+    path : str
+        Kind of a path constraint.
+    share : float
+        Of the tasks.
+    """
+
+    name: str
+    family: str
+    robot: str
+    scheme: str = "se1"
+    motion: str = "geodesic"
+    cost: str = "velocity"
+    coordinates: str = "joint"
+    spread: float = 2.0
+    limits: bool = True
+    path: str = ""
+    share: float = 1.0
+    steps: tuple[int, ...] = (30, 45, 60, 80)
+    duration: tuple[float, float] = (0.8, 3.0)
+
+
+def _c(name: str, family: str, robot: str, **others: object) -> TaskClass:
+    return TaskClass(name, family, robot, **others)  # type: ignore[arg-type]
+
+
+_ROLL = {"motion": "rollout"}
+CLASSES: dict[str, TaskClass] = {
+    c.name: c
+    for c in (
+        _c("ur5", "arm", "ur5", share=2),
+        _c("ur5_effort", "arm", "ur5", cost="effort", share=2),
+        _c("ur5_midpoint", "arm", "ur5", scheme="midpoint"),
+        _c("ur5_rk4", "arm", "ur5", scheme="rk4", motion="rollout"),
+        _c("ur5_table", "arm, path", "ur5", path="position"),
+        _c("panda", "arm", "panda", share=2),
+        _c("panda_effort", "arm", "panda", cost="effort", share=2),
+        _c("kinova", "arm", "kinova", share=2, duration=(1.0, 3.0)),
+        _c("kinova_effort", "arm", "kinova", cost="effort", share=2, duration=(1.0, 3.0)),
+        _c("tiny_arm", "scale", "tiny_arm"),
+        _c("huge_arm", "scale", "huge_arm"),
+        _c("light_arm", "scale", "light_arm", cost="effort"),
+        _c("heavy_arm", "scale", "heavy_arm", cost="effort"),
+        _c("double_pendulum", "pendulum", "double_pendulum", share=2, spread=3.0),
+        _c("double_pendulum_effort", "pendulum", "double_pendulum", cost="effort", share=2, spread=3.0),
+        _c("double_pendulum_midpoint", "pendulum", "double_pendulum", scheme="midpoint", cost="rate"),
+        _c("double_pendulum_se2", "pendulum", "double_pendulum", scheme="se2", cost="tracking"),
+        _c("double_pendulum_rkf5", "pendulum", "double_pendulum", scheme="rkf5", **_ROLL),
+        _c("double_pendulum_ring", "pendulum, path", "double_pendulum", path="distance"),
+        _c("double_pendulum_slow", "pendulum, path", "double_pendulum", path="speed"),
+        _c("double_pendulum_penalty", "pendulum", "double_pendulum", cost="penalty", scheme="midpoint"),
+        _c("acrobot", "underactuated", "acrobot", cost="effort", share=2, **_ROLL),
+        _c("acrobot_midpoint", "underactuated", "acrobot", scheme="midpoint", share=2, **_ROLL),
+        _c("cart_pendulum", "underactuated", "cart_pendulum", cost="effort", **_ROLL),
+        _c("elastic_cart", "underactuated", "elastic_cart", cost="effort", scheme="midpoint", **_ROLL),
+        _c("elastic_pendulum", "pendulum", "elastic_pendulum", cost="effort"),
+        _c("rigid_pendulum", "pendulum", "rigid_pendulum", scheme="se2", cost="effort", **_ROLL),
+        _c("drone", "drone", "drone", spread=1.0, share=2),
+        _c("drone_effort", "drone", "drone", spread=1.0, cost="effort", share=2),
+        _c("drone_rk4", "drone", "drone", scheme="rk4", limits=False, spread=1.0, **_ROLL),
+        _c("quadrotor", "drone", "quadrotor", duration=(0.8, 2.0), **_ROLL),
+        _c("standing", "legged", "standing", motion="loops", spread=0.08, share=0.5, steps=(20, 30, 40)),
+        _c("four_bar", "loop", "four_bar", motion="loops", share=2, duration=(0.8, 2.0)),
+        _c("four_bar_midpoint", "loop", "four_bar", scheme="midpoint", cost="effort", **_ROLL),
+        _c("five_bar", "loop", "five_bar", motion="loops", spread=1.0),
+        _c("five_bar_heun", "loop", "five_bar", scheme="heun", share=0.25, steps=(15, 20), **_ROLL),
+        _c("slider_crank", "loop", "slider_crank", motion="loops", spread=2.0),
+        _c("parallelogram_arm", "loop", "parallelogram_arm", motion="loops", spread=0.5),
+        _c("delta", "loop", "delta", motion="loops", spread=0.5, share=0.5, steps=(20, 30, 40)),
+        _c("stewart", "loop", "stewart", motion="loops", spread=0.1, share=0.5, steps=(20, 30, 40)),
+        _c("double_pendulum_natural", "natural", "double_pendulum", coordinates="natural", cost="effort"),
+        _c("ur5_natural", "natural", "ur5", coordinates="natural", cost="effort", share=0.5, spread=1.5),
+        _c("four_bar_natural", "natural", "four_bar", coordinates="natural", cost="effort", motion="loops"),
+        _c("unicycle", "drive", "unicycle", scheme="heun", share=0.5, steps=(15, 20, 30), **_ROLL),
+    )
+}
+
+# Those whose functions compile in a second or two.
+QUICK = (
+    "double_pendulum",
+    "double_pendulum_midpoint",
+    "double_pendulum_slow",
+    "acrobot",
+    "cart_pendulum",
+    "elastic_pendulum",
+    "rigid_pendulum",
+)

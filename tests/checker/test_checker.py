@@ -1,0 +1,170 @@
+"""The checker accepts what is right, and finds each thing that is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.transcription import programme
+from tests.campaign.run import motion_of
+from tests.campaign.tasks import Draw, draw
+from tests.checker import Report, check_solution
+from tests.checker.conditions import Motion, joint_conditions, step_of
+from tests.checker.differences import derivative
+from tests.integrators.conftest import interpreted_functions
+
+
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+
+
+@pytest.fixture
+def pendulum(tmp_path: Path) -> Draw:
+    return draw("double_pendulum", 1, tmp_path)
+
+
+def solved(task: Draw) -> Motion:
+    return motion_of(mbocp.solve(mbocp.Problem.create(**task.tables), check=True))
+
+
+def verdict(task: Draw, motion: Motion) -> Report:
+    return check_solution(task.loaded.system, task.task, motion)
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        ("double_pendulum", 1),
+        ("double_pendulum_se2", 0),
+        ("double_pendulum_midpoint", 2),
+        ("double_pendulum_natural", 0),
+        ("double_pendulum_slow", 1),
+        ("rigid_pendulum", 0),
+        ("elastic_cart", 0),
+        ("four_bar", 0),
+    ],
+)
+def test_optima_pass(name: str, seed: int, tmp_path: Path) -> None:
+    task = draw(name, seed, tmp_path)
+    report = verdict(task, solved(task))
+    assert report.failures == ()
+    assert report.step < 1e-11
+    assert report.cost < 1e-13
+    assert report.stationarity < 1e-7
+
+
+@pytest.mark.parametrize(
+    "name", ["double_pendulum", "acrobot_midpoint", "rigid_pendulum", "four_bar", "quadrotor"]
+)
+def test_a_feasible_motion_fails_by_not_being_optimal_alone(name: str, tmp_path: Path) -> None:
+    """The motions that tasks are built on satisfy everything else."""
+    task = draw(name, 3, tmp_path)
+    w = task.witness
+    motion = Motion(w.qs, w.vs, w.us)
+    motion = replace(motion, cost=joint_conditions(task.loaded.system, task.task, motion).cost)
+    assert verdict(task, motion).failures == ("stationarity",)
+
+
+def nudged(array: np.ndarray, row: int, by: float) -> np.ndarray:
+    out = array.copy()
+    out[row] += by * np.abs(array).max()
+    return out
+
+
+@pytest.mark.parametrize(
+    ("field", "row", "by", "found"),
+    [
+        ("us", 7, 1e-6, "step"),
+        ("vs", 7, 1e-6, "step"),
+        ("qs", 7, 1e-6, "step"),
+        ("qs", 0, 1e-9, "start"),
+        ("vs", 0, 1e-9, "start"),
+        ("qs", -1, 1e-6, "end"),
+        ("vs", -1, 1e-6, "end"),
+        ("us", 7, np.nan, "step"),
+    ],
+)
+def test_a_number_that_is_wrong_is_found(field: str, row: int, by: float, found: str, pendulum: Draw) -> None:
+    motion = solved(pendulum)
+    broken = replace(motion, **{field: nudged(getattr(motion, field), row, by)})
+    assert found in verdict(pendulum, broken).failures
+
+
+def test_a_cost_that_is_wrong_is_found(pendulum: Draw) -> None:
+    motion = solved(pendulum)
+    assert verdict(pendulum, replace(motion, cost=motion.cost * (1 + 1e-8))).failures == ("cost",)
+
+
+def test_a_loop_that_opens_is_found(tmp_path: Path) -> None:
+    task = draw("four_bar", 0, tmp_path)
+    motion = solved(task)
+    assert "constraint" in verdict(task, replace(motion, qs=nudged(motion.qs, 9, 1e-6))).failures
+
+
+def test_the_optimum_of_another_cost_is_found(pendulum: Draw) -> None:
+    motion = solved(pendulum)
+    heavier = replace(pendulum.task, velocity=1.1 * pendulum.task.velocity)
+    report = check_solution(pendulum.loaded.system, heavier, motion)
+    assert set(report.failures) == {"cost", "stationarity"}
+
+
+def limited(task: Draw, largest: float) -> Draw:
+    """The task with a limit on the first joint's torque."""
+    sides = np.full((2, 2), np.inf) * [[-1], [1]]
+    sides[1, 0] = largest
+    tables = {**task.tables, "limits": {"effort": [[-np.inf, largest], [-np.inf, np.inf]]}, "path": []}
+    bare = replace(task.task, u_limits=sides, v_limits=np.full((2, 2), np.inf) * [[-1], [1]])
+    return replace(task, task=replace(bare, q_limits=bare.v_limits), tables=tables)
+
+
+def test_limits_hold_and_push_the_right_way(pendulum: Draw) -> None:
+    free = solved(limited(pendulum, 1e3))
+    largest = 0.8 * float(free.us[:, 0].max())
+    tight = limited(pendulum, largest)
+    motion = solved(tight)
+    report = verdict(tight, motion)
+    assert report.failures == ()
+    assert report.active > 0
+    assert "limits" in verdict(tight, free).failures
+    # without the limit nothing holds the motion back, whatever multipliers it claims
+    wide = limited(pendulum, 1e3)
+    assert set(verdict(wide, motion).failures) <= {"stationarity", "complementarity"}
+    assert not verdict(wide, motion).holds
+    silent = replace(motion, lam_us=np.zeros_like(motion.lam_us))
+    assert verdict(wide, silent).failures == ("stationarity",)
+    # held back from the other side: a multiplier of the wrong sign
+    inside = motion.us[:, 0] >= largest - 1e-6
+    wrong = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+    wrong[0, 0] = largest - 1e-9
+    shifted = replace(tight.task, u_limits=wrong)
+    report = check_solution(tight.loaded.system, shifted, silent)
+    assert inside.any()
+    assert "stationarity" in report.failures
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [("double_pendulum_midpoint", 0), ("double_pendulum_se2", 0), ("four_bar_midpoint", 0), ("drone", 0)],
+)
+def test_derivatives_of_a_step(name: str, seed: int, tmp_path: Path) -> None:
+    """Pinocchio's derivatives, put together, are those of the residual."""
+    task = draw(name, seed, tmp_path)
+    system, w = task.loaded.system, task.witness
+    system.choose_rows(task.task.q_start)
+    step = step_of(system, task.task)
+    x0, x1 = (np.concatenate([w.qs[n], w.vs[n]]) for n in (5, 6))
+    lam = np.random.default_rng(1).standard_normal(system.nc)
+    at = step.linearise(x0, x1, lam, w.us[5])
+    numeric = (
+        derivative(lambda d: step.rows(step.move(x0, d), x1, lam, w.us[5])[0], step.nx),
+        derivative(lambda d: step.rows(x0, step.move(x1, d), lam, w.us[5])[0], step.nx),
+        derivative(lambda d: step.rows(x0, x1, lam + d, w.us[5])[0], system.nc) if system.nc else at.lam,
+        derivative(lambda d: step.rows(x0, x1, lam, w.us[5] + d)[0], system.nu),
+    )
+    for exact, other in zip(at[2:], numeric, strict=True):
+        np.testing.assert_allclose(exact, other, atol=1e-9 * (1 + np.abs(other).max(initial=0.0)))

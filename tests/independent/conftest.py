@@ -1,0 +1,13 @@
+"""These tests compile nothing."""
+
+from __future__ import annotations
+
+import pytest
+
+from mbocp.transcription import programme
+from tests.integrators.conftest import interpreted_functions
+
+
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
