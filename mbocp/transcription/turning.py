@@ -36,9 +36,9 @@ def _turns(model: pin.Model) -> Array:
     """Angle by unit of each joint velocity, shape (nv,)."""
     data, found = model.createData(), np.zeros(model.nv)
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    for index, joint in enumerate(model.joints):
+    for index, joint in list(enumerate(model.joints))[1:]:
         if joint.nv and joint.shortname() != "JointModelMimic":
             at = slice(joint.idx_v, joint.idx_v + joint.nv)
-            axes = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)[3:, at]
-            found[at] = np.linalg.norm(axes, axis=0)
+            jacobian = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)
+            found[at] = np.linalg.norm(jacobian.reshape(6, model.nv)[3:, at], axis=0)  # (6,) where nv is 1
     return found
