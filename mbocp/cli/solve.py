@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from mbocp._files import is_file, is_folder
+from mbocp._text import shown
 from mbocp.cli import signals
 from mbocp.cli.report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
@@ -24,6 +26,7 @@ __all__ = ["IMAGES", "PAGES", "RESULTS", "Outputs", "check_output", "run"]
 RESULTS = (".h5", ".hdf5")
 PAGES = (".html", ".htm")
 IMAGES = (".png", ".pdf", ".svg")
+_LONGEST_NAME = 255  # bytes, of a file: what Linux takes
 
 
 @dataclass(frozen=True)
@@ -54,16 +57,20 @@ class Outputs:
 
 def check_output(path: Path, option: str, suffixes: Sequence[str]) -> None:
     """Refuse a path that cannot become a file of one of the kinds in `suffixes`."""
-    if path.is_dir():
+    if is_folder(path):
         raise ResultFileError(path, f"{option} is a folder, expected the name of a file")
     if path.suffix.lower() not in suffixes:
         raise ResultFileError(
             path, f"{option} must end in {' or '.join(suffixes)}, got {path.suffix or 'nothing'}"
         )
     folder = path.parent
-    if not folder.is_dir():
-        raise ResultFileError(path, f"{option}: there is no folder {str(folder)!r}; make it first")
-    if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+    if not is_folder(folder):
+        raise ResultFileError(path, f"{option}: there is no folder {shown(str(folder))}; make it first")
+    if len(os.fsencode(path.name)) > _LONGEST_NAME:
+        raise ResultFileError(
+            path, f"{option}: a name of more than {_LONGEST_NAME} bytes; give a shorter one"
+        )
+    if not os.access(folder, os.W_OK) or (is_file(path) and not os.access(path, os.W_OK)):
         raise ResultFileError(path, f"{option}: no permission to write there")
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, suggest
 
 __all__ = [
@@ -22,19 +23,24 @@ __all__ = [
     "check_positive",
 ]
 
+_LARGEST_INTEGER = 2**31 - 1
+
 
 def check_bool(name: str, value: Any) -> bool:
     """Return `value` if it is True or False."""
     if not isinstance(value, bool):
-        raise InvalidValue(name, repr(value), "true or false")
+        raise InvalidValue(name, shown(value), "true or false")
     return value
 
 
 def check_number(name: str, value: Any) -> float:
     """Return `value` as a finite float."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise InvalidValue(name, repr(value), "a number")
-    number = float(value)
+        raise InvalidValue(name, shown(value), "a number")
+    try:
+        number = float(value)
+    except OverflowError:  # an integer beyond all floats
+        raise InvalidValue(name, shown(value), "a finite number") from None
     if not math.isfinite(number):
         raise InvalidValue(name, number, "a finite number")
     return number
@@ -49,11 +55,14 @@ def check_positive(name: str, value: Any, unit: str = "") -> float:
 
 
 def check_integer(name: str, value: Any, minimum: int) -> int:
-    """Return `value` as an int of at least `minimum`."""
+    """Return `value` as an int of at least `minimum`, and of 32 bits, as many as foreign libraries count."""
+    expected = f"a whole number of at least {minimum}"
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InvalidValue(name, repr(value), f"a whole number of at least {minimum}")
+        raise InvalidValue(name, shown(value), expected)
     if value < minimum:
-        raise InvalidValue(name, int(value), f"a whole number of at least {minimum}")
+        raise InvalidValue(name, shown(int(value)), expected)
+    if value > _LARGEST_INTEGER:
+        raise InvalidValue(name, shown(int(value)), f"{expected} and at most {_LARGEST_INTEGER}")
     return int(value)
 
 
@@ -82,4 +91,4 @@ def check_choice(name: str, value: Any, allowed: Iterable[str], note: str = "") 
     listed = " | ".join(f'"{word}"' for word in words)
     hint = suggest(value, words) if isinstance(value, str) else ""
     near = f" ({hint})" if hint.startswith("did you mean") else ""
-    raise InvalidValue(name, repr(value), f"{listed}{near}{'; ' + note if note else ''}")
+    raise InvalidValue(name, shown(value), f"{listed}{near}{'; ' + note if note else ''}")

@@ -10,6 +10,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._files import is_file
+from mbocp._text import shown
 from mbocp.exceptions import ProblemError
 from mbocp.problem.assembly import assembled, assembled_velocity
 from mbocp.problem.cost import Cost
@@ -287,6 +289,6 @@ def _guess(table: GuessTable, robot: Robot, folder: Path) -> Guess:
         kind = "control" if table.u is not None else "solution" if table.file is not None else "auto"
     u = control_from(robot, table.u, "guess.u") if table.u is not None and kind == "control" else None
     path = folder / table.file if table.file is not None and kind == "solution" else None
-    if path is not None and not path.is_file():
-        raise ProblemError(f"guess.file: no such file {str(path)!r}")
+    if path is not None and not is_file(path):
+        raise ProblemError(f"guess.file: no such file {shown(str(path))}")
     return Guess(kind=kind, u=u, path=path)  # type: ignore[arg-type]  # checked by the class

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mbocp.exceptions import ProblemFileError
+from mbocp._files import parse_toml, read_text
+from mbocp.exceptions import ProblemFileError, Unreadable
 from mbocp.problem.build import problem_from_tables
 from mbocp.problem.overrides import apply_overrides
 from mbocp.problem.problem import Problem
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:  # pragma: no cover
-    import tomli as tomllib
 
 __all__ = ["load_document", "load_problem", "parse_problem"]
 
@@ -49,15 +44,9 @@ def load_document(path: Path, what: str = "a problem file") -> dict[str, Any]:
         If the file is missing or is not TOML.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise ProblemFileError(path, "no such file") from error
-    except IsADirectoryError as error:
-        raise ProblemFileError(path, f"is a folder, expected {what} (TOML)") from error
-    except UnicodeDecodeError as error:
-        raise ProblemFileError(path, f"is not a text file in UTF-8, expected {what} (TOML)") from error
-    except OSError as error:
-        raise ProblemFileError(path, f"cannot be read: {error.strerror}") from error
+        text = read_text(path, expected=f"{what} (TOML)")
+    except Unreadable as error:
+        raise ProblemFileError(path, error.reason) from error
     return _parse(text, path)
 
 
@@ -70,13 +59,9 @@ def parse_problem(
 
 def _parse(text: str, label: Path | str) -> dict[str, Any]:
     try:
-        document: dict[str, Any] = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        lines = text.splitlines() or [""]
-        end = f"at the end, line {len(lines)}, column {len(lines[-1]) + 1}"
-        message = str(error).replace("at end of document", end)
-        raise ProblemFileError(label, f"malformed TOML: {message}") from error
-    return document
+        return parse_toml(text)
+    except Unreadable as error:
+        raise ProblemFileError(label, error.reason) from error
 
 
 def _problem(

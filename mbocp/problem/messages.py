@@ -11,6 +11,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from mbocp._text import shown
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError, ProblemFileError
 
 __all__ = ["in_file", "located", "schema_error"]
@@ -57,6 +58,7 @@ def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> P
     return ProblemFileError(path, reason + rest, key)
 
 
+_SHORT = 60  # characters of a value
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 
 # The paper's letters, for those who write them.
@@ -89,7 +91,7 @@ def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
     expected = _EXPECTED.get(kind, item["msg"])
     if kind in ("too_short", "too_long"):
         expected = f"a list of {item['ctx'].get('min_length', item['ctx'].get('max_length'))}"
-    return f"got {_short(got)}, expected {expected}"
+    return f"got {shown(got, _SHORT)}, expected {expected}"
 
 
 _EXPECTED = {
@@ -137,8 +139,3 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
     if get_origin(annotation) in (Union, types.UnionType, Annotated, list):
         return next((m for m in map(_model_in, get_args(annotation)) if m is not None), None)
     return None
-
-
-def _short(value: Any, limit: int = 60) -> str:
-    text = repr(value)
-    return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import copy
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mbocp.exceptions import ProblemFileError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:  # pragma: no cover
-    import tomli as tomllib
+from mbocp._files import parse_toml
+from mbocp._text import shown
+from mbocp.exceptions import ProblemFileError, Unreadable
 
 __all__ = ["apply_overrides", "parse_override", "plain"]
 
@@ -69,13 +65,13 @@ def apply_overrides(
 
 def _parse_key(key: str, text: str) -> tuple[str, ...]:
     try:
-        nested: Any = tomllib.loads(f"{key} = 0")
-    except tomllib.TOMLDecodeError as error:
-        raise _error(text, f"{key!r} is not a key such as horizon.steps") from error
+        nested: Any = parse_toml(f"{key} = 0")
+    except Unreadable as error:
+        raise _error(text, f"{shown(key)} is not a key such as horizon.steps") from error
     path: list[str] = []
     while isinstance(nested, dict):
         if len(nested) != 1:
-            raise _error(text, f"{key!r} is not one key such as horizon.steps")
+            raise _error(text, f"{shown(key)} is not one key such as horizon.steps")
         ((name, nested),) = nested.items()
         path.append(name)
     return tuple(path)
@@ -83,12 +79,14 @@ def _parse_key(key: str, text: str) -> tuple[str, ...]:
 
 def _parse_value(value: str, text: str) -> Any:
     try:
-        parsed = tomllib.loads(f"value = {value}")
-    except tomllib.TOMLDecodeError as error:
+        parsed = parse_toml(f"value = {value}")
+    except Unreadable as error:
         if _BARE_WORD.fullmatch(value):
             return value
+        if type(error.__cause__).__name__ != "TOMLDecodeError":  # it is TOML, but too long or too deep
+            raise _error(text, error.reason) from error
         allowed = 'a number, [a, list], true, or a "string"'
-        raise _error(text, f"{value!r} is not a TOML value ({allowed})") from error
+        raise _error(text, f"{shown(value)} is not a TOML value ({allowed})") from error
     if set(parsed) != {"value"}:
         raise _error(text, "one key at a time; repeat --set for more")
     return parsed["value"]
@@ -103,7 +101,7 @@ def _put(document: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
             below = table[name] = {short: below}
         if not isinstance(below, dict):
             here = ".".join(path[:depth])
-            reason = f"{here} is {below!r}, which has no keys below it; set {here} as a whole"
+            reason = f"{here} is {shown(below)}, which has no keys below it; set {here} as a whole"
             raise _error(".".join(path), reason)
         table = below
     table[path[-1]] = value
@@ -123,4 +121,4 @@ def plain(value: Any) -> Any:
 
 
 def _error(text: str, reason: str) -> ProblemFileError:
-    return ProblemFileError("--set", f"{reason}; got {text!r}")
+    return ProblemFileError("--set", f"{reason}; got {shown(text)}")

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp.exceptions import DimensionMismatch, ProblemError
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem._checks import check_choice, check_finite, check_integer, check_positive
 from mbocp.problem.assembly import complete_goal
 from mbocp.problem.consistency import (
@@ -35,6 +35,7 @@ from mbocp.robot.redundancy import singular_pose
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
 COORDINATES: tuple[str, ...] = ("joint", "natural")
+LONGEST_DURATION = 1e12  # [s] 30,000 years; squares of much longer ones overflow
 
 
 _BESIDE = (
@@ -143,7 +144,11 @@ class Problem:
     name: str = "problem"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "duration", check_positive("horizon.duration", self.duration, "s"))
+        duration = check_positive("horizon.duration", self.duration, "s")
+        if duration > LONGEST_DURATION:
+            expected = f"a positive number [s] of at most {LONGEST_DURATION:g}"
+            raise InvalidValue("horizon.duration", duration, expected)
+        object.__setattr__(self, "duration", duration)
         object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))
         check_choice("coordinates", self.coordinates, COORDINATES)
         check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)

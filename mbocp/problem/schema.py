@@ -13,7 +13,9 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from mbocp._text import shown
 from mbocp.problem.integration import Stabilisation
+from mbocp.problem.numbers import as_float, finite_number, is_number
 from mbocp.problem.options import SolverOptions
 
 __all__ = [
@@ -37,23 +39,15 @@ Named: TypeAlias = dict[str, float | list[float]]
 Limit: TypeAlias = float | list[float]
 
 
-def _number(value: Any, where: str = "") -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError(f"got {value!r}{where}, expected a number")
-    if not math.isfinite(value):
-        raise ValueError(f"got {value}{where}, expected a finite number")
-    return float(value)
-
-
 def _vector(value: Any, where: str = "") -> Vector:
-    return [_number(entry, f" at index {i}{where}") for i, entry in enumerate(value)]
+    return [finite_number(entry, f" at index {i}{where}") for i, entry in enumerate(value)]
 
 
 def _named(value: Mapping[str, Any]) -> Named:
     return {
-        name: _vector(entry, f" for {name!r}")
+        name: _vector(entry, f" for {shown(name)}")
         if isinstance(entry, list)
-        else _number(entry, f" for {name!r}")
+        else finite_number(entry, f" for {shown(name)}")
         for name, entry in value.items()
     }
 
@@ -63,7 +57,7 @@ def _vector_or_named(value: Any) -> Vector | Named:
         return _vector(value)
     if isinstance(value, Mapping):
         return _named(value)
-    raise ValueError(f"got {value!r}, expected a list of numbers or a table by joint name")
+    raise ValueError(f"got {shown(value)}, expected a list of numbers or a table by joint name")
 
 
 def _trajectory_or_vector(value: Any) -> list[Vector] | Vector | Named:
@@ -75,18 +69,18 @@ def _trajectory_or_vector(value: Any) -> list[Vector] | Vector | Named:
 def _control(value: Any) -> float | Vector | Named:
     if isinstance(value, (list, Mapping)):
         return _vector_or_named(value)
-    return _number(value)
+    return finite_number(value)
 
 
 def _bound(value: Any, where: str = "") -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
-        raise ValueError(f"got {value!r}{where}, expected a number (inf for no limit)")
-    return float(value)
+    if not is_number(value) or math.isnan(value):
+        raise ValueError(f"got {shown(value)}{where}, expected a number (inf for no limit)")
+    return as_float(value)
 
 
 def _pair(value: Any, where: str = "") -> list[float]:
     if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"got {value!r}{where}, expected [lower, upper]")
+        raise ValueError(f"got {shown(value)}{where}, expected [lower, upper]")
     return [_bound(side, where) for side in value]
 
 
@@ -100,9 +94,9 @@ def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
     if isinstance(value, list):
         return [_limit(entry, f" at index {i}") for i, entry in enumerate(value)]
     if isinstance(value, Mapping):
-        return {name: _limit(entry, f" for {name!r}") for name, entry in value.items()}
+        return {name: _limit(entry, f" for {shown(name)}") for name, entry in value.items()}
     if isinstance(value, str):
-        raise ValueError(f"got {value!r}, expected true, a number, a list or a table by name")
+        raise ValueError(f"got {shown(value)}, expected true, a number, a list or a table by name")
     return _bound(value)
 
 
@@ -112,8 +106,10 @@ def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
     if isinstance(value, list):
         return [_pair(entry, f" at index {i}") for i, entry in enumerate(value)]
     if isinstance(value, Mapping):
-        return {name: _pair(entry, f" for {name!r}") for name, entry in value.items()}
-    raise ValueError(f"got {value!r}, expected true, a list of [lower, upper] or a table of them by name")
+        return {name: _pair(entry, f" for {shown(name)}") for name, entry in value.items()}
+    raise ValueError(
+        f"got {shown(value)}, expected true, a list of [lower, upper] or a table of them by name"
+    )
 
 
 def _lock(value: Any) -> list[str] | Named:
@@ -121,14 +117,16 @@ def _lock(value: Any) -> list[str] | Named:
         return value
     if isinstance(value, Mapping):
         return _named(value)
-    raise ValueError(f"got {value!r}, expected a list of joint names or a table with a position for each")
+    raise ValueError(
+        f"got {shown(value)}, expected a list of joint names or a table with a position for each"
+    )
 
 
 def _named_robot(value: Any) -> Any:
     if isinstance(value, str):
         return {"name": value}
     if not isinstance(value, Mapping):
-        raise ValueError(f"got {value!r}, expected a name, a path or a table with the key name")
+        raise ValueError(f"got {shown(value)}, expected a name, a path or a table with the key name")
     return value
 
 
@@ -144,7 +142,7 @@ VectorOrNamed = Annotated[Any, BeforeValidator(_vector_or_named)]
 TrajectoryOrVector = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
 Lock = Annotated[Any, BeforeValidator(_lock)]
 Control = Annotated[Any, BeforeValidator(_control)]
-Finite = Annotated[float, BeforeValidator(_number)]
+Finite = Annotated[float, BeforeValidator(finite_number)]
 Limits = Annotated[Any, BeforeValidator(_limits)]
 Ranges = Annotated[Any, BeforeValidator(_ranges)]
 Range = Annotated[Any, BeforeValidator(_pair)]

@@ -9,12 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import ProblemError
+from mbocp._files import MEGABYTE, is_file, read_text
+from mbocp._text import shown
+from mbocp.exceptions import ProblemError, Unreadable
 from mbocp.robot import Robot
 
 __all__ = ["read_target"]
 
 _KEY = "cost.target_file"
+_MOST_BYTES = 256 * MEGABYTE  # of a CSV table
 
 
 class _Motion(NamedTuple):
@@ -41,8 +44,8 @@ def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tu
     target_q : ndarray, shape (N, nq)
     target_p : ndarray, shape (N, nv)
     """
-    if not path.is_file():
-        raise ProblemError(f"{_KEY}: no such file {str(path)!r}")
+    if not is_file(path):
+        raise ProblemError(f"{_KEY}: no such file {shown(str(path))}")
     motion = _read_csv(path, robot) if path.suffix.lower() == ".csv" else _read_result(path)
     _check(motion, robot, path, duration)
     times = np.arange(1, num_steps + 1) * (duration / num_steps)
@@ -51,8 +54,13 @@ def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tu
 
 
 def _read_csv(path: Path, robot: Robot) -> _Motion:
-    with path.open(newline="", encoding="utf-8") as file:
-        header, *rows = list(csv.reader(file)) or [[]]
+    try:
+        text = read_text(path, expected="a CSV table", limit=_MOST_BYTES)
+        header, *rows = list(csv.reader(text.splitlines())) or [[]]
+    except (Unreadable, csv.Error) as error:
+        raise ProblemError(
+            f"{_KEY}: {path} {getattr(error, 'reason', f'is no CSV table ({error})')}"
+        ) from error
     names = [column.partition(" [")[0].strip() for column in header]
     wanted = ["t", *(f"q:{c.name}" for c in robot.q_labels), *(f"p:{c.name}" for c in robot.p_labels)]
     missing = [name for name in wanted if name not in names]

@@ -11,6 +11,9 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
+from mbocp._text import shown
+from mbocp.problem.numbers import as_float, is_number
+
 __all__ = ["AxisTable", "StudyTable", "SummaryTable"]
 
 Keys: TypeAlias = dict[str, Any]
@@ -19,20 +22,20 @@ Names: TypeAlias = list[str]
 
 
 def _positive(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
-        raise ValueError(f"got {value!r}, expected a number above 0")
-    return float(value)
+    if not is_number(value) or not 0.0 < as_float(value) < math.inf:
+        raise ValueError(f"got {shown(value)}, expected a number above 0")
+    return as_float(value)
 
 
 def _problem(value: Any) -> str | dict[str, Any]:
     if not isinstance(value, (str, dict)):
-        raise ValueError(f"got {value!r}, expected the path of a problem file, or its tables")
+        raise ValueError(f"got {shown(value)}, expected the path of a problem file, or its tables")
     return value
 
 
 def _seed(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"got {value!r}, expected a whole number, 0 or above")
+        raise ValueError(f"got {shown(value)}, expected a whole number, 0 or above")
     return value
 
 

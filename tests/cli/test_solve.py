@@ -220,6 +220,15 @@ def test_json_is_one_object_also_when_it_fails(
     assert done.stderr
 
 
+def test_an_output_whose_name_is_too_long(folder: Path, run: Run, solver: FakeSolver) -> None:
+    for name in (300 * "x" + ".h5", 300 * "x" + "/a.h5"):
+        done = run("solve", "arm.toml", "-o", name)
+        assert done.exit_code == 2
+        assert done.stderr.startswith("error: ")
+        assert len(done.stderr.splitlines()) == 1
+    assert not solver.problems
+
+
 def test_messages_are_bounded(folder: Path, run: Run, solver: FakeSolver) -> None:
     solver.error = ZeroDivisionError("x" * 1_000_000)
     assert len(run("solve", "arm.toml").stderr) < 30_000

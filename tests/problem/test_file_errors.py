@@ -1,5 +1,6 @@
 """A wrong problem file is an error that names the file, the key, what was got and what is allowed."""
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 
 from mbocp.exceptions import MbocpError, ProblemError, ProblemFileError, UnknownJoint, UnknownRobot
 from mbocp.problem import Problem, load_problem, parse_problem
+from mbocp.robot import Robot
 
 Loader = Callable[..., Problem]
 
@@ -151,6 +153,57 @@ def test_wrong_value_names_file_key_got_and_allowed(
         load(setting)
     assert caught.value.key == key
     assert re.match(rf".*arm\.toml: {re.escape(key)}: ", str(caught.value))
+
+
+HUGE = "1" + 400 * "0"
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        (f"horizon.duration={HUGE}", "an integer of about 401 digits, expected an integer of 64 bits"),
+        (f"horizon.steps={HUGE}", "an integer of about 401 digits"),
+        ("horizon.steps=1" + 5000 * "0", "an integer that does not fit into 64 bits"),
+        ("horizon.steps=5000000000", "at most 2147483647"),
+        ("horizon.duration=1e13", r"of at most 1e\+12"),
+        ("horizon.duration=1e300", r"expected a number of at most 1e\+100"),
+        ("start.q=[1e200,0,0,0,0,0]", r"at index 0, expected a number of at most 1e\+100"),
+        ("start.q=" + 5000 * "[" + 5000 * "]", "nested more than 64 deep"),
+        (".".join(5000 * ["a"]) + "=1", "is not a key"),
+        ("guess.file='" + 5000 * "x" + "'", "no such file"),
+        ("cost.target_file='" + 300 * "x" + ".csv'", "no such file"),
+        ("limits.velocity='" + 100_000 * "x" + "'", r"x\.\.\.x"),
+    ],
+    ids=lambda text: text[:24],
+)
+def test_what_no_float_or_file_can_be_is_one_short_line(load: Loader, setting: str, words: str) -> None:
+    with pytest.raises(MbocpError, match=words) as caught:
+        load(setting)
+    assert len(str(caught.value)) < 1000
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("digits", [400, 5000])
+def test_integers_beyond_all_floats_in_python(ur5: Robot, digits: int) -> None:
+    value = 10**digits
+    for words in (
+        {"duration": value, "steps": 10},
+        {"duration": 1.0, "steps": value},
+        {"duration": 1.0, "steps": 10, "goal": {"q": [value, 0, 0, 0, 0, 0]}},
+        {"duration": 1.0, "steps": 10, "limits": {"effort": float("nan")}, "cost": {"effort": value}},
+    ):
+        with pytest.raises(MbocpError, match="an integer of about"):
+            Problem.create(ur5, **words)
+
+
+def test_a_pipe_and_a_device_are_no_problem_files(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ProblemFileError, match=r"is a pipe, expected a problem file \(TOML\)"):
+        load_problem(tmp_path / "pipe")
+    with pytest.raises(ProblemFileError, match="is a device, expected a problem file"):
+        load_problem("/dev/zero")
+    with pytest.raises(ProblemFileError, match="cannot be read"):
+        load_problem("x" * 5000)
 
 
 def test_all_mistakes_of_the_file_are_told_at_once(load: Loader) -> None:
