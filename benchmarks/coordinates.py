@@ -36,7 +36,7 @@ def reference_task(robot: str, start: Sequence[float], goal: Sequence[float], st
     """Rest to rest in 1.5 s with |u|^2 for a cost."""
     return problem_from_tables(
         {
-            "robot": robot,
+            "robot": {"name": robot, "damping": False},  # as in the reference
             "horizon": {"duration": 1.5, "steps": steps},
             "start": {"q": list(start)},
             "goal": {"q": list(goal), "p": [0.0] * len(goal)},

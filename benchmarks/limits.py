@@ -113,7 +113,7 @@ def _random(number: int) -> Iterator[tuple[str, Problem]]:
 
 def _robot(name: str) -> Any:
     locked = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
-    return mbocp.load_robot(name, lock=locked) if name == "panda" else mbocp.load_robot(name)
+    return mbocp.load_robot(name, lock=locked, damping=False) if name == "panda" else mbocp.load_robot(name)
 
 
 def random_table(number: int = 25) -> Table:

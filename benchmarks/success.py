@@ -61,7 +61,7 @@ def tasks(number: int = 12) -> Iterator[tuple[str, str, mbocp.Problem]]:
 def _rest_to_rest(
     robot: Any, duration: float, steps: int, start: Any, goal: Any, velocity: float
 ) -> mbocp.Problem:
-    robot = mbocp.load_robot(robot) if isinstance(robot, str) else robot
+    robot = mbocp.load_robot(robot, damping=False) if isinstance(robot, str) else robot
     return mbocp.Problem.create(
         robot,
         duration,

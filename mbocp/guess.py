@@ -331,13 +331,13 @@ def _line_states(problem: Problem, programme: StagewiseProgramme) -> tuple[Array
 def _required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Generalised force that actuators and constraints have to supply for a motion, shape (nv,)."""
     force: Array = pin.rnea(robot.model, working_data(robot.model), q, v, a)
-    return force - robot.force_elements(q, v) if robot.forces else force
+    return force - robot.force_elements(q, v) if robot.has_forces else force
 
 
 def _balances(robot: Robot, qs: Array, vs: Array, accelerations: Array) -> tuple[Array, Array]:
     """Controls and multipliers that balance the inverse dynamics best along a motion."""
     motion = zip(qs, vs, accelerations, strict=True)
-    if robot.nc or robot.forces or robot.actuation.frame_actuators:
+    if robot.nc or robot.has_forces or robot.actuation.frame_actuators:
         rows = constraint_jacobians(robot, qs)
         balanced = [_balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
         return np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])

@@ -22,7 +22,7 @@ UR5_GOAL = [0.5, 1.2, 0.5, -0.3, 0.4, 0.2]
 
 def double_pendulum(steps: int, coordinates: str = "natural", **tables: Any) -> Problem:
     document = {
-        "robot": "double_pendulum",
+        "robot": {"name": "double_pendulum", "damping": False},  # the optima below are without
         "coordinates": coordinates,
         "horizon": {"duration": 1.5, "steps": steps},
         "start": {"q": [0.0, 0.0]},

@@ -100,7 +100,8 @@ def _count(number: int, word: str) -> str:
 
 
 def _joints(facts: Mapping[str, Any]) -> Table:
-    table = _table("name", "type", "driven", "from", "to", "speed", "unit")
+    losses = [key for key in ("damping", "friction") if any(joint[key] for joint in facts["joints"])]
+    table = _table("name", "type", "driven", "from", "to", "speed", "unit", *losses)
     for joint in facts["joints"]:
         units = [unit for unit in dict.fromkeys(joint["units"]) if unit]
         one = joint["nq"] == 1
@@ -112,6 +113,7 @@ def _joints(facts: Mapping[str, Any]) -> Table:
             _limit(joint["upper"][0]) if one else "",
             _limit(joint["velocity"][0]) if joint["nv"] == 1 else "",
             ", ".join(units) or "rad",
+            *(f"{joint[key]:.4g}" if joint[key] else "" for key in losses),
         )
     return table
 

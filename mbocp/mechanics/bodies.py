@@ -88,6 +88,10 @@ class Body:
         """Whether it keeps its joint coordinates."""
         return self.at < 0
 
+    def moves(self, dof: int) -> bool:
+        """Whether a velocity component of the robot is one of its joint's own."""
+        return bool(0 <= self.at_v <= dof < self.at_v + self.axes.shape[1])
+
     @property
     def axis(self) -> Array:
         """Direction of a joint with one axis, in its own frame, shape (3,)."""

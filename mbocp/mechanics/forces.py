@@ -1,4 +1,4 @@
-"""Generalised forces and energies of the force elements between two frames."""
+"""Generalised forces and energies of the force elements between two frames, and losses of joints."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from mbocp.robot import QuarticSpring, SpringDamper
+from mbocp.robot.resistance import JointResistance
 
 if TYPE_CHECKING:
     from mbocp.mechanics import Mechanics
 
-__all__ = ["force_element_energy", "force_element_force"]
+__all__ = ["force_element_energy", "force_element_force", "resistance_torque"]
 
 
 def force_element_force(
@@ -41,6 +42,22 @@ def force_element_force(
     direction = d / distance
     rate = ca.dot(direction, dd_dq @ v)
     return -dd_dq.T @ direction * (element.stiffness * (distance - element.length) + element.damping * rate)
+
+
+def resistance_torque(resistance: JointResistance, v: ca.SX) -> ca.SX:
+    """Force or torque of a joint's damping and friction on the velocity component that it acts on [N, N m].
+
+    Parameters
+    ----------
+    resistance : JointResistance
+    v : casadi.SX, shape (nv,)
+        Velocities of the joints.
+    """
+    w = resistance.ratio * v[resistance.dof]
+    lost = resistance.damping * w
+    if resistance.friction:
+        lost += resistance.friction * ca.tanh(w / resistance.speed)
+    return -resistance.ratio * lost
 
 
 def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: Mechanics, q: ca.SX) -> ca.SX:

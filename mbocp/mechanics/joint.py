@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics.forces import force_element_energy, force_element_force
+from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
 from mbocp.robot import Robot, constraint_rows
 from mbocp.symbolic import model_functions
 from mbocp.symbolic.matrices import call_with_matrices
@@ -92,7 +92,7 @@ class JointMechanics:
         return self._call(self._functions.rnea, q, v, a)[0]
 
     def force(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-        """Applied generalised force B(q) u plus the force elements', shape (nv,) [N, N m]."""
+        """Applied generalised force B(q) u plus that of force elements and losses, shape (nv,) [N, N m]."""
         actuation = self.robot.actuation
         selection = ca.sparsify(ca.SX(ca.DM(np.asarray(actuation.selection))))
         num_joint = selection.shape[1]
@@ -102,6 +102,8 @@ class JointMechanics:
             total += jacobian.T @ ca.DM(np.asarray(actuator.direction)) * u[num_joint + k]
         for element in self.robot.forces:
             total += force_element_force(element, self, q, v)
+        for resistance in self.robot.resistances:
+            total[resistance.dof] += resistance_torque(resistance, v)
         return total
 
     def potential_energy(self, q: ca.SX) -> ca.SX:

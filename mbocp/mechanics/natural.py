@@ -23,7 +23,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.mechanics.bodies import SIZE, Body, BodyTree
-from mbocp.mechanics.forces import force_element_energy, force_element_force
+from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
 from mbocp.mechanics.natural_joints import JointRow, follower_row, joint_rows
 from mbocp.mechanics.natural_kinematics import NaturalKinematics, constant
 from mbocp.robot import Robot
@@ -109,7 +109,7 @@ class NaturalMechanics(NaturalKinematics):
         return total
 
     def force(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-        """B(q) u plus the force elements', shape (nv,)."""
+        """B(q) u plus the forces of force elements and losses of joints, shape (nv,)."""
         actuation = self.robot.actuation
         total = ca.SX.zeros(self.nv)
         for column in range(actuation.selection.shape[1]):
@@ -130,7 +130,7 @@ class NaturalMechanics(NaturalKinematics):
             total += wrench * u[actuation.selection.shape[1] + k]
         for element in self.robot.forces:
             total += force_element_force(element, self, q, v)
-        return total
+        return total + self._losses(q, v) if self.robot.resistances else total
 
     def potential_energy(self, q: ca.SX) -> ca.SX:
         """Potential energy of gravity and of the force elements [J]."""
@@ -201,6 +201,15 @@ class NaturalMechanics(NaturalKinematics):
                 rotation, origin, _ = self.sliding[body.joint]
                 energy -= body.mass * float(g @ (origin + rotation @ body.lever))
         return energy
+
+    def _losses(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Generalised force of the joints' damping and friction, through their velocities."""
+        total, velocity = ca.SX.zeros(self.nv), self.joint_velocity(q, v)
+        for resistance in self.robot.resistances:
+            body = next(b for b in self.tree.bodies if b.moves(resistance.dof))
+            unit = np.eye(body.axes.shape[1])[resistance.dof - body.at_v]
+            total += self._joint_force(body, unit, q) * resistance_torque(resistance, velocity)
+        return total
 
     def _joint_force(self, body: Body, effort: Array, q: ca.SX) -> ca.SX:
         """Generalised force of a unit control that acts on a joint with `effort` on its velocities."""

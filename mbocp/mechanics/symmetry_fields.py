@@ -159,18 +159,32 @@ class Ansatz:
         return out
 
     def static_rows(self) -> Iterator[Array]:
-        """Conditions that do not depend on q: rotations about gravity only, and rotors that turn along."""
+        """Conditions that do not depend on q: rotations about gravity, rotors and losses that turn along."""
         gravity = np.asarray(self.robot.model.gravity.linear)
         size = np.linalg.norm(gravity)
         if size > 0.0:
             yield np.hstack([np.zeros((3, self.size + 3)), skew(gravity / size)])
-        armature = np.asarray(self.robot.model.armature)
-        if self.num_linear and armature[self.plain].any():
-            # d/de of v^T D v / 2 along A v: A^T D + D A = 0.
-            scaled = np.diag(armature / armature.max())
-            unit = np.eye(self.size)
-            columns = [(self.linear(e).T @ scaled + scaled @ self.linear(e)).ravel() for e in unit]
-            yield np.hstack([np.array(columns).T, np.zeros((self.robot.nv**2, 6))])
+        damping, friction = self._losses()
+        for diagonal in (np.asarray(self.robot.model.armature), damping):
+            if self.num_linear and diagonal[self.plain].any():
+                # d/de of v^T D v / 2 along A v: A^T D + D A = 0.
+                scaled = np.diag(diagonal / diagonal.max())
+                unit = np.eye(self.size)
+                columns = [(self.linear(e).T @ scaled + scaled @ self.linear(e)).ravel() for e in unit]
+                yield np.hstack([np.array(columns).T, np.zeros((self.robot.nv**2, 6))])
+        if self.num_linear and friction[self.plain].any():  # tanh of one velocity, which none may mix with
+            columns = [
+                np.vstack([A[friction], A.T[friction]]).ravel() for A in map(self.linear, np.eye(self.size))
+            ]
+            yield np.hstack([np.array(columns).T, np.zeros((2 * int(friction.sum()) * self.robot.nv, 6))])
+
+    def _losses(self) -> tuple[Array, Any]:
+        """Damping of each velocity component, and whether friction acts on it, shape (nv,) each."""
+        damping, friction = np.zeros(self.robot.nv), np.zeros(self.robot.nv, dtype=bool)
+        for resistance in self.robot.resistances:
+            damping[resistance.dof] += resistance.ratio**2 * resistance.damping
+            friction[resistance.dof] |= resistance.friction > 0.0
+        return damping, friction
 
     def symmetry(self, name: str, vector: Array, control: Array) -> Symmetry:
         """Take (theta, s) apart; what is round-off becomes zero."""

@@ -162,6 +162,9 @@ class RobotTable(_Table):
     gravity: list[Finite] | None = Field(default=None, min_length=3, max_length=3)
     actuated: list[str] | None = None
     mimic: bool | None = None
+    damping: bool | None = None
+    friction: str | None = None
+    friction_speed: Finite | None = None
     rotations: str | None = None
     label: str | None = None
     package_dirs: list[str] | None = None

@@ -39,6 +39,7 @@ from mbocp.robot.parts import (
     SpringDamper,
 )
 from mbocp.robot.redundancy import singular_closure
+from mbocp.robot.resistance import JointResistance
 from mbocp.robot.robot import Robot
 from mbocp.robot.sources import RobotEntry, list_robots
 
@@ -53,6 +54,7 @@ __all__ = [
     "IgnoredKeysWarning",
     "ImpossibleInertiaWarning",
     "InitialPoseWarning",
+    "JointResistance",
     "Kinematics",
     "Label",
     "Limits",

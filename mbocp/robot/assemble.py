@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -25,6 +26,8 @@ from mbocp.robot.constraints import (
 )
 from mbocp.robot.drive_tables import DriveReader
 from mbocp.robot.locking import refuse_follower
+from mbocp.robot.mimic import Follower
+from mbocp.robot.notices import NotModelledWarning
 from mbocp.robot.parts import (
     Actuation,
     Connector,
@@ -85,6 +88,8 @@ class Assembly:
         Name for messages.
     file : Path
         Where the table stands, for messages.
+    followers : tuple of Follower
+        Mimic joints of the model, whose limits are limits of their leaders.
     """
 
     model: pin.Model
@@ -93,6 +98,7 @@ class Assembly:
     table: RobotTable
     robot: str
     file: Path
+    followers: tuple[Follower, ...] = ()
 
     # Actuation
 
@@ -279,7 +285,10 @@ class Assembly:
     # Limits and traces
 
     def limits(self, efforts: Array) -> Limits:
-        """Bounds of the URDF; zero or contradictory ones mean none, swapped ones are put in order."""
+        """Bounds of the URDF; zero or contradictory ones mean none, swapped ones are put in order.
+
+        Limits of a follower are limits of its leader, where they leave that one a range.
+        """
         velocity = np.array([_limit(v) for v in self.model.upperVelocityLimit])
         lower, upper = np.full(self.model.nq, -np.inf), np.full(self.model.nq, np.inf)
         for joint in range(1, self.model.njoints):
@@ -292,7 +301,27 @@ class Assembly:
             bounds = np.where(np.abs(bounds) > _HUGE, np.copysign(np.inf, bounds), bounds)
             if (bounds[0] < bounds[1]).all():
                 lower[where], upper[where] = bounds
+        for follower in self.followers:
+            self._limit_leader(follower, velocity, lower, upper)
         return Limits(efforts, velocity, lower, upper)
+
+    def _limit_leader(self, follower: Follower, velocity: Array, lower: Array, upper: Array) -> None:
+        """Narrow the leader's bounds in place."""
+        leader = joints.joint_id(self.model, follower.leader, self.robot)
+        dof = joints.velocity_slice(self.model, leader).start
+        velocity[dof] = min(velocity[dof], follower.leader_velocity)
+        if not joints.joint_kind(self.model, leader).is_vector:
+            return
+        at, (low, high) = joints.configuration_slice(self.model, leader).start, follower.leader_range
+        if max(lower[at], low) < min(upper[at], high):
+            lower[at], upper[at] = max(lower[at], low), min(upper[at], high)
+        else:
+            warnings.warn(
+                f"robot {self.robot!r}: the position limits of {follower.name!r} leave {follower.leader!r}, "
+                "which it mimics, nowhere to move: they are left out",
+                NotModelledWarning,
+                stacklevel=2,
+            )
 
     def trace_frames(self) -> tuple[str, ...]:
         """Frames to trace: those of the table, else the floating base or the tip of the longest chain."""

@@ -62,6 +62,7 @@ def _joint(robot: Robot, joint: int) -> dict[str, Any]:
     q, v = joints.configuration_slice(robot.model, joint), joints.velocity_slice(robot.model, joint)
     kind = joints.joint_kind(robot.model, joint)
     limits = robot.limits
+    losses = [r for r in robot.resistances if r.name == robot.model.names[joint]]
     return {
         "name": robot.model.names[joint],
         "type": kind.word,
@@ -72,6 +73,8 @@ def _joint(robot: Robot, joint: int) -> dict[str, Any]:
         "lower": [_finite(x) for x in limits.position_lower[q]],
         "upper": [_finite(x) for x in limits.position_upper[q]],
         "velocity": [_finite(x) for x in limits.velocity[v]],
+        "damping": sum(r.damping for r in losses),
+        "friction": sum(r.friction for r in losses),
         "units": [label.unit for label in robot.q_labels[q]],
     }
 

@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp.robot.mimic import Follower, followers
 from mbocp.robot.urdf import build_model, captured_stderr, read_urdf
 from mbocp.robot.visuals import build_visuals
 
@@ -38,6 +39,7 @@ class Example:
     q0: Array
     path: Path
     free_flyer: bool
+    followers: tuple[Follower, ...] = ()
 
 
 def names() -> list[str]:
@@ -87,7 +89,8 @@ def load_example(name: str, *, free_flyer: bool | None, mimic: bool, packages: l
     urdf = read_urdf(path)
     model = build_model(urdf, free_flyer=base, mimic=mimic)
     visuals = build_visuals(urdf, model, [*packages, root.parent.parent])
-    return Example(model, visuals, _reference_pose(loader, root, model), path, base)
+    tied = followers(urdf.path, urdf.root) if mimic else ()
+    return Example(model, visuals, _reference_pose(loader, root, model), path, base, tied)
 
 
 @cache

@@ -31,11 +31,17 @@ from mbocp.robot.drives import check_drives
 from mbocp.robot.examples import load_example
 from mbocp.robot.initial_pose import close_loops
 from mbocp.robot.locking import lock_joints, pose_by_joint
+from mbocp.robot.mimic import Follower, followers
+from mbocp.robot.resistance import (
+    FRICTION_SPEED,
+    Losses,
+    joint_resistances,
+)
 from mbocp.robot.robot import Robot
 from mbocp.robot.robot_yaml import read_robot_yaml
 from mbocp.robot.schema import RobotTable, read_robot_toml
 from mbocp.robot.sources import Source, find_source
-from mbocp.robot.urdf import ROOT_JOINT, build_model, read_urdf
+from mbocp.robot.urdf import ROOT_JOINT, Urdf, build_model, read_urdf
 from mbocp.robot.visuals import build_visuals, resolve
 
 __all__ = ["load_robot", "robot_from_spec"]
@@ -60,6 +66,7 @@ class _Body:
     name: str
     table: RobotTable
     file: Path
+    followers: tuple[Follower, ...] = ()
 
 
 def load_robot(
@@ -70,6 +77,9 @@ def load_robot(
     gravity: Sequence[float] | None = None,
     actuated: Sequence[str] | None = None,
     mimic: bool | None = None,
+    damping: bool | None = None,
+    friction: str | None = None,
+    friction_speed: float | None = None,
     name: str | None = None,
     package_dirs: Sequence[str | Path] = (),
     rotations: str | None = None,
@@ -100,6 +110,14 @@ def load_robot(
         Whether mimic joints follow their leader (then they have no coordinate) or are joints of their own,
         with a motor. Default: True for a URDF or robot.toml, False for a robot.yaml and for a name of
         example-robot-data, which are meant so.
+    damping : bool, optional
+        Whether the viscous damping that the URDF gives joints acts. Default: what robot.toml says, else True.
+    friction : {"none", "smooth"}, optional
+        Whether the Coulomb friction that the URDF gives joints acts, smoothed where they stop. Default: what
+        robot.toml says, else it is left out, and told.
+    friction_speed : float, optional
+        Speed over which friction is smoothed, F tanh(v / friction_speed) [rad/s, m/s]. Default: what
+        robot.toml says, else 0.1.
     name : str, optional
         What to call the robot. Default: the name that was given, or that robot.toml or the URDF gives.
     package_dirs : sequence of str or Path, optional
@@ -127,6 +145,8 @@ def load_robot(
     -----
     MissingMeshWarning
         If meshes are missing; the robot is shown without them.
+    NotModelledWarning
+        If the URDF says something about the physics that is left out.
     """
     source = find_source(spec, base)
     dirs = tuple(_absolute(d, base) for d in package_dirs)
@@ -136,6 +156,9 @@ def load_robot(
         "gravity": None if gravity is None else [float(g) for g in gravity],
         "actuated": None if actuated is None else list(actuated),
         "mimic": mimic,
+        "damping": damping,
+        "friction": friction,
+        "friction_speed": friction_speed,
         "label": name,
         "package_dirs": [str(d) for d in dirs] or None,
         "rotations": rotations,
@@ -146,7 +169,8 @@ def load_robot(
         "name": source.address,
         **{key: value for key, value in options.items() if value is not None},
     }
-    return _assemble(body, lock, gravity, actuated, rotations, echo)
+    losses = _losses(body.table, damping, friction, friction_speed)
+    return _assemble(body, lock, gravity, actuated, rotations, losses, echo)
 
 
 class _Spec(BaseModel):
@@ -160,6 +184,9 @@ class _Spec(BaseModel):
     gravity: tuple[float, float, float] | None = None
     actuated: list[str] | None = None
     mimic: bool | None = None
+    damping: bool | None = None
+    friction: str | None = None
+    friction_speed: float | None = None
     label: str | None = None
     package_dirs: list[str] = []
     rotations: str | None = None
@@ -172,7 +199,7 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        package_dirs, rotations, and ``label`` for what to call the robot.
+        damping, friction, friction_speed, package_dirs, rotations, and ``label`` for what to call the robot.
     base : Path, optional
         Folder that relative paths start from.
 
@@ -198,7 +225,14 @@ def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tup
     if source.kind == "example":
         example = load_example(source.name, free_flyer=free_flyer, mimic=follow, packages=list(dirs))
         return _Body(
-            example.model, example.visuals, example.q0, example.path, source.name, RobotTable(), example.path
+            example.model,
+            example.visuals,
+            example.q0,
+            example.path,
+            source.name,
+            RobotTable(),
+            example.path,
+            example.followers,
         )
     if source.kind == "chain":
         return _chain(source.name, bool(free_flyer), follow)
@@ -220,7 +254,21 @@ def _body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tup
     model = build_model(urdf, free_flyer=floating, mimic=follow)
     model = make_spherical(model, table.spherical, name or urdf.name)
     visuals = build_visuals(urdf, model, folders)
-    return _Body(model, visuals, pin.neutral(model), path, name or urdf.name, table, source.path)
+    return _body_of(urdf, model, visuals, name or urdf.name, table, source.path, follow)
+
+
+def _body_of(
+    urdf: Urdf,
+    model: pin.Model,
+    visuals: pin.GeometryModel,
+    name: str,
+    table: RobotTable,
+    file: Path,
+    follow: bool,
+) -> _Body:
+    """What belongs to a model that a URDF gave."""
+    tied = followers(urdf.path, urdf.root) if follow else ()
+    return _Body(model, visuals, pin.neutral(model), urdf.path, name, table, file, tied)
 
 
 def _from_yaml(source: Source, free_flyer: bool, mimic: bool, folders: list[Path]) -> _Body:
@@ -235,7 +283,7 @@ def _from_yaml(source: Source, free_flyer: bool, mimic: bool, folders: list[Path
         build_model(urdf, free_flyer=free_flyer, mimic=mimic), table.spherical, source.name
     )
     visuals = build_visuals(urdf, model, folders)
-    return _Body(model, visuals, pin.neutral(model), path, source.name, table, source.path)
+    return _body_of(urdf, model, visuals, source.name, table, source.path, mimic)
 
 
 def _chain(name: str, free_flyer: bool, mimic: bool) -> _Body:
@@ -251,6 +299,7 @@ def _assemble(
     gravity: Sequence[float] | None,
     actuated: Sequence[str] | None,
     rotations: str | None,
+    losses: Losses,
     echo: dict[str, Any],
 ) -> Robot:
     joints.check_joints(body.model, body.name)
@@ -260,7 +309,8 @@ def _assemble(
     model, visuals, q0 = lock_joints(body.model, body.visuals, _initial_pose(body), locks, body.name)
     _set_gravity(model, gravity if gravity is not None else body.table.gravity, body.name)
     gone = tuple(set(body.model.names) - set(model.names))
-    parts = Assembly(model, gone, q0, body.table, body.name, body.file)
+    tied = tuple(follower for follower in body.followers if follower.name not in gone)
+    parts = Assembly(model, gone, q0, body.table, body.name, body.file, tied)
     actuation, efforts = parts.actuation(actuated)
     constraints, forces = parts.constraints(), parts.forces()
     robot = Robot(
@@ -278,11 +328,19 @@ def _assemble(
         spec=echo,
         description=body.table.description,
         rotations=rotations or body.table.rotations or "quaternion",
+        resistances=joint_resistances(model, tied, losses, body.name),
     )
     robot = close_loops(robot, _posed(body.table, robot))
     check_drives(robot)
     check_mechanics(robot)
     return robot
+
+
+def _losses(table: RobotTable, damping: bool | None, friction: str | None, speed: float | None) -> Losses:
+    """What is said of the losses: options before robot.toml before defaults."""
+    said = ((damping, table.damping, True), (speed, table.friction_speed, FRICTION_SPEED))
+    acts, scale = (next(value for value in values if value is not None) for values in said)
+    return Losses(bool(acts), table.friction if friction is None else friction, float(scale))
 
 
 def _initial_pose(body: _Body) -> Array:

@@ -45,7 +45,7 @@ _SHOWN = 5
 
 
 def tell_not_modelled(path: Path, root: ElementTree.Element) -> None:
-    """Warn of springs, rotors, loops and missing gravity in extensions of the format, and of misspelt tags.
+    """Warn of springs, rotors, loops, missing gravity, losses of joints without one axis, and misspelt tags.
 
     Warns
     -----
@@ -67,6 +67,7 @@ def _extensions(root: ElementTree.Element) -> Iterator[str]:
         for key in (*_SPRINGS, *_ROTORS):
             if _not_zero(child_attribute(joint, "dynamics", key)):
                 yield f"{_what(key)} of joint {shown(joint.get('name'))} (<dynamics {key}>)"
+    yield from _losses_without_an_axis(root)
     for loop in root.iterfind("loop_joint"):
         yield f"the loop that <loop_joint> {shown(loop.get('name'))} closes ({_LOOP_HINT})"
     for element in root.iterfind("gazebo"):
@@ -77,6 +78,14 @@ def _extensions(root: ElementTree.Element) -> Iterator[str]:
             tag = inner.tag.rpartition("}")[2]
             if tag in _ROTORS and (_not_zero(inner.text) or _not_zero(inner.get("value"))):
                 yield f"{_what(tag)} in <transmission> {shown(element.get('name'))}"
+
+
+def _losses_without_an_axis(root: ElementTree.Element) -> Iterator[str]:
+    for joint in root.iterfind("joint"):
+        numbers = (child_attribute(joint, "dynamics", key) for key in ("damping", "friction"))
+        if joint.get("type") in ("planar", "floating") and any(_not_zero(number) for number in numbers):
+            hint = "it has no one axis; a [[spring_damper]] of a robot.toml damps it"
+            yield f"damping and friction of the {joint.get('type')} joint {shown(joint.get('name'))} ({hint})"
 
 
 def _gazebo(element: ElementTree.Element) -> Iterator[str]:

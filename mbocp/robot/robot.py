@@ -22,6 +22,7 @@ from mbocp.robot.constraints import Constraint
 from mbocp.robot.large import working_data
 from mbocp.robot.notices import NormalisationWarning
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
+from mbocp.robot.resistance import JointResistance, resistance_forces
 
 __all__ = ["Robot"]
 
@@ -76,6 +77,8 @@ class Robot:
         numbers or the nine of a direction cosine matrix. q has the quaternion in either case.
     redundant_rows : tuple of int
         Rows that the equations leave out because the others imply them; counted over all constraints.
+    resistances : tuple of JointResistance
+        Damping and friction of joints: the part of f(q, v) that acts on one velocity each.
     """
 
     name: str
@@ -93,6 +96,7 @@ class Robot:
     description: str = ""
     rotations: str = "quaternion"
     redundant_rows: tuple[int, ...] = ()
+    resistances: tuple[JointResistance, ...] = ()
 
     def __post_init__(self) -> None:
         if self.rotations not in _ROTATIONS:
@@ -200,13 +204,18 @@ class Robot:
         return all(joints.joint_kind(self.model, j).is_vector for j in range(1, self.model.njoints))
 
     @property
+    def has_forces(self) -> bool:
+        """Whether springs, dampers or losses of joints act."""
+        return bool(self.forces or self.resistances)
+
+    @property
     def has_limits(self) -> bool:
         """Whether any effort, velocity or position is limited."""
         return self.limits.any_finite
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 over all that shapes the equations: model, gravity, actuation, constraints, forces."""
+        """SHA-256 over all that shapes the equations: model, actuation, constraints, forces, losses."""
         digest = hashlib.sha256(self.model.saveToString().encode())
         digest.update(self.actuation.selection.tobytes())
         for actuator in self.actuation.frame_actuators:
@@ -214,6 +223,8 @@ class Robot:
         digest.update(repr((self.actuation.labels, self.constraints, self.forces)).encode())
         if self.redundant_rows:
             digest.update(repr(self.redundant_rows).encode())
+        if self.resistances:
+            digest.update(repr(self.resistances).encode())
         for drive in self.drives:
             digest.update(
                 repr((drive.control, drive.dofs, drive.frame_id)).encode() + drive.direction.tobytes()
@@ -419,9 +430,10 @@ class Robot:
         )
 
     def force_elements(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Generalised force of springs and dampers, shape (nv,) [N, N m]; gravity is not among them."""
+        """Generalised force of springs, dampers and joints that lose energy, shape (nv,) [N, N m]."""
         q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
-        return frozen_array(kinematics.force_elements(self.model, q, v, self.forces))
+        elements = kinematics.force_elements(self.model, q, v, self.forces)
+        return frozen_array(elements + resistance_forces(self.resistances, v))
 
     # Drives
 

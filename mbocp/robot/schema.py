@@ -265,6 +265,9 @@ class RobotTable(_Table):
     gravity: Vector3 | None = None
     lock: list[str] | dict[str, Numbers] = []
     mimic: bool | None = None
+    damping: bool | None = None
+    friction: Literal["none", "smooth"] | None = None
+    friction_speed: PositiveFloat | None = None
     spherical: list[str] = []
     rotations: Literal["quaternion", "dcm"] | None = None
     trace: list[str] | None = None

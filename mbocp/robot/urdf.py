@@ -16,15 +16,16 @@ from xml.etree import ElementTree
 import pinocchio as pin
 
 from mbocp._files import MEGABYTE, read_text
-from mbocp.exceptions import RobotFileError, Unreadable, UnsupportedRobot
+from mbocp.exceptions import RobotFileError, Unreadable
+from mbocp.robot.mimic import followers, with_first_leaders
 from mbocp.robot.not_modelled import tell_not_modelled
 from mbocp.robot.urdf_inertia import read_inertials, tell_impossible_inertias, total_mass
+from mbocp.robot.urdf_losses import check_losses
 from mbocp.robot.urdf_tree import check_tree
 
 __all__ = ["Urdf", "build_model", "read_urdf"]
 
 ROOT_JOINT = "root_joint"
-_MIMIC_TYPES = ("revolute", "continuous", "prismatic")
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
 _LIMIT = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB
 _MOST_LEVELS = 100  # of elements within each other; a URDF needs six
@@ -54,11 +55,13 @@ def read_urdf(path: Path) -> Urdf:
     RobotFileError
         If it is missing, malformed, or no tree of links and joints.
     UnsupportedRobot
-        If it has a joint type that is not supported, a negative or NaN mass or moment of inertia.
+        If it has a joint type that is not supported, a negative or NaN mass, moment of inertia, damping or
+        friction.
     """
     urdf = _parse(path)
     check_tree(path, urdf.root)
     read_inertials(path, urdf.root)
+    check_losses(path, urdf.root)
     return urdf
 
 
@@ -74,8 +77,6 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
     mimic : bool
         Couple mimic joints to the joint they follow; otherwise they are joints of their own.
     """
-    if mimic:
-        _check_mimic(urdf)
     model = _pinocchio_model(urdf, free_flyer=free_flyer, mimic=mimic)
     _check_mass(urdf, model)
     tell_impossible_inertias(urdf.path, urdf.root, model)
@@ -84,12 +85,13 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
 
 
 def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
+    text = with_first_leaders(urdf.text, urdf.root, followers(urdf.path, urdf.root)) if mimic else urdf.text
     noise: list[str] = []
     try:
         with captured_stderr(noise):
             if free_flyer:
-                return pin.buildModelFromXML(urdf.text, pin.JointModelFreeFlyer(), ROOT_JOINT, mimic)
-            return pin.buildModelFromXML(urdf.text, mimic)
+                return pin.buildModelFromXML(text, pin.JointModelFreeFlyer(), ROOT_JOINT, mimic)
+            return pin.buildModelFromXML(text, mimic)
     except Exception as error:  # whatever Pinocchio and urdfdom throw across the language border
         lines = [*"".join(noise).split("\n"), str(error).rpartition("message:")[2]]
         said = " ".join(" ".join(dict.fromkeys(lines)).split())
@@ -153,25 +155,3 @@ def _check_mass(urdf: Urdf, model: pin.Model) -> None:
         raise RobotFileError(
             urdf.path, f"its links weigh {written:g} kg, but Pinocchio reads {found:g} kg of them"
         )
-
-
-def _check_mimic(urdf: Urdf) -> None:
-    """Refuse by name what Pinocchio's mimic joints cannot follow."""
-    joints = {joint.get("name"): joint for joint in urdf.root.iterfind("joint")}
-    for name, joint in joints.items():
-        mimic = joint.find("mimic")
-        if mimic is None:
-            continue
-        leader = joints.get(mimic.get("joint"))
-        where, who = f"{urdf.path}: joint {name!r} mimics", repr(mimic.get("joint"))
-        remedy = "mend it, or load the robot with mimic = false"
-        if leader is None:
-            raise RobotFileError(urdf.path, f"joint {name!r} mimics {who}, which is not defined; {remedy}")
-        if leader.find("mimic") is not None:
-            raise UnsupportedRobot(f"{where} {who}, which itself mimics another joint; {remedy}")
-        kinds = (joint.get("type"), leader.get("type"))
-        if not set(kinds) <= set(_MIMIC_TYPES) or len({kind == "continuous" for kind in kinds}) > 1:
-            raise UnsupportedRobot(
-                f"{where} {who}: a {kinds[0]} joint cannot follow a {kinds[1]} one (continuous follows "
-                f"continuous, revolute and prismatic follow each other); {remedy}"
-            )

@@ -146,7 +146,7 @@ def test_natural_coordinates_refuse_followers_of_unknown_turns(kind: str, ratio:
             link("a"),
             joint("ja", "revolute", "base", "a", extra=far),
             link("b"),
-            joint("jb", kind, "base", "b", extra=mimic("ja", ratio)),
+            joint("jb", kind, "base", "b", extra=mimic("ja", ratio).replace(urdfs.LIMIT, far)),
         ),
     )
     with pytest.raises(UnsupportedRobot, match=r"joint 'jb' follows 'ja' at the ratio .*take coordinates"):

@@ -35,7 +35,7 @@ def test_loads(name: str) -> None:
     with contextlib.ExitStack() as told:
         if name == "pr2":
             told.enter_context(pytest.warns(NotModelledWarning, match="gravity turned off for the links"))
-        robot = load_robot(name)
+        robot = load_robot(name, friction="none")
     assert robot.name == name
     assert len(robot.q_labels) == robot.nq
     assert len(robot.v_labels) == len(robot.p_labels) == robot.nv
@@ -70,7 +70,7 @@ def test_is_the_robot_that_upstream_builds(name: str) -> None:
     from example_robot_data import robots_loader
 
     theirs = robots_loader.loader(name).robot
-    ours = load_robot(name)
+    ours = load_robot(name, friction="none")
     assert list(theirs.model.names) == list(ours.model.names)
     np.testing.assert_allclose(ours.q0, theirs.q0, atol=1e-12)
     q = pin.integrate(theirs.model, ours.q0, np.linspace(-1, 1, ours.nv))

@@ -84,6 +84,9 @@ BROKEN = {
     r"Pinocchio cannot read this URDF: .*j": robot(
         link("a"), link("b"), joint("j", "revolute", "a", "b", extra="")
     ),
+    r"joint 'j1': friction is 'rough', expected a finite number": robot(
+        *(link(n) for n in "ab"), joint("j1", "prismatic", "a", "b", extra=urdfs.losses(0, "rough"))
+    ),
 }
 
 
@@ -97,11 +100,19 @@ def test_broken_files(tmp_path: Path, message: str, capfd: pytest.CaptureFixture
 
 
 UNSUPPORTED = {
-    r"joint 'j3' mimics 'j2', which itself mimics another joint; mend it, or load": robot(
+    r"joint 'j2' mimics itself, by way of 'j2', 'j3'; mend it, or load": robot(
         *(link(n) for n in "abcd"),
         joint("j1", "revolute", "a", "b"),
-        joint("j2", "revolute", "b", "c", extra=urdfs.mimic("j1")),
+        joint("j2", "revolute", "b", "c", extra=urdfs.mimic("j3")),
         joint("j3", "revolute", "c", "d", extra=urdfs.mimic("j2")),
+    ),
+    r"joint 'j2' mimics 'j1' with the multiplier 0.5: the angle of a continuous joint is known up": robot(
+        *(link(n) for n in "abc"),
+        joint("j1", "continuous", "a", "b"),
+        joint("j2", "continuous", "b", "c", extra=urdfs.mimic("j1", 0.5)),
+    ),
+    r"joint 'j1': damping is -0.1; it takes energy out, and cannot be negative": robot(
+        *(link(n) for n in "ab"), joint("j1", "revolute", "a", "b", extra=urdfs.LIMIT + urdfs.losses(-0.1))
     ),
     r"joint 'j2' mimics 'j1': a revolute joint cannot follow a continuous one": robot(
         *(link(n) for n in "abc"),

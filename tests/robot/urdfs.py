@@ -27,6 +27,10 @@ def mimic(leader: str, multiplier: float = 1.0, offset: float = 0.0) -> str:
     return LIMIT + f'<mimic joint="{leader}" multiplier="{multiplier}" offset="{offset}"/>'
 
 
+def losses(damping: float | str = 0.0, friction: float | str = 0.0) -> str:
+    return f'<dynamics damping="{damping}" friction="{friction}"/>'
+
+
 def robot(*parts: str, name: str = "test") -> str:
     return f'<?xml version="1.0"?>\n<robot name="{name}">{"".join(parts)}</robot>'
 
