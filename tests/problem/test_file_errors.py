@@ -164,7 +164,8 @@ HUGE = "1" + 400 * "0"
         (f"horizon.duration={HUGE}", "an integer of about 401 digits, expected an integer of 64 bits"),
         (f"horizon.steps={HUGE}", "an integer of about 401 digits"),
         ("horizon.steps=1" + 5000 * "0", "an integer that does not fit into 64 bits"),
-        ("horizon.steps=5000000000", "at most 2147483647"),
+        ("horizon.steps=5000000000", "would take about .* GB of memory"),
+        ("solver.max_iterations=5000000000", "at most 2147483647"),
         ("horizon.duration=1e13", r"of at most 1e\+12"),
         ("horizon.duration=1e300", r"expected a number of at most 1e\+100"),
         ("start.q=[1e200,0,0,0,0,0]", r"at index 0, expected a number of at most 1e\+100"),
@@ -192,7 +193,7 @@ def test_integers_beyond_all_floats_in_python(ur5: Robot, digits: int) -> None:
         {"duration": 1.0, "steps": 10, "goal": {"q": [value, 0, 0, 0, 0, 0]}},
         {"duration": 1.0, "steps": 10, "limits": {"effort": float("nan")}, "cost": {"effort": value}},
     ):
-        with pytest.raises(MbocpError, match="an integer of about"):
+        with pytest.raises(MbocpError, match=r"an integer of about|GB of memory"):
             Problem.create(ur5, **words)
 
 
