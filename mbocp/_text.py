@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import reprlib
+import unicodedata
 from typing import Any
 
-__all__ = ["LONGEST_MESSAGE", "LONGEST_QUOTE", "shortened", "shown"]
+__all__ = ["LONGEST_MESSAGE", "LONGEST_QUOTE", "has_control_characters", "shortened", "shown"]
 
 LONGEST_QUOTE = 200  # characters of one value in a message
 LONGEST_MESSAGE = 4000  # characters of a message
@@ -45,6 +46,11 @@ def shown(value: Any, limit: int = LONGEST_QUOTE) -> str:
         Longest text that is returned [characters].
     """
     return shortened(_REPR.repr(value), limit)
+
+
+def has_control_characters(text: str) -> bool:
+    """Whether a text would do more to a terminal than print: it has an escape, a NUL, a line end, ..."""
+    return any(unicodedata.category(character) == "Cc" for character in text)
 
 
 def shortened(text: str, limit: int = LONGEST_QUOTE) -> str:

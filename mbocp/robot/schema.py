@@ -17,7 +17,7 @@ from pydantic import (
 )
 
 from mbocp._files import read_toml
-from mbocp._text import shown
+from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
 
 __all__ = [
@@ -48,6 +48,15 @@ Numbers: TypeAlias = FiniteFloat | list[FiniteFloat]
 Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0)]
 Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
 FramePair: TypeAlias = tuple[str, str]
+
+
+def _printable(text: str) -> str:
+    if has_control_characters(text.replace("\n", " ").replace("\t", " ")):
+        raise ValueError("must not have control characters")
+    return text
+
+
+Printable: TypeAlias = Annotated[str, AfterValidator(_printable)]
 
 
 def _has_direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -257,8 +266,8 @@ ConstraintTable: TypeAlias = Annotated[
 class RobotTable(_Table):
     """The whole file."""
 
-    name: str | None = None
-    description: str = ""
+    name: Printable | None = None
+    description: Printable = ""
     urdf: str = "robot.urdf"
     package_dirs: list[str] = []
     free_flyer: bool | None = None

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbocp._text import shown
+from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.urdf_numbers import child_attribute, finite_numbers
 
@@ -20,6 +20,7 @@ MOST_IN_A_ROW = 1200  # joints; the stack of a thread (8 MB) ends somewhere betw
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
+_LONGEST_NAME = 255  # characters; names become those of files and of lines on a terminal
 _SHOWN = 5  # links named in one message
 _NORMS = (1e-9, 1e9)  # of an axis; far beyond, its square is no number any more
 
@@ -34,6 +35,8 @@ def check_tree(path: Path, root: ElementTree.Element) -> None:
     """
     links = _names(path, root, "link")
     joints = dict(zip(_names(path, root, "joint"), root.iterfind("joint"), strict=True))
+    if has_control_characters(root.get("name", "")):
+        raise RobotFileError(path, f"its name {shown(root.get('name'))} has control characters")
     if not links:
         raise RobotFileError(path, "has no link")
     parents: dict[str, tuple[str, str]] = {}  # of a link: its joint and the link that it hangs on
@@ -138,6 +141,13 @@ def _names(path: Path, root: ElementTree.Element, tag: str) -> list[str]:
     names = [element.get("name") or "" for element in root.iterfind(tag)]
     if "" in names:
         raise RobotFileError(path, f"a <{tag}> has no name")
+    wrong = next((name for name in names if len(name) > _LONGEST_NAME or has_control_characters(name)), None)
+    if wrong is not None:
+        raise RobotFileError(
+            path,
+            f"{tag} {shown(wrong)}: its name has {len(wrong)} characters, expected at most {_LONGEST_NAME}, "
+            "no control characters among them",
+        )
     repeated = next((name for name, count in Counter(names).items() if count > 1), None)
     if repeated is not None:
         raise RobotFileError(path, f"{tag} {shown(repeated)} is defined more than once")

@@ -25,7 +25,7 @@ __all__ = [
 
 Indices = NDArray[np.int64]
 
-MESH_LIMIT = 128 * MEGABYTE  # of one mesh file [bytes]; the largest that we know has 29 MB
+MESH_LIMIT = 64 * MEGABYTE  # of one mesh file [bytes]; the largest that we know has 29 MB
 MOST_TRIANGLES = 10_000_000  # of one mesh, each as often as the file's scene shows it
 _LARGEST = 1e9  # of a coordinate, in the mesh's own unit
 _GREY = (0.8, 0.8, 0.8)

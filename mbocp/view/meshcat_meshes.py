@@ -39,7 +39,7 @@ __all__ = ["SCENE_LIMIT", "MeshLibrary"]
 
 _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there is
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
-SCENE_LIMIT = 512 * MEGABYTE  # of all meshes and pictures of a page [bytes]
+SCENE_LIMIT = 256 * MEGABYTE  # of all meshes and pictures of a page [bytes]
 _GREY = (0.8, 0.8, 0.8)
 _READERS = {".dae": read_collada, ".obj": read_wavefront, ".stl": read_stl}
 _CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)

@@ -188,6 +188,7 @@ WRONG = {
     r"has 5\.0 MB, expected a robot\.toml of at most 4 MB": "#" * (5 * 2**20),
     r"urdf: .*name too long|urdf: .*does not exist": f'urdf = "{"x" * 5000}"',
     r"urdf: .*does not exist": 'urdf = "a\\u0000b.urdf"',
+    r"name: must not have control characters": 'name = "\\u001b[2J"',
     r"urdff: unknown key; did you mean 'urdf'\?": 'urdff = "a.urdf"',
     r"gravity\[2\]: this number is missing": "gravity = [0, 0]",
     r"gravity\[2\]: got nan: Input should be a finite number": "gravity = [0, 0, nan]",

@@ -72,6 +72,11 @@ BROKEN = {
     r"link 'b': inertial origin xyz is 'x 0.02 0.2', expected 3 finite numbers": robot(
         link("a"), link("b").replace('"0.1 0.02', '"x 0.02'), joint("j", "revolute", "a", "b")
     ),
+    r"link 'x{90}.*x': its name has 300 characters, expected at most 255": robot(link("x" * 300)),
+    r"joint 'j.x85n': its name has 3 characters, .* no control characters among them": robot(
+        link("a"), link("b"), joint("j&#133;n", "revolute", "a", "b")
+    ),
+    r"its name 'a..n' has control characters": robot(link("a"), name="a&#10;n"),
     r"XML elements are nested more than 100 deep": robot("<a>" * 200, "</a>" * 200),
     r"joint 'j2' mimics 'nobody', which is not defined": robot(
         link("a"), link("b"), joint("j2", "revolute", "a", "b", extra=urdfs.mimic("nobody"))

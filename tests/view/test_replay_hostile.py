@@ -249,7 +249,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(meshcat_meshes, "SCENE_LIMIT", 10)
     _, told = replay(tmp_path, "m.obj", OBJ)
     assert "all meshes and pictures have more than" in told[0]
-    assert mesh_parts.MESH_LIMIT == 2**27
+    assert mesh_parts.MESH_LIMIT == 2**26
 
 
 def test_stl_of_both_kinds(tmp_path):
