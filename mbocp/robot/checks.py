@@ -60,17 +60,10 @@ def check_mechanics(robot: Robot) -> None:
         Naming the joints, unless constraints make up for it.
     IndefiniteMassMatrix
         Naming the joints that move impossible inertias.
-    UnsupportedRobot
-        If masses and inertias are so large that the mass matrix is not finite.
     """
     jacobian = robot.constraint_jacobian(robot.q0)
     free = free_dofs(robot)  # what drives move needs no mass
     mass = robot.mass_matrix(robot.q0)[np.ix_(free, free)]
-    if not np.isfinite(mass).all():
-        raise UnsupportedRobot(
-            f"robot {robot.name!r}: the mass matrix is not finite; masses, inertias or lengths of the URDF "
-            "are too large (units: kg, kg m^2, m)"
-        )
     if jacobian.shape[0] == 0:
         _check_definite(robot, free)
     if not kinematics.is_singular(mass):

@@ -102,7 +102,7 @@ def list_robots() -> list[RobotEntry]:
     """All robots that can be loaded by name; a name that occurs twice is listed where it would be found."""
     found: dict[str, RobotEntry] = {}
     for folder in robot_folders():
-        for inner in sorted(folder.iterdir()):
+        for inner in _inner(folder):
             file = next((inner / name for name in _FILES.values() if (inner / name).is_file()), None)
             if file is not None:
                 found.setdefault(inner.name, RobotEntry(inner.name, "robots/", _description(file)))
@@ -111,6 +111,13 @@ def list_robots() -> list[RobotEntry]:
     for name in examples.names():
         found.setdefault(name, RobotEntry(name, "example-robot-data", examples.description(name)))
     return list(found.values())
+
+
+def _inner(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:  # a folder that may not be read holds no robots for us; the others are listed
+        return []
 
 
 def _description(file: Path) -> str:

@@ -15,7 +15,7 @@ from mbocp._arrays import Array
 from mbocp._text import shown
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.notices import ImpossibleInertiaWarning
-from mbocp.robot.urdf_numbers import child_attribute, finite_number, finite_numbers
+from mbocp.robot.urdf_numbers import LARGEST, child_attribute, finite_number, finite_numbers
 
 __all__ = ["Inertial", "read_inertials", "tell_impossible_inertias", "total_mass"]
 
@@ -123,7 +123,7 @@ def _read(path: Path, link: str, element: ElementTree.Element) -> Inertial:
 def _number(where: str, key: str, text: str | None) -> float:
     value = finite_number(text)
     if value is None:
-        raise UnsupportedRobot(f"{where}: {key} is {shown(text)}, expected a finite number")
+        raise UnsupportedRobot(f"{where}: {key} is {shown(text)}, expected a finite number up to {LARGEST:g}")
     return value
 
 

@@ -12,18 +12,19 @@ from mbocp._arrays import Array
 from mbocp._text import shown
 from mbocp.exceptions import RobotFileError
 
-__all__ = ["child_attribute", "finite_number", "finite_numbers"]
+__all__ = ["LARGEST", "child_attribute", "finite_number", "finite_numbers"]
 
+LARGEST = 1e15  # of a length or mass; squares and products of what a robot has stay finite
 # What C's strtod reads and Python's float, too: no underscores, no digits of other scripts.
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
 def finite_number(text: str | None) -> float | None:
-    """The number that `text` is; None if it is none, or not finite."""
+    """The number that `text` is; None if it is none, not finite, or larger than `LARGEST`."""
     if text is None or not _NUMBER.fullmatch(text.strip()):
         return None
     value = float(text)
-    return value if np.isfinite(value) else None
+    return value if abs(value) <= LARGEST else None
 
 
 def finite_numbers(path: Path, what: str, text: str | None, default: tuple[float, ...]) -> Array:
@@ -39,7 +40,7 @@ def finite_numbers(path: Path, what: str, text: str | None, default: tuple[float
     values = [finite_number(word) for word in text.split()]
     if len(values) != len(default) or None in values:
         count = f"{len(default)} finite numbers" if len(default) > 1 else "a finite number"
-        raise RobotFileError(path, f"{what} is {shown(text)}, expected {count}")
+        raise RobotFileError(path, f"{what} is {shown(text)}, expected {count} up to {LARGEST:g}")
     return np.array(values, dtype=np.float64)
 
 

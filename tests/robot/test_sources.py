@@ -157,3 +157,27 @@ def test_without_example_robot_data(monkeypatch: pytest.MonkeyPatch) -> None:
         assert load_robot("rigid_pendulum").nv == 3
     finally:
         examples._loaders.cache_clear()
+
+
+def test_a_folder_that_may_not_be_read_hides_no_other(tmp_path, monkeypatch):
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    monkeypatch.setenv("MBOCP_ROBOT_PATH", str(closed))
+    whole, listed = Path.iterdir, [entry.name for entry in list_robots()]
+
+    def iterdir(folder):
+        if folder == closed:
+            raise PermissionError(13, "Permission denied", str(folder))
+        return whole(folder)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)
+    assert [entry.name for entry in list_robots()] == listed
+
+
+@pytest.mark.parametrize(
+    "name", ["x" * 5000, "a\0b", "a\0b/c.urdf", "x" * 5000 + ".urdf", "~no_such_user_here/a.urdf"]
+)
+def test_names_that_nothing_can_have(name):
+    with pytest.raises((UnknownRobot, RobotFileError)) as refused:
+        load_robot(name)
+    assert len(str(refused.value)) <= 4000

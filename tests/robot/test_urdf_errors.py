@@ -60,8 +60,11 @@ BROKEN = {
     r"joint 'j': axis xyz is '0 0 0', expected a direction": robot(
         link("a"), link("b"), joint("j", "revolute", "a", "b", axis="0 0 0")
     ),
-    r"joint 'j': axis xyz is '0 0 1e300', expected a direction": robot(
+    r"joint 'j': axis xyz is '0 0 1e300', expected 3 finite numbers up to 1e\+15": robot(
         link("a"), link("b"), joint("j", "revolute", "a", "b", axis="0 0 1e300")
+    ),
+    r"joint 'j': axis xyz is '0 0 1e-300', expected a direction": robot(
+        link("a"), link("b"), joint("j", "revolute", "a", "b", axis="0 0 1e-300")
     ),
     r"joint 'j': axis xyz is '0 1', expected 3 finite numbers": robot(
         link("a"), link("b"), joint("j", "revolute", "a", "b", axis="0 1")
@@ -137,6 +140,9 @@ UNSUPPORTED = {
     ),
     r"link 'b': mass is 'nan', expected a finite number": robot(
         link("a"), link("b", mass="nan"), joint("j", "revolute", "a", "b")
+    ),
+    r"link 'b': mass is '1e308', expected a finite number up to 1e": robot(
+        link("a"), link("b", mass="1e308"), joint("j", "revolute", "a", "b")
     ),
     r"link 'b': mass is 'heavy', expected a finite number": robot(
         link("a"), link("b", mass="heavy"), joint("j", "revolute", "a", "b")

@@ -103,11 +103,11 @@ def test_what_stands_still_is_not_told_unless_it_floats(tmp_path: Path) -> None:
     assert "link 'base'" in message
 
 
-def test_numbers_too_large_for_a_mass_matrix_are_refused(tmp_path: Path) -> None:
-    heavy = link("l", 1e308).replace('xyz="0.1 ', 'xyz="1e10 ')
+def test_the_largest_numbers_give_a_finite_mass_matrix(tmp_path: Path) -> None:
+    heavy = link("l", 1e15).replace('xyz="0.1 ', 'xyz="1e15 ')
     urdf = robot(link("base"), heavy, joint("j", "revolute", "base", "l"))
-    with pytest.raises(Exception, match="mass matrix is not finite"):
-        load_robot(urdfs.write(tmp_path, urdf))
+    found = load_robot(urdfs.write(tmp_path, urdf))
+    assert np.isfinite(found.mass_matrix(found.q0)).all()
 
 
 LEFT_OUT = {
