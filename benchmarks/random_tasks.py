@@ -36,10 +36,12 @@ def random_problems(name: str, number: int, seed: int) -> Iterator[Problem]:
 def _robot(name: str, **options: Any) -> Robot:
     actuated = {"hector": ("root_joint",), "acrobot": ("joint2",)}.get(name)
     if name == "panda":
-        return mbocp.load_robot("panda", lock=_FINGERS)
+        return mbocp.load_robot("panda", lock=_FINGERS, damping=False)
     if actuated:
-        return mbocp.load_robot({"acrobot": "double_pendulum"}.get(name, name), actuated=list(actuated))
-    return mbocp.load_robot(name)
+        return mbocp.load_robot(
+            {"acrobot": "double_pendulum"}.get(name, name), actuated=list(actuated), damping=False
+        )
+    return mbocp.load_robot(name, damping=False)
 
 
 def _pose(rng: Rng, robot: Robot, reach: float) -> Any:

@@ -50,6 +50,12 @@ def _panda(_: Path) -> Loaded:
     return Loaded(robot, read_system(str(robot.source), lock=lock))
 
 
+def _undamped(_: Path) -> Loaded:
+    """The double pendulum for natural coordinates, in which the checker knows no damping."""
+    robot = mbocp.load_robot("double_pendulum", damping=False)
+    return Loaded(robot, read_system(str(robot.source), damping=False))
+
+
 def _acrobot(_: Path) -> Loaded:
     robot = mbocp.load_robot("double_pendulum", actuated=["joint2"])
     return Loaded(robot, read_system(str(robot.source), motors=["joint2"]))
@@ -181,6 +187,7 @@ ROBOTS: dict[str, Callable[[Path], Loaded]] = {
     "panda": _panda,
     "kinova": _example("kinova"),
     "double_pendulum": _example("double_pendulum"),
+    "double_pendulum_undamped": _undamped,
     "acrobot": _acrobot,
     "drone": _drone,
     "quadrotor": _quadrotor,

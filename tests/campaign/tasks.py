@@ -230,7 +230,7 @@ def _followed(
         wanted = (speeds[n + 1] - speeds[n]) / dt * delta
         away = system.away(q, system.step(task.q_start, ahead[n] * delta))
         wanted = wanted + 0.2 / dt * (speeds[n] * delta - v) + 0.01 / dt**2 * away
-        force = pin.rnea(system.model, system.data, q, v, wanted)
+        force = pin.rnea(system.model, system.data, q, v, wanted) + system.damping * v
         us.append(np.linalg.solve(system.actuation(q), force))
         x = step.after(x, us[-1]) if isinstance(step, ExplicitStep) else None
         if x is None or not np.isfinite(x).all() or np.abs(x[system.nq :]).max() * dt > 0.5:

@@ -5,7 +5,7 @@ work along the joints:
 
 .. math:: T(q_n)^T \left(M (w_n - w_{n-1}) - \Delta t\, f\right) = \Delta t\,(B u_{n-1} - \Phi_q^T \lambda_n)
 
-with T = dz/dq. The multipliers of rigid bodies and joints never appear.
+with T = dz/dq. The multipliers of rigid bodies and joints never appear, and the joints have no damping.
 """
 
 from __future__ import annotations

@@ -224,7 +224,7 @@ def read_system(
     motors: Sequence[str] | None = None,
     thrusters: Sequence[tuple[str, Sequence[float]]] = (),
     loops: Sequence[dict[str, Any]] = (),
-    damping: bool = False,
+    damping: bool = True,
 ) -> System:
     """A system from a URDF, and from the tables of a robot.toml beside it."""
     table: dict[str, Any] = {}
