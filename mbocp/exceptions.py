@@ -34,6 +34,7 @@ __all__ = [
     "SolverError",
     "StudyError",
     "StudyFileError",
+    "TooManyOperations",
     "TranscriptionError",
     "UnknownFrame",
     "UnknownJoint",
@@ -198,6 +199,18 @@ class CompilationTimeout(CompilationError):
         super().__init__(
             f"solver.time_limit passed while {doing}: no iteration was taken. Raise it; the functions are "
             "kept once they are compiled, so that later runs of this shape begin at once"
+        )
+
+
+class TooManyOperations(TranscriptionError):
+    """Functions of a stage that would take too long to build and to compile."""
+
+    def __init__(self, robot: str, nv: int, operations: float, limit: float, remedy: str) -> None:
+        self.operations, self.limit = operations, limit
+        super().__init__(
+            f"the functions of a stage of robot {robot!r} (nv = {nv}) would have about {operations:.2g} "
+            f"operations; the limit is {limit:.2g}. {remedy}, or set MBOCP_OPERATIONS_LIMIT to as many as "
+            "there may be"
         )
 
 

@@ -26,6 +26,7 @@ from mbocp.transcription.end import build_end_functions
 from mbocp.transcription.goal import EndRows, end_condition_rows, guarded_parts
 from mbocp.transcription.layout import StateLayout
 from mbocp.transcription.natural import EndTarget, natural_coordinates, natural_end
+from mbocp.transcription.operations import check_operations
 from mbocp.transcription.parameters import (
     COST_WEIGHTS,
     ParameterLayout,
@@ -186,7 +187,7 @@ def transcribe(
     Raises
     ------
     TranscriptionError
-        If the stage functions cannot be compiled, or not before the deadline.
+        If the stage functions would be too large, cannot be compiled, or not before the deadline.
     MemoryLimitExceeded
         If the horizon has more steps than there is memory for.
     InconsistentStart
@@ -200,6 +201,7 @@ def transcribe(
     rows = end_condition_rows(robot, problem.goal, is_explicit=problem.scheme in EXPLICIT_SCHEMES)
     rows = rows.without(without)
     shape = _shape(problem, joints, rows, guarded, is_natural=natural is not None)
+    check_operations(robot.name, space.nv, shape)
     at = state_layout(robot, space.nz, space.nv, shape)
     sizes = Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv)
     layout = parameter_layout(shape, sizes)

@@ -1,0 +1,70 @@
+"""How large the functions of a stage become, estimated before CasADi builds them.
+
+A function with millions of operations takes minutes to build and to compile, and gigabytes. In natural
+coordinates operations grow with the number of bodies; in joint coordinates with the square of the velocities,
+since second derivatives of a tree are dense; explicit schemes repeat this for each stage of each substep.
+"""
+
+from __future__ import annotations
+
+import os
+
+from mbocp.exceptions import InvalidValue, TooManyOperations
+from mbocp.integrators.tableaux import TABLEAUX
+from mbocp.transcription.shape import Shape
+
+__all__ = ["check_operations", "estimated_operations"]
+
+_NAME = "MBOCP_OPERATIONS_LIMIT"
+_LIMIT = 10e6
+# Of "complete" with chains, arms and legged robots: the estimate is between a third and six times of what
+# they have.
+_IMPLICIT, _EXPLICIT, _NATURAL = 525, 3000, 400
+
+
+def check_operations(robot: str, nv: int, shape: Shape) -> None:
+    """Refuse a shape whose functions would be too large.
+
+    Parameters
+    ----------
+    robot : str
+        Its name, for the message.
+    nv : int
+        Velocities: of the joints, or of the bodies in natural coordinates.
+    shape : Shape
+
+    Raises
+    ------
+    TooManyOperations
+    """
+    operations, limit = estimated_operations(nv, shape), _limit()
+    if operations <= limit:
+        return
+    remedy = "Lock joints"
+    if shape.substeps > 1:
+        remedy = f"Take fewer integrator.substeps than {shape.substeps} and more horizon.steps"
+    elif not shape.is_natural and not shape.is_explicit:
+        remedy = 'Take coordinates = "natural", or lock joints'
+    raise TooManyOperations(robot, nv, operations, limit, remedy)
+
+
+def estimated_operations(nv: int, shape: Shape) -> float:
+    """Operations of a step with its derivatives, to within a factor of about five."""
+    if shape.is_natural:
+        return float(_NATURAL * nv)
+    if shape.is_explicit:
+        return float(_EXPLICIT * nv**2 * len(TABLEAUX[shape.scheme].b)) * min(shape.substeps, 10**100)
+    return float(_IMPLICIT * nv**2)
+
+
+def _limit() -> float:
+    text = os.environ.get(_NAME)
+    if not text:
+        return _LIMIT
+    try:
+        limit = float(text)
+    except ValueError:
+        limit = 0.0
+    if not limit > 0.0:
+        raise InvalidValue(_NAME, repr(text), "a number > 0")
+    return limit
