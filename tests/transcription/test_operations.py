@@ -23,7 +23,7 @@ def reach(robot: str, **integrator: object) -> Problem:
     return Problem.create(arm, 1.0, 3, goal={"q": arm.q0.tolist()}, integrator=integrator)
 
 
-@pytest.mark.parametrize("substeps", [2000, 10**12])
+@pytest.mark.parametrize("substeps", [2000, 10**9])
 def test_substeps_are_bounded(substeps: int) -> None:
     clock = time.process_time()
     problem = reach("ur5", scheme="rk4", substeps=substeps)
