@@ -153,9 +153,10 @@ def _solve_programme(
                 raise  # there is nothing to return yet
             best = (_interrupted(best[0]), best[1])
             break
+        is_doubtful = best is not None and best[0].result.status is Status.INFEASIBLE
         left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
         outcome = pursue(
-            replace(methods, time_limit=left),
+            replace(methods, time_limit=left, is_doubtful=is_doubtful),
             programme,
             iterate,
             callback,
@@ -183,6 +184,9 @@ def _interrupted(outcome: Outcome) -> Outcome:
 
 
 def _is_better(new: SolverResult, old: SolverResult) -> bool:
+    """Whether one of two results that have not converged says more; `infeasible` says most."""
+    if old.status is Status.INFEASIBLE:
+        return False
     return new.record.residual < old.record.residual
 
 

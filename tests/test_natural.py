@@ -192,7 +192,9 @@ def test_every_cost_and_goal_means_the_same(tables: dict[str, Any]) -> None:
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.0, 0.0, -9.81)])
 @pytest.mark.parametrize("coordinates", ["joint", "natural"])
 def test_control_momenta_of_a_free_body(coordinates: str, gravity: tuple[float, float, float]) -> None:
-    conserved = {c.name: c for c in solved(floating(coordinates, gravity)).conserved}
+    solution = mbocp.solve(floating(coordinates, gravity))
+    assert solution.status.is_stationary, solution.advice  # effort alone: the body may spin fast
+    conserved = {c.name: c for c in solution.conserved}
     axes = "xyz" if not any(gravity) else "z"
     names = [f"translation along {a}" for a in "xyz"] + [f"rotation about {a}" for a in axes]
     assert set(names) <= set(conserved)

@@ -23,8 +23,8 @@ __all__ = ["Methods", "Outcome", "pursue"]
 
 _WINDOW = 40  # iterations in which `auto` wants progress from Newton's method ...
 _PROGRESS = 0.5  # ... by this factor in the residual, ...
-_GAIN = 0.1  # ... or by this part of the cost
-_FEASIBLE_PART = 0.5
+_GAIN = 0.02  # ... or by this part of the cost, ...
+_FEASIBLE_PART = 0.5  # ... while violations are no more than this part of the residual
 _INTERIOR_ITERATIONS = 1000
 INTERIOR_POINT = ("ipopt", "fatrop")
 _STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)  # by the user, at once or ahead
@@ -46,6 +46,8 @@ class Methods:
         See `mbocp.problem.SolverOptions`.
     control_weight : float
         Unit of the Hessian's shift, see `StagewiseProgramme`.
+    is_doubtful : bool
+        Whether IPOPT has found the problem infeasible from another guess: `auto` does not ask it again.
     """
 
     method: str
@@ -63,6 +65,7 @@ class Methods:
     time_limit: float | None = None
     linear_solver: str = "auto"
     has_inequalities: bool = False
+    is_doubtful: bool = False
 
     @classmethod
     def of(cls, options: Any, programme: StagewiseProgramme, *, has_inequalities: bool = False) -> Methods:
@@ -269,6 +272,8 @@ def _auto_within_limits(methods: Methods, iterate: Iterate, runs: _Runs) -> Outc
         if spent or begun.status in (Status.CONVERGED, *_STOPPED):
             return runs.outcome(begun, f"auto: {solver.name}")
         told, budget = f"auto: monolithic {_ended(begun)}", budget - runs.taken
+        if methods.is_doubtful:
+            return runs.outcome(begun, f"auto: {solver.name}", told)
     left = None if math.isinf(runs.deadline) else max(0.0, runs.deadline - time.perf_counter())
     ipopt = replace(methods, method="ipopt", budget=budget, time_limit=left)
     found = _interior(ipopt, runs.programme, iterate, runs.callback, runs.first, runs.label)

@@ -11,7 +11,7 @@ import pytest
 import mbocp
 from mbocp.guess import make_guess
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.records import IterationRecord
+from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.shift import larger_shift, next_shift
 from mbocp.solvers.strategy import _has_stalled
 from mbocp.transcription import StagewiseProgramme, transcribe
@@ -140,3 +140,20 @@ def test_a_cost_that_falls_while_constraints_are_given_up_is_no_progress() -> No
     history = records(flat, falling)
     away = [IterationRecord(r.iteration, 1.0, cost=r.cost, primal=0.01 * r.iteration) for r in history]
     assert _has_stalled(away)
+
+
+def test_what_is_infeasible_from_one_guess_is_not_asked_of_ipopt_from_the_next() -> None:
+    problem = mbocp.Problem.create(
+        "double_pendulum",
+        1.0,
+        12,
+        goal={"q": [2.0, 0.0], "v": [0.0, 0.0]},
+        limits={"velocity": 1.0},
+    )
+    s = mbocp.solve(problem)
+    assert s.status is Status.INFEASIBLE, s.advice
+    of_ipopt = [phase for phase in s.phases if phase.name.startswith("ipopt")]
+    of_newton = [phase for phase in s.phases if phase.name.startswith("monolithic")]
+    assert len(of_ipopt) == 1
+    assert len(of_newton) > 1
+    assert s.iterations == sum(phase.iterations for phase in s.phases)
