@@ -8,7 +8,7 @@ import os
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from mbocp._files import MEGABYTE, read_text
 from mbocp.exceptions import RobotFileError, Unreadable
-from mbocp.robot.mimic import followers, with_first_leaders
+from mbocp.robot.mimic import Follower, followers, with_first_leaders
 from mbocp.robot.not_modelled import tell_not_modelled
 from mbocp.robot.urdf_inertia import read_inertials, tell_impossible_inertias, total_mass
 from mbocp.robot.urdf_losses import check_losses
@@ -85,7 +85,12 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
 
 
 def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
-    text = with_first_leaders(urdf.text, urdf.root, followers(urdf.path, urdf.root)) if mimic else urdf.text
+    text = urdf.text
+    if mimic:
+        found = followers(urdf.path, urdf.root)
+        text = with_first_leaders(text, urdf.root, found)
+        if found:
+            _refuse_late_leaders(urdf, found, free_flyer)
     noise: list[str] = []
     try:
         with captured_stderr(noise):
@@ -97,6 +102,19 @@ def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
         said = " ".join(" ".join(dict.fromkeys(lines)).split())
         hint = "; mimic = false makes them joints of their own" if mimic and "imic" in said else ""
         raise RobotFileError(urdf.path, f"Pinocchio cannot read this URDF: {said}{hint}") from error
+
+
+def _refuse_late_leaders(urdf: Urdf, found: Sequence[Follower], free_flyer: bool) -> None:
+    """Refuse by name a leader that comes after its follower, which Pinocchio cannot build."""
+    names = list(_pinocchio_model(urdf, free_flyer=free_flyer, mimic=False).names)
+    for follower in found:
+        if names.index(follower.leader) > names.index(follower.name):
+            raise RobotFileError(
+                urdf.path,
+                f"joint {follower.name!r} mimics {follower.leader!r}, which comes after it in the model "
+                "(depth first, and by name where a link has several joints): exchange leader and follower, "
+                "or their names, or load the robot with mimic = false",
+            )
 
 
 @contextlib.contextmanager
