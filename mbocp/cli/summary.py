@@ -135,7 +135,11 @@ def _limits(solution: Solution) -> _Rows:
     listed = "\n".join(active[:_MOST_LIMITS]) or "none is active"
     if len(active) > _MOST_LIMITS:
         listed += f"\nand {len(active) - _MOST_LIMITS} more"
-    return [("limits", f"{listed}\nviolated by {solution.limit_violation:.2e} at most")]
+    if solution.limit_violation > 0.0:
+        listed += f"\nviolated by {solution.limit_violation:.2e} at most"
+    elif solution.limit_violation == 0.0:
+        listed += "\nall are kept"
+    return [("limits", listed)]
 
 
 def _is_bounded(solution: Solution) -> bool:
@@ -147,7 +151,8 @@ def _touches(limit: ActiveLimit) -> str:
     where = f"{limit.kind} {limit.name}"
     times = f"in {limit.count} of {limit.total} {'steps' if limit.kind == 'control' else 'nodes'}"
     if limit.kind == "path":
-        return f"{where} at its {limit.side} bound {times}"
+        bound = "" if math.isnan(limit.bound) else f" {limit.bound:.6g} {limit.unit}"
+        return f"{where} at its {limit.side} bound{bound} {times}"
     return f"{where} at its {limit.side} limit {limit.bound:.6g} {limit.unit} {times}"
 
 

@@ -173,6 +173,8 @@ def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
 
 
 def _tangent(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
+    if isinstance(written, float):  # 0 for all
+        return np.zeros(robot.nv), np.ones(robot.nv, dtype=np.bool_)
     with located(key):
         return tangent_from(robot, written, key)
 

@@ -58,6 +58,20 @@ def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> P
     return ProblemFileError(path, reason + rest, key)
 
 
+_TOOL = (
+    "a goal is a configuration (q, v or p), of joints; where a tool should be has to be turned into one by "
+    "inverse kinematics first"
+)
+# What is wanted, and would otherwise be sent to a key of the same name that means something else.
+_NOT_THERE = {
+    "goal.frame": _TOOL,
+    "goal.position": _TOOL,
+    "goal.pose": _TOOL,
+    "goal.point": _TOOL,
+    "limits.acceleration": "there is no such limit; cost.control_rate smooths the controls",
+    "limits.jerk": "there is no such limit; cost.control_rate smooths the controls",
+}
+
 _SHORT = 60  # characters of a value
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 
@@ -117,6 +131,8 @@ def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
     if name in _LETTERS:
         return f"unknown key, did you mean {_LETTERS[name]}? ({listed})"
     elsewhere = [f"{table}.{name}" if table else name for table, keys in tables.items() if name in keys]
+    if (advice := _NOT_THERE.get(".".join([*above, name]))) is not None:
+        return f"unknown key; {advice} ({listed})"
     if elsewhere:
         return f"unknown key, did you mean {' or '.join(elsewhere)}? ({listed})"
     close = difflib.get_close_matches(name, valid, n=1)

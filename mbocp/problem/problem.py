@@ -249,8 +249,22 @@ class Problem:
         return problem_from_tables(document, robot=robot, name=name)
 
     def with_(self, **changes: Any) -> Problem:
-        """Return a copy with some fields changed, validated again."""
-        return replace(self, **changes)
+        """Return a copy with some fields changed, validated again.
+
+        Parameters
+        ----------
+        **changes
+            Fields of this class, or words of `create`: of a table only the keys that are given change
+            (``cost={"velocity": 1.0}``), `guess` and `path` are replaced as a whole.
+
+        Raises
+        ------
+        ProblemError
+            If there is no such field or word, or a value is of the wrong kind.
+        """
+        from mbocp.problem.changes import changed  # it needs this class
+
+        return changed(self, changes)
 
     def _check_start(self) -> None:
         robot = self.robot

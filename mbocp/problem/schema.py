@@ -60,6 +60,17 @@ def _vector_or_named(value: Any) -> Vector | Named:
     raise ValueError(f"got {shown(value)}, expected a list of numbers or a table by joint name")
 
 
+def _rate(value: Any) -> Vector | Named | float:
+    """Velocities or momenta; 0 says that all of them are."""
+    if is_number(value) and value == 0:
+        return 0.0
+    if is_number(value):
+        raise ValueError(
+            f"got {shown(value)}, expected a list of numbers, a table by joint name, or 0 for rest"
+        )
+    return _vector_or_named(value)
+
+
 def _trajectory_or_vector(value: Any) -> list[Vector] | Vector | Named:
     if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
         return [_vector(row, f" of row {n}") for n, row in enumerate(value)]
@@ -139,6 +150,7 @@ def _listed_weights(value: Any) -> Any:
 
 
 VectorOrNamed = Annotated[Any, BeforeValidator(_vector_or_named)]
+Rate = Annotated[Any, BeforeValidator(_rate)]
 TrajectoryOrVector = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
 Lock = Annotated[Any, BeforeValidator(_lock)]
 Control = Annotated[Any, BeforeValidator(_control)]
@@ -181,8 +193,8 @@ class StartTable(_Table):
     """State at t = 0."""
 
     q: VectorOrNamed = None
-    v: VectorOrNamed = None
-    p: VectorOrNamed = None
+    v: Rate = None
+    p: Rate = None
     assemble: bool = False
 
 
@@ -190,8 +202,8 @@ class GoalTable(_Table):
     """State at t = T."""
 
     q: VectorOrNamed = None
-    v: VectorOrNamed = None
-    p: VectorOrNamed = None
+    v: Rate = None
+    p: Rate = None
     assemble: bool = False
     enforce: str | None = None
     guard: bool = True

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.solution.problem_text import path_bounds_of
 from mbocp.solution.records import Column
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class ActiveLimit:
     side : str
         "lower" or "upper".
     bound : float
-        NaN for path constraints.
+        NaN for a path constraint of a result that does not say which problem it solves.
     unit : str
     count, total : int
         At how many of the nodes or steps.
@@ -59,11 +60,16 @@ def active_limits(solution: Solution) -> tuple[ActiveLimit, ...]:
     ):
         found += _touched(kind, columns, values, limits)
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
+    bounds = path_bounds_of(solution.problem_text) if solution.path_names else {}
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
-        for side, active in (("lower", multipliers < -pulls), ("upper", multipliers > pulls)):
+        lower, upper, unit = bounds.get(name, (np.nan, np.nan, ""))
+        for side, bound, active in (
+            ("lower", lower, multipliers < -pulls),
+            ("upper", upper, multipliers > pulls),
+        ):
             if active.any():
                 count = int(np.count_nonzero(active))
-                found.append(ActiveLimit("path", name, side, np.nan, "", count, len(active)))
+                found.append(ActiveLimit("path", name, side, bound, unit, count, len(active)))
     return tuple(found)
 
 

@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp._files import parse_toml
 from mbocp.exceptions import InvalidValue, Unreadable
 
-__all__ = ["integrator_of", "limits_of"]
+__all__ = ["integrator_of", "limits_of", "path_bounds_of"]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
 
@@ -38,6 +38,7 @@ class _Problem(_Part):
     integrator: _Integrator = _Integrator()
     robot: _Robot | str = _Robot()
     limits: dict[str, Any] = {}
+    path: list[dict[str, Any]] = []
 
 
 def integrator_of(problem_text: str) -> dict[str, Any]:
@@ -76,6 +77,25 @@ def limits_of(problem_text: str) -> dict[str, Array]:
         for name, key in _KEYS.items()
         if _pairs(written.get(key))
     }
+
+
+def path_bounds_of(problem_text: str) -> dict[str, tuple[float, float, str]]:
+    """Lower bound, upper bound and unit of each row of the path constraints, by the row's name.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    found: dict[str, tuple[float, float, str]] = {}
+    for table in problem.path if problem is not None else ():
+        name, unit = str(table.get("name", "")), "m/s" if table.get("kind") == "speed" else "m"
+        pairs = {f"{name}.{axis}": table[axis] for axis in "xyz" if _pairs([table.get(axis)])}
+        ends = [table.get("min", -np.inf), table.get("max", np.inf)]
+        pairs |= {name: ends} if not pairs and _pairs([ends]) else {}
+        found |= {row: (float(lower), float(upper), unit) for row, (lower, upper) in pairs.items()}
+    return found
 
 
 @lru_cache(maxsize=4)

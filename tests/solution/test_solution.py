@@ -84,6 +84,14 @@ def test_limits_that_the_motion_touches() -> None:
     assert not any(name == "clearance" for _, name, _ in found)
 
 
+def test_bounds_of_path_constraints_are_those_of_the_problem() -> None:
+    text = 'path = [{name = "ceiling", kind = "position", frame = "bob", z = [-5.5, inf]}]\n'
+    (ceiling,) = [a for a in limited(problem_text=text).active_limits if a.kind == "path"]
+    assert (ceiling.name, ceiling.side, ceiling.bound, ceiling.unit) == ("ceiling.z", "lower", -5.5, "m")
+    (unknown,) = [a for a in limited().active_limits if a.kind == "path"]
+    assert np.isnan(unknown.bound)
+
+
 def test_what_a_barrier_leaves_over_is_not_active() -> None:
     assert not [a for a in limited(lam_path=np.full((20, 2), 1e-9)).active_limits if a.kind == "path"]
     broken = limited(mus=np.full((21, 6), np.nan), lam_path=np.full((20, 2), np.nan))

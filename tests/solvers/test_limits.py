@@ -85,7 +85,11 @@ def test_multipliers_are_signed_and_complementary(method: str) -> None:
 def test_path_constraints_are_kept_and_active(method: str) -> None:
     s = solved(method, PATH)
     assert s.path_names == ("box.z", "leash", "calm")
-    assert {a.name for a in s.active_limits} == {"box.z", "leash", "calm"}
+    assert {(a.name, a.side, a.bound, a.unit) for a in s.active_limits} == {
+        ("box.z", "lower", -11.3, "m"),
+        ("leash", "upper", 11.5, "m"),
+        ("calm", "upper", 7.0, "m/s"),
+    }
     assert s.qs[1:, 2].min() == pytest.approx(-11.3, abs=1e-6)
     assert np.linalg.norm(s.qs[1:], axis=1).max() == pytest.approx(11.5, abs=1e-6)
     assert np.linalg.norm(s.vs[1:], axis=1).max() == pytest.approx(7.0, abs=1e-6)

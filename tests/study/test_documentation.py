@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 from pathlib import Path
-
-import pytest
 
 from mbocp.study import Study
 from mbocp.study.rows import CRASHED, ERROR, FIELDS, TIMEOUT
@@ -36,10 +35,10 @@ def test_the_study_file_loads() -> None:
     assert "600 tasks" in PAGE
 
 
-def test_the_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    code = block("python").replace('"examples/', f'"{EXAMPLES}/')
-    monkeypatch.chdir(tmp_path)
-    exec(compile(code, "docs/studies.md", "exec"), {"__name__": "docs"})
+def test_the_python_example_runs(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(block("python").replace('"examples/', f'"{EXAMPLES}/'))
+    subprocess.run([sys.executable, str(script)], cwd=tmp_path, check=True)
     assert len(read_table(tmp_path / "rows.jsonl")[1]) == 45
     assert (tmp_path / "rows.csv").exists()
 

@@ -1,0 +1,75 @@
+"""`Problem.with_`: a problem with other fields, or other keys of the tables that it was made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from mbocp._files import parse_toml
+from mbocp._text import shown
+from mbocp.exceptions import ProblemError, suggest
+from mbocp.problem.build import problem_from_tables
+from mbocp.problem.cost import Cost
+from mbocp.problem.goal import Goal
+from mbocp.problem.guess import Guess
+from mbocp.problem.limits import Bounds
+from mbocp.problem.options import SolverOptions
+from mbocp.problem.overrides import plain
+from mbocp.problem.problem import Problem
+from mbocp.problem.write import problem_to_toml
+
+__all__ = ["changed"]
+
+_TABLES = ("start", "goal", "cost", "limits", "guess", "integrator", "solver")
+_VALUES = {"goal": Goal, "cost": Cost, "limits": Bounds, "guess": Guess, "solver": SolverOptions}
+_RATES = {"v": "p", "p": "v"}  # of start and goal: one takes the place of the other
+
+
+def changed(problem: Problem, changes: Mapping[str, Any]) -> Problem:
+    """Return the problem with `changes`: fields of `Problem`, or words of `Problem.create`.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such field or word, or a value is of the wrong kind.
+    """
+    values = dict(changes)
+    if "steps" in values:
+        values["num_steps"] = values.pop("steps")
+    tables = {name: values.pop(name) for name in list(values) if _is_table(name, values[name])}
+    known = [field.name for field in fields(Problem)]
+    for name, value in values.items():
+        if name in _VALUES and not isinstance(value, _VALUES[name]):
+            raise ProblemError(f"{name}: got {shown(value)}, expected a table, or a {_VALUES[name].__name__}")
+        if name in ("start", "integrator"):
+            raise ProblemError(f"{name}: got {shown(value)}, expected a table")
+        if name not in known:
+            words = [*_TABLES, "path", "steps", *known]
+            raise ProblemError(
+                f"{name}: a problem has no such field: {suggest(name, dict.fromkeys(words), 40)}"
+            )
+    return replace(_with_tables(problem, tables) if tables else problem, **values)
+
+
+def _is_table(name: str, value: Any) -> bool:
+    if name == "path":
+        return isinstance(value, (list, tuple)) and any(isinstance(entry, Mapping) for entry in value)
+    return name in _TABLES and isinstance(value, Mapping)
+
+
+def _with_tables(problem: Problem, tables: Mapping[str, Any]) -> Problem:
+    """Write the problem down, put keys into its tables, and read it again."""
+    document = parse_toml(problem_to_toml(problem))
+    for name, value in tables.items():
+        table = plain(value)
+        if name in ("path", "guess"):  # a list, and a kind with what belongs to it
+            document[name] = table
+            continue
+        old = document.get(name, {})
+        if name in ("start", "goal"):
+            old = {key: entry for key, entry in old.items() if _RATES.get(key) not in table}
+        document[name] = {**old, **table}
+    return problem_from_tables(
+        document, robot=problem.robot, source=problem.source, label=problem.name, name=problem.name
+    )

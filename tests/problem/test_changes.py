@@ -1,0 +1,75 @@
+"""`Problem.with_` takes fields and the words of `Problem.create`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbocp.exceptions import MbocpError, ProblemError
+from mbocp.problem import Problem
+from mbocp.problem.write import problem_to_toml
+from mbocp.robot import Robot
+
+GOAL = [0.5, -1.0, 1.0, 0.0, 0.5, 0.0]
+
+
+@pytest.fixture
+def problem(ur5: Robot) -> Problem:
+    return Problem.create(ur5, 1.0, 20, goal={"q": GOAL, "v": 0}, cost={"velocity": 2.0, "effort": 3.0})
+
+
+def test_tables_change_the_keys_that_are_given(problem: Problem) -> None:
+    other = problem.with_(start={"q": {"elbow_joint": 0.25}}, cost={"velocity": 1.0}, steps=30)
+    assert other.num_steps == 30
+    assert other.q_start[2] == 0.25
+    assert (other.cost.velocity == 1.0).all()
+    assert (other.cost.effort == 3.0).all()
+    np.testing.assert_array_equal(other.goal.q, problem.goal.q)
+    assert other.robot is problem.robot
+    assert other.name == problem.name
+
+
+def test_without_changes_it_is_the_same_problem(problem: Problem) -> None:
+    for words in ({}, {"start": {}}, {"cost": {}, "solver": {}}):
+        assert problem_to_toml(problem.with_(**words)) == problem_to_toml(problem)
+
+
+def test_every_word_of_create(problem: Problem) -> None:
+    tube = {"kind": "speed", "frame": "tool0", "max": 2.0}
+    other = problem.with_(
+        limits={"effort": 100.0},
+        path=[tube],
+        guess={"kind": "hold"},
+        integrator={"scheme": "midpoint"},
+        solver={"tolerance": 1e-8},
+        goal={"p": [0.0] * 6},
+        duration=2.0,
+    )
+    assert other.limits.finite("u").all()
+    assert other.path[0].upper[0] == 2.0
+    assert (other.guess.kind, other.scheme, other.goal.rate) == ("hold", "midpoint", "p")
+    assert (other.solver.tolerance, other.solver.method, other.duration) == (1e-8, "auto", 2.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"durations": 1.0}, "durations: a problem has no such field: did you mean 'duration'"),
+        ({"x": 1.0}, "x: a problem has no such field: valid names: start, goal, cost"),
+        ({"cost": 3.0}, "cost: got 3.0, expected a table, or a Cost"),
+        ({"start": [1.0]}, r"start: got \[1.0\], expected a table"),
+        ({"cost": {"alpha": 1.0}}, r"cost.alpha: unknown key, did you mean cost.effort"),
+    ],
+)
+def test_what_there_is_not_is_named(problem: Problem, words: dict[str, object], message: str) -> None:
+    with pytest.raises(ProblemError, match=message):
+        problem.with_(**words)
+
+
+def test_zero_stands_for_rest(ur5: Robot) -> None:
+    listed = Problem.create(ur5, 1.0, 20, start={"v": [0] * 6}, goal={"q": GOAL, "v": [0] * 6})
+    short = Problem.create(ur5, 1.0, 20, start={"v": 0}, goal={"q": GOAL, "v": 0.0})
+    assert problem_to_toml(short) == problem_to_toml(listed)
+    with pytest.raises(MbocpError, match="got 1, expected a list of numbers, a table by joint name, or 0"):
+        Problem.create(ur5, 1.0, 20, goal={"v": 1})
+    assert Problem.create(ur5, 1.0, 20, goal={"q": GOAL, "p": 0}).goal.rate_active.all()
