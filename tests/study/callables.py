@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import os
+import resource
 import signal
 import time
+from pathlib import Path
 
 import mbocp
 from mbocp.problem import Problem
@@ -37,3 +39,19 @@ def threads(problem: Problem) -> Solution:
     assert os.environ["OMP_NUM_THREADS"] == "1"
     assert os.environ["MBOCP_TEST_WORD"] == "hello"
     return mbocp.solve(problem)
+
+
+def short_of_memory(problem: Problem) -> Solution:
+    """Solve tasks of many steps with 100 MB to spare, as in a batch queue; 106: nobody looks before."""
+    if wanted(problem) not in (106, 107):
+        return mbocp.solve(problem)
+    held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (held + 10**8, before[1]))
+    if wanted(problem) == 106:
+        os.environ["MBOCP_MEMORY_LIMIT"] = "1e6"
+    try:
+        return mbocp.solve(problem.with_(num_steps=100_000))
+    finally:
+        os.environ.pop("MBOCP_MEMORY_LIMIT", None)
+        resource.setrlimit(resource.RLIMIT_AS, before)

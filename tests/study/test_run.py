@@ -128,6 +128,15 @@ def test_errors_and_crashes_are_rows(make: MakeStudy, tmp_path: Path) -> None:
     assert not result.column("converged")[3:7].any()
 
 
+def test_too_little_memory_costs_a_row(make: MakeStudy, tmp_path: Path) -> None:
+    study = bad(make, 106, 107)
+    result = run_study(study, tmp_path / "rows.jsonl", workers=1, solve=callables.short_of_memory)
+    assert ends(result) == ["converged"] * 3 + ["error"] * 2 + ["converged"] * 3
+    messages = result.column("message")
+    assert messages[3].startswith("MemoryError")
+    assert "MemoryLimitExceeded: horizon.steps: 1e+05 steps" in messages[4]
+
+
 def test_a_problem_that_cannot_be_is_a_row(make: MakeStudy, tmp_path: Path) -> None:
     study = make(grid={"goal.q": [[0, 0, -5], [0, 0, -4]]})
     result = run_study(study, tmp_path / "rows.jsonl", workers=1)
