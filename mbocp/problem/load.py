@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mbocp._files import parse_toml, read_text
+from mbocp._files import is_file, parse_toml, read_text
 from mbocp.exceptions import ProblemFileError, Unreadable
 from mbocp.problem.build import problem_from_tables
 from mbocp.problem.overrides import apply_overrides
 from mbocp.problem.problem import Problem
+from mbocp.problem.sample import is_robot_file, smallest_problem
 
 __all__ = ["load_document", "load_problem", "parse_problem"]
 
@@ -32,6 +33,9 @@ def load_problem(path: str | Path, overrides: Mapping[str, Any] | Sequence[str] 
         was got and what is allowed.
     """
     path = Path(path)
+    if is_robot_file(path) and is_file(path):
+        reason = "is a robot, expected a problem file (TOML); the smallest one for it, to be put beside it:"
+        raise ProblemFileError(path, f"{reason}\n{smallest_problem(path)}")
     return _problem(load_document(path), overrides, path)
 
 

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mbocp.exceptions import MbocpError, ProblemError, ProblemFileError, UnknownJoint, UnknownRobot
@@ -197,6 +198,30 @@ def test_integers_beyond_all_floats_in_python(ur5: Robot, digits: int) -> None:
     ):
         with pytest.raises(MbocpError, match=r"an integer of about|GB of memory"):
             Problem.create(ur5, **words)
+
+
+def test_a_robot_is_no_problem_but_there_is_a_smallest_one_for_it(tmp_path: Path) -> None:
+    links = "".join(
+        f'<link name="{name}"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for name in "abc"
+    )
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="0.25" effort="10" velocity="1"/></joint>'
+        for name, parent, child in (("hip", "a", "b"), ("left knee", "b", "c"))
+    )
+    path = tmp_path / "leg.urdf"
+    path.write_text(f'<robot name="leg">{links}{joints}</robot>')
+    with pytest.raises(ProblemFileError, match=r"leg\.urdf: is a robot, expected a problem file") as caught:
+        load_problem(path)
+    (tmp_path / "leg.toml").write_text("\n".join(str(caught.value).splitlines()[1:]))
+    problem = load_problem(tmp_path / "leg.toml")
+    np.testing.assert_array_equal(problem.goal.q, [0.25, 0.25])  # within the limits
+    assert problem.goal.rate_active.all()
+    path.write_text("<robot")
+    with pytest.raises(ProblemFileError, match="is a robot, expected a problem file"):
+        load_problem(path)
 
 
 def test_a_pipe_and_a_device_are_no_problem_files(tmp_path: Path) -> None:

@@ -1,0 +1,54 @@
+"""The smallest problem file for a robot, shown to who gives a robot where a problem is expected."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from mbocp.exceptions import MbocpError
+from mbocp.robot import Robot, load_robot
+
+__all__ = ["is_robot_file", "smallest_problem"]
+
+_ROBOTS = (".urdf", ".xacro", ".sdf", ".xml")
+_MOST_JOINTS = 12  # that are written out; the others may end anywhere
+_MOVE = 0.5  # [rad, m]
+
+
+def is_robot_file(path: Path) -> bool:
+    """Whether a file's name says that it is a robot."""
+    return path.suffix.lower() in _ROBOTS
+
+
+def smallest_problem(path: Path) -> str:
+    """Lines of a problem file that moves the joints of the robot in `path`, from its initial pose to rest."""
+    try:
+        goal = _goal(load_robot(path))
+    except MbocpError:  # what is wrong with the robot will be said when the problem is loaded
+        goal = "JOINT = 0.5"
+    return "\n".join(
+        (
+            f"robot = {json.dumps(path.name)}",
+            "[horizon]",
+            "duration = 2.0  # s",
+            "steps = 100",
+            "[goal]",
+            f"q = {{ {goal} }}  # rad or m",
+            "v = 0  # at rest",
+        )
+    )
+
+
+def _goal(robot: Robot) -> str:
+    """Positions within the limits, of joints with one coordinate."""
+    limits = robot.limits
+    words: list[str] = []
+    for name, joint in zip(robot.model.names[1:], robot.model.joints[1:], strict=True):
+        if joint.nq == joint.nv == 1 and len(words) < _MOST_JOINTS:
+            i = joint.idx_q
+            value = np.clip(robot.q0[i] + _MOVE, limits.position_lower[i], limits.position_upper[i])
+            key = name if name.replace("_", "").replace("-", "").isalnum() else json.dumps(name)
+            words.append(f"{key} = {float(value):.3g}")
+    return ", ".join(words) or "JOINT = 0.5"
