@@ -59,12 +59,12 @@ class StudyResult:
     @property
     def name(self) -> str:
         """Name of the study."""
-        return str(self.header["name"])
+        return str(self.header.get("name", ""))
 
     @property
     def num_tasks(self) -> int:
         """Number of tasks of the study, done or not."""
-        return int(self.header["tasks"])
+        return int(self.header.get("tasks", 0))
 
     @property
     def is_complete(self) -> bool:
@@ -80,7 +80,7 @@ class StudyResult:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names that `column` takes: index, what was varied, the columns of every row, what was recorded."""
-        return ("index", *self.header["varied"], *FIELDS, *self.header["record"])
+        return ("index", *self._listed("varied"), *FIELDS, *self._listed("record"))
 
     def column(self, name: str) -> NDArray[Any]:
         """One column over all rows.
@@ -111,9 +111,9 @@ class StudyResult:
         StudyError
             If something in `by` was not varied.
         """
-        by = tuple(self.header["by"]) if by is None else tuple(by)
+        by = tuple(self.header.get("by", ())) if by is None else tuple(by)
         for name in by:
-            if name not in self.header["varied"]:
+            if name not in self._listed("varied"):
                 raise StudyError(f"{name!r} was not varied: {suggest(name, self.header['varied'])}")
         reach = self.header.get("goal_distance") if goal_distance is None else goal_distance
         return summarise(self.rows, by, reach)
@@ -148,12 +148,15 @@ class StudyResult:
 
         return plot_summary(self.summary(by), path, title=self.name)
 
+    def _listed(self, key: str) -> list[str]:
+        return list(self.header.get(key, ()))
+
     def _entries(self, name: str) -> list[Any]:
         if name == "index" or name in FIELDS:
-            return [row[name] for row in self.rows]
-        if name in self.header["varied"]:
-            return [row["values"].get(name) for row in self.rows]
-        if name in self.header["record"]:
+            return [row.get(name) for row in self.rows]
+        if name in self._listed("varied"):
+            return [row.get("values", {}).get(name) for row in self.rows]
+        if name in self._listed("record"):
             return [row.get("record", {}).get(name) for row in self.rows]
         raise StudyError(f"there is no column {name!r}: {suggest(name, self.columns)}")
 

@@ -116,7 +116,7 @@ def summarise(
     ranks: list[dict[str, int]] = [{} for _ in by]  # of each value, by its first row
     members: dict[tuple[int, ...], list[Mapping[str, Any]]] = {}
     for row in rows:
-        values = (repr(row["values"].get(name)) for name in by)
+        values = (repr(row.get("values", {}).get(name)) for name in by)
         place = tuple(rank.setdefault(value, len(rank)) for rank, value in zip(ranks, values, strict=True))
         members.setdefault(place, []).append(row)
     groups = tuple(_group(members[place], by, goal_distance) for place in sorted(members))
@@ -138,27 +138,27 @@ def _group(rows: Sequence[Mapping[str, Any]], by: Sequence[str], goal_distance: 
     ends = [_end(row, goal_distance) for row in rows]
     good = [row for row, end in zip(rows, ends, strict=True) if not end]
     return Group(
-        values=tuple(rows[0]["values"].get(name) for name in by),
+        values=tuple(rows[0].get("values", {}).get(name) for name in by),
         tasks=len(rows),
         successes=len(good),
-        iterations=Spread.of([row["iterations"] for row in good]),
-        seconds=Spread.of([row["solver_time_s"] for row in good]),
+        iterations=Spread.of([row.get("iterations") for row in good]),
+        seconds=Spread.of([row.get("solver_time_s") for row in good]),
         seconds_per_iteration=Spread.of([_per_iteration(row) for row in good]),
-        cost=Spread.of([row["cost"] for row in good]),
+        cost=Spread.of([row.get("cost") for row in good]),
         others=dict(Counter(end for end in ends if end).most_common()),
     )
 
 
 def _end(row: Mapping[str, Any], goal_distance: float | None) -> str:
     """Return why a task is no success; "" if it is one."""
-    if not row["converged"]:
-        return str(row["status"])
-    distance = row["goal_distance"]
+    if not row.get("converged", False):
+        return str(row.get("status", ""))
+    distance = row.get("goal_distance")
     return MISSED if goal_distance is not None and distance is not None and distance > goal_distance else ""
 
 
 def _per_iteration(row: Mapping[str, Any]) -> float | None:
-    seconds, iterations = row["solver_time_s"], row["iterations"]
+    seconds, iterations = row.get("solver_time_s"), row.get("iterations")
     return seconds / iterations if seconds is not None and iterations else None
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from mbocp.exceptions import ResultFileError, StudyError
+from mbocp.study.lines import is_header, is_row
 
 __all__ = ["FORMAT", "FORMAT_VERSION", "RowFile", "read_table"]
 
@@ -195,6 +196,8 @@ def _parse(content: bytes, path: Path) -> tuple[dict[str, Any], list[dict[str, A
     if header.get("format_version") != FORMAT_VERSION:
         reason = f"has format version {header.get('format_version')}, this mbocp reads {FORMAT_VERSION}"
         raise ResultFileError(path, f"{reason}; use the mbocp that wrote it ({header.get('mbocp')})")
+    if not is_header(header):
+        raise ResultFileError(path, "is damaged: its first line does not say what the study is")
     rows: list[dict[str, Any]] = []
     seen: set[int] = set()
     length = len(lines[0]) + 1
@@ -203,15 +206,9 @@ def _parse(content: bytes, path: Path) -> tuple[dict[str, Any], list[dict[str, A
         row = _object(line)
         if row is None and number == len(whole) + 1:
             break  # blocks that never reached the disk before the power went
-        index = row.get("index") if row is not None else None
-        if (
-            row is None
-            or not isinstance(index, int)
-            or not 0 <= index < int(header.get("tasks", 0))
-            or index in seen
-        ):
+        if row is None or not is_row(row) or row["index"] >= header.get("tasks", 0) or row["index"] in seen:
             raise ResultFileError(path, f"is damaged: line {number} is no row of this study, or a second one")
-        seen.add(index)
+        seen.add(row["index"])
         rows.append(row)
         length += len(line) + 1
     return header, rows, length
@@ -220,19 +217,20 @@ def _parse(content: bytes, path: Path) -> tuple[dict[str, Any], list[dict[str, A
 def _object(line: bytes) -> dict[str, Any] | None:
     try:
         found = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return found if isinstance(found, dict) else None
 
 
 def _check_same(found: Mapping[str, Any], wanted: Mapping[str, Any], path: Path) -> None:
-    if found["digest"] == wanted["digest"]:
+    digest = found.get("digest", "")
+    if digest == wanted["digest"]:
         return
     theirs, ours = found.get("tables", {}), wanted.get("tables", {})
     plain_ours = json.loads(_line(ours))
     other = [key for key in {**theirs, **plain_ours} if theirs.get(key) != plain_ours.get(key)]
     raise StudyError(
         f"{path}: belongs to another study ({found.get('name')!r}, digest "
-        f"{found['digest'][:_LONGEST_DIGEST]}..., this one is {wanted['digest'][:_LONGEST_DIGEST]}...; "
+        f"{digest[:_LONGEST_DIGEST]}..., this one is {wanted['digest'][:_LONGEST_DIGEST]}...; "
         f"they differ in {', '.join(other) or 'nothing that is written'}); give another file"
     )

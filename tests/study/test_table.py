@@ -211,3 +211,34 @@ def test_a_full_disk_is_an_error_and_no_loss(path: Path, monkeypatch: pytest.Mon
     file.append(row(7))
     file.close()
     assert indices(path) == [0, 1, 2, 7]
+
+
+@pytest.mark.parametrize(
+    ("place", "key", "value"),
+    [
+        (0, "tasks", "ten"),
+        (0, "tasks", 10**12),
+        (0, "varied", "x"),
+        (0, "by", [1]),
+        (1, "index", True),
+        (1, "values", [1]),
+        (1, "converged", "yes"),
+        (1, "cost", "low"),
+        (1, "iterations", 10**400),
+        (1, "record", 3),
+    ],
+)
+def test_values_of_another_kind_are_damage(path: Path, place: int, key: str, value: object) -> None:
+    lines = path.read_text().splitlines()
+    lines[place] = json.dumps({**json.loads(lines[place]), key: value})
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ResultFileError, match="is damaged"):
+        read_table(path)
+
+
+def test_nested_beyond_measure_is_damage(path: Path) -> None:
+    lines = path.read_text().splitlines()
+    lines[1] = '{"index": 2, "values": ' + "[" * 100_000 + "]" * 100_000 + "}"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ResultFileError, match="is damaged: line 2"):
+        read_table(path)
