@@ -237,6 +237,8 @@ class FBSMGradient:
         if state.failure is not None:
             return state.failure
         residual, cost, switch = state.evaluation.residual, state.evaluation.cost, self.switch
+        if not math.isfinite(residual):
+            return Status.DIVERGED
         if residual <= self.tolerance * min(1.0, _CONTROL_ERROR * state.effort):
             return Status.CONVERGED
         if switch is not None and (
@@ -264,9 +266,12 @@ class FBSMGradient:
         if self.terminate(state) is None:
             return state
         native = state.native
+        kept = Kept.of(native)
         native.eta = state.eta
         state.sweeps.backward(native)
-        native.evaluate()
+        if not native.evaluate().finite:
+            kept.restore(native)
+            return replace(state, failure=state.failure or Status.DIVERGED)
         factorisation = native.factorise()
         is_minimum = factorisation.ok and factorisation.negative == state.eta.size
         return replace(state, at_minimum=is_minimum)

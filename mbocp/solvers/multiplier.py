@@ -47,16 +47,22 @@ class EndCondition:
     def multiplier(self, h: Array) -> Array:
         """The eta for which h + G' eta is smallest, shape (ng,)."""
         root = np.sqrt(self.weight)
-        found: Array = np.linalg.lstsq((self.G * root).T, -h * root, rcond=_RANK)[0]
-        return found
+        return _least_squares((self.G * root).T, -h * root)
 
     def restoration(self) -> Array:
         """Smallest change of the controls that makes the linearised end condition hold, shape (nu_total,)."""
         if not self.g.size:
             return np.zeros_like(self.weight)
         root = np.sqrt(self.weight)
-        found: Array = np.linalg.lstsq(self.G * root, -self.g, rcond=_RANK)[0] / root
-        return found
+        change: Array = _least_squares(self.G * root, -self.g) / root
+        return change
+
+
+def _least_squares(A: Array, b: Array) -> Array:
+    """Smallest x for which A x - b is smallest; NaN where A or b has left the finite numbers."""
+    if not (np.isfinite(A).all() and np.isfinite(b).all()):
+        return np.full(A.shape[1], np.nan)
+    return np.asarray(np.linalg.lstsq(A, b, rcond=_RANK)[0], dtype=np.float64)
 
 
 def end_multiplier(native: Any, sweeps: Sweeps) -> Any:

@@ -88,7 +88,7 @@ def run(
                 continue  # no step was taken; `terminate` knows why
             record = _record(state, phase, first, time.perf_counter() - clock)
             history.append(record)
-            if record.residual < best_record.residual and state.iteration % _KEEP_EVERY == 0:
+            if _is_better(record, best_record) and state.iteration % _KEEP_EVERY == 0:
                 best, best_record = _iterate(state, programme), record
             if callback:
                 callback(record)
@@ -99,12 +99,21 @@ def run(
         status = Status.INTERRUPTED
     last, advice = history[-1], _advice(status, state, programme, solver.tolerance)
     if status in (Status.CONVERGED, Status.SWITCHED) or (
-        math.isfinite(last.residual) and last.residual <= best_record.residual
+        _is_finite(last) and not _is_better(best_record, last)
     ):
         best, best_record = _iterate(state, programme), last
     else:
         advice += f"; returned is the better iterate {best_record.iteration} ({best_record.residual:.1e})"
     return SolverResult(status, advice, best, best_record, tuple(history))
+
+
+def _is_better(record: IterationRecord, other: IterationRecord) -> bool:
+    """Whether the residual is smaller, or the other's is no number."""
+    return _is_finite(record) and (record.residual < other.residual or not _is_finite(other))
+
+
+def _is_finite(record: IterationRecord) -> bool:
+    return math.isfinite(record.residual) and math.isfinite(record.cost)
 
 
 def _iterate(state: SolverState, programme: StagewiseProgramme) -> Iterate:

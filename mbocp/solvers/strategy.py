@@ -292,7 +292,12 @@ def _hybrid(
         return runs.outcome(begun, solver)
     told = "" if begun.status in (Status.SWITCHED, Status.CONVERGED) else f"{names[0]} {_ended(begun)}"
     start = iterate if begun.status is Status.SWEEP_FAILED else begun.iterate
-    return runs.outcome(runs.run(newton, names[1], start), solver, told)
+    found = runs.run(newton, names[1], start)
+    if not math.isfinite(
+        found.record.cost + found.record.residual
+    ):  # at once, or it would have kept a better one
+        found = replace(found, iterate=begun.iterate, record=begun.record)
+    return runs.outcome(found, solver, told)
 
 
 def _has_stalled(history: Sequence[IterationRecord]) -> bool:

@@ -17,7 +17,7 @@ from mbocp._arrays import Array
 from mbocp.solvers.nlp.layout import Index, NlpLayout
 from mbocp.transcription import StagewiseProgramme
 
-__all__ = ["NlpFunctions", "parameters"]
+__all__ = ["NlpFunctions", "all_or_none", "finite_or_zero", "parameters"]
 
 
 _INPUTS = ["x", "p", "lam_f", "lam_g"]  # of functions of the Lagrangian
@@ -110,6 +110,8 @@ class NlpFunctions:
         m = self.layout.sign * _taken(lam_g, self.layout.steps)
         blocks = self._mapped("complete", at, scale=lam_f, m=m)[4]
         hessian = self._hessian(at, lam_f, lam_g, blocks, is_upper=is_upper)
+        if not is_upper:
+            hessian = finite_or_zero(hessian)
         outputs, words = [hessian], ["triu_hess_gamma_x_x"]
         if not is_upper:
             outputs, words = [ca.MX.zeros(at.w.shape), hessian], ["grad_gamma_x", "hess_gamma_x_x"]
@@ -246,6 +248,24 @@ class NlpFunctions:
             curvature = self._path(at, _taken(lam_g, lay.path))[2]
             add(lay.xs[1:], self._stage["path"].sparsity_out(2), curvature)
         return entries.gathered((lay.num_unknowns, lay.num_unknowns))
+
+
+# Where an entry is not finite, fatrop raises its shift for ever, and looks at no clock: unless the whole
+# Jacobian is no number, which ends the solve. A Hessian that is zero leaves the curvature to the shift.
+
+
+def all_or_none(matrix: ca.MX) -> ca.MX:
+    """The matrix; with one entry that is not finite, none of them is a number."""
+    return ca.MX(matrix.sparsity(), matrix.nz[:] + ca.if_else(_is_finite(matrix), 0.0, np.nan))
+
+
+def finite_or_zero(matrix: ca.MX) -> ca.MX:
+    """The matrix; with one entry that is not finite, zero."""
+    return ca.MX(matrix.sparsity(), ca.if_else(_is_finite(matrix), matrix.nz[:], 0.0))
+
+
+def _is_finite(matrix: ca.MX) -> ca.MX:
+    return ca.fabs(ca.sum1(ca.reshape(matrix.nz[:], -1, 1))) < ca.inf
 
 
 def _taken(vector: ca.MX, rows: Index) -> ca.MX:

@@ -22,18 +22,19 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.solvers.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.nlp.functions import NlpFunctions, parameters
+from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, parameters
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.nlp.log import IterationLog, whole_lines
 from mbocp.solvers.nlp.watch import Watch
 from mbocp.solvers.nlp.words import advice_of, status_of
-from mbocp.solvers.records import IterationRecord
+from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.run import Callback, SolverResult
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["InteriorPoint"]
 
 _FATROP_RELAXES = 1e-8  # relative to a bound, absolute below one
+_THROWN = "exception was raised in the solver"
 _KEPT = 12  # solvers of different shapes kept in memory; a study with every formulation has six
 
 
@@ -85,8 +86,10 @@ class InteriorPoint:
         with _interruptible(watch, log), contextlib.redirect_stdout(log), whole_lines():
             try:
                 found: dict[str, Any] | None = compiled.solver(x0=w0, p=p, **inner)
-            except RuntimeError:  # fatrop throws where there is nothing to begin with
-                if not watch.reason:
+            except (
+                RuntimeError
+            ) as error:  # fatrop throws where numbers are not finite, and if it is ended there
+                if not watch.reason and _THROWN not in str(error):
                     raise
                 found = None
         if log.failure is not None and not isinstance(log.failure, KeyboardInterrupt):
@@ -94,9 +97,14 @@ class InteriorPoint:
         w, lam_g = w0, np.zeros(lay.num_rows)
         if found is not None:
             w, lam_g = np.array(found["x"]).ravel(), np.array(found["lam_g"]).ravel()
-        if watch.reason:
+        if watch.reason or found is None:
             w = watch.last if watch.last is not None else w0
         record, lam_x = compiled.record(w, p, lam_g, bounds)
+        has_left = found is None and not watch.reason
+        if not (math.isfinite(record.residual) and math.isfinite(record.cost)):
+            has_left = True  # the finite numbers, whatever the solver says; what it began with is better
+            w, lam_g = w0, np.zeros(lay.num_rows)
+            record, lam_x = compiled.record(w, p, lam_g, bounds)
         history = tuple(log.records)
         taken = max(0, history[-1].iteration - first) if history else 0
         last = history[-1] if history else record
@@ -110,6 +118,8 @@ class InteriorPoint:
         )
         stats = compiled.solver.stats() if found is not None else {}
         status = status_of(self.name, stats, watch.reason, self.max_iterations)
+        if has_left and not watch.reason:
+            status = Status.DIVERGED
         violations = compiled.violations(w, p, bounds)
         words = advice_of(status, stats, programme, lay, violations, taken, record.residual)
         return SolverResult(status, words, _unpacked(w, lam_g, lam_x, lay), record, history or (record,))
@@ -171,8 +181,7 @@ class _Compiled:
         is_ipopt = key.name == "ipopt"
         w, p = ca.MX.sym("x", functions.f.numel_in(0)), ca.MX.sym("p", functions.f.numel_in(1))
         rows, jacobian = functions.jac_g(w, p)
-        # In all entries: with numbers left in some, fatrop raises its shift for ever.
-        watched = ca.MX(jacobian.sparsity(), jacobian.nz[:] + self.watch(w))
+        watched = all_or_none(ca.MX(jacobian.sparsity(), jacobian.nz[:] + self.watch(w)))
         self.gradient = functions.gradient(has_cost=False)
         cache = {
             "nlp_f": functions.f,
