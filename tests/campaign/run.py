@@ -8,6 +8,7 @@ import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import TimeoutError as Late
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
 import mbocp
-from mbocp.exceptions import MbocpError
+from mbocp.exceptions import CompilationTimeout, MbocpError
 from tests.campaign.classes import CLASSES
 from tests.campaign.tasks import Draw, draw
 from tests.checker import check_solution
@@ -58,7 +59,11 @@ def _solved(task: Draw) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # goals beyond the limits of a joint that nobody enforces
         problem = mbocp.Problem.create(**task.tables, solver={"time_limit": SOLVER_LIMIT})
-        solution = mbocp.solve(problem)
+        try:
+            solution = mbocp.solve(problem)
+        except CompilationTimeout:  # a new shape: one iteration without a limit compiles what it takes
+            mbocp.solve(problem.with_(solver=replace(problem.solver, time_limit=None, max_iterations=1)))
+            solution = mbocp.solve(problem)
     taken = sum(phase.wall_time_s for phase in solution.phases if phase.name != "compile")
     row: dict[str, Any] = {
         "status": str(solution.status),
@@ -69,7 +74,7 @@ def _solved(task: Draw) -> dict[str, Any]:
         "solver": solution.solver,
         "advice": solution.advice[:300],
     }
-    if solution.converged:
+    if str(solution.status) in ("converged", "under_resolved"):
         clock = time.perf_counter()
         report = check_solution(task.loaded.system, task.task, motion_of(solution))
         row |= {"report": report.to_dict(), "failures": list(report.failures)}

@@ -16,8 +16,8 @@ _HEAD = (
     "tasks",
     "feasible",
     "converged",
-    "of feasible",
     "under-resolved",
+    "both, of feasible",
     "other",
     "infeasible: converged",
     "FALSE",
@@ -57,8 +57,8 @@ def _line(name: str, rows: Sequence[dict[str, Any]]) -> list[str]:
         str(len(rows)),
         str(len(feasible)),
         str(len(good)),
-        f"{100 * len(good) / len(feasible):.1f} %" if feasible else "-",
         str(len(coarse)),
+        f"{100 * (len(good) + len(coarse)) / len(feasible):.1f} %" if feasible else "-",
         ", ".join(f"{k} {v}" for k, v in sorted(others.items())) or "-",
         f"{len(wrong)} of {len(rows) - len(feasible)}",
         str(len(false_converged(rows))),
@@ -76,7 +76,7 @@ def _spread(values: Sequence[float]) -> str:
 def worst(rows: Sequence[dict[str, Any]]) -> str:
     """Largest of each measure over all that converged."""
     lines = ["| measure | tolerance | largest | at |", "| --- | --- | --- | --- |"]
-    checked = [r for r in rows if "report" in r]
+    checked = [r for r in rows if r["status"] == "converged"]
     for name, bound in TOLERANCES.items():
         if checked:
             top = max(checked, key=lambda r, name=name: r["report"][name])
