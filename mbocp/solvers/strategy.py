@@ -8,6 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mbocp.solvers.cost_unit import (
+    cost_factor,
+    in_own_unit,
+    in_users_unit,
+    record_in_users_unit,
+    weighed,
+)
 from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
 from mbocp.solvers.fbsm_newton import FBSMNewton
 from mbocp.solvers.iterate import Iterate
@@ -226,6 +233,32 @@ def pursue(
     label : str
         Put behind the phases' names.
     """
+    factor = cost_factor(programme, iterate)
+    if factor == 1.0:
+        return _pursue(methods, programme, iterate, callback, first, label)
+
+    def told(record: IterationRecord) -> object:
+        return callback(record_in_users_unit(record, factor)) if callback is not None else None
+
+    outcome = _pursue(
+        replace(methods, control_weight=factor * methods.control_weight),
+        weighed(programme, factor),
+        in_own_unit(iterate, factor),
+        told,
+        first,
+        label,
+    )
+    return replace(outcome, result=in_users_unit(outcome.result, factor))
+
+
+def _pursue(
+    methods: Methods,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    callback: Callback | None,
+    first: int,
+    label: str,
+) -> Outcome:
     if methods.method in INTERIOR_POINT:
         return _interior(methods, programme, iterate, callback, first, label)
     runs = _Runs(programme, callback, first, label, methods.time_limit)

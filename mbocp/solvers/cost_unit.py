@@ -1,0 +1,71 @@
+r"""Tiny costs, weighed in a unit of their own.
+
+Tolerances are absolute. A machine of a gram and a millimetre that is asked for :math:`\int u^2/2` has a cost
+of 1e-12, whose gradient is below any tolerance before the first iteration. All weights of the cost times one
+number are the same problem, with multipliers that are as much larger; so tiny costs are multiplied until the
+guess costs 1, and multipliers and costs divided again in the end. Other problems are solved as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from mbocp._arrays import frozen_array
+from mbocp.solvers.iterate import BoundMultipliers, Iterate
+from mbocp.solvers.native import kernel_programme
+from mbocp.solvers.records import IterationRecord
+from mbocp.solvers.run import SolverResult
+from mbocp.transcription import StagewiseProgramme
+
+__all__ = ["cost_factor", "in_own_unit", "in_users_unit", "record_in_users_unit", "weighed"]
+
+_TINY = 1e-6  # cost of a guess: a thousand tolerances of the default
+
+
+def cost_factor(programme: StagewiseProgramme, iterate: Iterate) -> float:
+    """What to multiply the cost with: a power of two, exact in both directions; 1 unless it is tiny."""
+    native = kernel_programme(programme)
+    iterate.load_into(native)
+    cost = abs(native.evaluate().cost)
+    if not 0.0 < cost < _TINY:  # NaN, too
+        return 1.0
+    return float(2.0 ** min(-math.floor(math.log2(cost)), 1000))
+
+
+def weighed(programme: StagewiseProgramme, factor: float) -> StagewiseProgramme:
+    """The programme with its cost multiplied."""
+    return replace(
+        programme,
+        theta=frozen_array(np.where(programme.theta_weights, factor, 1.0) * programme.theta),
+        rho_terminal=frozen_array(np.where(programme.terminal_weights, factor, 1.0) * programme.rho_terminal),
+        control_weight=factor * programme.control_weight,
+    )
+
+
+def in_own_unit(iterate: Iterate, factor: float) -> Iterate:
+    """The iterate with multipliers that belong to the multiplied cost."""
+    bounds = iterate.bounds
+    if bounds is not None:
+        parts = (bounds.xs, bounds.us, bounds.path, bounds.guard)
+        bounds = BoundMultipliers(*(factor * part for part in parts))
+    return replace(iterate, ms=factor * iterate.ms, eta=factor * iterate.eta, bounds=bounds)
+
+
+def in_users_unit(result: SolverResult, factor: float) -> SolverResult:
+    """A result with multipliers and costs as the user weighed them; residuals stay what the solver saw."""
+    told = f"; the cost is so small that it was weighed {factor:.0e} times, and residuals are those of that"
+    return replace(
+        result,
+        advice=result.advice + told,
+        iterate=in_own_unit(result.iterate, 1.0 / factor),
+        record=record_in_users_unit(result.record, factor),
+        history=tuple(record_in_users_unit(record, factor) for record in result.history),
+    )
+
+
+def record_in_users_unit(record: IterationRecord, factor: float) -> IterationRecord:
+    """A record with the cost as the user weighed it."""
+    return replace(record, cost=record.cost / factor)
