@@ -13,6 +13,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the 
 from benchmarks.machine import header
 from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
 from benchmarks.paper.__main__ import PAGE, replaced
+from benchmarks.random_tasks import random_problems
+from benchmarks.reliability import reliability_table
 from benchmarks.rivals import compare, reach
 from benchmarks.stages import stage_table, time_stages
 from benchmarks.tables import Table, show
@@ -96,3 +98,21 @@ def test_the_documentation_s_figures_are_small(number: int) -> None:
     picture = PAGE.parent / "images" / f"paper_fig{number}.png"
     assert picture.stat().st_size < 200_000
     assert picture.name in PAGE.read_text(encoding="utf-8")
+
+
+def test_random_problems_are_the_same_for_the_same_seed() -> None:
+    for name in ("double pendulum", "scales", "paper"):
+        first, again = (list(random_problems(name, 3, 5)) for _ in range(2))
+        other = list(random_problems(name, 3, 6))
+        for a, b in zip(first, again, strict=True):
+            assert (a.duration, a.num_steps) == (b.duration, b.num_steps)
+            assert np.array_equal(a.q_start, b.q_start)
+            assert np.array_equal(a.cost.effort, b.cost.effort)
+        assert any(a.num_steps != b.num_steps for a, b in zip(first, other, strict=True))
+
+
+def test_reliability_counts_what_is_solved() -> None:
+    row = {"class": "a", "iterations": 4, "seconds": 0.002}
+    statuses = ("converged", "under_resolved", "infeasible", "stagnated", "infeasible")
+    table = reliability_table([{**row, "status": status} for status in statuses])
+    assert table.rows == [("a", "2 / 5", "4 / 4 / 4", "2 / 2 / 2", "2", "2 infeasible, 1 stagnated")]
