@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -67,21 +67,22 @@ class PaperTable:
     notes: tuple[str, ...] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
 
-    def rich(self) -> Group:
-        """For a console at least `WIDTH` letters wide."""
+    def rich(self, width: int = WIDTH) -> Group:
+        """For a console so many letters wide; where columns do not fit, they follow below."""
         heading = self.title if self.number is None else f"Table {self.number}  {self.title}"
         parts: list[Any] = [Text(heading, style="bold")]
         for section in self.sections:
             if section.title:
                 parts.append(Text(f"\n{section.title}", style="italic"))
-            parts.append(self._grid(section))
+            for i, columns in enumerate(self._pieces(section, width)):
+                parts += [Text("")] * bool(i) + [self._grid(section, columns, width)]
             parts += [_note(note) for note in section.notes]
         parts += [_note(note) for note in self.notes]
         return Group(*parts)
 
     def print(self, console: Console) -> None:
         """Print it, with an empty line behind."""
-        console.print(self.rich(), width=WIDTH)  # a narrower terminal folds lines better than rich does
+        console.print(self.rich(min(WIDTH, console.width)), width=WIDTH)
         console.print()
 
     def markdown(self) -> str:
@@ -97,27 +98,53 @@ class PaperTable:
             lines += [""] * bool(section.notes)
         return "\n".join(lines).strip() + "\n"
 
-    def _grid(self, section: Section) -> RichTable:
-        heads = self._heads()
-        rows = [head.split("\n") for head in heads]
-        rows = [list(line) for line in zip(*rows, strict=True)] + [list(r) for b in section.blocks for r in b]
-        wide = sum(max(map(len, cells)) + 2 for cells in zip(*rows, strict=True))
-        gap = 2 if wide <= WIDTH + 2 else 1
+    def _widths(self, section: Section) -> list[int]:
+        """Letters that each column needs."""
+        rows = [row for block in section.blocks for row in block]
+        heads = [max(map(len, head.split("\n"))) for head in self._heads(range(len(self.columns)))]
+        return [max([head, *(len(row[i]) for row in rows)]) for i, head in enumerate(heads)]
+
+    def _pieces(self, section: Section, width: int) -> list[list[int]]:
+        """Columns that stand beside each other: the labels, and as many groups of the others as fit."""
+        wide = self._widths(section)
+        labels = [i for i, column in enumerate(self.columns) if column.kind == "label"]
+        groups: list[list[int]] = []
+        for i, column in enumerate(self.columns):
+            if column.kind == "label":
+                continue
+            if groups and column.group and column.group == self.columns[groups[-1][-1]].group:
+                groups[-1].append(i)
+            else:
+                groups.append([i])
+        pieces = [labels]
+        for group in groups:
+            together = sorted([*pieces[-1], *group])
+            fits = sum(wide[i] + 1 for i in together) <= width + 1
+            if fits or pieces[-1] == labels:
+                pieces[-1] = together
+            else:
+                pieces.append(sorted([*labels, *group]))
+        return pieces
+
+    def _grid(self, section: Section, columns: Sequence[int], width: int) -> RichTable:
+        wide = self._widths(section)
+        gap = 2 if sum(wide[i] + 2 for i in columns) <= width + 2 else 1
         table = RichTable(box=None, pad_edge=False, padding=(0, gap, 0, 0), header_style="dim")
-        for column, head in zip(self.columns, heads, strict=True):
-            justify: Literal["left", "right"] = "left" if column.kind == "label" else "right"
-            table.add_column(Text(head), justify=justify, style=_STYLES[column.kind], no_wrap=True)
+        for i, head in zip(columns, self._heads(columns), strict=True):
+            kind = self.columns[i].kind
+            justify: Literal["left", "right"] = "left" if kind == "label" else "right"
+            table.add_column(Text(head), justify=justify, style=_STYLES[kind], no_wrap=True)
         for block in section.blocks:
             for row in block:
-                table.add_row(*map(_cell, row))
+                table.add_row(*(_cell(row[i]) for i in columns))
             if block is not section.blocks[-1] and len(block) > 1:
                 table.add_row()
         return table
 
-    def _heads(self) -> list[str]:
+    def _heads(self, columns: Iterable[int]) -> list[str]:
         """Heads on two lines; what columns share is over the first of them."""
         heads, before = [], None
-        for column in self.columns:
+        for column in (self.columns[i] for i in columns):
             group = column.group if column.group != before else ""
             heads.append(f"{group}\n{column.name}")
             before = column.group

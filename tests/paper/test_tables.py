@@ -178,3 +178,17 @@ def test_formats() -> None:
     assert milliseconds(math.nan) == "-"
     assert ratio(192966.0) == "193,000"
     assert ratio(3.14) == "3.1"
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_a_narrow_terminal_gets_columns_below_each_other_and_no_cut_cells(comparison, width: int) -> None:
+    console = Console(width=width, file=io.StringIO())
+    comparison.print(console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= width
+    words = text.split()
+    for section in comparison.sections:
+        for block in section.blocks:
+            for row in block:
+                assert all(word in words for cell in row for word in cell.split())
