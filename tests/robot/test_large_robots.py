@@ -17,6 +17,7 @@ from mbocp.robot.chain import chain_urdf
 from mbocp.robot.large import composite_mass_matrix, is_large, working_data
 
 
+@pytest.mark.filterwarnings("ignore:.*Coulomb friction:mbocp.robot.NotModelledWarning")
 @pytest.mark.parametrize("name", ["ur5", "talos", "hyq", "chain_8", "unicycle_pendulum"])
 def test_both_ways_to_the_mass_matrix_agree(name: str) -> None:
     robot = load_robot(name)

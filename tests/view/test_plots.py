@@ -278,8 +278,8 @@ def test_an_interrupted_picture_leaves_the_old_one(tmp_path: Path, monkeypatch: 
     path = tmp_path / "picture.png"
     path.write_bytes(b"old")
 
-    def interrupted(self: Figure, target: Path, **options: Any) -> None:
-        Path(target).write_bytes(b"half")
+    def interrupted(self: Figure, target: Any, **options: Any) -> None:
+        target.write(b"half")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Figure, "savefig", interrupted)
