@@ -1,4 +1,4 @@
-# make demo | test | lint | bench | sanitize | campaign | clean; each installs what it needs into .venv first.
+# make demo | test | attack | lint | bench | sanitize | campaign | clean; each installs what it needs into .venv first.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -7,13 +7,20 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo test lint bench sanitize campaign setup clean
+.PHONY: demo test attack lint bench sanitize campaign setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
 
 test: setup
 	$(BIN)/python -m pytest
+
+# COUNT mutated inputs, a tenth of them guided by coverage where atheris has a wheel for this Python.
+COUNT ?= 100000
+
+attack: setup
+	-$(PIP) install atheris
+	$(BIN)/python -m tests.attack --count $(COUNT) --guided 10 --log attack.jsonl
 
 lint: setup
 	$(BIN)/ruff check .

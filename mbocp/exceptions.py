@@ -133,7 +133,7 @@ class UnknownJoint(RobotError):
 
     def __init__(self, name: str, robot: str, valid: Iterable[str]) -> None:
         self.name, self.robot, self.valid = name, robot, tuple(valid)
-        super().__init__(f"robot {robot!r} has no joint {name!r}: {suggest(name, self.valid)}")
+        super().__init__(f"robot {robot!r} has no joint {shortened(name)!r}: {suggest(name, self.valid)}")
 
 
 class UnknownFrame(RobotError):
@@ -141,7 +141,7 @@ class UnknownFrame(RobotError):
 
     def __init__(self, name: str, robot: str, valid: Iterable[str]) -> None:
         self.name, self.robot, self.valid = name, robot, tuple(valid)
-        super().__init__(f"robot {robot!r} has no frame {name!r}: {suggest(name, self.valid)}")
+        super().__init__(f"robot {robot!r} has no frame {shortened(name)!r}: {suggest(name, self.valid)}")
 
 
 class UnsupportedRobot(RobotError):

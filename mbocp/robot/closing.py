@@ -143,7 +143,8 @@ def _reduced(robot: Robot, q: Array, free: NDArray[np.bool_], rows: Sequence[int
         step *= min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), _LONGEST))
         tried = robot.integrate(q, step)
         after = what(robot, tried)[0][chosen]
-        share = np.linalg.norm(after) / np.linalg.norm(residual)
+        with np.errstate(over="ignore", invalid="ignore"):  # squares of lengths beyond 1e154 m: no progress
+            share = np.linalg.norm(after) / np.linalg.norm(residual)
         if share < 1.0:
             stalled = stalled + 1 if share > _SLOW else 0
             q, residual, damping = tried, after, damping / 10.0 if damping > 1e-8 else 0.0

@@ -114,7 +114,7 @@ class StudyResult:
         by = tuple(self.header.get("by", ())) if by is None else tuple(by)
         for name in by:
             if name not in self._listed("varied"):
-                raise StudyError(f"{name!r} was not varied: {suggest(name, self.header['varied'])}")
+                raise StudyError(f"{name!r} was not varied: {suggest(name, self._listed('varied'))}")
         reach = self.header.get("goal_distance") if goal_distance is None else goal_distance
         return summarise(self.rows, by, reach)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -242,3 +243,25 @@ def test_nested_beyond_measure_is_damage(path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(ResultFileError, match="is damaged: line 2"):
         read_table(path)
+
+
+def test_a_full_disk_leaves_the_rows_that_are_whole(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The disk takes half a row; once there is room again, the study goes on."""
+    write, room = os.write, [7]
+
+    def write_what_fits(handle: int, line: bytes) -> int:
+        if not room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(handle, line[: room.pop()])
+
+    file = RowFile(path, HEADER, resume=True)
+    with monkeypatch.context() as patch:
+        patch.setattr("mbocp.study.table.os.write", write_what_fits)
+        with pytest.raises(ResultFileError, match="cannot be written: No space left on device"):
+            file.append(row(3))
+    file.close()
+    assert indices(path) == [0, 1, 2]
+    file = RowFile(path, HEADER, resume=True)
+    file.append(row(3))
+    file.close()
+    assert indices(path) == [0, 1, 2, 3]

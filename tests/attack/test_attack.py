@@ -1,0 +1,113 @@
+"""The attack's short form; and what it is worth: whether it is the same twice, and sees what it looks for."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from .cases import KINDS, Case, make_case
+from .corpus import ROOT, entries
+from .report import Tally, shares
+from .runner import LIMITS, Limits, Outcome, attack, throw
+from .targets import TARGETS
+
+COUNT = 2000
+
+
+def test_nothing_is_lost() -> None:
+    """Any finding is told with the command that replays it."""
+    command = [sys.executable, "-m", "tests.attack", "--count", str(COUNT), "--short", "--quiet"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr[-2000:]}"
+    assert f"| all | {COUNT} |" in done.stdout
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_makes_the_same_input_again(kind: str) -> None:
+    cases = [make_case(kind, seed) for seed in range(20)]
+    again = [make_case(kind, seed) for seed in range(20)]
+    assert [case.files for case in cases] == [case.files for case in again]
+    changed = [case for case in cases if case.files != case.originals]
+    assert len(changed) > 15
+    assert len({tuple(sorted(case.files.items())) for case in changed}) > 10
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("solve", "command")])
+@pytest.mark.filterwarnings("ignore")
+def test_files_that_nobody_touched_are_accepted(kind: str, tmp_path: Path) -> None:
+    for number, entry in enumerate(dict.fromkeys(entries(kind))):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        case = Case(kind, 0, entry.name, entry.main, entry.files, entry.files)
+        TARGETS[kind](case, case.write(folder))
+
+
+def _input(kind: str, seed: int) -> Case:
+    return Case(kind, seed, "", "x", {"x": b""}, {})
+
+
+def _run(action: Callable[[], object], monkeypatch: pytest.MonkeyPatch, limits: Limits = LIMITS) -> Outcome:
+    """Throw three inputs of which the second does this; its outcome."""
+    monkeypatch.setitem(TARGETS, "urdf", lambda case, path: action() if case.seed == 1 else None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12: a fork where threads may be
+        outcomes = list(attack(iter([("urdf", 0), ("urdf", 1), ("urdf", 2)]), 1, limits=limits, make=_input))
+    assert sorted(outcome.seed for outcome in outcomes) == [0, 1, 2]
+    assert [outcome.verdict for outcome in outcomes if outcome.seed != 1] == ["accepted", "accepted"]
+    return next(outcome for outcome in outcomes if outcome.seed == 1)
+
+
+def _spin() -> None:
+    while True:
+        pass
+
+
+def _fail() -> None:
+    raise KeyError("x")
+
+
+FINDINGS: dict[str, Callable[[], object]] = {
+    "crash": os.abort,
+    "hang": _spin,
+    "traceback": _fail,
+    "noise": lambda: os.write(2, b"Exception ignored\n"),
+    "foreign warning": lambda: warnings.warn("overflow encountered", RuntimeWarning, stacklevel=1),
+    "long message": lambda: warnings.warn("x" * 10_000, UserWarning, stacklevel=1),
+    "memory": lambda: bytearray(os.urandom(1 << 20) * 100),
+}
+
+
+@pytest.mark.parametrize("verdict", FINDINGS)
+def test_what_is_lost_is_seen(verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And costs one input: the others are thrown all the same."""
+    limits = Limits(cpu=0.5, wall=20.0, memory=50 << 20)
+    outcome = _run(FINDINGS[verdict], monkeypatch, limits)
+    assert outcome.verdict == verdict
+    assert outcome.is_finding
+
+
+def test_what_sleeps_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _run(lambda: time.sleep(60), monkeypatch, Limits(wall=0.5)).verdict == "hang"
+
+
+def test_memory_that_is_not_there_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    outcome = _run(lambda: bytearray(1 << 45), monkeypatch)
+    assert (outcome.verdict, outcome.text[:11]) == ("traceback", "MemoryError")
+
+
+def test_the_report_counts(tmp_path: Path) -> None:
+    tally = Tally()
+    for seed in range(5):
+        tally.add(Outcome("urdf", seed, "crash" if seed == 3 else "refused", where="SIGSEGV"))
+    assert (tally.thrown, tally.lost) == (5, 1)
+    assert "| `urdf` | 5 | 0 | 4 | 1 |" in tally.table(1.0)
+    assert "python -m tests.attack --kind urdf --seed 3" in tally.list_findings()
+    assert sum(shares(COUNT, KINDS).values()) == COUNT
+    assert throw(make_case("rows", 1), tmp_path).seconds < 5.0
