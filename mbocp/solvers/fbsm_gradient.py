@@ -255,10 +255,11 @@ class FBSMGradient:
         """State at a swept iterate, with the eta that suits its controls."""
         end = EndCondition.of(native, feedback=sweeps.feedback)
         gradient, eta = native.control_gradient, native.eta
-        plain = gradient - end.G.T @ eta
-        if eta.size:
-            eta = end.multiplier(plain)
-            gradient = plain + end.G.T @ eta
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite ends as diverged
+            plain = gradient - end.G.T @ eta
+            if eta.size:
+                eta = end.multiplier(plain)
+                gradient = plain + end.G.T @ eta
         return GradientState(native, _Residual.of(evaluation, gradient), gradient, plain, end, eta, sweeps)
 
     def _finished(self, state: GradientState) -> GradientState:

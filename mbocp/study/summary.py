@@ -28,8 +28,9 @@ class Spread:
         numbers = np.array([value for value in values if value is not None], dtype=np.float64)
         if not numbers.size:
             return cls(math.nan, math.nan)
-        deviation = float(numbers.std(ddof=1)) if numbers.size > 1 else math.nan
-        return cls(float(numbers.mean()), deviation)
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite where squares have no number
+            deviation = float(numbers.std(ddof=1)) if numbers.size > 1 else math.nan
+            return cls(float(numbers.mean()), deviation)
 
     def to_dict(self) -> dict[str, float | None]:
         """As plain values, for JSON."""

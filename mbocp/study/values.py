@@ -29,6 +29,7 @@ __all__ = [
 
 LABEL = "label"
 _COUNT = "count"
+_MOST_VALUES = 1_000_000  # of one key
 
 
 @dataclass(frozen=True)
@@ -188,8 +189,10 @@ def _range_ends(written: Any, where: str) -> tuple[float, float, int]:
     if not isinstance(written, list) or len(written) != 3 or not all(map(_is_number, written)):
         raise StudyError(f"{where}: got {shown(written)}, expected [first, last, count]")
     first, last, count = written
-    if not isinstance(count, int) or count < 1:
-        raise StudyError(f"{where}: got count {shown(count)}, expected a whole number above 0")
+    if not isinstance(count, int) or not 1 <= count <= _MOST_VALUES:
+        raise StudyError(
+            f"{where}: got count {shown(count)}, expected a whole number from 1 to {_MOST_VALUES}"
+        )
     return float(first), float(last), count
 
 

@@ -178,6 +178,10 @@ def test_inline_problems_are_relative_to_the_study(tmp_path: Path) -> None:
         ({"time_limit": 0}, "<study>: time_limit: got 0, expected a number above 0"),
         ({"grid": {"horizon.steps": []}}, "grid.horizon.steps: the list is empty"),
         ({"grid": {"horizon.steps": 5}}, "grid.horizon.steps: got 5, expected a list of values"),
+        (
+            {"grid": {"horizon.duration": {"linspace": [0, 1, 10**12]}}},
+            "linspace: got count 1000000000000, expected a whole number from 1 to 1000000",
+        ),
         ({"grid": {"horizon.steps": {"linspace": [0, 1]}}}, r"grid.horizon.steps.linspace: got \[0, 1\]"),
         (
             {"grid": {"cost.effort": {"linspace": [0, 1, 2.5]}}},

@@ -14,6 +14,7 @@ import pytest
 from mbocp.exceptions import ResultFileError, StudyError
 from mbocp.study import StudyResult
 from mbocp.study.rows import failure_row
+from mbocp.study.summary import Spread
 
 HEADER: dict[str, Any] = {
     "format": "mbocp study",
@@ -158,3 +159,7 @@ def test_plots_that_cannot_be(result: StudyResult, tmp_path: Path) -> None:
         many.plot(tmp_path / "bars.png")
     with pytest.raises(ResultFileError, match=r"\.gif"):
         result.plot(tmp_path / "bars.gif")
+
+
+def test_numbers_whose_squares_overflow_have_an_infinite_deviation() -> None:
+    assert Spread.of([1e300, -1e300, 0.0]) == Spread(0.0, math.inf)
