@@ -17,7 +17,7 @@ __all__ = ["check_operations", "estimated_operations"]
 
 _NAME = "MBOCP_OPERATIONS_LIMIT"
 _LIMIT = 10e6
-# Of "complete" with chains, arms and legged robots: the estimate is between a third and six times of what
+# Of "complete" with chains, arms and legged robots: the estimate is between a third and fifteen times of what
 # they have.
 _IMPLICIT, _EXPLICIT, _NATURAL = 525, 3000, 400
 
@@ -49,7 +49,7 @@ def check_operations(robot: str, nv: int, shape: Shape) -> None:
 
 
 def estimated_operations(nv: int, shape: Shape) -> float:
-    """Operations of a step with its derivatives, to within a factor of about five."""
+    """Operations of a step with its derivatives, to within a factor of ten or so."""
     if shape.is_natural:
         return float(_NATURAL * nv)
     if shape.is_explicit:

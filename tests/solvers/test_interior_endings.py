@@ -212,7 +212,7 @@ def test_ctrl_c_on_the_command_line(method: str, tmp_path: Path, monkeypatch: py
     done = CliRunner(env={"COLUMNS": "80", "TERM": "dumb"}).invoke(
         app, ["solve", str(FILE), *settings, "--solver", method, "-o", str(saved)]
     )
-    assert done.exit_code == 1
+    assert done.exit_code == 130
     assert "interrupted: interrupted after 2 iterations; the last iterate" in " ".join(done.stdout.split())
     assert Solution.load(saved).status is Status.INTERRUPTED
 
