@@ -12,8 +12,9 @@ NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
 
+# One process a core, at most eight; the tests of a file stay together.
 test: setup
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist loadfile
 
 # COUNT mutated inputs, a tenth of them guided by coverage where atheris has a wheel for this Python.
 COUNT ?= 100000

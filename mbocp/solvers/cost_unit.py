@@ -2,8 +2,9 @@ r"""Tiny costs, weighed in a unit of their own.
 
 Tolerances are absolute. A machine of a gram and a millimetre that is asked for :math:`\int u^2/2` has a cost
 of 1e-12, whose gradient is below any tolerance before the first iteration. All weights of the cost times one
-number are the same problem, with multipliers that are as much larger; so tiny costs are multiplied until the
-guess costs 1, and multipliers and costs divided again in the end. Other problems are solved as they are.
+number are the same problem, with multipliers that are as much larger. So where a solve ends with a tiny cost,
+the problem is solved once more with its cost multiplied until it is about 1, and multipliers and costs are
+divided again in the end. Other problems are solved as they are.
 """
 
 from __future__ import annotations
@@ -15,24 +16,20 @@ import numpy as np
 
 from mbocp._arrays import frozen_array
 from mbocp.solvers.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.run import SolverResult
 from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["cost_factor", "in_own_unit", "in_users_unit", "record_in_users_unit", "weighed"]
 
-_TINY = 1e-6  # cost of a guess: a thousand tolerances of the default
+_TINY = 1e-5  # cost: ten thousand tolerances of the default
 
 
-def cost_factor(programme: StagewiseProgramme, iterate: Iterate) -> float:
-    """What to multiply the cost with: a power of two, exact in both directions; 1 unless it is tiny."""
-    native = kernel_programme(programme)
-    iterate.load_into(native)
-    cost = abs(native.evaluate().cost)
-    if not 0.0 < cost < _TINY:  # NaN, too
+def cost_factor(cost: float) -> float:
+    """What to multiply a cost with: a power of two, exact in both directions; 1 unless it is tiny."""
+    if not 0.0 < abs(cost) < _TINY:  # NaN, too
         return 1.0
-    return float(2.0 ** min(-math.floor(math.log2(cost)), 1000))
+    return float(2.0 ** min(-math.floor(math.log2(abs(cost))), 1000))
 
 
 def weighed(programme: StagewiseProgramme, factor: float) -> StagewiseProgramme:

@@ -158,6 +158,9 @@ class Outcome:
     solver: str
 
 
+_FINAL = (Status.INTERRUPTED, Status.TIME_LIMIT, Status.INFEASIBLE)  # another unit would not help
+
+
 class _Runs:
     """Collects the runs of a strategy."""
 
@@ -233,9 +236,42 @@ def pursue(
     label : str
         Put behind the phases' names.
     """
-    factor = cost_factor(programme, iterate)
-    if factor == 1.0:
-        return _pursue(methods, programme, iterate, callback, first, label)
+    clock = time.perf_counter()
+    outcome = _pursue(methods, programme, iterate, callback, first, label)
+    factor = cost_factor(outcome.result.record.cost)
+    if factor == 1.0 or outcome.result.status in _FINAL:
+        return outcome
+    limit, elapsed = methods.time_limit, time.perf_counter() - clock
+    again = _in_own_unit(
+        replace(methods, time_limit=None if limit is None else max(0.0, limit - elapsed)),
+        programme,
+        iterate,
+        callback,
+        first + sum(phase.iterations for phase in outcome.phases),
+        label,
+        factor,
+    )
+    is_gain = again.result.status is Status.CONVERGED or outcome.result.status is not Status.CONVERGED
+    return replace(
+        again,
+        result=replace(
+            again.result if is_gain else outcome.result,
+            history=outcome.result.history + again.result.history,
+        ),
+        phases=outcome.phases + again.phases,
+    )
+
+
+def _in_own_unit(
+    methods: Methods,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    callback: Callback | None,
+    first: int,
+    label: str,
+    factor: float,
+) -> Outcome:
+    """The same with the cost multiplied; what is seen and returned is as the user weighed it."""
 
     def told(record: IterationRecord) -> object:
         return callback(record_in_users_unit(record, factor)) if callback is not None else None
@@ -246,7 +282,7 @@ def pursue(
         in_own_unit(iterate, factor),
         told,
         first,
-        label,
+        f" (cost times {factor:.0e}){label}",
     )
     return replace(outcome, result=in_users_unit(outcome.result, factor))
 

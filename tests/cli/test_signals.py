@@ -16,8 +16,17 @@ from mbocp.solution import Solution, Status
 from .conftest import ARM, FakeSolver, Run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-# It says when Python's own start is over: before `main`, a signal is Python's business.
-RUN = "import os; from mbocp.cli import main; os.write(1, b'>'); main()"
+# It says when the handlers stand: before, in Python's own start, a signal is Python's business.
+RUN = """
+import os
+from mbocp.cli import main, signals
+leave_at_once = signals.leave_at_once
+def told():
+    leave_at_once()
+    os.write(1, b">")
+signals.leave_at_once = told
+main()
+"""
 
 
 def _start(*arguments: str, program: tuple[str, ...] = ("-c", RUN), cwd: Path) -> subprocess.Popen[str]:

@@ -124,7 +124,7 @@ def test_interruption_after_a_guess_that_failed() -> None:
 
 
 @pytest.mark.parametrize(("method", "phase"), PHASES[:-1])
-def test_the_command_line_saves_it_and_exits_with_1(
+def test_the_command_line_saves_it_and_exits_with_130(
     method: str, phase: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stop = stop_at(phase, 2)
@@ -134,7 +134,7 @@ def test_the_command_line_saves_it_and_exits_with_1(
     done = CliRunner(env={"COLUMNS": "80", "TERM": "dumb"}).invoke(
         app, ["solve", FILE, *settings, "--solver", method, "-o", str(saved)]
     )
-    assert done.exit_code == 1
+    assert done.exit_code == 130
     assert "interrupted: interrupted after 2 iterations; the best iterate so far" in " ".join(
         done.stdout.split()
     )
