@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from mbocp._files import MEGABYTE, read_text
 from mbocp._text import shown
@@ -45,6 +45,13 @@ class RobotYaml(BaseModel):
     name_mot: list[str] | None = None
     joint_name: list[str] = []
     joint_type: list[str] = []
+
+    @field_validator("closed_loop")
+    @classmethod
+    def _two_frames(cls, pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
+        if twice := next((a for a, b in pairs if a == b), None):
+            raise ValueError(f"frames must be two different frames, got {shown(twice)} twice")
+        return pairs
 
     def table(self, urdf: Urdf) -> RobotTable:
         """The loops and motors, as a robot.toml would say them."""

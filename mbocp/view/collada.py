@@ -33,6 +33,7 @@ __all__ = ["read_collada"]
 
 Node = ElementTree.Element
 _MOST_LEVELS = 64  # of nodes within each other
+_LARGEST = 1e15  # entry of a placement whose determinant is finite
 _MOST_NODES = 20_000  # each as often as others repeat it
 
 
@@ -118,6 +119,8 @@ class _Reader:
             raise ValueError("a corner has a negative number")
         rows, faces = distinct_rows(used)
         values = {name: streams[name][1][rows[:, k]] for k, name in enumerate(names)}
+        if not (np.abs(placement) <= _LARGEST).all():  # NaN, too
+            raise ValueError(f"a placement is not finite, or beyond {_LARGEST:g}")
         linear = placement[:3, :3]
         normals = values.get("NORMAL")
         if normals is not None:
@@ -185,6 +188,13 @@ class _Reader:
         return file if is_file(file) else None
 
 
+def _integers(text: str | None) -> Indices:
+    try:
+        return np.array((text or "").split(), dtype=np.int64)
+    except OverflowError as error:
+        raise ValueError("an integer of more than 64 bits") from error
+
+
 def _corners(primitive: Node) -> Indices | None:
     """Index tuples of the corners of all triangles, shape (3 F, inputs); None if it has no triangles."""
     inputs = primitive.findall("input")
@@ -194,9 +204,7 @@ def _corners(primitive: Node) -> Indices | None:
     if min(offsets) < 0:
         raise ValueError(f"a negative offset, {min(offsets)}")
     width = 1 + max(offsets)
-    lists = [
-        np.array((p.text or "").split(), dtype=np.int64).reshape(-1, width) for p in primitive.findall("p")
-    ]
+    lists = [_integers(p.text).reshape(-1, width) for p in primitive.findall("p")]
     if not lists:
         return None
     if primitive.tag == "tristrips":
@@ -205,7 +213,7 @@ def _corners(primitive: Node) -> Indices | None:
     if primitive.tag == "triangles":
         return np.concatenate(lists)
     if primitive.tag == "polylist":
-        counts = np.array((primitive.findtext("vcount") or "").split(), dtype=np.int64)
+        counts = _integers(primitive.findtext("vcount"))
     corners = np.concatenate(lists)
     return corners[fans(counts, len(corners))]
 

@@ -108,6 +108,7 @@ WRONG = {
     ),
     r"joint_type: unknown type 'CARDAN' of joint 'knee'": LOOP
     + "joint_name: ['knee']\njoint_type: ['CARDAN']",
+    r"closed_loop: .*two different frames, got 'loop1_A' twice": "closed_loop: [['loop1_A', 'loop1_A']]",
     r"malformed YAML: .*line 1": "closed_loop: [",
     r"expected keys and values: closed_loop": "- 1",
     r"malformed YAML: stands for more than 20000 entries": "a: &a0 [x, x, x, x, x, x, x, x, x]\n"

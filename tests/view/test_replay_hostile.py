@@ -189,6 +189,8 @@ WRONG = {
     "STL that is cut off": ("m.stl", stl()[:-1], "declares 1 triangles and has room for 0"),
     "STL of billions": ("m.stl", b"\0" * 80 + b"\xff" * 4 + b"\0" * 50, "declares 4294967295 triangles"),
     "STL that is not finite": ("m.stl", stl(float("nan")), "a corner is not finite"),
+    "STL with a signalling NaN": (
+        "m.stl", stl()[:100] + b"\x01\x00\x80\x7f" + stl()[104:], "a corner is not finite"),
     "text STL": ("m.stl", "solid a\nvertex 0 0 0\nvertex 1 0 0\n", "not three a triangle"),
     "text STL of words": ("m.stl", "solid a\n" + 3 * "vertex a b c\n", "could not convert"),
     "node within itself": (
@@ -210,6 +212,12 @@ WRONG = {
                        "a stride of 0"),
     "negative corner": ("m.dae", SQUARE.replace("0 1 2<", "0 1 -2<"),
                         "negative number"),
+    "placement that is not finite": (
+        "m.dae",
+        SQUARE.replace(
+            "<instance_geometry", "<scale>nan 1 1</scale><instance_geometry"),
+        "a placement is not finite"),
+    "corner beyond 64 bits": ("m.dae", SQUARE.replace("0 1 2<", f"0 1 1{'0' * 30}<"), "more than 64 bits"),
     "polygon of billions": (
         "m.dae",
         SQUARE.replace("triangles", "polylist").replace("<p>", "<vcount>4000000000000</vcount><p>"),
