@@ -262,7 +262,7 @@ for _ in range(times):
         os.kill(child, int(sys.argv[3]))
         time.sleep(0.01)
         gone, status = os.waitpid(child, os.WNOHANG)
-    assert os.waitstatus_to_exitcode(status) == int(sys.argv[4]), status
+    assert os.waitstatus_to_exitcode(status) in map(int, sys.argv[4:]), status
     rests = max(rests, len(list(path.parent.iterdir())) - 1)
     assert Solution.load(path) == saved
 saved.save(path)
@@ -305,7 +305,8 @@ def test_a_killed_saver_leaves_a_whole_file_and_one_rest_at_most(times: int, tmp
 
 @pytest.mark.parametrize("times", [8, pytest.param(200, marks=pytest.mark.slow)])
 def test_an_interrupted_saver_leaves_a_whole_file(times: int, tmp_path: Path) -> None:
-    assert printed(KILL, tmp_path / "result.h5", times, int(signal.SIGINT), 130) <= 1
+    ends = (130, -signal.SIGINT)  # within a save, or before the first one and after the last
+    assert printed(KILL, tmp_path / "result.h5", times, int(signal.SIGINT), *map(int, ends)) <= 1
 
 
 @pytest.mark.parametrize("times", [20, pytest.param(500, marks=pytest.mark.slow)])
