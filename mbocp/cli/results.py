@@ -83,7 +83,15 @@ def _load(result: Path) -> tuple[Solution, Robot]:
     solution = Solution.load(result)
     if not solution.robot_spec:
         raise ResultFileError(result, "does not say which robot it is about, which this needs")
-    return solution, robot_from_spec(solution.robot_spec)
+    robot = robot_from_spec(solution.robot_spec)
+    has, needed = (robot.nq, robot.nv), (solution.qs.shape[1], solution.nv)
+    if has != needed:
+        raise ResultFileError(
+            result,
+            f"is about another robot {solution.robot_name!r} than there is now: it has nq = {needed[0]} and "
+            f"nv = {needed[1]}, the robot nq = {has[0]} and nv = {has[1]}; solve again, or bring it back",
+        )
+    return solution, robot
 
 
 def _tell(line: str, quiet: bool) -> None:

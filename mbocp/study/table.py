@@ -18,7 +18,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mbocp.exceptions import ResultFileError, StudyError
+from mbocp._files import read_bytes
+from mbocp.exceptions import ResultFileError, StudyError, Unreadable
 from mbocp.study.lines import is_header, is_row
 
 __all__ = ["FORMAT", "FORMAT_VERSION", "RowFile", "read_table"]
@@ -27,6 +28,7 @@ FORMAT = "mbocp study"
 FORMAT_VERSION = 1
 
 _SYNC_EVERY = 0.5  # [s] rows are on the disk after this time; a killed process alone loses none
+_MOST_BYTES = 2**30  # about a million rows
 _LONGEST_DIGEST = 12  # letters of it that are shown
 
 
@@ -40,12 +42,9 @@ def read_table(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """
     path = Path(path)
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        reason = (
-            "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read: {error.strerror}"
-        )
-        raise ResultFileError(path, reason) from error
+        content = read_bytes(path, expected="a study's file", limit=_MOST_BYTES)
+    except Unreadable as error:
+        raise ResultFileError(path, error.reason) from error
     header, rows, _ = _parse(content, path)
     return header, sorted(rows, key=lambda row: int(row["index"]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -9,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mbocp
 import mbocp.view.replay
+from mbocp.solution import Solution
 from tests.solution.fabricated import humanoid, limited
 
 from .conftest import Run
@@ -22,6 +25,25 @@ def test_info(result: Path, run: Run) -> None:
         assert words in done.stdout
     assert "limits" not in done.stdout
     assert "drift of rotations" not in done.stdout
+
+
+@pytest.mark.parametrize("command", ["plot", "replay"])
+def test_a_robot_that_has_changed_since(folder: Path, run: Run, result: Path, command: str) -> None:
+    other = mbocp.load_robot("double_pendulum")
+    dataclasses.replace(Solution.load(result), robot_spec=dict(other.spec)).save(folder / "other.h5")
+    done = run(command, "other.h5")
+    assert done.exit_code == 2
+    assert (
+        "is about another robot 'ur5' than there is now: it has nq = 6 and nv = 6" in done.stderr
+    )
+
+
+def test_a_motion_too_far_away_to_be_drawn(folder: Path, run: Run, result: Path) -> None:
+    solution = Solution.load(result)
+    dataclasses.replace(solution, qs=solution.qs + 1e300).save(folder / "far.h5")
+    done = run("replay", "far.h5")
+    assert done.exit_code == 2
+    assert "expected numbers up to 1e+09" in done.stderr
 
 
 def test_info_of_a_result_with_limits(folder: Path, run: Run) -> None:
