@@ -33,9 +33,7 @@ def test_a_robot_that_has_changed_since(folder: Path, run: Run, result: Path, co
     dataclasses.replace(Solution.load(result), robot_spec=dict(other.spec)).save(folder / "other.h5")
     done = run(command, "other.h5")
     assert done.exit_code == 2
-    assert (
-        "is about another robot 'ur5' than there is now: it has nq = 6 and nv = 6" in done.stderr
-    )
+    assert "is about another robot 'ur5' than there is now: it has nq = 6 and nv = 6" in done.stderr
 
 
 def test_a_motion_too_far_away_to_be_drawn(folder: Path, run: Run, result: Path) -> None:
