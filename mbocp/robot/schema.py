@@ -43,7 +43,10 @@ __all__ = [
     "read_robot_toml",
 ]
 
-Vector3: TypeAlias = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_LARGEST = 1e15  # component of a vector, as of a URDF's
+_SHORTEST = 1e-15  # largest component of what is a direction
+Coordinate: TypeAlias = Annotated[FiniteFloat, Field(ge=-_LARGEST, le=_LARGEST)]
+Vector3: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 Numbers: TypeAlias = FiniteFloat | list[FiniteFloat]
 Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0)]
 Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
@@ -59,8 +62,12 @@ def _printable(text: str) -> str:
 Printable: TypeAlias = Annotated[str, AfterValidator(_printable)]
 
 
+def _is_zero(vector: tuple[float, float, float]) -> bool:
+    return max(map(abs, vector)) < _SHORTEST
+
+
 def _has_direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    if not any(vector):
+    if _is_zero(vector):
         raise ValueError("must not be zero")
     return vector
 
@@ -117,7 +124,7 @@ class Thruster(_Table):
 
     @model_validator(mode="after")
     def _axis_has_a_direction(self) -> Thruster:
-        if not any(self.axis):
+        if _is_zero(self.axis):
             raise ValueError("axis must not be zero")
         return self
 
@@ -141,7 +148,7 @@ class DriveTable(_Table):
             raise ValueError("direction and joints go with frame, not with joint")
         if self.frame is not None and (self.direction is None or self.joints is None):
             raise ValueError("frame needs direction (in its own axes) and joints (those that it is moved by)")
-        if self.direction is not None and not any(self.direction):
+        if self.direction is not None and _is_zero(self.direction):
             raise ValueError("direction must not be zero")
         return self
 

@@ -377,6 +377,12 @@ WRONG: dict[str, tuple[str, type[MbocpError], str]] = {
     "no direction": (
         FORWARD.replace("3, 4", "0, 0"), RobotFileError, r"drive\[0\]: direction must not be zero"
     ),
+    "direction too long to have a length": (
+        FORWARD.replace("3, 4", "1, 1e308"), RobotFileError, r"drive\[0\]\.direction\[1\]: got 1e\+308"
+    ),
+    "direction too short to have a length": (
+        FORWARD.replace("3, 4", "0, 1e-320"), RobotFileError, r"drive\[0\]: direction must not be zero"
+    ),
     "no control": (LONG, RobotFileError, r"drive\[0\]\.control: this key is required"),
     "force": (
         LONG + 'control = "force"\n',
