@@ -43,12 +43,13 @@ __all__ = [
     "read_robot_toml",
 ]
 
-_LARGEST = 1e15  # component of a vector, as of a URDF's
+_LARGEST = 1e15  # of what enters the equations, as in a URDF
 _SHORTEST = 1e-15  # largest component of what is a direction
-Coordinate: TypeAlias = Annotated[FiniteFloat, Field(ge=-_LARGEST, le=_LARGEST)]
-Vector3: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
-Numbers: TypeAlias = FiniteFloat | list[FiniteFloat]
-Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0)]
+Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_LARGEST, le=_LARGEST)]
+PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_LARGEST)]
+Vector3: TypeAlias = tuple[Number, Number, Number]
+Numbers: TypeAlias = Number | list[Number]
+Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0, le=_LARGEST)]
 Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
 FramePair: TypeAlias = tuple[str, str]
 
@@ -119,7 +120,7 @@ class Thruster(_Table):
     name: str | None = None
     axis: Vector3 = (0.0, 0.0, 1.0)
     position: Vector3 = (0.0, 0.0, 0.0)
-    torque_ratio: FiniteFloat = 0.0
+    torque_ratio: Number = 0.0
     effort: PositiveFloat | None = None
 
     @model_validator(mode="after")
@@ -168,7 +169,7 @@ class RodTable(_Pair):
     """A rigid massless rod."""
 
     type: Literal["rod"]
-    length: PositiveFloat | None = None
+    length: PositiveNumber | None = None
 
 
 class PointTable(_Pair):
@@ -211,8 +212,8 @@ class CouplingTable(_Table):
     type: Literal["coupling"]
     name: str | None = None
     joints: FramePair
-    ratio: FiniteFloat = 1.0
-    offset: FiniteFloat = 0.0
+    ratio: Number = 1.0
+    offset: Number = 0.0
 
     @model_validator(mode="after")
     def _two_joints(self) -> CouplingTable:
@@ -227,9 +228,9 @@ class QuarticSpringTable(_Pair):
     """A spring with a quartic potential."""
 
     type: Literal["quartic"] = "quartic"
-    stiffness: PositiveFloat | None = None
-    coefficient: PositiveFloat | None = None
-    length: PositiveFloat | None = None
+    stiffness: PositiveNumber | None = None
+    coefficient: PositiveNumber | None = None
+    length: PositiveNumber | None = None
 
     @model_validator(mode="after")
     def _one_strength(self) -> QuarticSpringTable:
@@ -249,7 +250,7 @@ class SpringDamperTable(_Pair):
 class InitialTable(_Table):
     """[initial]: the initial pose, as the whole configuration or by joint."""
 
-    q: list[FiniteFloat] | dict[str, Numbers]
+    q: list[Number] | dict[str, Numbers]
 
 
 class VisualTable(_Table):
@@ -257,7 +258,7 @@ class VisualTable(_Table):
 
     type: Literal["rod", "spring", "line", "none"]
     frames: FramePair
-    radius: PositiveFloat | None = None
+    radius: PositiveNumber | None = None
     color: list[Annotated[FiniteFloat, Field(ge=0, le=1)]] | None = Field(
         default=None, min_length=3, max_length=4
     )
@@ -283,7 +284,7 @@ class RobotTable(_Table):
     mimic: bool | None = None
     damping: bool | None = None
     friction: Literal["none", "smooth"] | None = None
-    friction_speed: PositiveFloat | None = None
+    friction_speed: PositiveNumber | None = None
     spherical: list[str] = []
     rotations: Literal["quaternion", "dcm"] | None = None
     trace: list[str] | None = None

@@ -216,6 +216,9 @@ WRONG = {
     r"spring_damper\[0\]\.damping: got -1": '[[spring_damper]]\nframes = ["l1", "l2"]\ndamping = -1',
     r"actuator\[0\]: unknown type 'motor', known: joint, wrench, thruster": '[[actuator]]\ntype = "motor"',
     r"actuator\[0\]: type is required": '[[actuator]]\njoint = "j1"',
+    r"constraint\[0\]\.length: got 1e\+160: .*less than or equal": (
+        '[[constraint]]\ntype = "rod"\nframes = ["l1", "l2"]\nlength = 1e160'
+    ),
     r"actuator\[0\]: axis must not be zero": (
         '[[actuator]]\ntype = "thruster"\nframe = "l1"\naxis = [0, 0, 0]'
     ),
