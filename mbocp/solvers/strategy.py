@@ -158,6 +158,7 @@ class Outcome:
     solver: str
 
 
+_ROUND_OFF = 1e-6  # residual in the unit of a cost of about 1: more is no round-off
 _FINAL = (Status.INTERRUPTED, Status.TIME_LIMIT, Status.INFEASIBLE)  # another unit would not help
 
 
@@ -251,11 +252,12 @@ def pursue(
         label,
         factor,
     )
-    is_gain = again.result.status is Status.CONVERGED or outcome.result.status is not Status.CONVERGED
+    is_gain = outcome.result.status is not Status.CONVERGED or again.result.status is Status.CONVERGED
+    is_wrong = again.result.record.residual > _ROUND_OFF  # then the first was converged by its size alone
     return replace(
         again,
         result=replace(
-            again.result if is_gain else outcome.result,
+            again.result if is_gain or is_wrong else outcome.result,
             history=outcome.result.history + again.result.history,
         ),
         phases=outcome.phases + again.phases,

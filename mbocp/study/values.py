@@ -229,6 +229,7 @@ def _normal(written: Any, count: int, generator: np.random.Generator, where: str
     mean, deviation = _two(written, where, "[mean, deviation]")
     if np.any(deviation < 0.0):
         raise StudyError(f"{where}: got {shown(written)}, but the deviation is below 0")
+    deviation = np.abs(deviation)  # NumPy refuses -0.0
     return list(generator.normal(mean, deviation, (count, *mean.shape)).tolist())
 
 

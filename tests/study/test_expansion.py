@@ -76,7 +76,7 @@ def sampled(make: MakeStudy, key: str, draw: Any, count: int = 500, seed: int = 
 def test_samples_have_their_distribution(make: MakeStudy) -> None:
     uniform = sampled(make, "cost.effort", {"uniform": [2, 4]})
     assert 2 <= uniform.min() < 2.05 < 3.95 < uniform.max() < 4
-    normal = sampled(make, "start.p", {"normal": [[1, -1, 0], [0.1, 0.2, 0]]})
+    normal = sampled(make, "start.p", {"normal": [[1, -1, 0], [0.1, 0.2, -0.0]]})
     assert normal.shape == (500, 3)
     np.testing.assert_allclose(normal.mean(axis=0), [1, -1, 0], atol=0.05)
     np.testing.assert_allclose(normal.std(axis=0), [0.1, 0.2, 0], rtol=0.1)
