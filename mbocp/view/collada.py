@@ -45,7 +45,11 @@ def read_collada(path: Path) -> tuple[MeshPart, ...]:
     Unreadable, ElementTree.ParseError, ValueError, IndexError
         If the file cannot be read or refers to what it does not have.
     """
-    root = ElementTree.fromstring(read_bytes(path, expected="a Collada mesh", limit=MESH_LIMIT))
+    content = read_bytes(path, expected="a Collada mesh", limit=MESH_LIMIT)
+    try:
+        root = ElementTree.fromstring(content)
+    except LookupError as error:
+        raise ValueError(f"{error}") from error  # unknown encoding
     for node in root.iter():
         node.tag = node.tag.rpartition("}")[2]
     return _Reader(root, path.parent).read()

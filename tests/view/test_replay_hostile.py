@@ -217,6 +217,8 @@ WRONG = {
         SQUARE.replace(
             "<instance_geometry", "<scale>nan 1 1</scale><instance_geometry"),
         "a placement is not finite"),
+    "encoding that nobody knows": (
+        "m.dae", '<?xml version="1.0" encoding="nonsense"?>' + SQUARE, "unknown encoding: nonsense"),
     "corner beyond 64 bits": ("m.dae", SQUARE.replace("0 1 2<", f"0 1 1{'0' * 30}<"), "more than 64 bits"),
     "polygon of billions": (
         "m.dae",
