@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_file
-from mbocp.view.meshcat_scene import Scene, build_scene
+from mbocp.view.meshcat.live import LiveReplay, ends_gently
+from mbocp.view.meshcat.page import render_page
+from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion import Motion, sample_motion
-from mbocp.view.replay_live import LiveReplay, ends_gently
-from mbocp.view.replay_page import render_page
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from mbocp.robot import load_robot
-from mbocp.view import mesh_parts, meshcat_meshes
-from mbocp.view.mesh_formats import check_single_file
-from mbocp.view.pictures import read_picture
+from mbocp.view.meshcat import visuals
+from mbocp.view.meshes import parts
+from mbocp.view.meshes.formats import check_single_file
+from mbocp.view.meshes.pictures import read_picture
+from mbocp.view.meshes.stl import binary_stl, read_stl
 from mbocp.view.replay import write_replay
-from mbocp.view.stl import binary_stl, read_stl
 from tests.view.pages import OBJ, Page, angles, read_page, stl, write_arm
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"a picture " * 90
@@ -252,14 +253,14 @@ def test_numbers_that_only_colour_are_left_out(tmp_path):
 
 def test_sizes_are_bounded(tmp_path, monkeypatch):
     for module in ("stl", "wavefront", "collada"):
-        monkeypatch.setattr(f"mbocp.view.{module}.MESH_LIMIT", 100)
+        monkeypatch.setattr(f"mbocp.view.meshes.{module}.MESH_LIMIT", 100)
     _, told = replay(tmp_path, "m.stl", stl())
     assert "m.stl: mesh of 'upper_0' cannot be read: has 0.0 MB, expected an STL mesh of at most" in told[0]
     monkeypatch.undo()
-    monkeypatch.setattr(meshcat_meshes, "SCENE_LIMIT", 10)
+    monkeypatch.setattr(visuals, "SCENE_LIMIT", 10)
     _, told = replay(tmp_path, "m.obj", OBJ)
     assert "all meshes and pictures have more than" in told[0]
-    assert mesh_parts.MESH_LIMIT == 2**26
+    assert parts.MESH_LIMIT == 2**26
 
 
 def test_stl_of_both_kinds(tmp_path):

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.view.meshcat_commands import Command, Track, colour_number, set_object, set_property, shape_object
-from mbocp.view.meshcat_import import mg
-from mbocp.view.meshcat_shapes import coil, tube
+from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_property, shape_object
+from mbocp.view.meshcat.shapes import coil, tube
+from mbocp.view.meshcat.viewer import mg
 from mbocp.view.motion import Motion
 
 if TYPE_CHECKING:

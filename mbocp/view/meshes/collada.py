@@ -19,7 +19,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._files import is_file, read_bytes
 from mbocp._text import shown
-from mbocp.view.mesh_parts import (
+from mbocp.view.meshes.parts import (
     MESH_LIMIT,
     MOST_TRIANGLES,
     Indices,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mbocp.robot import load_robot
-from mbocp.view.collada import read_collada
-from mbocp.view.mesh_parts import Surface
+from mbocp.view.meshes.collada import read_collada
+from mbocp.view.meshes.parts import Surface
 from mbocp.view.replay import write_replay
 from tests.view.pages import angles, read_page, write_arm
 

@@ -23,14 +23,14 @@ from mbocp._arrays import Array
 from mbocp._files import MEGABYTE
 from mbocp._text import shortened
 from mbocp.exceptions import ReplayError, Unreadable
-from mbocp.view.collada import read_collada
-from mbocp.view.mesh_formats import check_single_file
-from mbocp.view.mesh_parts import MeshPart, Surface, checked
-from mbocp.view.meshcat_commands import colour_number, shape_object
-from mbocp.view.meshcat_import import load_mesh, load_primitive, mg, pack_array
-from mbocp.view.pictures import Picture, picture_folders, read_picture
-from mbocp.view.stl import binary_stl, read_stl
-from mbocp.view.wavefront import read_wavefront
+from mbocp.view.meshcat.commands import colour_number, shape_object
+from mbocp.view.meshcat.viewer import load_mesh, load_primitive, mg, pack_array
+from mbocp.view.meshes.collada import read_collada
+from mbocp.view.meshes.formats import check_single_file
+from mbocp.view.meshes.parts import MeshPart, Surface, checked
+from mbocp.view.meshes.pictures import Picture, picture_folders, read_picture
+from mbocp.view.meshes.stl import binary_stl, read_stl
+from mbocp.view.meshes.wavefront import read_wavefront
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot

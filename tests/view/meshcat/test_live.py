@@ -12,8 +12,8 @@ import pytest
 from mbocp.exceptions import ReplayError
 from mbocp.robot import load_robot
 from mbocp.view import replay
-from mbocp.view.meshcat_import import meshcat, mg
-from mbocp.view.replay_live import LiveReplay
+from mbocp.view.meshcat.live import LiveReplay
+from mbocp.view.meshcat.viewer import meshcat, mg
 
 umsgpack = mg.umsgpack
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.view.meshcat_import import SetObject, mg
+from mbocp.view.meshcat.viewer import SetObject, mg
 
 __all__ = [
     "Command",

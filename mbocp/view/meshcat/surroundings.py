@@ -8,9 +8,9 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.view.camera import Camera
-from mbocp.view.meshcat_commands import Command, set_object, set_property, set_transform, shape_object
-from mbocp.view.meshcat_import import mg
-from mbocp.view.meshcat_shapes import floor_disc, floor_lines, nice_length
+from mbocp.view.meshcat.commands import Command, set_object, set_property, set_transform, shape_object
+from mbocp.view.meshcat.shapes import floor_disc, floor_lines, nice_length
+from mbocp.view.meshcat.viewer import mg
 
 __all__ = ["stage_commands"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
 from mbocp.view.camera import Camera, fit_camera, upright
-from mbocp.view.meshcat_commands import (
+from mbocp.view.meshcat.commands import (
     Command,
     Track,
     set_animation,
@@ -21,12 +21,12 @@ from mbocp.view.meshcat_commands import (
     set_transform,
     shape_object,
 )
-from mbocp.view.meshcat_connectors import connector_commands
-from mbocp.view.meshcat_import import mg
-from mbocp.view.meshcat_meshes import MeshLibrary
-from mbocp.view.meshcat_shapes import path_tube
-from mbocp.view.meshcat_skeleton import joints_without_visuals, skeleton
-from mbocp.view.meshcat_stage import stage_commands
+from mbocp.view.meshcat.connectors import connector_commands
+from mbocp.view.meshcat.shapes import path_tube
+from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
+from mbocp.view.meshcat.surroundings import stage_commands
+from mbocp.view.meshcat.viewer import mg
+from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion import Motion
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from types import TracebackType
 import zmq
 
 from mbocp.exceptions import ReplayError
-from mbocp.view.meshcat_import import meshcat
-from mbocp.view.meshcat_scene import Scene
+from mbocp.view.meshcat.scene import Scene
+from mbocp.view.meshcat.viewer import meshcat
 
 __all__ = ["LiveReplay", "ends_gently"]
 

@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.view.meshcat_commands import shape_object
-from mbocp.view.meshcat_import import mg
-from mbocp.view.meshcat_shapes import capsule
+from mbocp.view.meshcat.commands import shape_object
+from mbocp.view.meshcat.shapes import capsule
+from mbocp.view.meshcat.viewer import mg
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from mbocp.exceptions import ReplayError
-from mbocp.view.meshcat_import import Ext, meshcat
-from mbocp.view.meshcat_scene import Scene
+from mbocp.view.meshcat.scene import Scene
+from mbocp.view.meshcat.viewer import Ext, meshcat
 
 __all__ = ["render_page"]
 
@@ -96,9 +96,9 @@ def render_page(scene: Scene, *, title: str, subtitle: str = "", speed: float = 
         "@MESHCAT@": _viewer_source(),
         "@SCENE@": json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),
         "@BLOBS@": "\n".join(store.blobs),
-        "@PLAYER@": _resource("replay_player.js"),
+        "@PLAYER@": _resource("player.js"),
     }
-    page = _resource("replay_page.html")
+    page = _resource("page.html")
     pieces = re.split("(@[A-Z]+@)", page)
     return "".join(parts.get(piece, piece) for piece in pieces)
 

@@ -1,0 +1,1 @@
+"""A motion in meshcat: scene, self-contained page, live page."""

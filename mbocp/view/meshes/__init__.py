@@ -1,0 +1,1 @@
+"""Mesh files: STL, Collada and Wavefront OBJ, their materials and pictures."""
