@@ -7,7 +7,7 @@ import platform
 from importlib.metadata import version
 
 from benchmarks.tables import Table
-from mbocp.paper.machine import processor
+from mbocp.papers.machine import processor
 from mbocp.solvers.native import kernel
 
 __all__ = ["header", "one_core"]

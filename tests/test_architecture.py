@@ -37,7 +37,7 @@ LAYERS = (
     "guess",
     "api",
     "study",
-    "paper",
+    "papers",
     "cli",
 )
 SCRIPTS = {"__main__.py", "locate.py"}  # run, not imported
@@ -78,6 +78,12 @@ def layers_used(path: Path) -> Iterator[tuple[int, str]]:
             yield line, rest[0]
 
 
+def clients(layer: str) -> set[str]:
+    """Other layers that import this one."""
+    users = [path for path in SOURCES if any(used == layer for _, used in layers_used(path))]
+    return {layer_of(path) for path in users} - {layer}
+
+
 def layer_of(path: Path) -> str:
     return module_name(path).split(".")[1]
 
@@ -93,6 +99,10 @@ def test_imports_go_one_way(path):
         f"{path.name}:{line} imports mbocp.{used}" for line, used in layers_used(path) if used not in allowed
     ]
     assert not wrong, "; ".join(wrong)
+
+
+def test_nothing_but_the_command_line_imports_the_papers():
+    assert clients("papers") == {"cli"}
 
 
 @pytest.mark.parametrize("path", [PACKAGE / "__init__.py", *SOURCES], ids=module_name)

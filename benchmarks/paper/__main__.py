@@ -13,9 +13,9 @@ from PIL import Image  # comes with matplotlib
 from benchmarks.machine import header, one_core
 from benchmarks.tables import show
 from mbocp.cli.console import output
-from mbocp.paper.figures import FIGURES, write_figure
-from mbocp.paper.machine import machine_line
-from mbocp.paper.tables import TITLES, check_table, make_table
+from mbocp.papers.machine import machine_line
+from mbocp.papers.pendulums.figures import FIGURES, write_figure
+from mbocp.papers.pendulums.tables import TITLES, check_table, make_table
 
 __all__ = ["PAGE", "main", "replaced"]
 

@@ -12,11 +12,11 @@ from pathlib import Path
 from PIL import Image  # comes with matplotlib
 
 from benchmarks.paper.__main__ import DOCS, replaced
-from mbocp.paper.machine import machine_line
-from mbocp.paper.so3 import CHOICES, Choices
-from mbocp.paper.so3.figures import FIGURES, LATTICE_FIGURES, check_figure, write_figure
-from mbocp.paper.so3.request import Request, lattice_outcomes
-from mbocp.paper.so3.tables import TITLES, check_table, make_table, summary_table
+from mbocp.papers.machine import machine_line
+from mbocp.papers.so3 import CHOICES, Choices
+from mbocp.papers.so3.figures import FIGURES, LATTICE_FIGURES, check_figure, write_figure
+from mbocp.papers.so3.request import Request, lattice_outcomes
+from mbocp.papers.so3.tables import TITLES, check_table, make_table, summary_table
 
 __all__ = ["PAGE", "choices_table", "main"]
 

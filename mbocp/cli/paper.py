@@ -37,16 +37,16 @@ def refuse(option: str | None) -> None:
 
 def everything() -> tuple[list[int], list[int]]:
     """Numbers of all tables and figures."""
-    from mbocp.paper.figures import FIGURES
-    from mbocp.paper.tables import TITLES
+    from mbocp.papers.pendulums.figures import FIGURES
+    from mbocp.papers.pendulums.tables import TITLES
 
     return list(TITLES), list(FIGURES)
 
 
 def print_overview() -> None:
     """Say which tables and figures there are."""
-    from mbocp.paper.figures import FIGURES
-    from mbocp.paper.tables import TITLES
+    from mbocp.papers.pendulums.figures import FIGURES
+    from mbocp.papers.pendulums.tables import TITLES
 
     console = output()
     for option, titles in (
@@ -73,9 +73,9 @@ def reproduce(
 
     All numbers and the folder are checked before any work is done.
     """
-    from mbocp.paper.figures import check_figure, write_figure
-    from mbocp.paper.machine import machine_line
-    from mbocp.paper.tables import check_table, make_table
+    from mbocp.papers.machine import machine_line
+    from mbocp.papers.pendulums.figures import check_figure, write_figure
+    from mbocp.papers.pendulums.tables import check_table, make_table
 
     for number in tables:
         check_table(number)

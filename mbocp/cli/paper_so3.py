@@ -18,7 +18,7 @@ from mbocp.cli.report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
 
 if TYPE_CHECKING:
-    from mbocp.paper.so3.request import Request
+    from mbocp.papers.so3.request import Request
 
 __all__ = ["Wanted", "everything", "print_overview", "reproduce"]
 
@@ -43,8 +43,8 @@ class Wanted:
 
     def request(self, folder: Path, *, quick: bool, pdf: bool) -> Request:
         """Check all of it."""
-        from mbocp.paper.so3.experiment import Lattice, parse_lattice
-        from mbocp.paper.so3.request import DEFAULT_SOLVERS, QUICK_LATTICE, Request
+        from mbocp.papers.so3.experiment import Lattice, parse_lattice
+        from mbocp.papers.so3.request import DEFAULT_SOLVERS, QUICK_LATTICE, Request
 
         default = QUICK_LATTICE if quick else Lattice()
         variant = self.variant or "corrected"
@@ -63,16 +63,16 @@ class Wanted:
 
 def everything() -> tuple[list[int], list[int]]:
     """Numbers of all tables and figures."""
-    from mbocp.paper.so3.figures import FIGURES
-    from mbocp.paper.so3.tables import TITLES
+    from mbocp.papers.so3.figures import FIGURES
+    from mbocp.papers.so3.tables import TITLES
 
     return list(TITLES), list(FIGURES)
 
 
 def print_overview() -> None:
     """Say which tables and figures there are."""
-    from mbocp.paper.so3.figures import FIGURES, LATTICE_FIGURES
-    from mbocp.paper.so3.tables import TITLES
+    from mbocp.papers.so3.figures import FIGURES, LATTICE_FIGURES
+    from mbocp.papers.so3.tables import TITLES
 
     console = output()
     for number, title in TITLES.items():
@@ -95,10 +95,10 @@ def reproduce(
     All numbers and the folder are checked before any work is done. Ctrl-C while the lattice is solved ends
     with the options that go on.
     """
-    from mbocp.paper.machine import machine_line
-    from mbocp.paper.so3.figures import LATTICE_FIGURES, check_figure, write_figure
-    from mbocp.paper.so3.request import lattice_outcomes
-    from mbocp.paper.so3.tables import check_table, make_table, summary_table
+    from mbocp.papers.machine import machine_line
+    from mbocp.papers.so3.figures import LATTICE_FIGURES, check_figure, write_figure
+    from mbocp.papers.so3.request import lattice_outcomes
+    from mbocp.papers.so3.tables import check_table, make_table, summary_table
 
     for number in tables:
         check_table(number)

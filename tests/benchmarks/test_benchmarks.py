@@ -18,8 +18,8 @@ from benchmarks.reliability import reliability_table
 from benchmarks.rivals import compare, reach
 from benchmarks.stages import stage_table, time_stages
 from benchmarks.tables import Table, show
-from mbocp.paper.figures import FIGURES
-from mbocp.paper.tables import TITLES
+from mbocp.papers.pendulums.figures import FIGURES
+from mbocp.papers.pendulums.tables import TITLES
 
 PENDULUM = next(case for case in CASES if case.label == "rigid_pendulum")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from mbocp.paper import figures
+from mbocp.papers.pendulums import figures
 
 from .conftest import Run
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mbocp.paper.so3.experiment import Lattice
-from tests.paper.so3 import rows
+from mbocp.papers.so3.experiment import Lattice
+from tests.papers.so3 import rows
 
 from .conftest import Run
 

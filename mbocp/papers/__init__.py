@@ -1,0 +1,1 @@
+"""Two papers reproduced: their tables and figures, measured and drawn again."""
