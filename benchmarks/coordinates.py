@@ -17,7 +17,7 @@ from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, put_into, show
 from mbocp.guess import make_guess
 from mbocp.problem import Problem
-from mbocp.problem.build import problem_from_tables
+from mbocp.problem.file.build import problem_from_tables
 from mbocp.solution import Solution
 from mbocp.solvers import Methods, pursue
 from mbocp.transcription import transcribe

@@ -16,7 +16,7 @@ from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, put_into, show
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
-from mbocp.problem.build import problem_from_tables
+from mbocp.problem.file.build import problem_from_tables
 from mbocp.solvers.native import kernel_programme
 from mbocp.transcription import transcribe
 

@@ -23,7 +23,7 @@ from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.mechanics.symmetry import find_symmetries
 from mbocp.mechanics.symmetry_words import momentum_words
 from mbocp.problem import Problem, load_problem
-from mbocp.problem.write import problem_to_toml
+from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution import Solution
 from mbocp.solution.diagnostics import largest_turn

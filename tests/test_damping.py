@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import mbocp
 from mbocp._arrays import Array
 from mbocp.problem import Problem
-from mbocp.problem.build import problem_from_tables
+from mbocp.problem.file.build import problem_from_tables
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Solution
 from mbocp.solvers.native import kernel_programme

@@ -14,8 +14,8 @@ import typer
 
 import mbocp
 from mbocp.cli.app import app
-from mbocp.problem.load import parse_problem
-from mbocp.problem.schema import ProblemTable
+from mbocp.problem.file.load import parse_problem
+from mbocp.problem.file.schema import ProblemTable
 from mbocp.solution.records import Status
 
 ROOT = Path(__file__).parent.parent

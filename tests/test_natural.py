@@ -10,7 +10,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import ProblemError
 from mbocp.problem import Guess, Problem
-from mbocp.problem.build import problem_from_tables
+from mbocp.problem.file.build import problem_from_tables
 from mbocp.robot import robot_from_spec
 from mbocp.solution import Solution
 from mbocp.solvers.native import kernel_programme

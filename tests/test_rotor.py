@@ -11,7 +11,7 @@ import pytest
 from mbocp import solve
 from mbocp.exceptions import InvalidValue
 from mbocp.mechanics.symmetry import find_symmetries
-from mbocp.problem.load import parse_problem
+from mbocp.problem.file.load import parse_problem
 from mbocp.robot import Robot, describe, load_robot
 from mbocp.symbolic import model_functions
 from mbocp.view.plots import plot_solution

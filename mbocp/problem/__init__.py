@@ -1,15 +1,15 @@
 """The optimal control problem, from Python or from a file."""
 
 from mbocp.problem.cost import Cost
+from mbocp.problem.file.load import load_problem, parse_problem
+from mbocp.problem.file.write import problem_to_toml
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import Bounds
-from mbocp.problem.load import load_problem, parse_problem
 from mbocp.problem.options import SolverOptions
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem, ProblemWarning
-from mbocp.problem.write import problem_to_toml
 
 __all__ = [
     "Bounds",

@@ -229,7 +229,7 @@ class Problem:
         >>> goal = {"q": [0.5, -1, 1, 0, 0.5, 0], "v": [0] * 6}
         >>> problem = Problem.create("ur5", 1.0, 100, goal=goal)  # doctest: +SKIP
         """
-        from mbocp.problem.build import problem_from_tables  # build needs this class
+        from mbocp.problem.file.build import problem_from_tables  # build needs this class
 
         tables = {
             "start": start,
@@ -262,7 +262,7 @@ class Problem:
         ProblemError
             If there is no such field or word, or a value is of the wrong kind.
         """
-        from mbocp.problem.changes import changed  # it needs this class
+        from mbocp.problem.file.changes import changed  # it needs this class
 
         return changed(self, changes)
 

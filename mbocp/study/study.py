@@ -16,10 +16,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
-from mbocp.problem.load import load_document
-from mbocp.problem.messages import schema_error
-from mbocp.problem.overrides import apply_overrides, plain
-from mbocp.problem.schema import ProblemTable
+from mbocp.problem.file.load import load_document
+from mbocp.problem.file.messages import schema_error
+from mbocp.problem.file.overrides import apply_overrides, plain
+from mbocp.problem.file.schema import ProblemTable
 from mbocp.study.rows import check_record
 from mbocp.study.schema import StudyTable
 from mbocp.study.task import Job

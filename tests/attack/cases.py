@@ -13,7 +13,7 @@ from typing import Any, get_args
 import yaml
 from pydantic import BaseModel
 
-from mbocp.problem.schema import ProblemTable
+from mbocp.problem.file.schema import ProblemTable
 from mbocp.robot.robot_yaml import RobotYaml
 from mbocp.robot.schema import RobotTable
 from mbocp.study.schema import StudyTable

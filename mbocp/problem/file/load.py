@@ -8,10 +8,10 @@ from typing import Any
 
 from mbocp._files import is_file, parse_toml, read_text
 from mbocp.exceptions import ProblemFileError, Unreadable
-from mbocp.problem.build import problem_from_tables
-from mbocp.problem.overrides import apply_overrides
+from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.file.overrides import apply_overrides
+from mbocp.problem.file.sample import is_robot_file, smallest_problem
 from mbocp.problem.problem import Problem
-from mbocp.problem.sample import is_robot_file, smallest_problem
 
 __all__ = ["load_document", "load_problem", "parse_problem"]
 

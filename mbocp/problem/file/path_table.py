@@ -8,12 +8,12 @@ import numpy as np
 
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice
-from mbocp.problem.messages import located
+from mbocp.problem.file.messages import located
 from mbocp.problem.path import PATH_KINDS, PathConstraint
 from mbocp.robot import Robot
 
 if TYPE_CHECKING:
-    from mbocp.problem.schema import PathTable
+    from mbocp.problem.file.schema import PathTable
 
 __all__ = ["path_from", "path_tables"]
 

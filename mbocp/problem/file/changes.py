@@ -9,15 +9,15 @@ from typing import Any
 from mbocp._files import parse_toml
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
-from mbocp.problem.build import problem_from_tables
 from mbocp.problem.cost import Cost
+from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.file.overrides import plain
+from mbocp.problem.file.write import problem_to_toml
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
 from mbocp.problem.options import SolverOptions
-from mbocp.problem.overrides import plain
 from mbocp.problem.problem import Problem
-from mbocp.problem.write import problem_to_toml
 
 __all__ = ["changed"]
 

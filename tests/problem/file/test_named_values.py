@@ -7,7 +7,13 @@ import pytest
 
 from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnknownJoint
 from mbocp.problem import Problem
-from mbocp.problem.named import configuration_from, control_from, joint_values, tangent_from, weights_from
+from mbocp.problem.file.named_values import (
+    configuration_from,
+    control_from,
+    joint_values,
+    tangent_from,
+    weights_from,
+)
 from mbocp.robot import Robot
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, UnknownJoint, suggest
+from mbocp.problem.file.messages import located
+from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
-from mbocp.problem.messages import located
-from mbocp.problem.named import coordinate_slots, tangent_slots
 from mbocp.robot import Robot
 
 __all__ = ["bounds_from"]

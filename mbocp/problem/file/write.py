@@ -13,11 +13,11 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.problem.cost import Cost
+from mbocp.problem.file.named_values import joint_values
+from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import LIMITS, Bounds
-from mbocp.problem.named import joint_values
-from mbocp.problem.path_table import path_tables
 from mbocp.problem.problem import Problem
 from mbocp.robot import Robot
 

@@ -16,18 +16,12 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem.assembly import assembled, assembled_velocity
 from mbocp.problem.cost import Cost
 from mbocp.problem.drives import without_driven_velocities
-from mbocp.problem.goal import Goal
-from mbocp.problem.guess import Guess
-from mbocp.problem.horizon import check_horizon
-from mbocp.problem.integration import Stabilisation
-from mbocp.problem.limits_table import bounds_from
-from mbocp.problem.messages import in_file, located, schema_error
-from mbocp.problem.named import configuration_from, control_from, tangent_from, weights_from
-from mbocp.problem.options import SolverOptions
-from mbocp.problem.overrides import plain
-from mbocp.problem.path_table import path_from
-from mbocp.problem.problem import Problem
-from mbocp.problem.schema import (
+from mbocp.problem.file.limits_table import bounds_from
+from mbocp.problem.file.messages import in_file, located, schema_error
+from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
+from mbocp.problem.file.overrides import plain
+from mbocp.problem.file.path_table import path_from
+from mbocp.problem.file.schema import (
     CostTable,
     GoalTable,
     GuessTable,
@@ -37,7 +31,13 @@ from mbocp.problem.schema import (
     StartTable,
     WeightsTable,
 )
-from mbocp.problem.target import read_target
+from mbocp.problem.file.target import read_target
+from mbocp.problem.goal import Goal
+from mbocp.problem.guess import Guess
+from mbocp.problem.horizon import check_horizon
+from mbocp.problem.integration import Stabilisation
+from mbocp.problem.options import SolverOptions
+from mbocp.problem.problem import Problem
 from mbocp.robot import Robot, robot_from_spec
 
 __all__ = ["problem_from_tables"]

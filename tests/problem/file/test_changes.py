@@ -7,7 +7,7 @@ import pytest
 
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem import Problem
-from mbocp.problem.write import problem_to_toml
+from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Robot
 
 GOAL = [0.5, -1.0, 1.0, 0.0, 0.5, 0.0]

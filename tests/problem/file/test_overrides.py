@@ -8,7 +8,7 @@ import pytest
 
 from mbocp.exceptions import ProblemFileError
 from mbocp.problem import Problem
-from mbocp.problem.overrides import apply_overrides, parse_override
+from mbocp.problem.file.overrides import apply_overrides, parse_override
 
 Loader = Callable[..., Problem]
 
