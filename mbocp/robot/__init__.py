@@ -6,7 +6,6 @@ holonomic constraints; the symbolic functions of the same model come from `mbocp
 
 from __future__ import annotations
 
-from mbocp.robot.checks import SingularMassMatrix
 from mbocp.robot.constraint_equations import Kinematics, constraint_rows
 from mbocp.robot.constraints import (
     Constraint,
@@ -19,15 +18,9 @@ from mbocp.robot.constraints import (
     Weld,
 )
 from mbocp.robot.describe import describe
-from mbocp.robot.load import load_robot, robot_from_spec
-from mbocp.robot.notices import (
-    IgnoredKeysWarning,
-    ImpossibleInertiaWarning,
-    InitialPoseWarning,
-    MissingMeshWarning,
-    NormalisationWarning,
-    NotModelledWarning,
-)
+from mbocp.robot.loading.checks import SingularMassMatrix
+from mbocp.robot.loading.load import load_robot, robot_from_spec
+from mbocp.robot.loading.sources import RobotEntry, list_robots
 from mbocp.robot.parts import (
     Actuation,
     Connector,
@@ -41,7 +34,14 @@ from mbocp.robot.parts import (
 from mbocp.robot.redundancy import singular_closure
 from mbocp.robot.resistance import JointResistance
 from mbocp.robot.robot import Robot
-from mbocp.robot.sources import RobotEntry, list_robots
+from mbocp.robot.warnings import (
+    IgnoredKeysWarning,
+    ImpossibleInertiaWarning,
+    InitialPoseWarning,
+    MissingMeshWarning,
+    NormalisationWarning,
+    NotModelledWarning,
+)
 
 __all__ = [
     "Actuation",

@@ -20,9 +20,9 @@ from mbocp.robot import closing, drives, joints, kinematics
 from mbocp.robot.closure import Closure
 from mbocp.robot.constraints import Constraint
 from mbocp.robot.large import working_data
-from mbocp.robot.notices import NormalisationWarning
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.resistance import JointResistance, resistance_forces
+from mbocp.robot.warnings import NormalisationWarning
 
 __all__ = ["Robot"]
 

@@ -14,8 +14,8 @@ import yaml
 from pydantic import BaseModel
 
 from mbocp.problem.file.schema import ProblemTable
-from mbocp.robot.robot_yaml import RobotYaml
-from mbocp.robot.schema import RobotTable
+from mbocp.robot.loading.robot_yaml import RobotYaml
+from mbocp.robot.loading.schema import RobotTable
 from mbocp.study.schema import StudyTable
 
 from .containers import mutate_result

@@ -16,7 +16,8 @@ from mbocp.exceptions import UnsupportedRobot
 from mbocp.mechanics import NaturalMechanics
 from mbocp.mechanics.bodies import SIZE, body_tree
 from mbocp.mechanics.natural_space import NaturalSpace
-from mbocp.robot import Robot, examples, load_robot
+from mbocp.robot import Robot, load_robot
+from mbocp.robot.loading import examples
 
 FEW = (
     "double_pendulum",

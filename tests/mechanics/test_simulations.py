@@ -12,7 +12,8 @@ import scipy.sparse.linalg as spla
 from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.mechanics import JointMechanics, Mechanics, NaturalMechanics
 from mbocp.mechanics.natural_space import NaturalSpace
-from mbocp.robot import Robot, examples
+from mbocp.robot import Robot
+from mbocp.robot.loading import examples
 
 from .test_natural import LARGEST, loaded, state
 

@@ -14,8 +14,8 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import shown
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.notices import ImpossibleInertiaWarning
-from mbocp.robot.urdf_numbers import LARGEST, child_attribute, finite_number, finite_numbers
+from mbocp.robot.loading.urdf_numbers import LARGEST, child_attribute, finite_number, finite_numbers
+from mbocp.robot.warnings import ImpossibleInertiaWarning
 
 __all__ = ["Inertial", "read_inertials", "tell_impossible_inertias", "total_mass"]
 

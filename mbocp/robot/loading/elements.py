@@ -24,20 +24,10 @@ from mbocp.robot.constraints import (
     Rod,
     Weld,
 )
-from mbocp.robot.drive_tables import DriveReader
-from mbocp.robot.locking import refuse_follower
-from mbocp.robot.mimic import Follower
-from mbocp.robot.notices import NotModelledWarning
-from mbocp.robot.parts import (
-    Actuation,
-    Connector,
-    FrameActuator,
-    Label,
-    Limits,
-    QuarticSpring,
-    SpringDamper,
-)
-from mbocp.robot.schema import (
+from mbocp.robot.loading.drive_tables import DriveReader
+from mbocp.robot.loading.locking import refuse_follower
+from mbocp.robot.loading.mimic import Follower
+from mbocp.robot.loading.schema import (
     ConstraintTable,
     CouplingTable,
     HingeTable,
@@ -50,6 +40,16 @@ from mbocp.robot.schema import (
     Thruster,
     Wrench,
 )
+from mbocp.robot.parts import (
+    Actuation,
+    Connector,
+    FrameActuator,
+    Label,
+    Limits,
+    QuarticSpring,
+    SpringDamper,
+)
+from mbocp.robot.warnings import NotModelledWarning
 
 __all__ = ["Assembly"]
 

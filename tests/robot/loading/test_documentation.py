@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from mbocp.robot import load_robot
-from mbocp.robot.schema import TABLES, RobotTable
-from mbocp.robot.sources import robot_folders
+from mbocp.robot.loading.schema import TABLES, RobotTable
+from mbocp.robot.loading.sources import robot_folders
 from tests.robot import urdfs
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 CRANE = urdfs.robot(
     *(urdfs.link(name) for name in ("rail", "trolley", "mast", "boom", "hook", "load")),
     urdfs.joint("cart", "prismatic", "rail", "trolley"),

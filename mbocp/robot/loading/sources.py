@@ -5,7 +5,7 @@ Look-up order of `find_source`:
 1. a `Path`, or a text with a path separator or the ending .urdf, .xml, .toml or .yaml: that file or folder;
 2. a folder of that name with a robot.toml or robot.yaml in it, under the folders of MBOCP_ROBOT_PATH, then
    under mbocp's robots/;
-3. "chain_N": a chain of N links, see `mbocp.robot.chain`;
+3. "chain_N": a chain of N links, see `mbocp.robot.loading.chain`;
 4. a name of example-robot-data ("ur5", "panda", "talos");
 5. a name of robot_descriptions ("panda_description"), if that package is installed.
 """
@@ -23,8 +23,8 @@ from typing import Any, Literal, TypeAlias
 import mbocp
 from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
-from mbocp.robot import chain, examples
-from mbocp.robot.schema import read_robot_toml
+from mbocp.robot.loading import chain, examples
+from mbocp.robot.loading.schema import read_robot_toml
 
 __all__ = ["RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
 

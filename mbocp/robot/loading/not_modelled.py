@@ -13,9 +13,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from mbocp._text import shortened, shown
-from mbocp.robot.notices import NotModelledWarning
-from mbocp.robot.urdf_inertia import read_inertials
-from mbocp.robot.urdf_numbers import child_attribute, finite_number
+from mbocp.robot.loading.urdf_inertia import read_inertials
+from mbocp.robot.loading.urdf_numbers import child_attribute, finite_number
+from mbocp.robot.warnings import NotModelledWarning
 
 __all__ = ["tell_not_modelled"]
 

@@ -11,14 +11,8 @@ import pinocchio as pin
 import pytest
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot import (
-    NotModelledWarning,
-    SingularMassMatrix,
-    describe,
-    examples,
-    load_robot,
-    robot_from_spec,
-)
+from mbocp.robot import NotModelledWarning, SingularMassMatrix, describe, load_robot, robot_from_spec
+from mbocp.robot.loading import examples
 
 # Left out, by name: an SDF file, and robots with a mass matrix that is singular as long as these joints move.
 SDF = ["cassie"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.urdf_numbers import child_attribute, finite_numbers
+from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 
 __all__ = ["MOST_IN_A_ROW", "MOST_MOVING", "check_tree"]
 

@@ -19,9 +19,9 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.mimic import Follower, followers
-from mbocp.robot.urdf import build_model, captured_stderr, read_urdf
-from mbocp.robot.visuals import build_visuals
+from mbocp.robot.loading.mimic import Follower, followers
+from mbocp.robot.loading.urdf import build_model, captured_stderr, read_urdf
+from mbocp.robot.loading.visuals import build_visuals
 
 __all__ = ["Example", "description", "load_example", "names"]
 

@@ -12,8 +12,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot.closing import SLACK, assemble, violations
-from mbocp.robot.notices import InitialPoseWarning
 from mbocp.robot.redundancy import without_redundant_rows
+from mbocp.robot.warnings import InitialPoseWarning
 
 if TYPE_CHECKING:
     from mbocp.robot.robot import Robot

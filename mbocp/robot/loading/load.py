@@ -23,26 +23,23 @@ from mbocp.exceptions import (
     suggest,
 )
 from mbocp.robot import joints
-from mbocp.robot.assemble import Assembly
-from mbocp.robot.ball_joints import make_spherical
-from mbocp.robot.chain import chain_description, chain_urdf, num_links
-from mbocp.robot.checks import check_mechanics
-from mbocp.robot.drives import check_drives
-from mbocp.robot.examples import load_example
-from mbocp.robot.initial_pose import close_loops
-from mbocp.robot.locking import lock_joints, pose_by_joint
-from mbocp.robot.mimic import Follower, followers
-from mbocp.robot.resistance import (
-    FRICTION_SPEED,
-    Losses,
-    joint_resistances,
-)
+from mbocp.robot.loading.ball_joints import make_spherical
+from mbocp.robot.loading.chain import chain_description, chain_urdf, num_links
+from mbocp.robot.loading.checks import check_mechanics
+from mbocp.robot.loading.drive_checks import check_drives
+from mbocp.robot.loading.elements import Assembly
+from mbocp.robot.loading.examples import load_example
+from mbocp.robot.loading.initial_pose import close_loops
+from mbocp.robot.loading.locking import lock_joints, pose_by_joint
+from mbocp.robot.loading.mimic import Follower, followers
+from mbocp.robot.loading.resistances import Losses, joint_resistances
+from mbocp.robot.loading.robot_yaml import read_robot_yaml
+from mbocp.robot.loading.schema import RobotTable, read_robot_toml
+from mbocp.robot.loading.sources import Source, find_source
+from mbocp.robot.loading.urdf import ROOT_JOINT, Urdf, build_model, read_urdf
+from mbocp.robot.loading.visuals import build_visuals, resolve
+from mbocp.robot.resistance import FRICTION_SPEED
 from mbocp.robot.robot import Robot
-from mbocp.robot.robot_yaml import read_robot_yaml
-from mbocp.robot.schema import RobotTable, read_robot_toml
-from mbocp.robot.sources import Source, find_source
-from mbocp.robot.urdf import ROOT_JOINT, Urdf, build_model, read_urdf
-from mbocp.robot.visuals import build_visuals, resolve
 
 __all__ = ["load_robot", "robot_from_spec"]
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from mbocp.exceptions import RobotError, RobotFileError, UnknownRobot
-from mbocp.robot import list_robots, load_robot, robot_from_spec, sources
+from mbocp.robot import list_robots, load_robot, robot_from_spec
+from mbocp.robot.loading import sources
 from tests.robot import urdfs
 
 URDF = urdfs.chain("revolute", "prismatic", name="arm")
@@ -146,7 +147,7 @@ def test_robot_descriptions(descriptions: Path) -> None:
 
 
 def test_without_example_robot_data(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mbocp.robot import examples
+    from mbocp.robot.loading import examples
 
     monkeypatch.setitem(sys.modules, "example_robot_data", None)
     examples._loaders.cache_clear()

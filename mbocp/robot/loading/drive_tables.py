@@ -12,9 +12,9 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import joints, kinematics
-from mbocp.robot.locking import refuse_follower
+from mbocp.robot.loading.locking import refuse_follower
+from mbocp.robot.loading.schema import DriveTable
 from mbocp.robot.parts import Drive
-from mbocp.robot.schema import DriveTable
 
 __all__ = ["DriveReader"]
 

@@ -17,11 +17,11 @@ import pinocchio as pin
 
 from mbocp._files import MEGABYTE, read_text
 from mbocp.exceptions import RobotFileError, Unreadable
-from mbocp.robot.mimic import Follower, followers, with_first_leaders
-from mbocp.robot.not_modelled import tell_not_modelled
-from mbocp.robot.urdf_inertia import read_inertials, tell_impossible_inertias, total_mass
-from mbocp.robot.urdf_losses import check_losses
-from mbocp.robot.urdf_tree import check_tree
+from mbocp.robot.loading.mimic import Follower, followers, with_first_leaders
+from mbocp.robot.loading.not_modelled import tell_not_modelled
+from mbocp.robot.loading.urdf_inertia import read_inertials, tell_impossible_inertias, total_mass
+from mbocp.robot.loading.urdf_losses import check_losses
+from mbocp.robot.loading.urdf_tree import check_tree
 
 __all__ = ["Urdf", "build_model", "read_urdf"]
 

@@ -19,9 +19,9 @@ from mbocp._arrays import Array
 from mbocp._files import is_file, is_folder
 from mbocp._text import shortened, shown
 from mbocp.exceptions import RobotFileError
-from mbocp.robot.notices import MissingMeshWarning
-from mbocp.robot.urdf import Urdf
-from mbocp.robot.urdf_numbers import child_attribute, finite_numbers
+from mbocp.robot.loading.urdf import Urdf
+from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
+from mbocp.robot.warnings import MissingMeshWarning
 
 __all__ = ["build_visuals", "resolve"]
 

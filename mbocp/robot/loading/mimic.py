@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.urdf_numbers import finite_numbers
+from mbocp.robot.loading.urdf_numbers import finite_numbers
 
 __all__ = ["Follower", "followers", "with_first_leaders"]
 

@@ -11,12 +11,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.urdf import Urdf
+from mbocp.robot.loading.urdf import Urdf
 
 __all__ = ["EXAMPLE", "MOST_LINKS", "chain_description", "chain_urdf", "num_links"]
 
 EXAMPLE = "chain_8"
-MOST_LINKS = 1000  # as of any robot, see mbocp.robot.urdf_tree
+MOST_LINKS = 1000  # as of any robot, see mbocp.robot.loading.urdf_tree
 _LENGTH, _RADIUS, _MASS = 0.25, 0.018, 0.5  # [m, m, kg]
 _ACROSS = _MASS * (3 * _RADIUS**2 + _LENGTH**2) / 12  # [kg m^2], of a cylinder
 _ALONG = _MASS * _RADIUS**2 / 2

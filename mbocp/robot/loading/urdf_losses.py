@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from mbocp._text import shown
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.urdf_numbers import child_attribute, finite_numbers
+from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 
 __all__ = ["check_losses"]
 

@@ -23,10 +23,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from mbocp._files import MEGABYTE, read_text
 from mbocp._text import shown
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
-from mbocp.robot.notices import IgnoredKeysWarning
-from mbocp.robot.safe_yaml import parse_yaml
-from mbocp.robot.schema import ActuationTable, ConstraintTable, PointTable, RobotTable, WeldTable
-from mbocp.robot.urdf import Urdf
+from mbocp.robot.loading.safe_yaml import parse_yaml
+from mbocp.robot.loading.schema import ActuationTable, ConstraintTable, PointTable, RobotTable, WeldTable
+from mbocp.robot.loading.urdf import Urdf
+from mbocp.robot.warnings import IgnoredKeysWarning
 
 __all__ = ["RobotYaml", "read_robot_yaml"]
 

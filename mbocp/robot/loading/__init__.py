@@ -1,0 +1,1 @@
+"""From a URDF, robot.toml or robot.yaml to a `Robot`."""
