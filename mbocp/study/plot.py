@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mbocp.exceptions import StudyError
 from mbocp.study.summary import Group, Spread, Summary
-from mbocp.view.plots_style import GREY, PALETTE, house_style, new_figure, plain_text, save_figure
+from mbocp.view.figures.style import GREY, PALETTE, house_style, new_figure, plain_text, save_figure
 
 __all__ = ["plot_summary"]
 

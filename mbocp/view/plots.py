@@ -19,10 +19,10 @@ from matplotlib.gridspec import GridSpec
 
 from mbocp._arrays import Array
 from mbocp.solution import Solution
-from mbocp.view import plots_panels as panels
-from mbocp.view.plots_lines import FEW, LinePanel
-from mbocp.view.plots_path import FramePaths, frame_paths
-from mbocp.view.plots_style import (
+from mbocp.view.figures import panels as panels
+from mbocp.view.figures.lines import FEW, LinePanel
+from mbocp.view.figures.path import FramePaths, frame_paths
+from mbocp.view.figures.style import (
     WARNING,
     house_style,
     line_style,

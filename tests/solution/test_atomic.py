@@ -19,7 +19,7 @@ import pytest
 from mbocp.exceptions import MbocpError, ResultFileError
 from mbocp.solution import Solution, atomic
 from mbocp.solution.atomic import atomic_path, replace_file
-from mbocp.view.plots_style import new_figure, save_figure
+from mbocp.view.figures.style import new_figure, save_figure
 
 from .fabricated import pendulum
 

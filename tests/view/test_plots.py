@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from mbocp.exceptions import ResultFileError, UnknownFrame
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Column, IterationRecord, Labels, Solution, Status
-from mbocp.view import plots_style
+from mbocp.view.figures import style
+from mbocp.view.figures.style import PALETTE, line_style, shorten
 from mbocp.view.plots import (
     overview,
     plot_controls,
@@ -29,7 +30,6 @@ from mbocp.view.plots import (
     plot_states,
     save_figure,
 )
-from mbocp.view.plots_style import PALETTE, line_style, shorten
 from tests.mechanics.models import cart_pendulum, spherical_pendulum
 from tests.solution.fabricated import arm, fabricate, humanoid, limited, pendulum
 
@@ -284,7 +284,7 @@ def test_an_interrupted_picture_leaves_the_old_one(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(Figure, "savefig", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        save_figure(plots_style.new_figure(3, 2), path)
+        save_figure(style.new_figure(3, 2), path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 

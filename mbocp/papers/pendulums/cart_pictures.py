@@ -8,7 +8,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch
 
 from mbocp._arrays import Array
 from mbocp.papers.pendulums.motions import Motion
-from mbocp.view.plots_style import PALETTE
+from mbocp.view.figures.style import PALETTE
 
 __all__ = ["draw_manoeuvre", "draw_snapshot"]
 

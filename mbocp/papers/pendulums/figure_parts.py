@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
-from mbocp.view.plots_style import GREY, PALETTE, calm_limits, finish_axes, mark_time, strip_legend
+from mbocp.view.figures.style import GREY, PALETTE, calm_limits, finish_axes, mark_time, strip_legend
 
 __all__ = [
     "FBSM",

@@ -11,7 +11,7 @@ from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
 
 from mbocp._arrays import Array
 from mbocp.papers.pendulums.figure_parts import marker_style, marks
-from mbocp.view.plots_style import GREY
+from mbocp.view.figures.style import GREY
 
 __all__ = [
     "draw_ends",

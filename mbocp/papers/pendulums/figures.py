@@ -12,7 +12,7 @@ from mbocp.exceptions import InvalidValue
 from mbocp.papers.pendulums.figure_cart import figure_6, figure_7, figure_8
 from mbocp.papers.pendulums.figure_pendulum import figure_2, figure_3, figure_4
 from mbocp.papers.pendulums.motions import Say
-from mbocp.view.plots_style import house_style, save_figure
+from mbocp.view.figures.style import house_style, save_figure
 
 __all__ = ["FIGURES", "FigureSpec", "check_figure", "draw_figure", "write_figure"]
 

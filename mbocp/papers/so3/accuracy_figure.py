@@ -16,7 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from mbocp.papers.so3.accuracy import METHODS, SUFFIXES, Curve, accuracy_curves
 from mbocp.papers.so3.request import Request, Say
 from mbocp.solution.atomic import replace_file
-from mbocp.view.plots_style import GREY, PALETTE, new_figure
+from mbocp.view.figures.style import GREY, PALETTE, new_figure
 
 __all__ = ["accuracy_figure", "accuracy_file", "draw_curves"]
 

@@ -11,7 +11,7 @@ from mbocp._arrays import Array
 from mbocp.papers.so3.data import FORMULATIONS
 from mbocp.papers.so3.motions import drift_of, resimulated, task_motion
 from mbocp.papers.so3.request import Request, Say
-from mbocp.view.plots_style import PALETTE, finish_axes, mark_time, new_figure, strip_legend
+from mbocp.view.figures.style import PALETTE, finish_axes, mark_time, new_figure, strip_legend
 
 __all__ = ["drift_figure"]
 

@@ -14,7 +14,7 @@ from mbocp.papers.so3.drift_figure import drift_figure
 from mbocp.papers.so3.lattice_figures import bar_figure, convergence_figure, success_figure
 from mbocp.papers.so3.path_figures import components_figure, path_figure, path_replay
 from mbocp.papers.so3.request import Request, Say, lattice_outcomes
-from mbocp.view.plots_style import house_style, save_figure
+from mbocp.view.figures.style import house_style, save_figure
 
 __all__ = ["FIGURES", "LATTICE_FIGURES", "FigureSpec", "check_figure", "write_figure"]
 

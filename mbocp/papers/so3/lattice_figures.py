@@ -22,7 +22,7 @@ from mbocp.papers.so3.outcomes import (
     settled_after,
 )
 from mbocp.study import Spread
-from mbocp.view.plots_style import GREY, PALETTE, new_figure
+from mbocp.view.figures.style import GREY, PALETTE, new_figure
 
 __all__ = ["bar_figure", "colour_of", "convergence_figure", "success_figure"]
 

@@ -17,7 +17,7 @@ from mbocp.papers.so3.motions import Motion, task_motion
 from mbocp.papers.so3.request import Request, Say
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
-from mbocp.view.plots_style import PALETTE, finish_axes, mark_time, new_figure, strip_legend
+from mbocp.view.figures.style import PALETTE, finish_axes, mark_time, new_figure, strip_legend
 from mbocp.view.replay import write_replay
 
 __all__ = ["LABELS", "components_figure", "path_figure", "path_replay"]

@@ -14,7 +14,7 @@ from mbocp.papers.pendulums import figures
 from mbocp.papers.pendulums.figure_cart import _planar_momenta
 from mbocp.papers.pendulums.figures import FIGURES, FigureSpec, draw_figure, write_figure
 from mbocp.papers.pendulums.motions import free_space, motion_pair, penalty_or_lagrange
-from mbocp.view.plots_style import save_figure
+from mbocp.view.figures.style import save_figure
 
 PANELS = {2: "abcdefgh", 3: "abcdefgh", 4: "ab", 6: "abcdefgh", 7: "abcdef", 8: "abcdef"}
 

@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from mbocp._arrays import Array
 from mbocp.solution import Column, Solution
 from mbocp.solution.stored import dual_columns
-from mbocp.view.plots_lines import LinePanel, line_panels
-from mbocp.view.plots_style import (
+from mbocp.view.figures.lines import LinePanel, line_panels
+from mbocp.view.figures.style import (
     GREY,
     PALETTE,
     calm_limits,

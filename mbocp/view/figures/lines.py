@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from mbocp._arrays import Array
 from mbocp.solution import Column
-from mbocp.view.plots_style import (
+from mbocp.view.figures.style import (
     GREY,
     LineStyle,
     calm_limits,

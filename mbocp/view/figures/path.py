@@ -14,7 +14,7 @@ from mbocp._arrays import Array
 from mbocp.robot.constraints import Hinge, Point, Rod, Weld
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
-from mbocp.view.plots_style import GREY, finish_axes, line_style, plain_text, strip_legend
+from mbocp.view.figures.style import GREY, finish_axes, line_style, plain_text, strip_legend
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot

@@ -1,0 +1,1 @@
+"""What figures are made of: panels, curves over time, paths in space, and the style of all of them."""
