@@ -31,7 +31,7 @@ void *dlopen(const char *name, int flags) {
     return next(name, flags & ~RTLD_DEEPBIND);
 }' | cc -shared -fPIC -xc - -o "$build/dlopen.so"
 
-[ $# -gt 0 ] || set -- tests/solvers tests/symbolic tests/transcription tests/lie tests/integrators/test_schemes.py
+[ $# -gt 0 ] || set -- tests/solvers tests/symbolic tests/formulation tests/programme tests/lie tests/integrators/test_schemes.py
 export CC=$cc MBOCP_CACHE_DIR=$build/cache
 export LD_LIBRARY_PATH=$packages/casadi:$packages/cmeel.prefix/lib
 # Python itself leaks on purpose, and CasADi's plug-ins are never unloaded.

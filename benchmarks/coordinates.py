@@ -15,12 +15,12 @@ import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, put_into, show
+from mbocp.formulation import formulate
 from mbocp.guess import make_guess
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.solution import Solution
 from mbocp.solvers import Methods, pursue
-from mbocp.transcription import transcribe
 
 __all__ = ["chain_table", "convergence_table", "iteration_table"]
 
@@ -85,9 +85,10 @@ def convergence_table() -> Table:
 
 def _iteration(problem: Problem, kind: str = "") -> tuple[float, int, float]:
     """Time of an iteration and of the solve from its guess [s], and the number of iterations."""
-    programme = transcribe(problem)
+    formulation = formulate(problem)
+    programme = formulation.programme
     kind = kind or ("joint" if problem.coordinates == "natural" else "line")
-    iterate, _ = make_guess(kind, problem, programme)
+    iterate, _ = make_guess(kind, formulation)
     methods = Methods.of(problem.solver, programme)
     times, count = [], 0
     for _ in range(_ROUNDS):
@@ -105,13 +106,14 @@ def iteration_table() -> Table:
     for name, task in _tasks():
         problem = task(100)
         natural = problem.with_(coordinates="natural")
-        sizes = transcribe(natural)
+        made = formulate(natural)
+        sizes = made.programme
         joint_time, natural_time = _iteration(problem), _iteration(natural)
         rows.append(
             (
                 name,
                 f"{2 * problem.robot.nv}",
-                f"{sizes.layout.nx} + {sizes.kinds[0].ny}",
+                f"{made.layout.nx} + {sizes.kinds[0].ny}",
                 f"{1e3 * joint_time[0]:.2f}",
                 f"{1e3 * natural_time[0]:.2f}",
                 f"{natural_time[0] / joint_time[0]:.1f}",

@@ -14,11 +14,11 @@ import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, put_into, show
+from mbocp.formulation import formulate
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
-from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import transcribe
+from mbocp.programme.kernel import kernel_programme
 
 __all__ = ["ROBOTS", "Simulation", "convergence_table", "simulate", "simulation_table", "solver_table"]
 
@@ -45,8 +45,9 @@ class Simulation:
     """
 
     def __init__(self, problem: Problem) -> None:
-        robot, programme = problem.robot, transcribe(problem)
-        at, native = programme.layout, kernel_programme(programme)
+        robot, formulation = problem.robot, formulate(problem)
+        programme = formulation.programme
+        at, native = formulation.layout, kernel_programme(programme)
         native.u = np.zeros(native.u.shape)
         xs = np.zeros((problem.num_steps + 1, at.nx))
         xs[0] = programme.x_start
@@ -56,8 +57,8 @@ class Simulation:
             raise RuntimeError(f"{robot.name}: the step to {(swept.failed_stage + 1) * problem.dt:g} s fails")
         xs = native.x.reshape(xs.shape)
         qs, vs = xs[:, at.z], xs[:, at.s]
-        if isinstance(programme.space, NaturalSpace):
-            qs, vs = programme.space.configurations(qs), programme.space.velocities(qs, vs)
+        if isinstance(formulation.space, NaturalSpace):
+            qs, vs = formulation.space.configurations(qs), formulation.space.velocities(qs, vs)
         self.closure = float(np.abs(robot.closure_along(qs)[0]).max())
         self.energies = np.array(
             [

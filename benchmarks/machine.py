@@ -8,7 +8,7 @@ from importlib.metadata import version
 
 from benchmarks.tables import Table
 from mbocp.papers.machine import processor
-from mbocp.solvers.native import kernel
+from mbocp.programme.kernel import kernel
 
 __all__ = ["header", "one_core"]
 

@@ -13,9 +13,10 @@ import numpy as np
 
 import mbocp
 from benchmarks.tables import Table
+from mbocp.formulation import formulate
 from mbocp.guess import guess_candidates, make_guess
+from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, Iterate, NewtonState, SolverResult, run
-from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = [
     "CASES",
@@ -78,9 +79,9 @@ def load(case: Case, *more: str) -> mbocp.Problem:
 
 def warm_guess(problem: mbocp.Problem) -> tuple[StagewiseProgramme, Iterate]:
     """Compiled programme and the default initial guess."""
-    programme = transcribe(problem)
-    iterate, _ = make_guess(guess_candidates(problem)[0], problem, programme)
-    return programme, iterate
+    formulation = formulate(problem)
+    iterate, _ = make_guess(guess_candidates(problem)[0], formulation)
+    return formulation.programme, iterate
 
 
 def newton(problem: mbocp.Problem, programme: StagewiseProgramme) -> GlobalisedNewton:

@@ -17,8 +17,8 @@ import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.random_tasks import CLASSES, random_problems
 from benchmarks.tables import Table, show
+from mbocp.formulation import transcribe
 from mbocp.study.rows import solver_seconds
-from mbocp.transcription import transcribe
 
 __all__ = ["outcomes", "reliability_table"]
 

@@ -14,7 +14,7 @@ from statistics import median
 import mbocp
 from benchmarks.newton import CASES, Case, load, newton, warm_guess
 from benchmarks.tables import Table
-from mbocp.transcription import transcribe
+from mbocp.formulation import transcribe
 
 __all__ = ["StageTime", "stage_table", "time_stages"]
 

@@ -12,12 +12,13 @@ import numpy as np
 import mbocp
 from benchmarks.newton import Case, exponent, load, median_time
 from benchmarks.tables import Table
+from mbocp.formulation import formulate
 from mbocp.guess import iterate_from_solution
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import Iterate
 from mbocp.solvers.multiplier import EndCondition
-from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.sweep import Sweeps
-from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = ["GROWTH", "METHODS", "STEPS", "growth_table", "robot_table", "seconds_of"]
 
@@ -48,9 +49,10 @@ def growth_table(
     optimum = mbocp.solve(load(case, f"horizon.steps={steps[0]}"), check=True)
     for n in steps:
         problem = load(case, f"horizon.steps={n}")
-        programme = transcribe(problem)
+        formulation = formulate(problem)
+        programme = formulation.programme
         native = kernel_programme(programme)
-        near = _swept_near(iterate_from_solution(optimum, problem, programme), native, programme)
+        near = _swept_near(iterate_from_solution(optimum, formulation), native, programme)
         memory.append(float(native.num_bytes))
         for name, iteration in _ITERATIONS.items():
             work, reset = partial(iteration, native), partial(near.load_into, native)

@@ -18,6 +18,7 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.assemble import Trajectory, assemble
 from mbocp.exceptions import NotConverged, ProblemError
+from mbocp.formulation import Formulation, formulate
 from mbocp.guess import guess_candidates, iterate_from_solution, make_guess
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.mechanics.symmetry import find_symmetries
@@ -30,7 +31,6 @@ from mbocp.solution.diagnostics import largest_turn
 from mbocp.solution.records import Labels
 from mbocp.solvers import IterationRecord, Methods, Outcome, Phase, SolverResult, Status, pursue
 from mbocp.solvers.reachability import dependent_end_rows
-from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = ["solve"]
 
@@ -83,15 +83,14 @@ def solve(
     limit = problem.solver.time_limit
     deadline = math.inf if limit is None else clock + limit
     with _timed(phases, "compile"):
-        programme, left_out = _programme(problem, deadline)
-    outcome, guess_used = _solve_programme(problem, programme, warm_start, callback, phases, deadline)
+        formulation, left_out = _formulated(problem, deadline)
+    outcome, guess_used = _solve_programme(formulation, warm_start, callback, phases, deadline)
     with _timed(phases, "diagnostics"):
-        trajectory = assemble(problem, programme, outcome.result.iterate)
+        trajectory = assemble(formulation, outcome.result.iterate)
         meanings = _meanings(problem.robot, trajectory.control_momentum_names)
         told = left_out + _singular(problem.robot, trajectory.qs)
     solution = _solution(
-        problem,
-        programme,
+        formulation,
         outcome,
         trajectory,
         meanings,
@@ -105,16 +104,16 @@ def solve(
     return solution
 
 
-def _programme(problem: Problem, deadline: float) -> tuple[StagewiseProgramme, str]:
-    """Programme without end conditions that the dynamics meet by themselves, and which these are."""
-    programme = transcribe(problem, deadline=deadline)
+def _formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:
+    """Formulation without end conditions that the dynamics meet by themselves, and which these are."""
+    formulation = formulate(problem, deadline=deadline)
     if problem.scheme not in EXPLICIT_SCHEMES or problem.goal.redundant == "keep":
-        return programme, ""
-    rows = dependent_end_rows(programme, np.vstack(programme.end_rows))
+        return formulation, ""
+    rows = dependent_end_rows(formulation.programme, np.vstack(formulation.end_rows))
     if not rows:
-        return programme, ""
-    names = ", ".join(programme.describe_row(-1, row) for row in rows)
-    return transcribe(problem, rows, deadline=deadline), f"; left out, since the dynamics imply it: {names}"
+        return formulation, ""
+    names = ", ".join(formulation.programme.describe_row(-1, row) for row in rows)
+    return formulate(problem, rows, deadline=deadline), f"; left out, since the dynamics imply it: {names}"
 
 
 @contextmanager
@@ -125,14 +124,14 @@ def _timed(phases: list[Phase], name: str) -> Iterator[None]:
 
 
 def _solve_programme(
-    problem: Problem,
-    programme: StagewiseProgramme,
+    formulation: Formulation,
     warm_start: Solution | None,
     callback: Callable[[IterationRecord], object] | None,
     phases: list[Phase],
     deadline: float,
 ) -> tuple[Outcome, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails."""
+    problem, programme = formulation.problem, formulation.programme
     methods, best = Methods.of(problem.solver, programme, has_inequalities=problem.is_bounded), None
     history: list[IterationRecord] = []
     kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
@@ -140,10 +139,10 @@ def _solve_programme(
         try:
             with _timed(phases, "guess"):
                 if warm_start is not None:
-                    iterate = iterate_from_solution(warm_start, problem, programme)
+                    iterate = iterate_from_solution(warm_start, formulation)
                     words = "warm start from a solution"
                 else:
-                    iterate, words = make_guess(kind, problem, programme)
+                    iterate, words = make_guess(kind, formulation)
         except ProblemError:
             if attempt + 1 < len(kinds) or best is not None:
                 continue  # an automatic guess that cannot be made is no reason to give up on the others
@@ -191,8 +190,7 @@ def _is_better(new: SolverResult, old: SolverResult) -> bool:
 
 
 def _solution(
-    problem: Problem,
-    programme: StagewiseProgramme,
+    formulation: Formulation,
     outcome: Outcome,
     trajectory: Trajectory,
     meanings: tuple[str, ...],
@@ -201,7 +199,7 @@ def _solution(
     told: str,
     seconds: float,
 ) -> Solution:
-    result = outcome.result
+    problem, result = formulation.problem, outcome.result
     last = result.record
     status, advice = _resolution(problem, result, trajectory.qs, trajectory.vs)
     return Solution(
@@ -215,7 +213,7 @@ def _solution(
         cost=last.cost,
         residual=last.residual,
         increment=last.increment,
-        unknowns=programme.num_unknowns,
+        unknowns=formulation.programme.num_unknowns,
         wall_time_s=seconds,
         phases=tuple(phases),
         history=result.history,
@@ -226,7 +224,7 @@ def _solution(
         guess_used=guess_used,
         options=asdict(problem.solver),
         versions=dict(_versions()),
-        labels=Labels.of_robot(problem.robot, programme.constraint_labels),
+        labels=Labels.of_robot(problem.robot, formulation.constraint_labels),
         control_momentum_meanings=meanings,
         **trajectory.fields(),
     )

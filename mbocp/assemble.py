@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.formulation import Formulation
 from mbocp.inequalities import inequalities
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
@@ -20,13 +21,12 @@ from mbocp.mechanics import NaturalSpace, dual_of_momentum
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.natural import natural_hamiltonians, natural_momenta, natural_violation
 from mbocp.problem import Problem
+from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.robot.kinematics import mass_matrices
 from mbocp.solution.diagnostics import constraint_violation, control_momenta
 from mbocp.solvers import Iterate
-from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["Trajectory", "assemble", "boundary_duals"]
 
@@ -68,23 +68,24 @@ class Trajectory:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
-def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) -> Trajectory:
+def assemble(formulation: Formulation, iterate: Iterate) -> Trajectory:
     """Trajectories, multipliers, control Hamiltonian and control momentum of an iterate."""
+    problem, programme = formulation.problem, formulation.programme
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
-    at = programme.layout
+    at = formulation.layout
     zs = iterate.xs[:, at.z]
-    qs = programme.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
+    qs = formulation.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
     lams, zetas = iterate.ys / dt, iterate.ms[:, at.ndx :] / dt**2
-    if isinstance(programme.space, NaturalSpace):
-        return _natural(problem, programme, programme.space, iterate, qs, lams, zetas)
-    maps = _speed_maps(problem, programme, qs)
+    if isinstance(formulation.space, NaturalSpace):
+        return _natural(formulation, formulation.space, iterate, qs, lams, zetas)
+    maps = _speed_maps(formulation, qs)
     vs = _velocities(problem, iterate.xs[:, at.s], iterate.us, qs, maps)
     if programme.is_explicit and robot.nc:
         lams, zetas = _projected_multipliers(problem, qs, vs, iterate.us), np.zeros((N, robot.nc))
-    duals = boundary_duals(programme, iterate)
-    costates = _velocity_duals(_tangent_duals(programme, zs, duals), maps, robot.nv)
+    duals = boundary_duals(formulation, iterate)
+    costates = _velocity_duals(_tangent_duals(formulation, zs, duals), maps, robot.nv)
     momenta, names = _momenta_of_symmetries(problem, qs, vs, costates)
-    drifts, violation = _drifts(programme, zs), constraint_violation(robot, qs, vs)
+    drifts, violation = _drifts(formulation, zs), constraint_violation(robot, qs, vs)
     return Trajectory(
         t=np.arange(N + 1, dtype=np.float64) * dt,
         qs=qs,
@@ -92,24 +93,23 @@ def assemble(problem: Problem, programme: StagewiseProgramme, iterate: Iterate) 
         ps=_momenta(robot, qs, vs),
         us=iterate.us,
         lams=lams,
-        mus=_adjoints(problem, programme, iterate, qs, vs, costates),
+        mus=_adjoints(formulation, iterate, qs, vs, costates),
         zetas=zetas,
         eta=iterate.eta,
-        control_hamiltonians=_hamiltonians(problem, programme, iterate, qs, vs, costates, zetas),
+        control_hamiltonians=_hamiltonians(formulation, iterate, qs, vs, costates, zetas),
         control_momenta=momenta,
         control_momentum_names=names,
         constraint_violation=violation.position,
         velocity_violation=violation.velocity,
         manifold_drifts=drifts,
         manifold_drift=float(drifts.max(initial=0.0)),
-        manifold_drift_resimulated=_resimulated_drift(programme, iterate),
-        **inequalities(problem, programme, iterate, qs, vs),
+        manifold_drift_resimulated=_resimulated_drift(formulation, iterate),
+        **inequalities(formulation, iterate, qs, vs),
     )
 
 
 def _natural(
-    problem: Problem,
-    programme: StagewiseProgramme,
+    formulation: Formulation,
     space: NaturalSpace,
     iterate: Iterate,
     qs: Array,
@@ -117,13 +117,14 @@ def _natural(
     zetas: Array,
 ) -> Trajectory:
     """Trajectories of the joints from an iterate in natural coordinates; constraints are the bodies'."""
-    robot, N, at = problem.robot, problem.num_steps, programme.layout
+    problem = formulation.problem
+    robot, N, at = problem.robot, problem.num_steps, formulation.layout
     zs = iterate.xs[:, at.z]
     vs = space.velocities(zs, iterate.xs[:, at.s])
-    duals = boundary_duals(programme, iterate)[:, : at.nw + at.ns]
+    duals = boundary_duals(formulation, iterate)[:, : at.nw + at.ns]
     costates = space.costates(zs, vs, duals)
-    momenta, names = natural_momenta(problem, programme, iterate, duals, _weighed(problem))
-    drifts, violation = _drifts(programme, zs), natural_violation(programme, zs, iterate.xs[:, at.s])
+    momenta, names = natural_momenta(formulation, iterate, duals, _weighed(problem))
+    drifts, violation = _drifts(formulation, zs), natural_violation(formulation, zs, iterate.xs[:, at.s])
     return Trajectory(
         t=np.arange(N + 1, dtype=np.float64) * problem.dt,
         qs=qs,
@@ -135,7 +136,7 @@ def _natural(
         zetas=zetas,
         eta=iterate.eta,
         control_hamiltonians=natural_hamiltonians(
-            problem, programme, iterate, duals, _stage_costs(programme, iterate)
+            formulation, iterate, duals, _stage_costs(formulation, iterate)
         ),
         control_momenta=momenta,
         control_momentum_names=names,
@@ -143,13 +144,14 @@ def _natural(
         velocity_violation=violation.velocity,
         manifold_drifts=drifts,
         manifold_drift=float(drifts.max(initial=0.0)),
-        manifold_drift_resimulated=_resimulated_drift(programme, iterate),
-        **inequalities(problem, programme, iterate, qs, vs),
+        manifold_drift_resimulated=_resimulated_drift(formulation, iterate),
+        **inequalities(formulation, iterate, qs, vs),
     )
 
 
-def _speed_maps(problem: Problem, programme: StagewiseProgramme, qs: Array) -> Array | None:
+def _speed_maps(formulation: Formulation, qs: Array) -> Array | None:
     """V(q) at all nodes, shape (N + 1, nv, ns), where speeds are fewer than velocities."""
+    problem, programme = formulation.problem, formulation.programme
     robot = problem.robot
     if not programme.is_explicit or not robot.drives:
         return None
@@ -176,12 +178,12 @@ def _projected_multipliers(problem: Problem, qs: Array, vs: Array, us: Array) ->
     return found
 
 
-def _tangent_duals(programme: StagewiseProgramme, zs: Array, duals: Array) -> Array:
+def _tangent_duals(formulation: Formulation, zs: Array, duals: Array) -> Array:
     """Duals of the coordinates as duals of tangent vectors; those of remembered controls are left out."""
-    at = programme.layout
+    at = formulation.layout
     along = duals[:, : at.nw]
-    if at.is_flat and isinstance(programme.space, ConfigurationSpace) and not programme.space.is_vector:
-        along = np.asarray(_pull_back(programme.space).map(len(zs))(zs.T, along.T)).T
+    if at.is_flat and isinstance(formulation.space, ConfigurationSpace) and not formulation.space.is_vector:
+        along = np.asarray(_pull_back(formulation.space).map(len(zs))(zs.T, along.T)).T
     return np.hstack([along, duals[:, at.ds]])
 
 
@@ -211,9 +213,9 @@ def _momenta_of_symmetries(
     return control_momenta(problem.robot, qs, vs, costates, tracked=_weighed(problem))
 
 
-def _drifts(programme: StagewiseProgramme, zs: Array) -> Array:
+def _drifts(formulation: Formulation, zs: Array) -> Array:
     """Largest defect of the groups' invariants at each node, shape (N + 1,)."""
-    space = programme.space
+    space = formulation.space
     defects = _kept_defects(space) if isinstance(space, ConfigurationSpace) else _defects(space)
     found = np.abs(np.asarray(defects.map(len(zs))(zs.T)))
     drifts: Array = found.max(axis=0, initial=0.0)
@@ -230,9 +232,10 @@ def _defects(space: ConfigurationSpace | NaturalSpace) -> ca.Function:
     return ca.Function("defects", [z], [ca.densify(space.defects(z))])
 
 
-def _resimulated_drift(programme: StagewiseProgramme, iterate: Iterate) -> float:
+def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:
     """Largest drift of the forward simulation with the iterate's controls; NaN if it cannot be made."""
-    if programme.space.is_vector and isinstance(programme.space, ConfigurationSpace):
+    programme = formulation.programme
+    if formulation.space.is_vector and isinstance(formulation.space, ConfigurationSpace):
         return 0.0
     native = kernel_programme(programme)
     iterate.load_into(native)
@@ -240,11 +243,12 @@ def _resimulated_drift(programme: StagewiseProgramme, iterate: Iterate) -> float
     if not sweep.ok:
         return math.nan
     xs = native.x.reshape(iterate.xs.shape)
-    return float(_drifts(programme, xs[:, programme.layout.z]).max(initial=0.0))
+    return float(_drifts(formulation, xs[:, formulation.layout.z]).max(initial=0.0))
 
 
-def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
+def boundary_duals(formulation: Formulation, iterate: Iterate) -> Array:
     """Derivatives of the Lagrangian of what follows each node in (q_n, v_n), shape (N + 1, 2 nv)."""
+    programme = formulation.programme
     native = kernel_programme(programme)
     iterate.load_into(native)
     native.evaluate()
@@ -253,8 +257,7 @@ def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
 
 
 def _hamiltonians(
-    problem: Problem,
-    programme: StagewiseProgramme,
+    formulation: Formulation,
     iterate: Iterate,
     qs: Array,
     vs: Array,
@@ -265,18 +268,20 @@ def _hamiltonians(
 
     Explicit schemes: with the step's own increment for f and the adjoint after it, to first order in dt.
     """
+    problem, programme = formulation.problem, formulation.programme
     if not programme.is_explicit:
-        return _control_hamiltonians(problem, programme, iterate, qs, vs, costates, zetas)
-    at, dt = programme.layout, problem.dt
+        return _control_hamiltonians(formulation, iterate, qs, vs, costates, zetas)
+    at, dt = formulation.layout, problem.dt
     turned = np.array([pin.difference(problem.robot.model, a, b) for a, b in pairwise(qs)])
     moved = np.hstack([turned, np.diff(iterate.xs[:, at.s], axis=0)])
-    rows = _tangent_duals(programme, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+    rows = _tangent_duals(formulation, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
     values: Array = np.einsum("ni,ni->n", rows, moved) / dt
-    return values + _stage_costs(programme, iterate) / dt
+    return values + _stage_costs(formulation, iterate) / dt
 
 
-def _stage_costs(programme: StagewiseProgramme, iterate: Iterate) -> Array:
+def _stage_costs(formulation: Formulation, iterate: Iterate) -> Array:
     """Running cost of every step, from the stage functions, shape (N,)."""
+    programme = formulation.programme
     N = programme.num_steps
     arguments = (iterate.xs[:-1], iterate.xs[1:], iterate.ys, iterate.us)
     theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
@@ -286,8 +291,7 @@ def _stage_costs(programme: StagewiseProgramme, iterate: Iterate) -> Array:
 
 
 def _control_hamiltonians(
-    problem: Problem,
-    programme: StagewiseProgramme,
+    formulation: Formulation,
     iterate: Iterate,
     qs: Array,
     vs: Array,
@@ -300,10 +304,11 @@ def _control_hamiltonians(
     The momentum row's multiplier is mu_p at 1 - tau; c_q is the boundary dual before the step and the
     kinematic row's multiplier after it, before the constraint at the node acts on it.
     """
+    problem = formulation.problem
     robot, nv, tau = problem.robot, problem.robot.nv, TAU[problem.scheme]
-    at = programme.layout
+    at = formulation.layout
     q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, problem.dt)
-    rows = _tangent_duals(programme, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+    rows = _tangent_duals(formulation, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
     duals = tau * costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
     inertial = _momenta(robot, q_taus, np.diff(vs, axis=0) / problem.dt)
     hamiltonians: Array = (
@@ -359,8 +364,7 @@ def _running_cost(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
 
 
 def _adjoints(
-    problem: Problem,
-    programme: StagewiseProgramme,
+    formulation: Formulation,
     iterate: Iterate,
     qs: Array,
     vs: Array,
@@ -371,11 +375,12 @@ def _adjoints(
     For a constant mass matrix both are the adjoint of Box 1 and of Appendix B. With drives, the duals of
     (q, v): there is no momentum that belongs to all of them.
     """
-    robot, at = problem.robot, programme.layout
+    problem = formulation.problem
+    robot, at = problem.robot, formulation.layout
     if robot.drives:
         return costates
     if problem.scheme == "se1":
         end = dual_of_momentum(robot, qs[-1], vs[-1], costates[-1])
-        rows = _tangent_duals(programme, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+        rows = _tangent_duals(formulation, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
         return np.vstack([rows, end])
     return np.array([dual_of_momentum(robot, q, v, c) for q, v, c in zip(qs, vs, costates, strict=True)])

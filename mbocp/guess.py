@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
+from mbocp.formulation import Formulation, formulate
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace, dual_of_velocity
@@ -21,14 +22,13 @@ from mbocp.natural import natural_iterate
 from mbocp.problem import Guess, Problem
 from mbocp.problem.consistency import project_on_constraints, tangent_space
 from mbocp.problem.way import closed_way, constraint_jacobians
+from mbocp.programme.iterate import BoundMultipliers
+from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot
 from mbocp.robot.drives import speed_maps
 from mbocp.robot.large import working_data
 from mbocp.solution import Solution
 from mbocp.solvers import Iterate, Methods, SolverResult, Status, pursue, zero_multipliers
-from mbocp.solvers.iterate import BoundMultipliers
-from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import StagewiseProgramme, transcribe
 
 __all__ = ["guess_candidates", "iterate_from_solution", "make_guess"]
 
@@ -57,7 +57,7 @@ def guess_candidates(problem: Problem) -> tuple[str, ...]:
     return (*kinds, "control")
 
 
-def make_guess(kind: str, problem: Problem, programme: StagewiseProgramme) -> tuple[Iterate, str]:
+def make_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
     """Iterate of the given kind, and words that say what was taken.
 
     Raises
@@ -65,33 +65,32 @@ def make_guess(kind: str, problem: Problem, programme: StagewiseProgramme) -> tu
     ProblemError
         If the forward simulation with a constant control fails, or a saved solution does not fit.
     """
+    problem, programme = formulation.problem, formulation.programme
     if kind == "joint":
-        return _from_joints(problem, programme)
+        return _from_joints(formulation)
     if kind == "control":
         u = np.zeros(problem.robot.nu) if problem.guess.u is None else problem.guess.u
-        return _simulated(
-            problem, programme, u
-        ), f"forward simulation with u = {np.array2string(u, precision=4)}"
+        return _simulated(formulation, u), f"forward simulation with u = {np.array2string(u, precision=4)}"
     if kind == "line":
         if programme.is_explicit and problem.robot.drives:
-            return _driven_line(problem, programme), "straight line in the configuration space"
-        return _line(problem, programme), "straight line in the configuration space, inverse dynamics"
+            return _driven_line(formulation), "straight line in the configuration space"
+        return _line(formulation), "straight line in the configuration space, inverse dynamics"
     if kind == "at_rest":
-        return _at_rest(problem, programme), "straight line in the configuration space, nothing moves"
+        return _at_rest(formulation), "straight line in the configuration space, nothing moves"
     if kind == "hold":
-        return _hold(problem, programme), "hold the start, gravity compensated"
+        return _hold(formulation), "hold the start, gravity compensated"
     if problem.guess.path is None:
         raise ProblemError('guess.kind = "solution" needs guess.file')
     saved = Solution.load(problem.guess.path)
     try:
-        return iterate_from_solution(saved, problem, programme), f"saved solution {problem.guess.path.name}"
+        return iterate_from_solution(saved, formulation), f"saved solution {problem.guess.path.name}"
     except DimensionMismatch as error:
         raise ResultFileError(
             problem.guess.path, f"does not fit robot {problem.robot.name!r}: {error}"
         ) from error
 
 
-def iterate_from_solution(saved: Solution, problem: Problem, programme: StagewiseProgramme) -> Iterate:
+def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     """Iterate from a solution with any number of steps, interpolated in time on the manifold.
 
     Raises
@@ -99,6 +98,7 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
     DimensionMismatch
         If the solution belongs to a robot of other dimensions.
     """
+    problem, programme = formulation.problem, formulation.programme
     robot, N, dt = problem.robot, problem.num_steps, programme.dt
     got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], saved.lams.shape[1])
     if saved.coordinates == "natural":  # whose multipliers belong to other constraints
@@ -117,11 +117,11 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
     vs = _between(saved.vs, left, share)
     middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
     us = saved.us[middle]
-    if isinstance(programme.space, NaturalSpace):
-        return natural_iterate(problem, programme, programme.space, qs, vs, us)
-    xs = _states(problem, programme, qs, vs, us)
+    if isinstance(formulation.space, NaturalSpace):
+        return natural_iterate(formulation, formulation.space, qs, vs, us)
+    xs = _states(formulation, qs, vs, us)
     lams = saved.lams[middle] if saved.coordinates != "natural" else np.zeros((N, robot.nc))
-    is_flat = programme.layout.is_flat and not robot.is_vector_space
+    is_flat = formulation.layout.is_flat and not robot.is_vector_space
     if programme.is_explicit or is_flat or saved.coordinates == "natural":
         return zero_multipliers(programme, xs, dt * lams[:, : programme.kinds[0].ny], us)
     mus = _row_multipliers(saved, problem, left, share)
@@ -129,20 +129,21 @@ def iterate_from_solution(saved: Solution, problem: Problem, programme: Stagewis
         xs=xs,
         ys=dt * saved.lams[middle],
         us=us,
-        ms=np.hstack([mus, np.zeros((N, programme.layout.nr)), dt**2 * saved.zetas[middle]]),
+        ms=np.hstack([mus, np.zeros((N, formulation.layout.nr)), dt**2 * saved.zetas[middle]]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
-        bounds=_bound_multipliers(saved, programme, left, share, middle),
+        bounds=_bound_multipliers(saved, formulation, left, share, middle),
     )
 
 
 def _bound_multipliers(
-    saved: Solution, programme: StagewiseProgramme, left: Any, share: Array, middle: Any
+    saved: Solution, formulation: Formulation, left: Any, share: Array, middle: Any
 ) -> BoundMultipliers | None:
     """Multipliers of limits where states are (q, v); those of path constraints and guards begin anew."""
+    programme = formulation.programme
     if not (saved.lam_us.any() or saved.lam_qs.any() or saved.lam_vs.any()):
         return None
     lam_xs = _between(np.hstack([saved.lam_qs, saved.lam_vs]), left, share)
-    N, at = programme.num_steps, programme.layout
+    N, at = programme.num_steps, formulation.layout
     return BoundMultipliers(
         xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr))]),
         us=saved.lam_us[middle],
@@ -172,8 +173,9 @@ def _row_multipliers(saved: Solution, problem: Problem, left: Any, share: Array)
     return np.hstack([along_q, tau * duals_p[:-1] + (1.0 - tau) * duals_p[1:]])
 
 
-def _simulated(problem: Problem, programme: StagewiseProgramme, u: Array) -> Iterate:
+def _simulated(formulation: Formulation, u: Array) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6)."""
+    problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme)
     native.u = np.tile(u, problem.num_steps)
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
@@ -189,11 +191,12 @@ def _simulated(problem: Problem, programme: StagewiseProgramme, u: Array) -> Ite
     return Iterate.read_from(native, programme)
 
 
-def _states(problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Array, us: Array) -> Array:
+def _states(formulation: Formulation, qs: Array, vs: Array, us: Array) -> Array:
     """States of the programme at configurations and velocities, beginning with the given one."""
-    robot, at = problem.robot, programme.layout
+    problem, programme = formulation.problem, formulation.programme
+    robot, at = problem.robot, formulation.layout
     xs = np.zeros((len(qs), at.nx))
-    xs[:, at.z] = programme.space.coordinates(qs)
+    xs[:, at.z] = formulation.space.coordinates(qs)
     if programme.is_explicit and robot.drives:
         # The columns of V are unit vectors on different components: its transpose takes the nearest speeds.
         xs[:, at.s] = np.einsum("nij,ni->nj", speed_maps(robot, qs), vs)
@@ -205,46 +208,48 @@ def _states(problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Arra
     return xs
 
 
-def _hold(problem: Problem, programme: StagewiseProgramme) -> Iterate:
+def _hold(formulation: Formulation) -> Iterate:
+    problem = formulation.problem
     robot, N = problem.robot, problem.num_steps
     still, G = np.zeros(robot.nv), robot.constraint_jacobian(problem.q_start)
     u, lam = _balance(robot, problem.q_start, still, still, G)
     qs = np.tile(problem.q_start, (N + 1, 1))
     us = np.tile(u, (N, 1))
-    return _iterate(problem, programme, qs, np.tile(still, (N + 1, 1)), us, np.tile(lam, (N, 1)))
+    return _iterate(formulation, qs, np.tile(still, (N + 1, 1)), us, np.tile(lam, (N, 1)))
 
 
-def _line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
+def _line(formulation: Formulation) -> Iterate:
+    problem, programme = formulation.problem, formulation.programme
     robot, dt = problem.robot, problem.dt
-    qs, vs = _line_states(problem, programme)
+    qs, vs = _line_states(formulation)
     if programme.is_explicit:
         q_taus, v_taus = qs[:-1], vs[:-1]
     else:
         q_taus, v_taus = evaluation_points(robot, problem.scheme, qs, vs, dt)
     accelerations = np.diff(vs, axis=0) / dt
     us, lams = _balances(robot, q_taus, v_taus, accelerations)
-    return _iterate(problem, programme, qs, vs, us, lams)
+    return _iterate(formulation, qs, vs, us, lams)
 
 
-def _iterate(
-    problem: Problem, programme: StagewiseProgramme, qs: Array, vs: Array, us: Array, lams: Array
-) -> Iterate:
+def _iterate(formulation: Formulation, qs: Array, vs: Array, us: Array, lams: Array) -> Iterate:
     """Iterate at a motion of the joints with the multipliers of the robot's constraints, adjoints zero."""
-    if isinstance(programme.space, NaturalSpace):
-        return natural_iterate(problem, programme, programme.space, qs, vs, us)
+    problem, programme = formulation.problem, formulation.programme
+    if isinstance(formulation.space, NaturalSpace):
+        return natural_iterate(formulation, formulation.space, qs, vs, us)
     ys = problem.dt * lams[:, : programme.kinds[0].ny]
-    return zero_multipliers(programme, _states(problem, programme, qs, vs, us), ys, us)
+    return zero_multipliers(programme, _states(formulation, qs, vs, us), ys, us)
 
 
-def _from_joints(problem: Problem, programme: StagewiseProgramme) -> tuple[Iterate, str]:
+def _from_joints(formulation: Formulation) -> tuple[Iterate, str]:
     """Optimum in joint coordinates, in natural ones; or what comes nearest to it."""
+    problem = formulation.problem
     best: SolverResult | None = None
     joint = problem.with_(coordinates="joint", guess=Guess(), solver=replace(problem.solver, method="auto"))
-    stepwise = transcribe(joint)
-    methods = Methods.of(joint.solver, stepwise, has_inequalities=joint.is_bounded)
+    stepwise = formulate(joint)
+    methods = Methods.of(joint.solver, stepwise.programme, has_inequalities=joint.is_bounded)
     taken = 0
     for kind in guess_candidates(joint):
-        result = pursue(methods, stepwise, make_guess(kind, joint, stepwise)[0]).result
+        result = pursue(methods, stepwise.programme, make_guess(kind, stepwise)[0]).result
         if result.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         taken += sum(not record.is_guess for record in result.history)
@@ -256,34 +261,36 @@ def _from_joints(problem: Problem, programme: StagewiseProgramme) -> tuple[Itera
         raise ProblemError("no guess could be made in joint coordinates; give guess.kind")
     found, at = best.iterate, stepwise.layout
     qs = stepwise.space.configurations(found.xs[:, at.z]) if at.is_flat else found.xs[:, at.z]
-    iterate = _iterate(problem, programme, qs, found.xs[:, at.s], found.us, found.ys / problem.dt)
+    iterate = _iterate(formulation, qs, found.xs[:, at.s], found.us, found.ys / problem.dt)
     what = "optimum" if best.status is Status.CONVERGED else f"best iterate ({best.status})"
     return iterate, f"{what} in joint coordinates after {taken} iterations, mapped to bodies"
 
 
-def _driven_line(problem: Problem, programme: StagewiseProgramme) -> Iterate:
+def _driven_line(formulation: Formulation) -> Iterate:
     """Configurations on the line at a steady rate, with the velocities that go with it.
 
     Where controls prescribe velocities, a line is seldom a motion. A little of every drive's speed and
     control breaks the symmetry of tasks whose goal is where they start.
     """
+    problem, programme = formulation.problem, formulation.programme
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
     qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
     rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dt for n in range(N)])
     us = np.zeros((N, robot.nu))
     us[:, robot.nu - len(robot.drives) :] = _NUDGE
-    xs = _states(problem, programme, qs, np.vstack([rate, rate[-1]]), us)
+    xs = _states(formulation, qs, np.vstack([rate, rate[-1]]), us)
     num_free = robot.nv - len(robot.driven)
-    xs[1:, programme.layout.s][:, num_free:] += _NUDGE
+    xs[1:, formulation.layout.s][:, num_free:] += _NUDGE
     return zero_multipliers(programme, xs, np.zeros((N, 0)), us)
 
 
-def _at_rest(problem: Problem, programme: StagewiseProgramme) -> Iterate:
+def _at_rest(formulation: Formulation) -> Iterate:
     """Configurations on the line, every velocity and control zero: agrees with no kinematics, on purpose."""
+    problem = formulation.problem
     robot, N = problem.robot, problem.num_steps
     qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
     still, us = np.zeros((N + 1, robot.nv)), np.zeros((N, robot.nu))
-    return _iterate(problem, programme, qs, still, us, np.zeros((N, robot.nc)))
+    return _iterate(formulation, qs, still, us, np.zeros((N, robot.nc)))
 
 
 def _straight(problem: Problem, shares: Array) -> Array:
@@ -302,12 +309,13 @@ def _on_the_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> A
     return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs
 
 
-def _line_states(problem: Problem, programme: StagewiseProgramme) -> tuple[Array, Array]:
+def _line_states(formulation: Formulation) -> tuple[Array, Array]:
     """Nodes on the straight line from start to goal, with velocities that the scheme's kinematics ask for."""
+    problem, programme = formulation.problem, formulation.programme
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
     tau = TAU.get(problem.scheme, _EXPLICIT_TAU)
-    is_own = not programme.is_explicit and isinstance(programme.space, ConfigurationSpace)
-    v_start = programme.x_start[programme.layout.s] if is_own else problem.v_start
+    is_own = not programme.is_explicit and isinstance(formulation.space, ConfigurationSpace)
+    v_start = programme.x_start[formulation.layout.s] if is_own else problem.v_start
     model, q_start = robot.model, problem.q_start
     s = np.linspace(0.0, 1.0, N + 1)
     if tau == 0.0:  # the first step goes where the start velocity says, whatever the controls

@@ -7,19 +7,17 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation import Formulation
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
+from mbocp.programme.iterate import BoundMultipliers
 from mbocp.robot import Robot
 from mbocp.solvers import Iterate
-from mbocp.solvers.iterate import BoundMultipliers
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["inequalities", "path_along"]
 
 
-def inequalities(
-    problem: Problem, programme: StagewiseProgramme, iterate: Iterate, qs: Array, vs: Array
-) -> dict[str, Any]:
+def inequalities(formulation: Formulation, iterate: Iterate, qs: Array, vs: Array) -> dict[str, Any]:
     """Fields of a solution that speak of inequalities, by name.
 
     Parameters
@@ -29,10 +27,11 @@ def inequalities(
     vs : ndarray, shape (N + 1, nv)
         Velocities [m/s, rad/s].
     """
+    problem = formulation.problem
     path = path_along(problem, qs, vs)
     names = tuple(label.name for constraint in problem.path for label in constraint.labels)
     return {
-        **_multipliers(problem, programme, iterate, path),
+        **_multipliers(formulation, iterate, path),
         "path_names": names,
         "limit_violation": _violation(problem, iterate.us, qs, vs, path),
     }
@@ -64,9 +63,8 @@ def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -
     return max(worst)
 
 
-def _multipliers(
-    problem: Problem, programme: StagewiseProgramme, iterate: Iterate, path: Array
-) -> dict[str, Array]:
+def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dict[str, Array]:
+    problem = formulation.problem
     robot, N = problem.robot, problem.num_steps
     lam_qs, lam_vs = np.zeros((N + 1, robot.nq)), np.zeros((N + 1, robot.nv))
     bounds = iterate.bounds
@@ -78,25 +76,24 @@ def _multipliers(
             "lam_vs": lam_vs,
             "lam_path": np.zeros((N, nh)),
         }
-    for part in programme.space.parts:
+    for part in formulation.space.parts:
         plain = min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)
         plain = plain if part.at_matrix < 0 else part.at_matrix - part.at_z.start
         lam_qs[:, part.at_q.start : part.at_q.start + plain] = bounds.xs[
             :, part.at_z.start : part.at_z.start + plain
         ]
-    if isinstance(programme.space, ConfigurationSpace):
-        _put_velocities(lam_vs, bounds, programme, robot)
+    if isinstance(formulation.space, ConfigurationSpace):
+        _put_velocities(lam_vs, bounds, formulation, robot)
     # Distances and speeds are kept as squares: d(h^2) = 2 h dh.
     is_square = np.array([p.kind != "position" for p in problem.path for _ in p.lower], dtype=bool)
     factors = np.where(is_square, 2.0 * path, 1.0) if problem.path else np.ones_like(path)
     return {"lam_us": bounds.us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * factors}
 
 
-def _put_velocities(
-    lam_vs: Array, bounds: BoundMultipliers, programme: StagewiseProgramme, robot: Robot
-) -> None:
+def _put_velocities(lam_vs: Array, bounds: BoundMultipliers, formulation: Formulation, robot: Robot) -> None:
+    programme = formulation.programme
     free = (
         [i for i in range(robot.nv) if i not in set(robot.driven)] if programme.is_explicit else slice(None)
     )
     num_free = robot.nv - len(robot.driven) if programme.is_explicit else robot.nv
-    lam_vs[:, free] = bounds.xs[:, programme.layout.s][:, :num_free]
+    lam_vs[:, free] = bounds.xs[:, formulation.layout.s][:, :num_free]

@@ -8,19 +8,18 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from mbocp._arrays import Array
+from mbocp.formulation import Formulation
 from mbocp.integrators import TAU
 from mbocp.mechanics import NaturalMechanics, NaturalSpace
 from mbocp.mechanics.symmetry import find_symmetries
-from mbocp.problem import Problem
 from mbocp.solution.diagnostics import ConstraintViolation, worst_violation
 from mbocp.solvers import Iterate, zero_multipliers
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["natural_hamiltonians", "natural_iterate", "natural_momenta", "natural_violation"]
 
 
 def natural_iterate(
-    problem: Problem, programme: StagewiseProgramme, space: NaturalSpace, qs: Array, vs: Array, us: Array
+    formulation: Formulation, space: NaturalSpace, qs: Array, vs: Array, us: Array
 ) -> Iterate:
     """Iterate at a motion of the joints: all bodies where the joints put them, adjoints zero.
 
@@ -33,7 +32,8 @@ def natural_iterate(
         Of the joints.
     us : ndarray, shape (N, nu)
     """
-    at, N = programme.layout, problem.num_steps
+    problem, programme = formulation.problem, formulation.programme
+    at, N = formulation.layout, problem.num_steps
     xs = np.zeros((N + 1, at.nx))
     xs[:, at.z] = space.coordinates(qs)
     if TAU[problem.scheme] == 1.0:
@@ -43,12 +43,13 @@ def natural_iterate(
     if at.nr:
         xs[1:, at.r] = us
     xs[0] = programme.x_start
-    return zero_multipliers(programme, xs, _impulses(programme, xs, us), us)
+    return zero_multipliers(programme, xs, _impulses(formulation, xs, us), us)
 
 
-def _impulses(programme: StagewiseProgramme, xs: Array, us: Array) -> Array:
+def _impulses(formulation: Formulation, xs: Array, us: Array) -> Array:
     """Impulses y that leave the least of the momentum rows, by normal equations, shape (N, ny)."""
-    at, N, ny = programme.layout, programme.num_steps, programme.kinds[0].ny
+    programme = formulation.programme
+    at, N, ny = formulation.layout, programme.num_steps, programme.kinds[0].ny
     theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
     step = programme.functions.function("jacobian").map(N)
     c, _, derivatives, _ = step(xs[:-1].T, xs[1:].T, np.zeros((ny, N)), us.T, theta, rho.T)
@@ -64,17 +65,18 @@ def _impulses(programme: StagewiseProgramme, xs: Array, us: Array) -> Array:
 
 
 def natural_hamiltonians(
-    problem: Problem, programme: StagewiseProgramme, iterate: Iterate, duals: Array, stage_costs: Array
+    formulation: Formulation, iterate: Iterate, duals: Array, stage_costs: Array
 ) -> Array:
     """H = L + mu . f + zeta . Phi of every step, eq. (11), shape (N,), where the mass matrix is constant.
 
     The kinematic row's dual is taken at tau, as in joint coordinates.
     """
-    at, dt, tau = programme.layout, problem.dt, TAU[problem.scheme]
+    problem = formulation.problem
+    at, dt, tau = formulation.layout, problem.dt, TAU[problem.scheme]
     vs, rows = iterate.xs[:, at.s], iterate.ms
     velocity = tau * vs[1:] + (1.0 - tau) * vs[:-1]
     along = tau * duals[:-1, : at.nw] + (1.0 - tau) * rows[:, : at.nw]
-    mechanics = _mechanics(programme)
+    mechanics = _mechanics(formulation)
     inertial = np.diff(vs, axis=0) / dt @ mechanics.mass_at(iterate.xs[0, at.z])
     values = stage_costs / dt + np.einsum("ni,ni->n", along, velocity)
     total: Array = values + np.einsum("ni,ni->n", rows[:, at.ds], inertial)
@@ -82,7 +84,7 @@ def natural_hamiltonians(
 
 
 def natural_momenta(
-    problem: Problem, programme: StagewiseProgramme, iterate: Iterate, duals: Array, tracked: Array | None
+    formulation: Formulation, iterate: Iterate, duals: Array, tracked: Array | None
 ) -> tuple[Array, tuple[str, ...]]:
     """Control momenta, eq. (15): sums of q x mu^q + p x mu^p over all points and directors.
 
@@ -93,19 +95,20 @@ def natural_momenta(
     momenta : ndarray, shape (N + 1, k)
     names : tuple of str
     """
-    at, robot = programme.layout, problem.robot
+    problem = formulation.problem
+    at, robot = formulation.layout, problem.robot
     nodes = len(iterate.xs)
-    if problem.path or not isinstance(programme.space, NaturalSpace):
+    if problem.path or not isinstance(formulation.space, NaturalSpace):
         return np.zeros((nodes, 0)), ()
     mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
     kept = [s for s in find_symmetries(robot) if not s.touches(mask)]
     zs, ws = iterate.xs[:, at.z], iterate.xs[:, at.s]
-    columns = [np.einsum("ni,ni->n", duals, programme.space.generator(s, zs, ws)) for s in kept]
+    columns = [np.einsum("ni,ni->n", duals, formulation.space.generator(s, zs, ws)) for s in kept]
     momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
     return momenta, tuple(s.name for s in kept)
 
 
-def natural_violation(programme: StagewiseProgramme, zs: Array, ws: Array) -> ConstraintViolation:
+def natural_violation(formulation: Formulation, zs: Array, ws: Array) -> ConstraintViolation:
     """Largest violation of any constraint along a motion, those of rigid bodies and joints included.
 
     Parameters
@@ -113,7 +116,7 @@ def natural_violation(programme: StagewiseProgramme, zs: Array, ws: Array) -> Co
     zs, ws : ndarray, shape (N + 1, n)
         Natural coordinates and their rates.
     """
-    mechanics = _mechanics(programme)
+    mechanics = _mechanics(formulation)
     z, w = ca.SX.sym("z", mechanics.nq), ca.SX.sym("w", mechanics.nq)
     rows = ca.densify(mechanics.constraints(z))
     both = ca.Function("Phi", [z, w], [rows, ca.densify(ca.jtimes(rows, z, w))]).map(len(zs))
@@ -121,7 +124,7 @@ def natural_violation(programme: StagewiseProgramme, zs: Array, ws: Array) -> Co
     return worst_violation(position, velocity, [label.name for label in mechanics.constraint_labels])
 
 
-def _mechanics(programme: StagewiseProgramme) -> NaturalMechanics:
-    if not isinstance(programme.space, NaturalSpace):
+def _mechanics(formulation: Formulation) -> NaturalMechanics:
+    if not isinstance(formulation.space, NaturalSpace):
         raise TypeError("not a programme in natural coordinates")
-    return programme.space.mechanics
+    return formulation.space.mechanics

@@ -12,12 +12,12 @@ from scipy.integrate import solve_ivp
 
 import mbocp
 from mbocp._arrays import Array
+from mbocp.formulation import build, formulate
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
+from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Solution
-from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import programme, transcribe
 from tests.integrators.conftest import interpreted_functions
 from tests.robot import urdfs
 from tests.robot.urdfs import joint, link, losses
@@ -28,7 +28,7 @@ ORDER = {"se1": 1, "se2": 1, "midpoint": 2, "rk4": 4}
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Transcribe without a compiler: for one run a shape the virtual machine is quicker."""
-    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def simulated(
@@ -45,17 +45,18 @@ def simulated(
             "goal": {"v": [0.0] * robot.nv},  # nothing is solved
         }
     )
-    made = transcribe(problem)
+    formulation = formulate(problem)
+    made = formulation.programme
     native = kernel_programme(made)
     native.u = np.zeros(native.u.shape)
-    xs = np.zeros((steps + 1, made.layout.nx))
+    xs = np.zeros((steps + 1, formulation.layout.nx))
     xs[0] = made.x_start
     native.x = xs.ravel()
     assert native.simulate(1e-13, 50).ok
     xs = native.x.reshape(xs.shape)
-    zs, ws = xs[:, made.layout.z], xs[:, made.layout.s]
+    zs, ws = xs[:, formulation.layout.z], xs[:, formulation.layout.s]
     if coordinates == "natural":
-        return made.space.configurations(zs), made.space.velocities(zs, ws)
+        return formulation.space.configurations(zs), formulation.space.velocities(zs, ws)
     return zs, ws
 
 

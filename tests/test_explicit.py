@@ -12,9 +12,9 @@ from scipy.integrate import solve_ivp
 
 import mbocp
 from mbocp._arrays import Array
+from mbocp.formulation import build
 from mbocp.problem import Problem
 from mbocp.solution import Solution
-from mbocp.transcription import programme
 from tests.integrators.conftest import interpreted_functions
 from tests.robot.test_unicycle import closed_form, driven_acceleration
 
@@ -25,7 +25,7 @@ ROTATIONS, LIE = ("quaternion", "dcm"), ("plain", "baumgarte", "munthe_kaas")
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Transcribe without a compiler: for one solve a formulation the virtual machine is quicker."""
-    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def load(rotations: str, lie: str, *settings: str) -> Problem:

@@ -12,13 +12,13 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
+from mbocp.formulation import build
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.robot import describe, load_robot
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.solution import Solution
-from mbocp.transcription import programme
 from mbocp.view.plots import plot_solution
 from mbocp.view.replay import write_replay
 from tests.integrators.conftest import interpreted_functions
@@ -30,7 +30,7 @@ from tests.view.pages import read_page
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Transcribe without a compiler: for one solve a shape the virtual machine is quicker."""
-    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 @pytest.fixture(scope="module")

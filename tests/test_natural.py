@@ -9,12 +9,12 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import ProblemError
+from mbocp.formulation import formulate
 from mbocp.problem import Guess, Problem
 from mbocp.problem.file.build import problem_from_tables
+from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import robot_from_spec
 from mbocp.solution import Solution
-from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import transcribe
 
 UR5_START = [0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0]
 UR5_GOAL = [0.5, 1.2, 0.5, -0.3, 0.4, 0.2]
@@ -110,16 +110,17 @@ def test_forward_simulations_converge_to_each_other(robot: Any, effort: float) -
                     "goal": {"v": [0.0] * nv},  # nothing is solved
                 }
             )
-            programme = transcribe(problem)
+            formulation = formulate(problem)
+            programme = formulation.programme
             native = kernel_programme(programme)
             native.u = np.full(native.u.shape, effort)
-            xs = np.zeros((steps + 1, programme.layout.nx))
+            xs = np.zeros((steps + 1, formulation.layout.nx))
             xs[0] = programme.x_start
             native.x = xs.ravel()
             sweep = native.simulate(1e-12, 50)
             assert sweep.ok
-            zs = native.x.reshape(xs.shape)[:, programme.layout.z]
-            ends.append(programme.space.configurations(zs)[-1])
+            zs = native.x.reshape(xs.shape)[:, formulation.layout.z]
+            ends.append(formulation.space.configurations(zs)[-1])
         gaps.append(np.abs(problem.robot.difference(ends[0], ends[1])).max())
     assert 1.6 < gaps[0] / gaps[1] < 2.6, gaps
     assert 1.6 < gaps[1] / gaps[2] < 2.6, gaps

@@ -97,7 +97,7 @@ def _native() -> tuple[Verdict, str, str]:
 
 
 def _kernel() -> tuple[Verdict, str, str]:
-    from mbocp.solvers.native import kernel
+    from mbocp.programme.kernel import kernel
 
     module = kernel()
     classes = (module.Programme, module.Kind)  # what is missing from a broken build is an AttributeError
@@ -105,7 +105,7 @@ def _kernel() -> tuple[Verdict, str, str]:
 
 
 def _compiler() -> tuple[Verdict, str, str]:
-    from mbocp.transcription.compiler import compiler
+    from mbocp.programme.compiler import compiler
 
     path = compiler()
     if path is None:
@@ -118,7 +118,7 @@ def _compiler() -> tuple[Verdict, str, str]:
 
 
 def _cache() -> tuple[Verdict, str, str]:
-    from mbocp.transcription.cache import cache_folder, cache_limit, entries, is_private, scratch_folder
+    from mbocp.programme.cache import cache_folder, cache_limit, entries, is_private, scratch_folder
 
     folder = cache_folder()
     held = entries(folder)

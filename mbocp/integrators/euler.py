@@ -16,7 +16,7 @@ Constraints hold at the nodes, not at :math:`q_\tau` as in Appendix C:
   leave the constraint, and the end q_N with them, by O(dt^2).
 - SE2: :math:`q_n` is there before the step's forces act, so that its multiplier :math:`\lambda_n` can only
   answer for the position after, :math:`\Phi(q_n \exp(\Delta t\,v_n)) = \Phi(q_{n+1}) = 0`: the half-explicit
-  Euler method for index 3. The start velocity has to agree with that, see `mbocp.transcription.start`.
+  Euler method for index 3. The start velocity has to agree with that, see `mbocp.formulation.start`.
 """
 
 from __future__ import annotations

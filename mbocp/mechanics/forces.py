@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import Protocol
 
 import casadi as ca
 
 from mbocp.robot import QuarticSpring, SpringDamper
 from mbocp.robot.resistance import JointResistance
 
-if TYPE_CHECKING:
-    from mbocp.mechanics import Mechanics
-
 __all__ = ["force_element_energy", "force_element_force", "resistance_torque"]
 
 
+class Frames(Protocol):
+    """Positions of frames and derivatives along the tangent space, in any coordinates."""
+
+    def frame_position(self, frame_id: int, q: ca.SX) -> ca.SX:
+        """Position of a frame's origin in the world, shape (3,) [m]."""
+
+    def derivative(self, function: Callable[[ca.SX], ca.SX], q: ca.SX) -> ca.SX:
+        """Derivative of a function of the configuration along its tangent, shape (rows, nv)."""
+
+
 def force_element_force(
-    element: QuarticSpring | SpringDamper, mechanics: Mechanics, q: ca.SX, v: ca.SX
+    element: QuarticSpring | SpringDamper, mechanics: Frames, q: ca.SX, v: ca.SX
 ) -> ca.SX:
     """Generalised force of one element, shape (nv,) [N, N m].
 
@@ -60,7 +68,7 @@ def resistance_torque(resistance: JointResistance, v: ca.SX) -> ca.SX:
     return -resistance.ratio * lost
 
 
-def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: Mechanics, q: ca.SX) -> ca.SX:
+def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: Frames, q: ca.SX) -> ca.SX:
     """Potential energy of one element [J]."""
     d = _span(element, mechanics, q)
     if isinstance(element, QuarticSpring):  # V = c/4 (|d|^2 - l^2)^2, before eq. (45) and in section 6.3.2
@@ -70,5 +78,5 @@ def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: Mecha
     return element.stiffness / 2 * (ca.norm_2(d) - element.length) ** 2
 
 
-def _span(element: QuarticSpring | SpringDamper, mechanics: Mechanics, q: ca.SX) -> ca.SX:
+def _span(element: QuarticSpring | SpringDamper, mechanics: Frames, q: ca.SX) -> ca.SX:
     return mechanics.frame_position(element.frame_a, q) - mechanics.frame_position(element.frame_b, q)

@@ -1,8 +1,8 @@
 """Solvers of a stagewise programme: init, step, terminate on an explicit state. They never see a robot."""
 
+from mbocp.programme.iterate import Iterate, zero_multipliers
 from mbocp.solvers.fbsm_gradient import FBSMGradient, GradientState, Switch
 from mbocp.solvers.fbsm_newton import FBSMNewton
-from mbocp.solvers.iterate import Iterate, zero_multipliers
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.newton import NewtonState
 from mbocp.solvers.protocol import Solver, SolverState

@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from mbocp._arrays import frozen_array
-from mbocp.solvers.iterate import BoundMultipliers, Iterate
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.run import SolverResult
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["cost_factor", "in_own_unit", "in_users_unit", "record_in_users_unit", "weighed"]
 

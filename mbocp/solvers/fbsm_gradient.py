@@ -26,12 +26,12 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.solvers.iterate import Iterate
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import Iterate
+from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.multiplier import EndCondition
-from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import Status
 from mbocp.solvers.sweep import Kept, Sweeps, begin
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["FBSMGradient", "GradientState", "Switch"]
 

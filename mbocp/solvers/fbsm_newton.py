@@ -19,14 +19,14 @@ import scipy.linalg
 
 from mbocp._arrays import Array
 from mbocp.exceptions import SolverError
-from mbocp.solvers.iterate import Iterate
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import Iterate
+from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.multiplier import end_multiplier
-from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.newton import NewtonState, advanced, end_of, factorise, fresh
 from mbocp.solvers.records import Status
 from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps, begin
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["FBSMNewton"]
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import BoundMultipliers, Iterate
+from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.filter import Filter
-from mbocp.solvers.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.newton import NewtonState, fresh, start
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["begin", "lowered", "multipliers_of", "why_limits_cannot_be_kept"]
 

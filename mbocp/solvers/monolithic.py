@@ -39,8 +39,9 @@ from typing import Any
 
 import numpy as np
 
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
-from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.limits import begin, lowered
 from mbocp.solvers.multiplier import end_multiplier
 from mbocp.solvers.newton import (
@@ -56,7 +57,6 @@ from mbocp.solvers.newton import (
 from mbocp.solvers.records import Status
 from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
 

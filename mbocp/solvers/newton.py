@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from mbocp.programme import StageKind, StagewiseProgramme
+from mbocp.programme.iterate import Iterate
+from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.filter import Filter
-from mbocp.solvers.iterate import Iterate
-from mbocp.solvers.native import kernel_programme
 from mbocp.solvers.records import Status
 from mbocp.solvers.round_off import relative_increment, relative_residual, round_off
 from mbocp.solvers.sweep import Kept, Sweeps
-from mbocp.transcription import StageKind, StagewiseProgramme
 
 __all__ = [
     "Direction",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Generic, Protocol, TypeVar
 
-from mbocp.solvers.iterate import Iterate
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import Iterate
 from mbocp.solvers.records import Status
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["Solver", "SolverState"]
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import OverdeterminedGoal
-from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import StagewiseProgramme
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.kernel import kernel_programme
 
 __all__ = ["dependent_end_rows"]
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.transcription import StageKind
+from mbocp.programme import StageKind
 
 __all__ = ["relative_increment", "relative_residual", "round_off"]
 

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mbocp.solvers.iterate import Iterate
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import Iterate
 from mbocp.solvers.limits import multipliers_of
 from mbocp.solvers.protocol import Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["Callback", "SolverResult", "run"]
 

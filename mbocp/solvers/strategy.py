@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import Iterate
 from mbocp.solvers.cost_unit import (
     cost_factor,
     in_own_unit,
@@ -17,14 +19,12 @@ from mbocp.solvers.cost_unit import (
 )
 from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
 from mbocp.solvers.fbsm_newton import FBSMNewton
-from mbocp.solvers.iterate import Iterate
 from mbocp.solvers.limits import why_limits_cannot_be_kept
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.solvers.run import Callback, SolverResult, run
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["Methods", "Outcome", "pursue"]
 

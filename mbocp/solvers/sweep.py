@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.transcription import StagewiseProgramme
+from mbocp.programme import StagewiseProgramme
 
 __all__ = ["Kept", "Sweep", "Sweeps", "begin"]
 

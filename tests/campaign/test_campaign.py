@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbocp.transcription import programme
+from mbocp.formulation import build
 from tests.campaign.classes import CLASSES, QUICK
 from tests.campaign.robots import ROBOTS
 from tests.campaign.run import plan, read_rows, run_task
@@ -20,7 +20,7 @@ from tests.integrators.conftest import interpreted_functions
 
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.transcription import programme
+from mbocp.formulation import build
 from tests.campaign.run import motion_of
 from tests.campaign.tasks import Draw, draw
 from tests.checker import Report, check_solution
@@ -20,7 +20,7 @@ from tests.integrators.conftest import interpreted_functions
 
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 @pytest.fixture

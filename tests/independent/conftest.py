@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from mbocp.transcription import programme
+from mbocp.formulation import build
 from tests.integrators.conftest import interpreted_functions
 
 
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)

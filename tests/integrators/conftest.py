@@ -8,8 +8,8 @@ from collections.abc import Callable
 import casadi as ca
 import pytest
 
-from mbocp.transcription import programme
-from mbocp.transcription.compilation import CompiledFunctions
+from mbocp.formulation import build
+from mbocp.programme.compilation import CompiledFunctions
 
 _MADE: dict[str, CompiledFunctions] = {}
 
@@ -30,4 +30,4 @@ def interpreted_functions(
 @pytest.fixture
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Transcribe without a compiler, each shape once for all tests."""
-    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from mbocp._arrays import Array
+from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
+from mbocp.formulation.shape import Shape
+from mbocp.formulation.stage import build_functions, state_space
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.transcription.parameters import Sizes, parameter_layout, pieces
-from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import build_functions, state_space
 from tests.integrators.explicit import mechanics_of, robot_named, start_of
 
 # --- small chains -----------------------------------------------------------------------------------------

@@ -16,15 +16,15 @@ from scipy.integrate import solve_ivp
 import mbocp
 from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
+from mbocp.formulation import formulate, transcribe
+from mbocp.formulation.shape import Shape
+from mbocp.formulation.stage import build_functions
 from mbocp.guess import make_guess
 from mbocp.integrators import EULER_SCHEMES
 from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem
 from mbocp.robot import Robot, load_robot
 from mbocp.robot.joints import unit_groups
-from mbocp.transcription import transcribe
-from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import build_functions
 from tests.mechanics.models import chain
 from tests.mechanics.models import robot as robot_of
 
@@ -40,7 +40,7 @@ def load(path: str, scheme: str, *settings: str) -> Problem:
 
 def simulate(problem: Problem) -> tuple[Array, Array]:
     """States and constraint multipliers under constant control, by the kernel."""
-    iterate, _ = make_guess("control", problem, transcribe(problem))
+    iterate, _ = make_guess("control", formulate(problem))
     return iterate.xs, iterate.ys / problem.dt
 
 
@@ -231,10 +231,11 @@ def test_se2_refuses_a_start_that_one_step_takes_off_the_sphere() -> None:
 
 
 def residuals(problem: Problem, kind: str) -> Any:
-    from mbocp.solvers.native import kernel_programme
+    from mbocp.programme.kernel import kernel_programme
 
-    programme = transcribe(problem)
-    iterate, _ = make_guess(kind, problem, programme)
+    formulation = formulate(problem)
+    programme = formulation.programme
+    iterate, _ = make_guess(kind, formulation)
     native = kernel_programme(programme)
     iterate.load_into(native)
     return native.evaluate()

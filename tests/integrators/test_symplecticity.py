@@ -16,12 +16,12 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
+from mbocp.formulation.parameters import Sizes, parameter_layout
+from mbocp.formulation.shape import Shape
+from mbocp.formulation.stage import build_functions
 from mbocp.integrators import EULER_SCHEMES, TAU
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, load_robot
-from mbocp.transcription.parameters import Sizes, parameter_layout
-from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import build_functions
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

@@ -12,8 +12,8 @@ import mbocp
 from mbocp import _memory
 from mbocp._memory import check_memory, memory_limit
 from mbocp.exceptions import InvalidValue, MemoryLimitExceeded
+from mbocp.formulation import transcribe
 from mbocp.problem.horizon import bytes_per_step
-from mbocp.transcription import transcribe
 
 PENDULUM = Path(__file__).parents[2] / "examples" / "paper" / "rigid_pendulum.toml"
 

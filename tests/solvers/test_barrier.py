@@ -12,11 +12,12 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import ProblemError
+from mbocp.formulation import formulate
 from mbocp.guess import make_guess
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import GlobalisedNewton, NewtonState
 from mbocp.solvers.limits import lowered
-from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import StagewiseProgramme, transcribe
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -52,8 +53,9 @@ def begun(
     *settings: str, path: Path = PAPER / "elastic_pendulum.toml"
 ) -> tuple[StagewiseProgramme, GlobalisedNewton, NewtonState]:
     problem = mbocp.load_problem(path, ["horizon.steps=12", *settings])
-    programme = transcribe(problem)
-    iterate, _ = make_guess("line", problem, programme)
+    formulation = formulate(problem)
+    programme = formulation.programme
+    iterate, _ = make_guess("line", formulation)
     solver = GlobalisedNewton(control_weight=programme.control_weight)
     return programme, solver, solver.init(programme, iterate)
 

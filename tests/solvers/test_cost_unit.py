@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.transcription import programme
+from mbocp.formulation import build
 from tests.campaign.run import run_task
 from tests.integrators.conftest import interpreted_functions
 
@@ -18,7 +18,7 @@ TINY = 2.0**-44  # 6e-14
 
 @pytest.fixture(autouse=True)
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(programme, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def solved(factor: float, callback: Any = None, **others: Any) -> mbocp.Solution:

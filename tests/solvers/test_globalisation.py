@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.formulation import formulate, transcribe
 from mbocp.guess import make_guess
+from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, NewtonState
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.shift import larger_shift, next_shift
 from mbocp.solvers.strategy import _has_stalled
-from mbocp.transcription import StagewiseProgramme, transcribe
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -30,8 +31,9 @@ def one_motor(motor: str, start: list[float], goal: list[float], steps: int = 10
 
 
 def begun(problem: mbocp.Problem) -> tuple[StagewiseProgramme, GlobalisedNewton, NewtonState]:
-    programme = transcribe(problem)
-    iterate, _ = make_guess("line", problem, programme)
+    formulation = formulate(problem)
+    programme = formulation.programme
+    iterate, _ = make_guess("line", formulation)
     solver = GlobalisedNewton(control_weight=programme.control_weight)
     return programme, solver, solver.init(programme, iterate)
 
@@ -53,11 +55,11 @@ def test_a_programme_says_which_unknowns_are_angles(path: str, expected: list[in
 
 def test_cosine_and_sine_are_angles_in_a_flat_programme_and_quaternions_are_not() -> None:
     problem = mbocp.load_problem(EXAMPLES / "so3/unicycle_pendulum.toml")
-    programme = transcribe(problem)
-    turning = programme.kinds[0].turning
+    formulation = formulate(problem)
+    turning = formulation.programme.kinds[0].turning
     yaw = problem.robot.model.getJointId("yaw")
-    assert turning[programme.space.parts[yaw - 1].at_z] == pytest.approx(1.0)
-    assert turning.sum() == pytest.approx(programme.space.parts[yaw - 1].group.nz)
+    assert turning[formulation.space.parts[yaw - 1].at_z] == pytest.approx(1.0)
+    assert turning.sum() == pytest.approx(formulation.space.parts[yaw - 1].group.nz)
 
 
 @pytest.mark.parametrize("motor", ["joint1", "joint2"])

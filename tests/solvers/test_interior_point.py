@@ -11,10 +11,10 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
+from mbocp.formulation import formulate, transcribe
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solvers.nlp.layout import NlpLayout
-from mbocp.transcription import transcribe
 from tests.integrators.explicit import heavy_top
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -90,7 +90,7 @@ def top(rotations: str, lie: str, method: str) -> Solution:
         integrator={"scheme": "rk4", "lie": lie},
         solver={"method": method},
     )
-    assert transcribe(problem).layout.nz == {"quaternion": 4, "dcm": 9}[rotations]
+    assert formulate(problem).layout.nz == {"quaternion": 4, "dcm": 9}[rotations]
     s = mbocp.solve(problem)
     assert s.converged, s.advice
     assert np.abs(robot.difference(goal["q"], s.q_final)).max() < 1e-8

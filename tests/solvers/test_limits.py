@@ -12,9 +12,9 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import ProblemError
+from mbocp.formulation import transcribe
 from mbocp.problem import Problem
 from mbocp.solution import Solution
-from mbocp.transcription import transcribe
 from tests.integrators.explicit import hector
 
 pytestmark = pytest.mark.usefixtures("interpreted")

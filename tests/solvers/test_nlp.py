@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from mbocp._arrays import Array
+from mbocp.formulation import formulate
 from mbocp.problem import Problem
+from mbocp.programme import StagewiseProgramme
 from mbocp.robot import load_robot
 from mbocp.solvers.nlp.functions import NlpFunctions, parameters
 from mbocp.solvers.nlp.layout import NlpLayout
-from mbocp.transcription import StagewiseProgramme, transcribe
 from tests.integrators.explicit import towed_body
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -105,12 +106,13 @@ class Nlp:
     """Functions at a point that is near no solution, and on no group."""
 
     def __init__(self, problem: Problem, *, wants_gaps: bool) -> None:
-        self.programme: StagewiseProgramme = transcribe(problem)
+        self.formulation = formulate(problem)
+        self.programme: StagewiseProgramme = self.formulation.programme
         self.layout = NlpLayout.of(self.programme, wants_gaps=wants_gaps)
         self.functions = NlpFunctions(self.programme, self.layout)
         self.p = parameters(self.programme)
         rng = np.random.default_rng(1)
-        lay, at = self.layout, self.programme.layout
+        lay, at = self.layout, self.formulation.layout
         w = 0.1 * rng.standard_normal(lay.num_unknowns)
         w[lay.xs] += self.programme.x_start
         w[lay.x_nexts] = w[lay.xs[1:]] + 0.05 * rng.standard_normal((lay.num_steps, lay.nx))
@@ -146,10 +148,10 @@ def differences(f: Callable[[Array], Array], w: Array) -> Array:
 def nlp(request: pytest.FixtureRequest) -> Nlp:
     make, wants_gaps = CASES[request.param]
     with pytest.MonkeyPatch.context() as patch:
-        from mbocp.transcription import programme
+        from mbocp.formulation import build
         from tests.integrators.conftest import interpreted_functions
 
-        patch.setattr(programme, "load_functions", interpreted_functions)
+        patch.setattr(build, "load_functions", interpreted_functions)
         return Nlp(make(), wants_gaps=wants_gaps)
 
 

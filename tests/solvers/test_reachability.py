@@ -9,9 +9,9 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import OverdeterminedGoal
+from mbocp.formulation import formulate
 from mbocp.problem import Problem
 from mbocp.solvers.reachability import dependent_end_rows
-from mbocp.transcription import transcribe
 from tests.integrators.explicit import heavy_top
 from tests.mechanics.models import chain
 from tests.mechanics.models import robot as robot_of
@@ -28,8 +28,9 @@ def load(*settings: str) -> Problem:
 
 
 def names(problem: Problem) -> list[str]:
-    programme = transcribe(problem)
-    rows = dependent_end_rows(programme, np.vstack(programme.end_rows))
+    formulation = formulate(problem)
+    programme = formulation.programme
+    rows = dependent_end_rows(programme, np.vstack(formulation.end_rows))
     return [programme.describe_row(-1, row) for row in rows]
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.formulation import formulate, transcribe
 from mbocp.guess import make_guess
 from mbocp.solvers import GlobalisedNewton, NewtonState
 from mbocp.solvers.newton import is_resolved
 from mbocp.solvers.round_off import relative_increment, relative_residual, round_off
-from mbocp.transcription import transcribe
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -23,10 +23,9 @@ PAPER = Path(__file__).parents[2] / "examples" / "paper"
 
 def solved(name: str, settings: dict[str, Any]) -> tuple[mbocp.Problem, NewtonState]:
     problem = mbocp.load_problem(PAPER / f"{name}.toml", settings)
-    programme = transcribe(problem)
-    iterate, _ = make_guess(
-        problem.guess.kind if problem.guess.kind != "auto" else "line", problem, programme
-    )
+    formulation = formulate(problem)
+    programme = formulation.programme
+    iterate, _ = make_guess(problem.guess.kind if problem.guess.kind != "auto" else "line", formulation)
     solver = GlobalisedNewton(control_weight=programme.control_weight)
     state = solver.init(programme, iterate)
     while solver.terminate(state) is None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.formulation import formulate
 from mbocp.guess import guess_candidates, make_guess
-from mbocp.solvers.native import kernel_programme
+from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.sweep import Kept, Sweeps, begin
-from mbocp.transcription import transcribe
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SYSTEMS = (
@@ -31,8 +31,9 @@ class Held:
         if name.startswith("arms"):  # few steps, but no longer ones
             settings = (f"horizon.duration={0.02 * steps}", *settings)
         problem = mbocp.load_problem(EXAMPLES / f"{name}.toml", [f"horizon.steps={steps}", *settings])
-        self.programme = transcribe(problem)
-        iterate, _ = make_guess(guess_candidates(problem)[0], problem, self.programme)
+        formulation = formulate(problem)
+        self.programme = formulation.programme
+        iterate, _ = make_guess(guess_candidates(problem)[0], formulation)
         self.native = kernel_programme(self.programme)
         iterate.load_into(self.native)
         rng = np.random.default_rng(1)
@@ -182,8 +183,9 @@ def test_closed_loop_adjoint_is_the_gradient_in_the_planned_controls(name: str) 
 def test_a_closed_sweep_stays_where_an_open_one_explodes() -> None:
     """The kinova example's wrist: sensitivities of 1e50 and more in open loop."""
     problem = mbocp.load_problem(EXAMPLES / "arms" / "kinova_reach.toml")
-    programme = transcribe(problem)
-    iterate, _ = make_guess("line", problem, programme)
+    formulation = formulate(problem)
+    programme = formulation.programme
+    iterate, _ = make_guess("line", formulation)
     native = kernel_programme(programme)
     iterate.load_into(native)
     native.simulate(1e-13, 50, True, False)

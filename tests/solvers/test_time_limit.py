@@ -12,9 +12,9 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import CompilationTimeout
+from mbocp.formulation import transcribe
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Status
-from mbocp.transcription import transcribe
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "auto", "ipopt", "fatrop")
@@ -94,14 +94,14 @@ def test_compiling_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_long_compilation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is left is not enough: a result, and the reason."""
-    build = mbocp.api.transcribe
+    build = mbocp.api.formulate
 
     def slow(*args: object, **kwargs: object) -> object:
         time.sleep(0.4)
         return build(*args, **kwargs)
 
     mbocp.solve(pendulum("solver.max_iterations=1"))
-    monkeypatch.setattr(mbocp.api, "transcribe", slow)
+    monkeypatch.setattr(mbocp.api, "formulate", slow)
     s = mbocp.solve(pendulum("solver.time_limit=0.3"))
     assert s.status is Status.TIME_LIMIT
     assert s.iterations == 0

@@ -21,10 +21,10 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import MbocpError
+from mbocp.formulation import build
 from mbocp.problem import Problem
+from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.solution import Solution, Status
-from mbocp.transcription import programme
-from mbocp.transcription.compilation import CompiledFunctions, load_functions
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "fbsm_bb+monolithic", "fbsm_bb+fbsm_newton", "auto")
@@ -83,7 +83,7 @@ class Tough:
 def tough(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tough]:
     made = Tough(tmp_path_factory.mktemp("tough"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(programme, "load_functions", made.load)
+        patch.setattr(build, "load_functions", made.load)
         yield made
 
 
@@ -118,7 +118,7 @@ def solve_spoilt(
     """Solve; None if it is refused, as when the guess's simulation meets what is wrong."""
     options = replace(problem.solver, time_limit=TIME_LIMIT, method=method, max_iterations=300)
     spoilt = problem.with_(solver=options)
-    programme.transcribe(spoilt)  # compiled before the clock is looked at
+    build.transcribe(spoilt)  # compiled before the clock is looked at
     tough.spoil(mode, rate, seed)
     begun = time.perf_counter()
     try:

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation import formulate
+from mbocp.formulation.goal import end_condition_rows
 from mbocp.guess import guess_candidates, make_guess
 from mbocp.problem import Problem
+from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import Iterate, Methods, Status, run
-from mbocp.transcription import StagewiseProgramme, transcribe
-from mbocp.transcription.goal import end_condition_rows
 
 __all__ = ["History", "Norms", "newton_history"]
 
@@ -90,8 +91,9 @@ def newton_history(problem: Problem) -> History:
     for robots whose mass matrix is the identity; otherwise the adjoint rows of the momentum are still
     multiplied by M, as mbocp has velocities for unknowns.
     """
-    programme = transcribe(problem)
-    iterate, _ = make_guess(guess_candidates(problem)[0], problem, programme)
+    formulation = formulate(problem)
+    programme = formulation.programme
+    iterate, _ = make_guess(guess_candidates(problem)[0], formulation)
     *first, last = problem.solver.method.split("+")
     methods = Methods.of(problem.solver, programme)
     counts = []

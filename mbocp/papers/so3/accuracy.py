@@ -15,6 +15,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
+from mbocp.formulation import Formulation
 from mbocp.papers.so3.data import formulation
 from mbocp.papers.so3.experiment import task_problem
 from mbocp.papers.so3.motions import stretch_of, task_motion
@@ -25,7 +26,6 @@ from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.solvers import SolverResult, Status, zero_multipliers
 from mbocp.solvers.nlp.interior_point import InteriorPoint
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = [
     "METHODS",
@@ -165,14 +165,14 @@ class Reference:
     speeds: Array
     us: Array
 
-    def states(self, programme: StagewiseProgramme) -> Array:
-        """Its states as a programme takes them, shape (26, nx)."""
-        at = programme.layout
+    def states(self, formulation: Formulation) -> Array:
+        """Its states as a formulation takes them, shape (26, nx)."""
+        at = formulation.layout
         xs = np.zeros((len(self.qs), at.nx))
-        xs[:, at.z], xs[:, at.s] = programme.space.coordinates(self.qs), self.speeds
+        xs[:, at.z], xs[:, at.s] = formulation.space.coordinates(self.qs), self.speeds
         if at.nr:
             xs[1:, at.r] = self.us
-        xs[0] = programme.x_start
+        xs[0] = formulation.programme.x_start
         return xs
 
 
@@ -197,11 +197,11 @@ def reference() -> Reference:
     )
     for method in (Method("rk4", "munthe_kaas", every), REFERENCE):
         stepped = stepped_programme(problem, method)
-        result, at = _solved(stepped, found), stepped.programme.layout
+        result, at = _solved(stepped, found), stepped.formulation.layout
         if result.status is not Status.CONVERGED:
             raise ProblemError(f"Figure 12: no reference solution, {result.status}: {result.advice}")
         xs = result.iterate.xs
-        qs = _continuous(robot, stepped.programme.space.configurations(xs[:, at.z]), problem.q_start)
+        qs = _continuous(robot, stepped.formulation.space.configurations(xs[:, at.z]), problem.q_start)
         found = Reference(qs, xs[:, at.s], result.iterate.us)
     return found
 
@@ -229,7 +229,7 @@ def _solved(stepped: SteppedProgramme, start: Reference) -> SolverResult:
     """Solve from the reference, which keeps a solver near it."""
     solver = InteriorPoint("ipopt", _TOLERANCE, _MOST_ITERATIONS, _LONGEST)
     programme = stepped.programme
-    xs, ys = start.states(programme), np.zeros((programme.num_steps, 0))
+    xs, ys = start.states(stepped.formulation), np.zeros((programme.num_steps, 0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return solver.run(programme, zero_multipliers(programme, xs, ys, start.us))
@@ -240,7 +240,7 @@ def _point(stepped: SteppedProgramme, results: Sequence[SolverResult], found: Re
     result = min(results, key=lambda one: one.record.wall_time_s)
     problem, us = stepped.problem, result.iterate.us
     with np.errstate(all="ignore"):  # what diverges overflows
-        zs = stepped.simulate(us)[:, stepped.programme.layout.z]
+        zs = stepped.simulate(us)[:, stepped.formulation.layout.z]
         stretch = stretch_of(problem, zs)
     iterations = result.record.iteration
     seconds = result.record.wall_time_s

@@ -12,12 +12,12 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.api import solve
 from mbocp.exceptions import ProblemError
+from mbocp.formulation import formulate
 from mbocp.papers.so3.data import formulation
 from mbocp.papers.so3.experiment import task_problem
 from mbocp.problem import Problem
+from mbocp.programme.kernel import kernel_programme
 from mbocp.solution import Solution
-from mbocp.solvers.native import kernel_programme
-from mbocp.transcription import transcribe
 
 __all__ = [
     "Motion",
@@ -69,7 +69,8 @@ def resimulated(problem: Problem, us: Array) -> Array:
     ProblemError
         If a step cannot be taken.
     """
-    programme = transcribe(problem)
+    formulation = formulate(problem)
+    programme = formulation.programme
     native = kernel_programme(programme)
     native.u = np.ascontiguousarray(us).ravel()
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
@@ -78,13 +79,13 @@ def resimulated(problem: Problem, us: Array) -> Array:
     sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS)
     if not sweep.ok:
         raise ProblemError(f"the simulation fails in step {sweep.failed_stage + 1}")
-    zs: Array = native.x.reshape(xs.shape)[:, programme.layout.z]
+    zs: Array = native.x.reshape(xs.shape)[:, formulation.layout.z]
     return zs
 
 
 def drift_of(problem: Problem, zs: Array) -> Array:
     """Defect of the rotation at each node, shape (N + 1,): abs(norm(q) - 1) or norm(R'R - I)."""
-    space = transcribe(problem).space
+    space = formulate(problem).space
     z = ca.SX.sym("z", space.nz)
     defects = ca.Function("defects", [z], [ca.densify(space.defects(z))])
     found: Array = np.abs(np.asarray(defects.map(len(zs))(zs.T))).max(axis=0)

@@ -21,14 +21,15 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation import Formulation, formulate
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.robot import Robot
 from mbocp.solvers.reachability import dependent_end_rows
-from mbocp.transcription import StagewiseProgramme, transcribe
-from mbocp.transcription.compilation import CompiledFunctions, load_functions
 
 __all__ = ["Method", "SteppedProgramme", "stepped_programme"]
 
@@ -57,21 +58,26 @@ class SteppedProgramme:
     ----------
     problem : Problem
         Its robot, horizon, cost and goal; what it says of the integrator does not matter.
-    programme : StagewiseProgramme
-        As for a solver.
+    formulation : Formulation
+        With the stage functions made of this step.
     step : casadi.Function
         (state and control, length of a step, gains) -> state.
     method : Method
     """
 
     problem: Problem
-    programme: StagewiseProgramme
+    formulation: Formulation
     step: ca.Function
     method: Method
 
+    @property
+    def programme(self) -> StagewiseProgramme:
+        """As for a solver."""
+        return self.formulation.programme
+
     def simulate(self, us: Array) -> Array:
         """States (z, s) at the ends of the intervals, from the start, shape (N + 1, nz + ns)."""
-        at, h = self.programme.layout, self.problem.dt / self.method.substeps
+        at, h = self.formulation.layout, self.problem.dt / self.method.substeps
         states = [self.programme.x_start[: at.nz + at.ns]]
         for u in us:
             state = states[-1]
@@ -91,14 +97,15 @@ def stepped_programme(problem: Problem, method: Method) -> SteppedProgramme:
         "euler" is compiled fastest.
     method : Method
     """
-    base = transcribe(problem)
-    left_out = dependent_end_rows(base, np.vstack(base.end_rows))
-    base = transcribe(problem, left_out) if left_out else base
+    base = formulate(problem)
+    left_out = dependent_end_rows(base.programme, np.vstack(base.end_rows))
+    base = formulate(problem, left_out) if left_out else base
     kernels = _kernels(problem.robot, method)
     made = _Stage(problem, base, kernels, method.substeps).functions()
     serialised = {name: function.serialize() for name, function in made.items()}
-    programme = replace(base, functions=CompiledFunctions(None, serialised, compiled_now=False))
-    return SteppedProgramme(problem, programme, kernels.function("step"), method)
+    functions = CompiledFunctions(None, serialised, compiled_now=False)
+    programme = replace(base.programme, functions=functions)
+    return SteppedProgramme(problem, replace(base, programme=programme), kernels.function("step"), method)
 
 
 def _kernels(robot: Robot, method: Method) -> CompiledFunctions:
@@ -133,12 +140,13 @@ def _gains(problem: Problem) -> Array:
 
 
 class _Stage:
-    """Stage functions like those of `mbocp.transcription.stage`, made of calls."""
+    """Stage functions like those of `mbocp.formulation.stage`, made of calls."""
 
     def __init__(
-        self, problem: Problem, base: StagewiseProgramme, kernels: CompiledFunctions, substeps: int
+        self, problem: Problem, formulation: Formulation, kernels: CompiledFunctions, substeps: int
     ) -> None:
-        self._at, self._nu, self._substeps = base.layout, problem.robot.nu, substeps
+        base = formulation.programme
+        self._at, self._nu, self._substeps = formulation.layout, problem.robot.nu, substeps
         self._h, self._gains = problem.dt / substeps, ca.DM(_gains(problem))
         names = ("values", "gradient", "jacobian", "complete", "retract", "difference")
         self._base = {name: base.functions.function(name) for name in names}

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.nlp.layout import Index, NlpLayout
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["NlpFunctions", "all_or_none", "finite_or_zero", "parameters"]
 

@@ -21,7 +21,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.solvers.iterate import BoundMultipliers, Iterate
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, parameters
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.nlp.log import IterationLog, whole_lines
@@ -29,7 +30,6 @@ from mbocp.solvers.nlp.watch import Watch
 from mbocp.solvers.nlp.words import advice_of, status_of
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.run import Callback, SolverResult
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["InteriorPoint"]
 

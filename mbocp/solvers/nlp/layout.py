@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mbocp.transcription import StagewiseProgramme
+from mbocp.programme import StagewiseProgramme
 
 __all__ = ["NlpLayout"]
 

@@ -13,7 +13,7 @@ import re
 import time
 from collections.abc import Callable, Iterator
 
-from mbocp.solvers.native import nlp_helpers
+from mbocp.programme.kernel import nlp_helpers
 from mbocp.solvers.records import IterationRecord
 
 __all__ = ["IterationLog", "whole_lines"]

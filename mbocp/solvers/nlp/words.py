@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.records import Status
-from mbocp.transcription import StagewiseProgramme
 
 __all__ = ["advice_of", "status_of"]
 

@@ -39,7 +39,7 @@ def test_rows_fit_their_step_size(table) -> None:
 @pytest.mark.parametrize("table", COMPARISONS, ids=lambda t: f"table {t.number}")
 def test_unknowns_differ_from_the_dof_column_by_what_is_known(table) -> None:
     """u_N counts in the paper, and mu_N where gamma = 1: mbocp does not solve for them."""
-    from mbocp.transcription import transcribe
+    from mbocp.formulation import transcribe
 
     problem = paper_problem(table.system, SYSTEMS[table.system].forms[0], table.rows[0].steps)
     extra = problem.robot.nu + (2 * problem.robot.nv if problem.goal.is_exact else 0)

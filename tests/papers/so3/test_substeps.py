@@ -31,7 +31,7 @@ def stepped() -> SteppedProgramme:
 def arguments(stepped: SteppedProgramme, *, with_m: bool) -> tuple[list[Array], Array]:
     rng = np.random.default_rng(3)
     programme = stepped.programme
-    nx, nu = programme.layout.nx, stepped.problem.robot.nu
+    nx, nu = stepped.formulation.layout.nx, stepped.problem.robot.nu
     x0, x1, u, m = (rng.normal(size=n) for n in (nx, nx, nu, nx))
     rho = programme.rho.reshape(programme.num_steps, -1)[3]
     return [x0, x1, np.zeros(0), u, *([m] if with_m else []), programme.theta, rho], m
@@ -45,7 +45,7 @@ def called(stepped: SteppedProgramme, name: str, given: list[Array]) -> list[Arr
 def test_rows_are_three_steps(stepped: SteppedProgramme) -> None:
     given, _ = arguments(stepped, with_m=False)
     x0, x1, _, u = given[:4]
-    at, h = stepped.programme.layout, stepped.problem.dt / 3
+    at, h = stepped.formulation.layout, stepped.problem.dt / 3
     state = x0[: at.r.start]
     for _ in range(3):
         state = np.array(stepped.step(np.concatenate([state, u]), h, [2, 1, 0])).ravel()

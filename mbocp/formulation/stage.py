@@ -23,6 +23,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from mbocp.formulation.layout import StateLayout, StateSpace
+from mbocp.formulation.parameters import ParameterLayout, Sizes, parameter_layout, pieces
+from mbocp.formulation.path import path_values
+from mbocp.formulation.shape import Shape
 from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains
@@ -30,10 +34,6 @@ from mbocp.integrators.runge_kutta import State as StepState
 from mbocp.mechanics import JointMechanics, Mechanics, NaturalMechanics, natural_mechanics
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot
-from mbocp.transcription.layout import StateLayout, StateSpace
-from mbocp.transcription.parameters import ParameterLayout, Sizes, parameter_layout, pieces
-from mbocp.transcription.path import path_values
-from mbocp.transcription.shape import Shape
 
 __all__ = [
     "at_zero_tangents",

@@ -7,12 +7,12 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
+from mbocp.formulation.layout import StateLayout
 from mbocp.integrators import EXPLICIT_SCHEMES, TAU
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.robot import Robot
-from mbocp.transcription.layout import StateLayout
 
 __all__ = ["start_state"]
 

@@ -19,13 +19,13 @@ import casadi as ca
 import pytest
 
 from mbocp.exceptions import CompilationError, CompilationTimeout, InvalidValue
-from mbocp.transcription import cache, compiler
-from mbocp.transcription.cache import cache_folder, scratch_folder, sealed, trim
-from mbocp.transcription.compilation import CompiledFunctions, load_functions
+from mbocp.programme import cache, compiler
+from mbocp.programme.cache import cache_folder, scratch_folder, sealed, trim
+from mbocp.programme.compilation import CompiledFunctions, load_functions
 
 LOADS = """
 import casadi as ca
-from mbocp.transcription.compilation import load_functions
+from mbocp.programme.compilation import load_functions
 x = ca.SX.sym("x")
 f = load_functions("key", lambda: {"f": ca.Function("f", [x], [2 * x])})
 print(f.library, f.function("f")(21.0))

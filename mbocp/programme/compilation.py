@@ -23,7 +23,7 @@ from pathlib import Path
 import casadi as ca
 
 from mbocp.exceptions import CompilationError
-from mbocp.transcription.cache import (
+from mbocp.programme.cache import (
     cache_folder,
     cached,
     is_private,
@@ -32,8 +32,8 @@ from mbocp.transcription.cache import (
     sealed,
     trim,
 )
-from mbocp.transcription.compiler import check_deadline, compiler, run_compiler
-from mbocp.transcription.splitting import split_functions
+from mbocp.programme.compiler import check_deadline, compiler, run_compiler
+from mbocp.programme.splitting import split_functions
 
 __all__ = ["CompiledFunctions", "NoCompilerWarning", "has_avx2", "load_functions"]
 
@@ -160,9 +160,10 @@ def _sources_digest() -> str:
     """Digest of the modules that write the stage functions: a change in them makes old entries stale."""
     root = Path(__file__).parent.parent
     digest = hashlib.sha256()
-    folders = [root / name for name in ("lie", "mechanics", "integrators", "transcription", "symbolic")]
+    folders = [root / name for name in ("lie", "mechanics", "integrators", "formulation", "symbolic")]
     sources = [source for folder in folders for source in sorted(folder.glob("*.py"))]
-    for source in (*sources, root / "robot" / "constraint_equations.py"):
+    alone = ("programme/compilation.py", "programme/splitting.py", "robot/constraint_equations.py")
+    for source in (*sources, *(root / name for name in alone)):
         digest.update(source.read_bytes())
     return digest.hexdigest()
 

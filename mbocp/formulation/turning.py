@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
-from mbocp.transcription.layout import StateLayout
 
 __all__ = ["turning_factors"]
 

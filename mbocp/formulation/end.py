@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import casadi as ca
 
+from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
+from mbocp.formulation.shape import Shape
+from mbocp.formulation.stage import at_zero_tangents, compared, joint_rate, state_space
 from mbocp.mechanics import JointMechanics, Mechanics
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.transcription.parameters import Sizes, parameter_layout, pieces
-from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import at_zero_tangents, compared, joint_rate, state_space
 
 __all__ = ["build_end_functions"]
 

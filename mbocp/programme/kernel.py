@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from mbocp.exceptions import NativeMismatch
-from mbocp.transcription import StagewiseProgramme
-from mbocp.transcription.compilation import CompiledFunctions, has_avx2
+from mbocp.programme.compilation import CompiledFunctions, has_avx2
+from mbocp.programme.stagewise import StagewiseProgramme
 
 __all__ = ["kernel", "kernel_programme", "nlp_helpers"]
 

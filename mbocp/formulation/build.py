@@ -1,168 +1,41 @@
-"""Problem and integrator become one stagewise programme, all that a solver sees.
-
-minimise    sum_n l_n(x_{n-1}, x_n, u_{n-1}) + psi(x_N)
-subject to  c_n(x_{n-1}, x_n, y_n, u_{n-1}) = 0
-            g_T(x_N) = 0,  x_0 given
-"""
+"""Problem and integrator become one stagewise programme, all that a solver sees."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.integrators import EXPLICIT_SCHEMES
-from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalMechanics, NaturalSpace
-from mbocp.problem import Problem
-from mbocp.problem.horizon import check_horizon
-from mbocp.robot import Label
-from mbocp.transcription.bounds import StateBounds, state_bounds
-from mbocp.transcription.compilation import CompiledFunctions, load_functions
-from mbocp.transcription.end import build_end_functions
-from mbocp.transcription.goal import EndRows, end_condition_rows, guarded_parts
-from mbocp.transcription.layout import StateLayout
-from mbocp.transcription.natural import EndTarget, natural_coordinates, natural_end
-from mbocp.transcription.operations import check_operations
-from mbocp.transcription.parameters import (
+from mbocp.formulation.base import Formulation
+from mbocp.formulation.bounds import state_bounds
+from mbocp.formulation.end import build_end_functions
+from mbocp.formulation.goal import EndRows, end_condition_rows, guarded_parts
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.natural import EndTarget, natural_coordinates, natural_end
+from mbocp.formulation.operations import check_operations
+from mbocp.formulation.parameters import (
     COST_WEIGHTS,
     ParameterLayout,
     Sizes,
     concatenated,
     parameter_layout,
 )
-from mbocp.transcription.rows import row_describer
-from mbocp.transcription.shape import PathShape, Shape
-from mbocp.transcription.stage import build_functions, mechanics_for, state_layout
-from mbocp.transcription.start import start_state
-from mbocp.transcription.turning import turning_factors
+from mbocp.formulation.rows import row_describer
+from mbocp.formulation.shape import PathShape, Shape
+from mbocp.formulation.stage import build_functions, mechanics_for, state_layout
+from mbocp.formulation.start import start_state
+from mbocp.formulation.turning import turning_factors
+from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import NaturalMechanics, NaturalSpace
+from mbocp.problem import Problem
+from mbocp.problem.horizon import check_horizon
+from mbocp.programme import StageKind, StagewiseProgramme
+from mbocp.programme.compilation import load_functions
 
-__all__ = ["StageKind", "StagewiseProgramme", "is_flat", "transcribe"]
-
-
-@dataclass(frozen=True)
-class StageKind:
-    """Dimensions of one kind of stage, and the factors from its rows and unknowns to the paper's.
-
-    Attributes
-    ----------
-    nx, ndx, ny, nu, nr : int
-        State, its tangent, algebraic unknowns, controls, stage parameters.
-    scale_c : ndarray, shape (ndx + ny,)
-        From the rows of c to those of eqs. (24), (25): constraints are kept as Phi / dt.
-    scale_y : ndarray, shape (ny,)
-        From impulses to the multipliers lambda [1/s].
-    scale_m : ndarray, shape (ndx + ny,)
-        From the rows' multipliers to (mu, dt zeta): zeta itself carries round-off of the size 1e-16 / dt^2,
-        which no step can bring down.
-    scale_ru : ndarray, shape (nu,)
-        From the gradient in u to grad_u H of eq. (28) [1/s].
-    turning : ndarray, shape (ndx,)
-        Angle by unit of each entry of a state's tangent; 0 for what is no angle. Steps are kept small by it.
-    groups : tuple of (int, int, tuple of int)
-        Constraints in the order in which they can be eliminated, in natural coordinates body by body: first
-        row among the constraints, number of rows, and the coordinates that they are solved for.
-    """
-
-    nx: int
-    ndx: int
-    ny: int
-    nu: int
-    nr: int
-    scale_c: Array
-    scale_y: Array
-    scale_m: Array
-    scale_ru: Array
-    turning: Array
-    groups: tuple[tuple[int, int, tuple[int, ...]], ...] = ()
-
-
-@dataclass(frozen=True)
-class StagewiseProgramme:
-    """Functions, dimensions, structure and parameters of a discretised optimal control problem.
-
-    Attributes
-    ----------
-    num_steps : int
-        N.
-    kinds : tuple of StageKind
-        The different kinds of stages.
-    stage_kind : tuple of int, length N
-        Kind of each stage.
-    ng : int
-        Rows of the end condition.
-    num_guards : int
-        Rows of what guards it; they must not be negative.
-    layout : StateLayout
-        What a state consists of.
-    space : ConfigurationSpace
-        The group that its configurations belong to, or natural coordinates.
-    end_rows : EndRows
-        Projections of the end condition.
-    functions, end_functions : CompiledFunctions
-        Where the functions of the stages and of the end are.
-    theta, rho, rho_terminal : ndarray
-        Parameters: of the horizon, stage after stage, of the end.
-    theta_weights, terminal_weights : ndarray of bool
-        Which entries of theta and rho_terminal the costs are linear in.
-    x_start : ndarray, shape (nx,)
-        The given state x_0, as the scheme takes it.
-    bounds : StateBounds
-        On states, controls and path functions; only interior-point solvers keep them.
-    is_explicit : bool
-        Whether the rows of a step are F(x_{n-1}, u_{n-1}) - x_n.
-    dt : float
-        Step length [s].
-    control_weight : float
-        Smallest second derivative of the running cost in a control, the unit of regularisation.
-    describe_row : callable
-        (stage, row) -> words for messages; stage -1 is the end condition, and rows beyond those of a stage
-        or of the end condition are its limits or guards.
-    path_names : tuple of str
-        Of the path functions, for messages.
-    constraint_labels : tuple of Label
-        Name and unit of each holonomic constraint.
-    """
-
-    num_steps: int
-    kinds: tuple[StageKind, ...]
-    stage_kind: tuple[int, ...]
-    ng: int
-    num_guards: int
-    layout: StateLayout
-    space: ConfigurationSpace | NaturalSpace = field(compare=False)
-    end_rows: EndRows = field(compare=False)
-    functions: CompiledFunctions
-    end_functions: CompiledFunctions
-    theta: Array
-    rho: Array
-    rho_terminal: Array
-    theta_weights: BoolArray
-    terminal_weights: BoolArray
-    x_start: Array
-    bounds: StateBounds
-    is_explicit: bool
-    dt: float
-    control_weight: float
-    describe_row: Callable[[int, int], str] = field(compare=False)
-    path_names: tuple[str, ...] = ()
-    constraint_labels: tuple[Label, ...] = ()
-
-    def describe_path(self, row: int) -> str:
-        """Words for a path constraint."""
-        return f"path constraint {self.path_names[row]!r}"
-
-    @property
-    def num_unknowns(self) -> int:
-        """What Newton's method solves for: mu_0..mu_{N-1}, zeta, y_1..y_N (tangent), lambda, u, eta.
-
-        The paper's DOF column also counts mu_N and a control u_N that nothing needs.
-        """
-        per_stage = [2 * (k.ndx + k.ny) + k.nu for k in self.kinds]
-        return sum(per_stage[i] for i in self.stage_kind) + self.ng
+__all__ = ["formulate", "is_flat", "transcribe"]
 
 
 def is_flat(problem: Problem) -> bool:
@@ -174,7 +47,12 @@ def is_flat(problem: Problem) -> bool:
 def transcribe(
     problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
 ) -> StagewiseProgramme:
-    """Stagewise programme of a problem, compiled or from the cache.
+    """Stagewise programme of a problem, all that a solver asks for; see `formulate`."""
+    return formulate(problem, without, deadline=deadline).programme
+
+
+def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf) -> Formulation:
+    """Formulation of a problem with its stagewise programme, compiled or from the cache.
 
     Parameters
     ----------
@@ -211,20 +89,17 @@ def transcribe(
     if natural is not None:
         end = natural_end(problem, natural, rows)
     theta, rho, rho_terminal = _parameters(problem, layout, space, joints, end)
-    return StagewiseProgramme(
+    programme = StagewiseProgramme(
         num_steps=problem.num_steps,
         kinds=(_kind(problem, space, at, ny, sum(layout.stage.values()), natural),),
         stage_kind=(0,) * problem.num_steps,
         ng=shape.ng_q + shape.ng_rate,
         num_guards=len(guarded),
-        layout=at,
-        space=space,
         functions=load_functions(
             shape.stage_text,
             lambda: build_functions(mechanics_for(robot, shape), shape),
             deadline=deadline,
         ),
-        end_rows=rows,
         end_functions=load_functions(
             "end " + shape.end_text,
             lambda: build_end_functions(mechanics_for(robot, shape), shape),
@@ -243,6 +118,13 @@ def transcribe(
         control_weight=_control_weight(problem),
         describe_row=row_describer(problem, space, at, rows),
         path_names=tuple(label.name for constraint in problem.path for label in constraint.labels),
+    )
+    return Formulation(
+        problem=problem,
+        programme=programme,
+        layout=at,
+        space=space,
+        end_rows=rows,
         constraint_labels=robot.constraint_labels if natural is None else natural.constraint_labels,
     )
 

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.shape import Shape
 from mbocp.mechanics import Mechanics, NaturalMechanics
-from mbocp.transcription.shape import Shape
 
 __all__ = ["COST_WEIGHTS", "ParameterLayout", "Sizes", "concatenated", "parameter_layout", "pieces"]
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from mbocp.formulation.bounds import state_bounds
+from mbocp.formulation.goal import EndRows
+from mbocp.formulation.layout import StateLayout
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.robot import Label
-from mbocp.transcription.bounds import state_bounds
-from mbocp.transcription.goal import EndRows
-from mbocp.transcription.layout import StateLayout
 
 __all__ = ["row_describer"]
 

@@ -7,12 +7,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from mbocp.formulation.end import build_end_functions
+from mbocp.formulation.parameters import Sizes, parameter_layout
+from mbocp.formulation.shape import Shape
+from mbocp.formulation.stage import build_functions
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
-from mbocp.transcription.end import build_end_functions
-from mbocp.transcription.parameters import Sizes, parameter_layout
-from mbocp.transcription.shape import Shape
-from mbocp.transcription.stage import build_functions
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of
 

@@ -12,9 +12,10 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import CompilationError
+from mbocp.formulation import transcribe
 from mbocp.problem import Problem
-from mbocp.transcription import compilation, transcribe
-from mbocp.transcription.compilation import NoCompilerWarning, load_functions
+from mbocp.programme import compilation
+from mbocp.programme.compilation import NoCompilerWarning, load_functions
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

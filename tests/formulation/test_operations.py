@@ -9,11 +9,11 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import InvalidValue, TooManyOperations
+from mbocp.formulation import build, transcribe
+from mbocp.formulation.operations import estimated_operations
+from mbocp.formulation.stage import build_functions, mechanics_for
 from mbocp.problem import Problem
 from mbocp.robot import load_robot
-from mbocp.transcription import programme, transcribe
-from mbocp.transcription.operations import estimated_operations
-from mbocp.transcription.stage import build_functions, mechanics_for
 
 PENDULUM = Path(__file__).parents[2] / "examples" / "paper" / "elastic_pendulum.toml"
 
@@ -69,14 +69,14 @@ def test_the_estimate_is_of_the_right_size(
 ) -> None:
     problem = reach(robot, **integrator)
     shapes = []
-    check = programme.check_operations
+    check = build.check_operations
 
     def remember(*args: object) -> None:
         shapes.append(args)
         check(*args)
 
-    monkeypatch.setattr(programme, "check_operations", remember)
-    monkeypatch.setattr(programme, "load_functions", lambda *_, **__: None)
+    monkeypatch.setattr(build, "check_operations", remember)
+    monkeypatch.setattr(build, "load_functions", lambda *_, **__: None)
     transcribe(problem)
     _, nv, shape = shapes[0]
     found = build_functions(mechanics_for(problem.robot, shape), shape)["complete"].n_instructions()

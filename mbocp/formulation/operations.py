@@ -10,8 +10,8 @@ from __future__ import annotations
 import os
 
 from mbocp.exceptions import InvalidValue, TooManyOperations
+from mbocp.formulation.shape import Shape
 from mbocp.integrators.tableaux import TABLEAUX
-from mbocp.transcription.shape import Shape
 
 __all__ = ["check_operations", "estimated_operations"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
-from mbocp.transcription.layout import StateLayout
-from mbocp.transcription.turning import turning_factors
 from tests.mechanics.models import chain
 
 

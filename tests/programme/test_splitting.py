@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp._arrays import Array
-from mbocp.transcription.compiler import compiler
-from mbocp.transcription.splitting import split_functions
+from mbocp.programme.compiler import compiler
+from mbocp.programme.splitting import split_functions
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 SIZES = (3, 2)  # of the inputs of `tangled`

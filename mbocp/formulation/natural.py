@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.goal import EndRows
 from mbocp.mechanics import NaturalMechanics, natural_mechanics
 from mbocp.problem import Problem
-from mbocp.transcription.goal import EndRows
 
 __all__ = ["EndTarget", "natural_coordinates", "natural_end"]
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from mbocp.formulation.shape import PathShape
 from mbocp.mechanics import Mechanics
-from mbocp.transcription.shape import PathShape
 
 __all__ = ["path_values"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch
-from mbocp.transcription import StagewiseProgramme
+from mbocp.programme.stagewise import StagewiseProgramme
 
 __all__ = ["BoundMultipliers", "Iterate", "zero_multipliers"]
 

@@ -1,0 +1,14 @@
+"""The stagewise programme, all that a solver sees: functions, parameters, bounds, iterates, the kernel."""
+
+from mbocp.programme.bounds import StateBounds
+from mbocp.programme.iterate import BoundMultipliers, Iterate, zero_multipliers
+from mbocp.programme.stagewise import StageKind, StagewiseProgramme
+
+__all__ = [
+    "BoundMultipliers",
+    "Iterate",
+    "StageKind",
+    "StagewiseProgramme",
+    "StateBounds",
+    "zero_multipliers",
+]

@@ -1,0 +1,129 @@
+"""A discretised optimal control problem as solvers see it: functions, sizes, structure and parameters.
+
+minimise    sum_n l_n(x_{n-1}, x_n, u_{n-1}) + psi(x_N)
+subject to  c_n(x_{n-1}, x_n, y_n, u_{n-1}) = 0
+            g_T(x_N) = 0,  x_0 given
+
+Nothing here knows of robots: what a state consists of is the formulation's affair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.programme.bounds import StateBounds
+from mbocp.programme.compilation import CompiledFunctions
+
+__all__ = ["StageKind", "StagewiseProgramme"]
+
+
+@dataclass(frozen=True)
+class StageKind:
+    """Dimensions of one kind of stage, and the factors from its rows and unknowns to the paper's.
+
+    Attributes
+    ----------
+    nx, ndx, ny, nu, nr : int
+        State, its tangent, algebraic unknowns, controls, stage parameters.
+    scale_c : ndarray, shape (ndx + ny,)
+        From the rows of c to those of eqs. (24), (25): constraints are kept as Phi / dt.
+    scale_y : ndarray, shape (ny,)
+        From impulses to the multipliers lambda [1/s].
+    scale_m : ndarray, shape (ndx + ny,)
+        From the rows' multipliers to (mu, dt zeta): zeta itself carries round-off of the size 1e-16 / dt^2,
+        which no step can bring down.
+    scale_ru : ndarray, shape (nu,)
+        From the gradient in u to grad_u H of eq. (28) [1/s].
+    turning : ndarray, shape (ndx,)
+        Angle by unit of each entry of a state's tangent; 0 for what is no angle. Steps are kept small by it.
+    groups : tuple of (int, int, tuple of int)
+        Constraints in the order in which they can be eliminated, in natural coordinates body by body: first
+        row among the constraints, number of rows, and the coordinates that they are solved for.
+    """
+
+    nx: int
+    ndx: int
+    ny: int
+    nu: int
+    nr: int
+    scale_c: Array
+    scale_y: Array
+    scale_m: Array
+    scale_ru: Array
+    turning: Array
+    groups: tuple[tuple[int, int, tuple[int, ...]], ...] = ()
+
+
+@dataclass(frozen=True)
+class StagewiseProgramme:
+    """Functions, dimensions, structure and parameters of a discretised optimal control problem.
+
+    Attributes
+    ----------
+    num_steps : int
+        N.
+    kinds : tuple of StageKind
+        The different kinds of stages.
+    stage_kind : tuple of int, length N
+        Kind of each stage.
+    ng : int
+        Rows of the end condition.
+    num_guards : int
+        Rows of what guards it; they must not be negative.
+    functions, end_functions : CompiledFunctions
+        Where the functions of the stages and of the end are.
+    theta, rho, rho_terminal : ndarray
+        Parameters: of the horizon, stage after stage, of the end.
+    theta_weights, terminal_weights : ndarray of bool
+        Which entries of theta and rho_terminal the costs are linear in.
+    x_start : ndarray, shape (nx,)
+        The given state x_0, as the scheme takes it.
+    bounds : StateBounds
+        On states, controls and path functions; only interior-point solvers keep them.
+    is_explicit : bool
+        Whether the rows of a step are F(x_{n-1}, u_{n-1}) - x_n.
+    dt : float
+        Step length [s].
+    control_weight : float
+        Smallest second derivative of the running cost in a control, the unit of regularisation.
+    describe_row : callable
+        (stage, row) -> words for messages; stage -1 is the end condition, and rows beyond those of a stage
+        or of the end condition are its limits or guards.
+    path_names : tuple of str
+        Of the path functions, for messages.
+    """
+
+    num_steps: int
+    kinds: tuple[StageKind, ...]
+    stage_kind: tuple[int, ...]
+    ng: int
+    num_guards: int
+    functions: CompiledFunctions
+    end_functions: CompiledFunctions
+    theta: Array
+    rho: Array
+    rho_terminal: Array
+    theta_weights: BoolArray
+    terminal_weights: BoolArray
+    x_start: Array
+    bounds: StateBounds
+    is_explicit: bool
+    dt: float
+    control_weight: float
+    describe_row: Callable[[int, int], str] = field(compare=False)
+    path_names: tuple[str, ...] = ()
+
+    def describe_path(self, row: int) -> str:
+        """Words for a path constraint."""
+        return f"path constraint {self.path_names[row]!r}"
+
+    @property
+    def num_unknowns(self) -> int:
+        """What Newton's method solves for: mu_0..mu_{N-1}, zeta, y_1..y_N (tangent), lambda, u, eta.
+
+        The paper's DOF column also counts mu_N and a control u_N that nothing needs.
+        """
+        per_stage = [2 * (k.ndx + k.ny) + k.nu for k in self.kinds]
+        return sum(per_stage[i] for i in self.stage_kind) + self.ng
