@@ -8,53 +8,50 @@
 #include <string>
 #include <vector>
 
-namespace mbocp
-{
-  struct Tree;
+namespace mbocp {
+struct Tree;
 
-  // A frame fixed to a joint: rotation by columns, translation [m].
-  struct Attachment
-  {
+// A frame fixed to a joint: rotation by columns, translation [m].
+struct Attachment {
     int joint;
     std::array<double, 9> rotation;
     std::array<double, 3> translation;
-  };
+};
 
-  // Pinocchio's RigidConstraintModel: 3 rows (points coincide) or 6 (frames coincide), in the axes of the first frame
-  // or of the world.
-  struct RigidConstraint
-  {
+// Pinocchio's RigidConstraintModel: 3 rows (points coincide) or 6 (frames coincide), in the axes of the first frame
+// or of the world.
+struct RigidConstraint {
     int rows;
     Attachment first, second;
     bool world_aligned;
-  };
+};
 
-  std::shared_ptr<const Tree> load_tree(const std::string & serialized_model);
-  int configuration_size(const Tree & tree);
-  int velocity_size(const Tree & tree);
-  int joint_count(const Tree & tree);
-  int frame_count(const Tree & tree);
+std::shared_ptr<const Tree> load_tree(const std::string& serialized_model);
+int configuration_size(const Tree& tree);
+int velocity_size(const Tree& tree);
+int joint_count(const Tree& tree);
+int frame_count(const Tree& tree);
 
-  // Inverse dynamics.
-  casadi::Function rnea(const Tree & tree);
-  casadi::Function nonlinear_effects(const Tree & tree);
-  casadi::Function gravity(const Tree & tree);
-  // Forward dynamics.
-  casadi::Function aba(const Tree & tree);
-  casadi::Function minverse(const Tree & tree);
-  // Inertia.
-  casadi::Function crba(const Tree & tree);
-  casadi::Function kinetic_energy(const Tree & tree);
-  casadi::Function potential_energy(const Tree & tree);
-  casadi::Function center_of_mass(const Tree & tree);
-  casadi::Function centroidal_momentum(const Tree & tree);
-  // The configuration manifold.
-  casadi::Function integrate(const Tree & tree);
-  casadi::Function difference(const Tree & tree);
-  casadi::Function dintegrate(const Tree & tree);
-  // Frames; `reference` is Pinocchio's ReferenceFrame.
-  casadi::Function frame_placement(const Tree & tree, int frame);
-  casadi::Function frame_jacobian(const Tree & tree, int frame, int reference);
-  casadi::Function frame_velocity(const Tree & tree, int frame, int reference);
-  casadi::Function constraint_jacobian(const Tree & tree, const std::vector<RigidConstraint> & constraints);
-} // namespace mbocp
+// Inverse dynamics.
+casadi::Function rnea(const Tree& tree);
+casadi::Function nonlinear_effects(const Tree& tree);
+casadi::Function gravity(const Tree& tree);
+// Forward dynamics.
+casadi::Function aba(const Tree& tree);
+casadi::Function minverse(const Tree& tree);
+// Inertia.
+casadi::Function crba(const Tree& tree);
+casadi::Function kinetic_energy(const Tree& tree);
+casadi::Function potential_energy(const Tree& tree);
+casadi::Function center_of_mass(const Tree& tree);
+casadi::Function centroidal_momentum(const Tree& tree);
+// The configuration manifold.
+casadi::Function integrate(const Tree& tree);
+casadi::Function difference(const Tree& tree);
+casadi::Function dintegrate(const Tree& tree);
+// Frames; `reference` is Pinocchio's ReferenceFrame.
+casadi::Function frame_placement(const Tree& tree, int frame);
+casadi::Function frame_jacobian(const Tree& tree, int frame, int reference);
+casadi::Function frame_velocity(const Tree& tree, int frame, int reference);
+casadi::Function constraint_jacobian(const Tree& tree, const std::vector<RigidConstraint>& constraints);
+}  // namespace mbocp

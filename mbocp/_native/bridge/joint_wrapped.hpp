@@ -3,15 +3,12 @@
 
 #include "joint.hpp"
 
-namespace mbocp
-{
-  struct WrappedModel
-  {
+namespace mbocp {
+struct WrappedModel {
     pin::JointModelTpl<SX> joint;
-  };
+};
 
-  struct WrappedData
-  {
+struct WrappedData {
     pin::JointDataTpl<SX> joint;
-  };
-} // namespace mbocp
+};
+}  // namespace mbocp

@@ -13,11 +13,10 @@
 
 namespace nb = nanobind;
 
-namespace
-{
-  using Builder = casadi::Function (*)(const mbocp::Tree &);
+namespace {
+using Builder = casadi::Function (*)(const mbocp::Tree&);
 
-  const std::map<std::string, Builder> builders = {
+const std::map<std::string, Builder> builders = {
     {"rnea", &mbocp::rnea},
     {"nonlinear_effects", &mbocp::nonlinear_effects},
     {"gravity", &mbocp::gravity},
@@ -31,73 +30,65 @@ namespace
     {"integrate", &mbocp::integrate},
     {"difference", &mbocp::difference},
     {"dintegrate", &mbocp::dintegrate},
-  };
+};
 
-  class Robot
-  {
-  public:
-    explicit Robot(const std::string & serialized_model) : tree(mbocp::load_tree(serialized_model)) {}
+class Robot {
+public:
+    explicit Robot(const std::string& serialized_model) : tree(mbocp::load_tree(serialized_model)) {}
 
-    std::string function(const std::string & name) const
-    {
-      const auto found = builders.find(name);
-      if (found == builders.end())
-        throw std::invalid_argument("no function named '" + name + "'");
-      return found->second(*tree).serialize();
+    std::string function(const std::string& name) const {
+        const auto found = builders.find(name);
+        if (found == builders.end()) throw std::invalid_argument("no function named '" + name + "'");
+        return found->second(*tree).serialize();
     }
 
     std::string frame_placement(int frame) const { return mbocp::frame_placement(*tree, checked(frame)).serialize(); }
 
-    std::string frame_jacobian(int frame, int reference) const
-    {
-      return mbocp::frame_jacobian(*tree, checked(frame), reference).serialize();
+    std::string frame_jacobian(int frame, int reference) const {
+        return mbocp::frame_jacobian(*tree, checked(frame), reference).serialize();
     }
 
-    std::string frame_velocity(int frame, int reference) const
-    {
-      return mbocp::frame_velocity(*tree, checked(frame), reference).serialize();
+    std::string frame_velocity(int frame, int reference) const {
+        return mbocp::frame_velocity(*tree, checked(frame), reference).serialize();
     }
 
-    std::string constraint_jacobian(const std::vector<mbocp::RigidConstraint> & constraints) const
-    {
-      for (const mbocp::RigidConstraint & constraint : constraints)
-        for (const int joint : {constraint.first.joint, constraint.second.joint})
-          if (joint < 0 || joint >= mbocp::joint_count(*tree))
-            throw std::out_of_range("no joint of index " + std::to_string(joint));
-      return mbocp::constraint_jacobian(*tree, constraints).serialize();
+    std::string constraint_jacobian(const std::vector<mbocp::RigidConstraint>& constraints) const {
+        for (const mbocp::RigidConstraint& constraint : constraints)
+            for (const int joint : {constraint.first.joint, constraint.second.joint})
+                if (joint < 0 || joint >= mbocp::joint_count(*tree))
+                    throw std::out_of_range("no joint of index " + std::to_string(joint));
+        return mbocp::constraint_jacobian(*tree, constraints).serialize();
     }
 
     int nq() const { return mbocp::configuration_size(*tree); }
     int nv() const { return mbocp::velocity_size(*tree); }
 
-  private:
-    int checked(int frame) const
-    {
-      if (frame < 0 || frame >= mbocp::frame_count(*tree))
-        throw std::out_of_range("no frame of index " + std::to_string(frame));
-      return frame;
+private:
+    int checked(int frame) const {
+        if (frame < 0 || frame >= mbocp::frame_count(*tree))
+            throw std::out_of_range("no frame of index " + std::to_string(frame));
+        return frame;
     }
 
     std::shared_ptr<const mbocp::Tree> tree;
-  };
-} // namespace
+};
+}  // namespace
 
-NB_MODULE(_bridge, m)
-{
-  using namespace nb::literals;
-  m.doc() = "Pinocchio's algorithms with CasADi's scalar, as serialized CasADi functions.";
-  nb::class_<mbocp::Attachment>(m, "Attachment", "A frame fixed to a joint.")
-    .def(nb::init<int, std::array<double, 9>, std::array<double, 3>>(), "joint"_a, "rotation"_a, "translation"_a);
-  nb::class_<mbocp::RigidConstraint>(m, "RigidConstraint", "Two frames that coincide, or their origins.")
-    .def(nb::init<int, mbocp::Attachment, mbocp::Attachment, bool>(), "rows"_a, "first"_a, "second"_a,
-         "world_aligned"_a);
-  nb::class_<Robot>(m, "Robot", "A model with CasADi's scalar.")
-    .def(nb::init<const std::string &>(), "serialized_model"_a)
-    .def_prop_ro("nq", &Robot::nq)
-    .def_prop_ro("nv", &Robot::nv)
-    .def("function", &Robot::function, "name"_a)
-    .def("frame_placement", &Robot::frame_placement, "frame"_a)
-    .def("frame_jacobian", &Robot::frame_jacobian, "frame"_a, "reference"_a)
-    .def("frame_velocity", &Robot::frame_velocity, "frame"_a, "reference"_a)
-    .def("constraint_jacobian", &Robot::constraint_jacobian, "constraints"_a);
+NB_MODULE(_bridge, m) {
+    using namespace nb::literals;
+    m.doc() = "Pinocchio's algorithms with CasADi's scalar, as serialized CasADi functions.";
+    nb::class_<mbocp::Attachment>(m, "Attachment", "A frame fixed to a joint.")
+        .def(nb::init<int, std::array<double, 9>, std::array<double, 3>>(), "joint"_a, "rotation"_a, "translation"_a);
+    nb::class_<mbocp::RigidConstraint>(m, "RigidConstraint", "Two frames that coincide, or their origins.")
+        .def(nb::init<int, mbocp::Attachment, mbocp::Attachment, bool>(), "rows"_a, "first"_a, "second"_a,
+             "world_aligned"_a);
+    nb::class_<Robot>(m, "Robot", "A model with CasADi's scalar.")
+        .def(nb::init<const std::string&>(), "serialized_model"_a)
+        .def_prop_ro("nq", &Robot::nq)
+        .def_prop_ro("nv", &Robot::nv)
+        .def("function", &Robot::function, "name"_a)
+        .def("frame_placement", &Robot::frame_placement, "frame"_a)
+        .def("frame_jacobian", &Robot::frame_jacobian, "frame"_a, "reference"_a)
+        .def("frame_velocity", &Robot::frame_velocity, "frame"_a, "reference"_a)
+        .def("constraint_jacobian", &Robot::constraint_jacobian, "constraints"_a);
 }

@@ -7,13 +7,12 @@
 
 // Pinocchio's Data has arrays of nv^3 entries for second derivatives, which nothing here asks for: for a hundred
 // joints they take seconds to fill, for five hundred gigabytes. With CasADi's scalar they have no entries.
-template<>
-class Eigen::Tensor<casadi::SX, 3, 0, Eigen::Index>
-{
+template <>
+class Eigen::Tensor<casadi::SX, 3, 0, Eigen::Index> {
 public:
-  Tensor() = default;
-  Tensor(Eigen::Index, Eigen::Index, Eigen::Index) {}
-  void setZero() {}
+    Tensor() = default;
+    Tensor(Eigen::Index, Eigen::Index, Eigen::Index) {}
+    void setZero() {}
 };
 
 #include <pinocchio/multibody.hpp>
@@ -24,9 +23,8 @@ public:
 #include <string>
 #include <vector>
 
-namespace mbocp
-{
-  namespace pin = pinocchio;
-  using SX = casadi::SX;
-  using VectorX = Eigen::Matrix<SX, Eigen::Dynamic, 1>;
-} // namespace mbocp
+namespace mbocp {
+namespace pin = pinocchio;
+using SX = casadi::SX;
+using VectorX = Eigen::Matrix<SX, Eigen::Dynamic, 1>;
+}  // namespace mbocp

@@ -3,59 +3,52 @@
 
 #include "joint.hpp"
 
-namespace mbocp
-{
-  // Mimic joints become joints in their own right, whose coordinates are an affine function of the mimicked ones:
-  // then each of Pinocchio's algorithms serves, also those that do not know mimic joints. Lower case: what the user
-  // sees, (nq,) and (nv,). Upper case: the whole tree, (model.nq,) and (model.nv,).
-  struct Tree
-  {
-    explicit Tree(const std::string & serialized_model);
+namespace mbocp {
+// Mimic joints become joints in their own right, whose coordinates are an affine function of the mimicked ones:
+// then each of Pinocchio's algorithms serves, also those that do not know mimic joints. Lower case: what the user
+// sees, (nq,) and (nv,). Upper case: the whole tree, (model.nq,) and (model.nv,).
+struct Tree {
+    explicit Tree(const std::string& serialized_model);
 
-    VectorX configuration(const SX & q) const; // Q(q)
-    VectorX velocity(const SX & v) const;      // V = A v
-    SX force(const VectorX & T) const;         // A^T T
-    SX jacobian(const SX & J) const;           // J A
-    SX inertia(const SX & M) const;            // A^T M A
+    VectorX configuration(const SX& q) const;  // Q(q)
+    VectorX velocity(const SX& v) const;       // V = A v
+    SX force(const VectorX& T) const;          // A^T T
+    SX jacobian(const SX& J) const;            // J A
+    SX inertia(const SX& M) const;             // A^T M A
 
     // One Data serves all functions, as in numeric use; a new one takes seconds for a hundred joints.
-    Data & scratch() const;
+    Data& scratch() const;
 
-    struct Mimic
-    {
-      pin::JointIndex joint;
-      int idx_q; // of the mimicked joint, in q
-      double scaling, offset;
+    struct Mimic {
+        pin::JointIndex joint;
+        int idx_q;  // of the mimicked joint, in q
+        double scaling, offset;
     };
 
     Model model;
     int nq = 0, nv = 0;
     std::vector<Mimic> mimics;
-    std::vector<int> source_q; // for each entry of Q the one of q, -1 below a mimic joint
-    SX A;                      // (model.nv, nv)
+    std::vector<int> source_q;  // for each entry of Q the one of q, -1 below a mimic joint
+    SX A;                       // (model.nv, nv)
 
-  private:
+private:
     mutable std::unique_ptr<Data> data;
-  };
+};
 
-  AnyJoint wrap_joint(const pin::JointModel & joint, pin::JointIndex id, int idx_q, int idx_v);
-  VectorX scaled_configuration(const AnyJoint & joint, const VectorX & q, double scaling, double offset);
+AnyJoint wrap_joint(const pin::JointModel& joint, pin::JointIndex id, int idx_q, int idx_v);
+VectorX scaled_configuration(const AnyJoint& joint, const VectorX& q, double scaling, double offset);
 
-  inline VectorX to_eigen(const SX & s)
-  {
+inline VectorX to_eigen(const SX& s) {
     VectorX v(s.size1());
-    for (casadi_int i = 0; i < s.size1(); ++i)
-      v[i] = s(i);
+    for (casadi_int i = 0; i < s.size1(); ++i) v[i] = s(i);
     return v;
-  }
+}
 
-  template<typename D>
-  SX to_casadi(const Eigen::MatrixBase<D> & m)
-  {
+template <typename D>
+SX to_casadi(const Eigen::MatrixBase<D>& m) {
     SX s = SX::zeros(m.rows(), m.cols());
     for (Eigen::Index j = 0; j < m.cols(); ++j)
-      for (Eigen::Index i = 0; i < m.rows(); ++i)
-        s(i, j) = m(i, j);
+        for (Eigen::Index i = 0; i < m.rows(); ++i) s(i, j) = m(i, j);
     return s;
-  }
-} // namespace mbocp
+}
+}  // namespace mbocp

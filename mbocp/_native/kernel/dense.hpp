@@ -116,7 +116,7 @@ __attribute__((always_inline)) inline void axpy(int n, double a, const double* x
     for (; j + width <= n; j += width) store(y + j, load(y + j) + a * load(x + j));
     for (; j < n; ++j) {
         y[j] += a * x[j];
-        asm volatile("" ::: );  // keeps the tail of at most three a plain loop
+        asm volatile("" :::);  // keeps the tail of at most three a plain loop
     }
 }
 
@@ -127,7 +127,7 @@ __attribute__((always_inline)) inline double dot(int n, const double* x, const d
     double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
     for (; j < n; ++j) {
         sum += x[j] * y[j];
-        asm volatile("" ::: );
+        asm volatile("" :::);
     }
     return sum;
 }

@@ -12,7 +12,7 @@ using dense::padded;
 
 namespace {
 
-constexpr double least_rest = 1e-2;      // of a distance to a bound that a step has to leave: 1 - tau, or mu
+constexpr double least_rest = 1e-2;       // of a distance to a bound that a step has to leave: 1 - tau, or mu
 constexpr double most_off_centre = 1e10;  // z (s - lower) / mu stays between this and its inverse
 
 bool has(double bound) { return std::isfinite(bound); }
@@ -163,7 +163,9 @@ void Programme::start_limits(double barrier, double inside) {
     evaluate_limits();
     for (int i = 0; i < l.total; ++i) {
         const double lower = l.lower[i], upper = l.upper[i], gap = upper - lower;
-        const auto margin = [&](double bound) { return std::min(inside * std::max(1.0, std::abs(bound)), inside * gap); };
+        const auto margin = [&](double bound) {
+            return std::min(inside * std::max(1.0, std::abs(bound)), inside * gap);
+        };
         double s = l.h[i];
         if (has(lower)) s = std::max(s, lower + margin(lower));
         if (has(upper)) s = std::min(s, upper - margin(upper));
@@ -191,7 +193,8 @@ Evaluation Programme::weigh(double barrier) {
     l.B = l.H;
     for (int n = 0; l.nh && n < N; ++n)
         for (int i = 0; i < l.nh; ++i)
-            add_outer(l.sigma[n * l.rows + l.rows - l.nh + i], l.J.data() + (static_cast<std::size_t>(n) * l.nh + i) * px,
+            add_outer(l.sigma[n * l.rows + l.rows - l.nh + i],
+                      l.J.data() + (static_cast<std::size_t>(n) * l.nh + i) * px,
                       l.B.data() + static_cast<std::size_t>(n) * px * px);
     for (int i = 0; i < l.num_guards; ++i)
         add_outer(l.sigma[N * l.rows + i], l.guard_J.data() + i * px, l.B.data() + l.B.size() - px * px);
@@ -273,7 +276,8 @@ void Programme::find_limit_step(Direction& d) {
             ds[nlx + nlu + i] = dense::dot(nd, l.J.data() + (static_cast<std::size_t>(n) * l.nh + i) * px, dx);
     }
     for (int i = 0; i < l.num_guards; ++i)
-        l.ds[N * l.rows + i] = dense::dot(nd, l.guard_J.data() + i * px, step_.dx.data() + static_cast<std::size_t>(N) * nd);
+        l.ds[N * l.rows + i] =
+            dense::dot(nd, l.guard_J.data() + i * px, step_.dx.data() + static_cast<std::size_t>(N) * nd);
     const double mu = l.barrier, tau = std::max(1.0 - least_rest, 1.0 - mu);
     double approach = 0, decline = 0;  // largest relative loss of a distance, and of a multiplier
     for (int i = 0; i < l.total; ++i) {

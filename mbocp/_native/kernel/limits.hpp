@@ -26,8 +26,8 @@ struct Bounds {
 struct Limits {
     std::vector<int> x, u;  // limited entries of a state and of the controls
     int nh = 0, num_guards = 0;
-    Function path;   // (x, m, u, theta) -> h, dh_dx, upper Hessian of m'h, at the end of a step
-    Function guard;  // (x_N, m, rho_terminal) -> likewise
+    Function path;            // (x, m, u, theta) -> h, dh_dx, upper Hessian of m'h, at the end of a step
+    Function guard;           // (x_N, m, rho_terminal) -> likewise
     int rows = 0, total = 0;  // of a stage: x, u, path; of all stages, with the guards at the end
     double barrier = 0;       // mu
 
@@ -36,8 +36,8 @@ struct Limits {
     Numbers sigma, force;            // Sigma; what the row adds to the right-hand side's gradient, before J'
     Numbers ds, dz_lower, dz_upper;  // of the last direction
     Numbers slack_trial;
-    Numbers of_x, of_u;       // derivatives of lambda'h in the nodes' states and in the controls
-    Numbers J, H, B;          // of a node's path functions; Hessian of lambda'h; that with J' Sigma J
+    Numbers of_x, of_u;          // derivatives of lambda'h in the nodes' states and in the controls
+    Numbers J, H, B;             // of a node's path functions; Hessian of lambda'h; that with J' Sigma J
     Numbers guard_J, h, lambda;  // of the guards; values; multipliers of one call
 
     bool empty() const { return total == 0; }

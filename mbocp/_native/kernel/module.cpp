@@ -140,11 +140,12 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
     vector_property<&Programme::z_lower>(programme, "z_lower", "Multipliers of the lower limits, not negative.");
     vector_property<&Programme::z_upper>(programme, "z_upper", "Multipliers of the upper limits, not negative.");
     programme
-        .def("set_parameters",
-             [](Programme& p, const Input& theta, const Input& rho, const Input& rho_terminal) {
-                 p.set_parameters(to_numbers(theta), to_numbers(rho), to_numbers(rho_terminal));
-             },
-             nb::arg("theta"), nb::arg("rho"), nb::arg("rho_terminal"))
+        .def(
+            "set_parameters",
+            [](Programme& p, const Input& theta, const Input& rho, const Input& rho_terminal) {
+                p.set_parameters(to_numbers(theta), to_numbers(rho), to_numbers(rho_terminal));
+            },
+            nb::arg("theta"), nb::arg("rho"), nb::arg("rho_terminal"))
         .def("evaluate", &Programme::evaluate, nb::arg("share") = 1.0)
         .def("factorise", &Programme::factorise, nb::arg("shift") = 0.0, nb::arg("augment") = 0.0)
         .def("solve", &Programme::solve, nb::arg("refinements") = 1)
@@ -152,44 +153,53 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("move", &Programme::move, nb::arg("alpha"))
         .def("trial", &Programme::trial, nb::arg("alpha"))
         .def("accept", &Programme::accept, nb::arg("alpha"), nb::arg("alpha_limits") = 1.0)
-        .def("set_limits",
-             [](Programme& p, const Input& x_lower, const Input& x_upper, const Input& u_lower, const Input& u_upper,
-                const Input& path_lower, const Input& path_upper, Function path, int num_guards, Function guard) {
-                 p.set_limits({to_numbers(x_lower), to_numbers(x_upper), to_numbers(u_lower), to_numbers(u_upper),
-                               to_numbers(path_lower), to_numbers(path_upper), num_guards},
-                              std::move(path), std::move(guard));
-             },
-             nb::kw_only(), nb::arg("x_lower"), nb::arg("x_upper"), nb::arg("u_lower"), nb::arg("u_upper"),
-             nb::arg("path_lower"), nb::arg("path_upper"), nb::arg("path").none(), nb::arg("num_guards"),
-             nb::arg("guard").none())
+        .def(
+            "set_limits",
+            [](Programme& p, const Input& x_lower, const Input& x_upper, const Input& u_lower, const Input& u_upper,
+               const Input& path_lower, const Input& path_upper, Function path, int num_guards, Function guard) {
+                p.set_limits({to_numbers(x_lower), to_numbers(x_upper), to_numbers(u_lower), to_numbers(u_upper),
+                              to_numbers(path_lower), to_numbers(path_upper), num_guards},
+                             std::move(path), std::move(guard));
+            },
+            nb::kw_only(), nb::arg("x_lower"), nb::arg("x_upper"), nb::arg("u_lower"), nb::arg("u_upper"),
+            nb::arg("path_lower"), nb::arg("path_upper"), nb::arg("path").none(), nb::arg("num_guards"),
+            nb::arg("guard").none())
         .def("start_limits", &Programme::start_limits, nb::arg("barrier"), nb::arg("inside") = 1e-2)
         .def("weigh", &Programme::weigh, nb::arg("barrier"))
         .def_prop_ro("num_limits", &Programme::num_limits)
-        .def_prop_ro("limit_multipliers", [](const Programme& p) { return to_array(p.limit_multipliers()); },
-                     nb::rv_policy::move)
+        .def_prop_ro(
+            "limit_multipliers", [](const Programme& p) { return to_array(p.limit_multipliers()); },
+            nb::rv_policy::move)
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false,
              nb::arg("feedback") = false)
-        .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false,
-             nb::arg("feedback") = false)
-        .def("end_sensitivity",
-             [](Programme& p, bool feedback) { return to_array(p.end_sensitivity(feedback)); },
-             nb::arg("feedback") = false, nb::rv_policy::move)
-        .def("reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
-             nb::arg("shift") = 0.0, nb::rv_policy::move)
+        .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false, nb::arg("feedback") = false)
+        .def(
+            "end_sensitivity", [](Programme& p, bool feedback) { return to_array(p.end_sensitivity(feedback)); },
+            nb::arg("feedback") = false, nb::rv_policy::move)
+        .def(
+            "reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
+            nb::arg("shift") = 0.0, nb::rv_policy::move)
         .def_prop_ro("num_stages", &Programme::num_stages)
         .def_prop_ro("num_bytes", &Programme::num_bytes)
-        .def_prop_ro("dx", [](const Programme& p) { return to_array(p.direction().dx); }, nb::rv_policy::move)
-        .def_prop_ro("dy", [](const Programme& p) { return to_array(p.direction().dy); }, nb::rv_policy::move)
-        .def_prop_ro("du", [](const Programme& p) { return to_array(p.direction().du); }, nb::rv_policy::move)
-        .def_prop_ro("dm", [](const Programme& p) { return to_array(p.direction().dm); }, nb::rv_policy::move)
-        .def_prop_ro("deta", [](const Programme& p) { return to_array(p.direction().deta); }, nb::rv_policy::move)
-        .def_prop_ro("costates", [](const Programme& p) { return to_array(p.costates()); }, nb::rv_policy::move)
-        .def_prop_ro("control_gradient", [](const Programme& p) { return to_array(p.control_gradient()); },
-                     nb::rv_policy::move)
-        .def_prop_ro("control_scale", [](const Programme& p) { return to_array(p.control_scale()); },
-                     nb::rv_policy::move)
-        .def_prop_ro("end_condition", [](const Programme& p) { return to_array(p.end_condition()); },
-                     nb::rv_policy::move)
-        .def_prop_ro("sigma", [](const Programme& p) { return to_array(p.sigma); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "dx", [](const Programme& p) { return to_array(p.direction().dx); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "dy", [](const Programme& p) { return to_array(p.direction().dy); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "du", [](const Programme& p) { return to_array(p.direction().du); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "dm", [](const Programme& p) { return to_array(p.direction().dm); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "deta", [](const Programme& p) { return to_array(p.direction().deta); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "costates", [](const Programme& p) { return to_array(p.costates()); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "control_gradient", [](const Programme& p) { return to_array(p.control_gradient()); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "control_scale", [](const Programme& p) { return to_array(p.control_scale()); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "end_condition", [](const Programme& p) { return to_array(p.end_condition()); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "sigma", [](const Programme& p) { return to_array(p.sigma); }, nb::rv_policy::move)
         .def_prop_ro("A", [](const Programme& p) { return to_array(p.A); }, nb::rv_policy::move);
 }

@@ -1,5 +1,6 @@
-// One zeroed block of memory, on the boundary of a cache line, as for all stages. Long horizons take hundreds of megabytes and are walked through several
-// times an iteration: on huge pages, where the system has them, that costs up to a third less.
+// One zeroed block of memory, on the boundary of a cache line, as for all stages. Long horizons take hundreds of
+// megabytes and are walked through several times an iteration: on huge pages, where the system has them, that costs up
+// to a third less.
 #pragma once
 
 #include <cstdlib>

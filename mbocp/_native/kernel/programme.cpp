@@ -35,7 +35,8 @@ void Kind::prepare() {
     check_output(complete, 2, nc(), nw() + ns(), "complete");
     check_output(complete, 4, nw() + ns(), nw() + ns(), "complete");
     if (!groups.empty()) prepare_structure();
-    may_be_explicit = groups.empty() && has_diagonal(complete->outputs[2], nw()) && has_diagonal(jacobian->outputs[2], nw());
+    may_be_explicit =
+        groups.empty() && has_diagonal(complete->outputs[2], nw()) && has_diagonal(jacobian->outputs[2], nw());
     const int ldw = padded(nw()), lds = padded(ns());
     const auto split = [&](int j) { return j < nw(); };
     const auto derivatives = [&](const StageFunction& f, std::vector<Target>& jacobian_targets,
@@ -81,7 +82,8 @@ void Kind::prepare_structure() {
         return OverState{hessian.block(row, rows, at, nq), hessian.block(row, rows, at + nq, nq),
                          hessian.block(row, rows, at + 2 * nq, nr)};
     };
-    of_x = over_state(0, ndx, 0), of_before_in_x = over_state(before, ndx, 0), of_before = over_state(before, ndx, before);
+    of_x = over_state(0, ndx, 0), of_before_in_x = over_state(before, ndx, 0),
+    of_before = over_state(before, ndx, before);
     of_u_in_x = over_state(controls, nu, 0), of_u_in_before = over_state(controls, nu, before);
     of_u = hessian.block(controls, nu, controls, nu), of_y_in_q = hessian.block(ndx, ny, 0, nq);
     std::map<std::pair<int, int>, int> place;
@@ -190,7 +192,8 @@ void Programme::allocate() {
             largest = std::max(largest, pw * pw + 2 * pw * ps + ps * ps + 8 * (pw + ps) + (ps + 4) * (ldx + ldg));
         }
     }
-    space_.allocate(space + 256), both_.assign(is_structured_ ? 2 * static_cast<std::size_t>(max_nw_ + max_ns_) : 0, 0.0);
+    space_.allocate(space + 256),
+        both_.assign(is_structured_ ? 2 * static_cast<std::size_t>(max_nw_ + max_ns_) : 0, 0.0);
     x.assign(static_cast<std::size_t>(N + 1) * nx_, 0.0);
     y.assign(ny, 0.0), u.assign(nu, 0.0), m.assign(nm, 0.0), eta.assign(ng_, 0.0);
     rho_.assign(nr, 0.0);
@@ -214,7 +217,8 @@ void Programme::allocate() {
     scratch_.allocate(largest + 256);
     scaled_m_.assign(nm, 0.0);
     sweep_c_.assign(3 * static_cast<std::size_t>(max_nw_), 0.0);
-    sweep_dx_.assign(ndx_, 0.0), planned_.assign(2 * static_cast<std::size_t>(nx_), 0.0), sweep_before_.assign(static_cast<std::size_t>(nx_) + max_nw_, 0.0);
+    sweep_dx_.assign(ndx_, 0.0), planned_.assign(2 * static_cast<std::size_t>(nx_), 0.0),
+        sweep_before_.assign(static_cast<std::size_t>(nx_) + max_nw_, 0.0);
 }
 
 void Programme::set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal) {
@@ -372,8 +376,10 @@ bool Programme::move(double alpha) {
     for (std::size_t i = 0; i < u.size(); ++i) u_trial_[i] = u[i] + alpha * step_.du[i];
     std::copy(x.begin(), x.begin() + nx_, x_trial_.begin());
     for (int n = 1; n <= N; ++n)
-        ok = retract_into(x.data() + static_cast<std::size_t>(n) * nx_, step_.dx.data() + static_cast<std::size_t>(n) * ndx_,
-                          alpha, x_trial_.data() + static_cast<std::size_t>(n) * nx_) && ok;
+        ok = retract_into(x.data() + static_cast<std::size_t>(n) * nx_,
+                          step_.dx.data() + static_cast<std::size_t>(n) * ndx_, alpha,
+                          x_trial_.data() + static_cast<std::size_t>(n) * nx_) &&
+             ok;
     for (int i = 0; i < limits_.total; ++i) limits_.slack_trial[i] = slack[i] + alpha * limits_.ds[i];
     return ok;
 }

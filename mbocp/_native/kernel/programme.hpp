@@ -26,9 +26,9 @@ enum Block { JW, JS, HWW, HWS, HSS, GW, GS };
 // How one kind of stage looks: functions of (x0, x1, y, u, [m,] theta, rho).
 struct Kind {
     int nx = 0, ndx = 0, ny = 0, nu = 0, nr = 0;  // state, its tangent, algebraic unknowns, controls, stage parameters
-    Function values;      // -> c, l
-    Function jacobian;    // -> c, l, dc_dz, dl_dz, with z = (x1, y, x0, u)
-    Function complete;    // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
+    Function values;                              // -> c, l
+    Function jacobian;                            // -> c, l, dc_dz, dl_dz, with z = (x1, y, x0, u)
+    Function complete;                            // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
     // Factors from the programme's rows, unknowns, multipliers and control gradient to the reported ones.
     Numbers scale_c, scale_y, scale_m, scale_ru;
 
@@ -140,7 +140,8 @@ public:
     Sweep simulate(double tolerance, int max_iterations, bool warm, bool feedback);
     // Cost, first derivatives, and multipliers from eta by the backward sweep (eq. 30), or by that of the auxiliary
     // adjoint, m = sigma + A eta (eqs. 42-44). The residual is r_u (eq. 31): end condition and control gradients. With
-    // `feedback` it is the adjoint of the sweep in closed loop, u + K (x - x_planned); the two agree where r_u vanishes.
+    // `feedback` it is the adjoint of the sweep in closed loop, u + K (x - x_planned); the two agree where r_u
+    // vanishes.
     Evaluation gradient(bool auxiliary, bool feedback);
     // Derivative of the end condition in all controls after a `gradient`, (ng, nu_total); likewise.
     Numbers end_sensitivity(bool feedback);
@@ -167,12 +168,12 @@ public:
 private:
     struct Stage {
         const Kind* kind;
-        double *c, *gw, *gs, *lw, *ls;                    // residual, Lagrangian gradient, cost gradient
-        double *Jw, *Js, *Hww, *Hws, *Hss;                // derivatives
-        double *LU, *T, *Quu, *K, *Keta, *P, *S;          // factorisation
-        double *t0, *k, *p;                               // one right-hand side
+        double *c, *gw, *gs, *lw, *ls;            // residual, Lagrangian gradient, cost gradient
+        double *Jw, *Js, *Hww, *Hws, *Hss;        // derivatives
+        double *LU, *T, *Quu, *K, *Keta, *P, *S;  // factorisation
+        double *t0, *k, *p;                       // one right-hand side
         int *pivot, *control_pivot;
-        bool definite, is_explicit;                       // the latter: Jw = -1
+        bool definite, is_explicit;  // the latter: Jw = -1
         // With a structure: values of the sparse derivatives; the stage over reachable states alone, which is
         // xi = T (xi before, u) and half the Hessian Q in (xi before, u), and g, its gradient in xi and in these;
         // offsets, dx = B xi + b with xi = dx[chosen]; and H z of the last forward pass.
@@ -259,17 +260,17 @@ private:
     Terminal terminal_;
     Function retract_, difference_;
     int N, nx_, ndx_, ng_;
-    int nd_ = 0;              // entries of a state that value functions and gains are over: all, or the chosen ones
+    int nd_ = 0;  // entries of a state that value functions and gains are over: all, or the chosen ones
     bool is_structured_ = false;
-    bool steps_known_ = false;  // stages are reduced as of the last evaluation, whatever the shift, and
+    bool steps_known_ = false;     // stages are reduced as of the last evaluation, whatever the shift, and
     bool residual_known_ = false;  // so are their gradients
-    double step_pivot_ = 1.0;   // smallest pivot of these
+    double step_pivot_ = 1.0;      // smallest pivot of these
     Numbers theta_, rho_, rho_terminal_;
     Pool pool_;
     std::vector<int> pivots_;
     std::vector<Stage> stages_;
-    Numbers Hterm_, Sterm_, gterm_, psix_, rterm_;   // terminal Hessian, Jacobian transposed, g, gradients
-    Numbers R_, R_factor_;                            // Schur complement of eta
+    Numbers Hterm_, Sterm_, gterm_, psix_, rterm_;  // terminal Hessian, Jacobian transposed, g, gradients
+    Numbers R_, R_factor_;                          // Schur complement of eta
     std::vector<int> R_pivot_;
     Step step_;
     Residual rhs_, work_;
@@ -277,12 +278,12 @@ private:
     Numbers x_trial_, y_trial_, u_trial_;
     Numbers c_trial_, g_trial_, zeros_;
     Numbers scaled_m_, diagonal_;
-    double shift_ = 0, augment_ = 0;                  // of the last factorisation
+    double shift_ = 0, augment_ = 0;                   // of the last factorisation
     bool factorised_ = false, backward_done_ = false;  // the latter: for the residual of the last evaluation
     Numbers eta_rhs_;
-    Numbers sweep_c_, sweep_dx_, sweep_before_, planned_;       // workspace of the sweeps
-    Numbers auxiliary_S_;                                       // of the auxiliary adjoint: what A_n leaves at x_n
-    Pool scratch_, space_;                                      // workspace; the latter of stages with a structure
+    Numbers sweep_c_, sweep_dx_, sweep_before_, planned_;  // workspace of the sweeps
+    Numbers auxiliary_S_;                                  // of the auxiliary adjoint: what A_n leaves at x_n
+    Pool scratch_, space_;                                 // workspace; the latter of stages with a structure
     Numbers both_;
     int max_nw_ = 0, max_ns_ = 0;
 };

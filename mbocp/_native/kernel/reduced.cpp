@@ -9,11 +9,11 @@
 // one over xi_{n-1}, xi_n and the controls, of 2 d entries, d the degrees of freedom, instead of all of the state's.
 // That is done for each stage by itself; the Riccati recursion only sees what comes of it.
 //
-// y_n follows from the momentum rows. It is never formed for unit vectors: the Hessian knows it through (y, q) alone, and
-// S'y, S = L_yq N, is A'(KN beta - R) / dt with Gd A = S.
+// y_n follows from the momentum rows. It is never formed for unit vectors: the Hessian knows it through (y, q) alone,
+// and S'y, S = L_yq N, is A'(KN beta - R) / dt with Gd A = S.
 //
-// The multipliers need the whole costate, of which the value function knows B' times it. That is enough for the momentum
-// rows; the others follow from them backwards, stage by stage, without a recursion that could grow.
+// The multipliers need the whole costate, of which the value function knows B' times it. That is enough for the
+// momentum rows; the others follow from them backwards, stage by stage, without a recursion that could grow.
 #include "controls.hpp"
 
 namespace mbocp {
@@ -124,7 +124,8 @@ void Programme::reduce_residual(int n, const Residual& rhs) {
     const Structure& t = *k.structure;
     const int nd = nd_, nu = k.nu, nw = k.nw(), ns = k.ns(), nx = ndx_, px = padded(nd);
     Space space(scratch_.data());
-    double *z = space.zeros(nw + ns), *h = space.take(nw + ns), *none = space.zeros(padded(t.d)), *mm = space.take(t.nq);
+    double *z = space.zeros(nw + ns), *h = space.take(nw + ns), *none = space.zeros(padded(t.d)),
+           *mm = space.take(t.nq);
     double *ds = z + nw, *hs = h + nw, *xi = space.zeros(px);
     if (n > 0) dense::copy(stages_[n - 1].b, ds, nx);
     dense::zero(s.t0, nw);

@@ -22,9 +22,8 @@ SparseRows by_rows(int rows, const std::vector<int>& row, const std::vector<int>
     for (int i = 0; i < rows; ++i)
         for (int k = s.start[i]; k < s.start[i + 1]; ++k) s.along.push_back({i, s.column[k], s.index[k]});
     s.across = s.along;
-    std::stable_sort(s.across.begin(), s.across.end(), [](const SparseRows::Entry& a, const SparseRows::Entry& b) {
-        return a.column < b.column;
-    });
+    std::stable_sort(s.across.begin(), s.across.end(),
+                     [](const SparseRows::Entry& a, const SparseRows::Entry& b) { return a.column < b.column; });
     return s;
 }
 

@@ -14,8 +14,8 @@ struct SparseRows {
         int row, column, index;
     };
     std::vector<int> start{0}, column, index;
-    // For vectors all entries in one loop, as rows are too short for loops of their own; in an order in which neighbours
-    // add to different places.
+    // For vectors all entries in one loop, as rows are too short for loops of their own; in an order in which
+    // neighbours add to different places.
     std::vector<Entry> across, along;  // column by column, row by row
 
     int rows() const { return static_cast<int>(start.size()) - 1; }

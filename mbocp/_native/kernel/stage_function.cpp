@@ -73,8 +73,7 @@ class Interpreted final : public StageFunction {
 public:
     explicit Interpreted(const std::string& text) : function_(casadi::Function::deserialize(text)) {
         num_inputs = static_cast<int>(function_.n_in());
-        for (casadi_int i = 0; i < function_.n_in(); ++i)
-            input_sizes.push_back(static_cast<int>(function_.nnz_in(i)));
+        for (casadi_int i = 0; i < function_.n_in(); ++i) input_sizes.push_back(static_cast<int>(function_.nnz_in(i)));
         for (casadi_int i = 0; i < function_.n_out(); ++i) {
             const casadi::Sparsity s = function_.sparsity_out(i);
             Pattern p;

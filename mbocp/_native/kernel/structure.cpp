@@ -44,8 +44,7 @@ void subtract_row(int rows, int width, int first, int i, int j, const double* fa
     }
     double* at = A + first;
     for (int k = 0; k < rows; ++k, at += width)
-        for (int v = 0; v < V; ++v)
-            dense::store(at + 4 * v, dense::load(at + 4 * v) * keep[v] - factor[k] * top[v]);
+        for (int v = 0; v < V; ++v) dense::store(at + 4 * v, dense::load(at + 4 * v) * keep[v] - factor[k] * top[v]);
     for (int v = 0; v < V; ++v) dense::store(A + i * width + first + 4 * v, top[v]);
 }
 
@@ -86,15 +85,13 @@ Structure::Structure(const Pattern& jacobian, int ndx, int num_algebraic, int nu
         if (jacobian.row[k] == 0 && jacobian.column[k] > 0 && jacobian.column[k] < ndx) nq = jacobian.column[k];
     nr = ndx - 2 * nq, d = nq - ny;
     if (nq < 1 || nr < 0 || d < 1)
-        throw std::invalid_argument("groups: a state of " + std::to_string(ndx) + " entries and " +
-                                    std::to_string(ny) + " constraints have no structure to use");
+        throw std::invalid_argument("groups: a state of " + std::to_string(ndx) + " entries and " + std::to_string(ny) +
+                                    " constraints have no structure to use");
     check_rows(jacobian);
     check_groups(groups);
     Jw = SparseRows::block(jacobian, 0, nw(), 0, nw());
     Js = SparseRows::block(jacobian, 0, nw(), nw(), ndx + nu);
-    const auto momentum = [&](int first, int columns) {
-        return SparseRows::block(jacobian, nq, nq, first, columns);
-    };
+    const auto momentum = [&](int first, int columns) { return SparseRows::block(jacobian, nq, nq, first, columns); };
     Mq_ = momentum(0, nq), Mv_ = momentum(nq, nq), Mx_ = momentum(0, ndx);
     Mq0_ = momentum(nw(), nq), Mv0_ = momentum(nw() + nq, nq), Mu_ = momentum(nw() + ndx, nu);
     Ms_ = momentum(nw(), ndx + nu);
@@ -184,8 +181,7 @@ void Structure::make_groups(const Pattern& jacobian, const std::vector<GroupOfRo
 }
 
 std::size_t Structure::num_doubles() const {
-    return inverse_size_ + Z_size_ + product(nq, 2 * padded(d) + padded(2 * d)) +
-           product(padded(d), padded(d));
+    return inverse_size_ + Z_size_ + product(nq, 2 * padded(d) + padded(2 * d)) + product(padded(d), padded(d));
 }
 
 std::size_t Structure::num_ints() const {
@@ -222,8 +218,7 @@ double Structure::eliminate_own(const Group& g, const double* values, StepFactor
     int *candidate = f.list, *pivot = candidate + most_candidates_;
     dense::zero(A, rows * lda);
     for (int i = 0; i < rows; ++i)
-        for (int k = g.own.start[i]; k < g.own.start[i + 1]; ++k)
-            A[i * lda + g.own.column[k]] = values[g.own.index[k]];
+        for (int k = g.own.start[i]; k < g.own.start[i + 1]; ++k) A[i * lda + g.own.column[k]] = values[g.own.index[k]];
     for (int j = 0; j < lda; ++j) mask[j] = j < g.width() ? 1.0 : 0.0;
     const double smallest = gauss_jordan(rows, lda, A, mask, pivot, factor);
     if (!(smallest > 0.0)) return 0.0;
@@ -338,8 +333,7 @@ void Structure::particular_matrix(const double* values, const StepFactor& f, con
     }
 }
 
-void Structure::particular(const double* values, const StepFactor& f, const double* c, double* dq,
-                           double* work) const {
+void Structure::particular(const double* values, const StepFactor& f, const double* c, double* dq, double* work) const {
     double *t = work, *s = t + padded(most_rows_);
     dense::zero(dq, nq);
     for (const Group& g : groups_) {
@@ -403,8 +397,8 @@ void Structure::balance(const double* values, const StepFactor& f, const double*
     multipliers(values, f, work, y, work + nq);
 }
 
-void Structure::momentum_multipliers(const double* values, const StepFactor& f, const double* along,
-                                     const double* by, double* mm, double* work) const {
+void Structure::momentum_multipliers(const double* values, const StepFactor& f, const double* along, const double* by,
+                                     double* mm, double* work) const {
     const int pd = padded(d);
     double* mu = work;
     particular(values, f, by, mm, work + pd);

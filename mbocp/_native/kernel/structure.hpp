@@ -71,8 +71,7 @@ public:
     // momentum rows' multipliers from it and b's last rows, by; then the others from all of b.
     void momentum_multipliers(const double* values, const StepFactor& f, const double* along, const double* by,
                               double* mm, double* work) const;
-    void other_multipliers(const double* values, const StepFactor& f, double* b, const double* mm,
-                           double* work) const;
+    void other_multipliers(const double* values, const StepFactor& f, double* b, const double* mm, double* work) const;
     // y of the momentum rows from states and controls, with their residual cm.
     void balance(const double* values, const StepFactor& f, const double* x, const double* s, const double* cm,
                  double* y, double* work) const;
@@ -102,11 +101,11 @@ private:
     struct Group {
         int first = 0, rows = 0;
         bool closes_loop = false;
-        std::vector<int> columns;          // own
-        std::vector<bool> candidate;       // by column of q; loops only
-        SparseRows own, others;            // own columns counted by themselves; loops: all are others
-        int free_before = 0;               // free columns of the groups before
-        std::size_t inverse = 0, Z = 0;    // where in a StepFactor
+        std::vector<int> columns;        // own
+        std::vector<bool> candidate;     // by column of q; loops only
+        SparseRows own, others;          // own columns counted by themselves; loops: all are others
+        int free_before = 0;             // free columns of the groups before
+        std::size_t inverse = 0, Z = 0;  // where in a StepFactor
 
         int width() const { return static_cast<int>(columns.size()); }
     };
@@ -115,18 +114,17 @@ private:
     void make_groups(const Pattern& jacobian, const std::vector<GroupOfRows>& groups);
     void check_groups(const std::vector<GroupOfRows>& groups) const;
     double eliminate_own(const Group& g, const double* values, StepFactor& f, double* N, int* at, double* work) const;
-    double eliminate_loop(const Group& g, const double* values, StepFactor& f, double* N, int* at,
-                          double* work) const;
+    double eliminate_loop(const Group& g, const double* values, StepFactor& f, double* N, int* at, double* work) const;
     // dq with Gd dq = c that is zero in the free columns; and y with Gd'y = r for r that N' takes to zero; r is spoilt.
     void particular(const double* values, const StepFactor& f, const double* c, double* dq, double* work) const;
     void multipliers(const double* values, const StepFactor& f, double* r, double* y, double* work) const;
 
     std::vector<Group> groups_;
-    std::vector<int> unowned_;  // columns that no group calls its own
-    SparseRows Mq_, Mv_, Mx_;   // momentum rows in q, v, and all of the state
+    std::vector<int> unowned_;        // columns that no group calls its own
+    SparseRows Mq_, Mv_, Mx_;         // momentum rows in q, v, and all of the state
     SparseRows Mq0_, Mv0_, Mu_, Ms_;  // in the state before, the controls, and both
-    SparseRows ru_;             // remembered controls' rows in the controls
-    int most_free_ = 0;         // free columns before loops are closed
+    SparseRows ru_;                   // remembered controls' rows in the controls
+    int most_free_ = 0;               // free columns before loops are closed
     int most_rows_ = 0, most_candidates_ = 0;
     std::size_t inverse_size_ = 0, Z_size_ = 0;
     std::vector<int> kinematic_;  // indices of the kinematic rows' nonzeros: q, v, q_before

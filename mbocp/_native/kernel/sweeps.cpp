@@ -207,8 +207,7 @@ Evaluation Programme::gradient(bool auxiliary, bool feedback) {
         ok = evaluate_first(n, e) && ok && adjoint_stage(n, after.data(), auxiliary);
         if (!ok) return e;
         dense::copy(s.gs, after.data(), ndx_);
-        if (auxiliary && n > 0)
-            dense::gemv_t(ng_, ndx_, auxiliary_S_.data(), ndx_, eta.data(), after.data(), -1.0);
+        if (auxiliary && n > 0) dense::gemv_t(ng_, ndx_, auxiliary_S_.data(), ndx_, eta.data(), after.data(), -1.0);
         if (feedback) close_loop(n, s.gs + ndx_, after.data());
         for (int i = 0; i < k.nu; ++i) {
             const double v = s.gs[ndx_ + i] * k.scale_ru[i];
