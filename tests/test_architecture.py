@@ -14,6 +14,7 @@ PACKAGE = Path(__file__).parents[1] / "mbocp"
 # A layer imports itself and those before it. What composes the layers comes last.
 LAYERS = (
     "_text",
+    "_numbers",
     "exceptions",
     "_files",
     "_arrays",
@@ -27,6 +28,7 @@ LAYERS = (
     "robot",
     "mechanics",
     "integrators",
+    "terms",
     "problem",
     "formulation",
     "storage",

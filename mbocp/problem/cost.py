@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
-from mbocp.exceptions import DimensionMismatch, InvalidValue
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
+from mbocp.terms import COST_TERMS, Weighted
 
-__all__ = ["Cost"]
+__all__ = ["Cost", "further_terms"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,6 +59,8 @@ class Cost:
         :math:`\beta_T` >= 0, the weight of the terminal cost.
     terminal_weights : ndarray, shape (2 nv,)
         Diagonal of :math:`Q_T` on (q, p), or on (q, v) if the goal gives a velocity.
+    further : mapping of str to ndarray
+        Weights of all other terms of `mbocp.terms.COST_TERMS` by name; those left out are zero.
     """
 
     effort: Array
@@ -70,6 +73,7 @@ class Cost:
     velocity: Array = field(default_factory=lambda: frozen_array(np.zeros(0)))
     control_rate: Array = field(default_factory=lambda: frozen_array(0.0))
     potential: float = 0.0
+    further: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for key in ("tracking", "terminal", "potential"):
@@ -86,11 +90,18 @@ class Cost:
         check_non_negative("cost.terminal_weights", self.terminal_weights)
         for key in ("velocity", *_ON_CONTROLS):
             check_non_negative(f"cost.{key}", getattr(self, key))
+        object.__setattr__(self, "further", _checked(self.further))
 
     @property
     def is_trajectory(self) -> bool:
         """Whether the target of the running cost moves."""
         return bool(self.target_q.ndim == 2 or self.target_p.ndim == 2)
+
+    def weight(self, key: str) -> Any:
+        """Value of a field, or weights of a further term: zero where there is none."""
+        if key in self.__dataclass_fields__:
+            return getattr(self, key)
+        return self.further.get(key, 0.0)
 
     def check_dimensions(self, nq: int, nv: int, num_steps: int) -> None:
         """Refuse arrays that do not fit a robot with `nq`, `nv` and a horizon of `num_steps`."""
@@ -99,6 +110,10 @@ class Cost:
                 raise DimensionMismatch(_file_key(key), getattr(self, key).shape, (2 * nv,), "on (q, p)")
         if self.velocity.shape != (nv,):
             raise DimensionMismatch("cost.velocity", self.velocity.shape, (nv,))
+        for key, term in further_terms().items():
+            weights = np.asarray(self.weight(key))
+            if term.over == "v" and weights.shape not in ((), (nv,)):
+                raise DimensionMismatch(f"cost.{key}", weights.shape, (nv,))
         for key, size in (("target_q", nq), ("target_p", nv)):
             shape = getattr(self, key).shape
             if shape not in ((size,), (num_steps, size)):
@@ -120,6 +135,11 @@ class Cost:
             if value.shape not in ((), (nu,)):
                 raise DimensionMismatch(f"cost.{key}", value.shape, (nu,), "one weight for each control")
             spread[key] = np.broadcast_to(value, (nu,))
+        on_controls = [key for key in self.further if further_terms()[key].over == "u"]
+        for key in on_controls:
+            if self.further[key].shape not in ((), (nu,)):
+                shape = self.further[key].shape
+                raise DimensionMismatch(f"cost.{key}", shape, (nu,), "one weight for each control")
         return replace(self, **spread)
 
     def check_controls(self, bounded: BoolArray, names: Sequence[str]) -> None:
@@ -139,6 +159,30 @@ class Cost:
 
 _ON_CONTROLS = ("effort", "control_rate")
 _ARRAYS = ("tracking_weights", "target_q", "target_p", "terminal_weights", "velocity", *_ON_CONTROLS)
+
+
+def further_terms() -> dict[str, type[Weighted]]:
+    """Terms by name whose weights are no field of `Cost`."""
+    return {
+        term.key: term
+        for term in COST_TERMS
+        if issubclass(term, Weighted) and term.key not in Cost.__dataclass_fields__
+    }
+
+
+def _checked(further: Mapping[str, Any]) -> dict[str, Array]:
+    """Weights of further terms as arrays; those that are zero are left out."""
+    known, found = further_terms(), {}
+    for key, value in further.items():
+        if key not in known:
+            raise ProblemError(f"cost.{key}: there is no such term: {suggest(key, known)}")
+        weights = frozen_array(value, name=f"cost.{key}")
+        check_finite(f"cost.{key}", weights)
+        if not known[key].is_signed:
+            check_non_negative(f"cost.{key}", weights)
+        if weights.any():
+            found[key] = weights
+    return found
 
 
 def _file_key(name: str) -> str:

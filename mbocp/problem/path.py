@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Any
 
+import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
+from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goal import Goal
 from mbocp.robot import Label, Robot
-from mbocp.robot.large import working_data
+from mbocp.terms import PATH_TERMS, PathTerm, Point
 
-__all__ = ["PATH_KINDS", "PathConstraint", "PathKind", "check_path"]
+__all__ = ["PATH_KINDS", "PathConstraint", "check_path"]
 
-PathKind: TypeAlias = Literal["position", "distance", "speed"]
-
-PATH_KINDS: tuple[PathKind, ...] = ("position", "distance", "speed")
+PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
 _ROUND_OFF = 1e-9  # [m, m/s] by which a start may miss its bound
-_AXES = "xyz"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +39,8 @@ class PathConstraint:
     ----------
     name : str
         What it is called in messages, results and plots.
-    kind : {"position", "distance", "speed"}
+    kind : str
+        One of `mbocp.terms.PATH_TERMS`.
     frame : int
         Index of the frame.
     other : int, optional
@@ -52,16 +51,19 @@ class PathConstraint:
         Rows of a position: 0, 1, 2 for x, y, z.
     lower, upper : ndarray, shape (rows,)
         [m] or [m/s]; infinite where there is none.
+    further : mapping of str to ndarray
+        Parameters of other kinds by name.
     """
 
     name: str
-    kind: PathKind
+    kind: str
     frame: int
     other: int | None = None
     point: Array = field(default_factory=lambda: frozen_array(np.zeros(3)))
     axes: tuple[int, ...] = ()
     lower: Array
     upper: Array
+    further: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         key = f"path {self.name!r}"
@@ -70,9 +72,10 @@ class PathConstraint:
         check_finite(f"{key}: point", self.point)
         if self.kind != "position" and self.axes:
             raise ProblemError(f"{key}: axes belong to a position, got kind {self.kind!r}")
-        rows = len(self.axes) if self.kind == "position" else 1
+        rows = self.term.rows
         if not rows:
             raise ProblemError(f"{key}: bounds nothing; give x, y or z as [lower, upper]")
+        object.__setattr__(self, "further", self._parameters(key))
         for side in ("lower", "upper"):
             value = frozen_array(getattr(self, side), shape=(rows,), name=f"{key}: {side}")
             object.__setattr__(self, side, value)
@@ -86,25 +89,58 @@ class PathConstraint:
         return len(self.lower)
 
     @property
+    def term(self) -> PathTerm:
+        """Its structure, with its expression."""
+        return PATH_TERMS[self.kind].of(self)
+
+    @property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row."""
-        if self.kind == "position":
-            return tuple(Label(f"{self.name}.{_AXES[i]}", "m") for i in self.axes)
-        return (Label(self.name, "m/s" if self.kind == "speed" else "m"),)
+        return PATH_TERMS[self.kind].labels(self)
+
+    @property
+    def inner_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the expression, shapes (rows,): of squares for lengths and speeds."""
+        return PATH_TERMS[self.kind].inner((np.asarray(self.lower), np.asarray(self.upper)))
+
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """Parameters of the expression by name."""
+        return {name: self.number(name) for name in self.term.sizes}
+
+    def number(self, key: str) -> Array:
+        """Value of one of its parameters."""
+        value: Array = self.point if key == "point" else self.further[key]
+        return value
 
     def values(self, robot: Robot, q: Array, v: Array) -> Array:
         """h(q, v), shape (rows,) [m, m/s]."""
-        data = working_data(robot.model)
-        pin.forwardKinematics(robot.model, data, q, v)
-        pin.updateFramePlacements(robot.model, data)
-        position = data.oMf[self.frame].translation
-        if self.kind == "position":
-            return np.array([position[i] for i in self.axes])
-        if self.kind == "distance":
-            end = self.point if self.other is None else data.oMf[self.other].translation
-            return np.array([np.linalg.norm(position - end)])
-        velocity = pin.getFrameVelocity(robot.model, data, self.frame, pin.LOCAL_WORLD_ALIGNED)
-        return np.array([np.linalg.norm(velocity.linear)])
+        values: Array = self.values_along(robot, q[None], v[None])[0]
+        return values
+
+    def values_along(self, robot: Robot, qs: Array, vs: Array) -> Array:
+        """Values at each of n states, shape (n, rows) [m, m/s], by the expression that solvers see."""
+        mechanics, term = JointMechanics(robot), self.term
+        q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
+        numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers.items()}
+        h = term.expression(Point(mechanics, q, v), numbers)
+        found = np.asarray(ca.Function("h", [q, v], [ca.densify(h)]).map(len(qs))(qs.T, vs.T)).T
+        values: Array = PATH_TERMS[self.kind].value(found)
+        return values
+
+    def _parameters(self, key: str) -> dict[str, Array]:
+        """Parameters of the kind that are no fields, checked."""
+        wanted = {name: size for name, size in self.term.sizes.items() if name != "point"}
+        if set(self.further) != set(wanted):
+            raise ProblemError(
+                f"{key}: further: got {', '.join(self.further) or 'nothing'}, expected "
+                f'{", ".join(wanted) or "nothing"} for kind = "{self.kind}"'
+            )
+        found = {}
+        for name, size in wanted.items():
+            found[name] = frozen_array(self.further[name], shape=(size,), name=f"{key}: {name}")
+            check_finite(f"{key}: {name}", found[name])
+        return found
 
     def check_frames(self, robot: Robot) -> None:
         """Refuse frames that `robot` does not have."""
@@ -126,7 +162,7 @@ def check_path(
         _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
         if not (goal.is_exact and goal.q_active.all()):
             continue
-        if constraint.kind != "speed":
+        if not constraint.term.has_velocity:
             _refuse_outside(constraint, constraint.values(robot, goal.q, np.zeros(robot.nv)), "goal")
         elif goal.rate_active.all():
             v = goal.value if goal.rate == "v" else robot.velocity_from_momentum(goal.q, goal.value)

@@ -11,8 +11,8 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
+from mbocp._numbers import as_float, is_number
 from mbocp._text import shown
-from mbocp.problem.numbers import as_float, is_number
 
 __all__ = ["AxisTable", "StudyTable", "SummaryTable"]
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from mbocp._numbers import as_float, is_number
 from mbocp._text import shown
 from mbocp.exceptions import ProblemFileError, StudyError
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.problem.numbers import as_float, is_number
 from mbocp.study.schema import AxisTable
 
 __all__ = [

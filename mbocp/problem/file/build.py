@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from mbocp._files import is_file
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError
 from mbocp.problem.assembly import assembled, assembled_velocity
-from mbocp.problem.cost import Cost
+from mbocp.problem.cost import Cost, further_terms
 from mbocp.problem.drives import without_driven_velocities
 from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.file.messages import in_file, located, schema_error
@@ -22,7 +23,6 @@ from mbocp.problem.file.named_values import configuration_from, control_from, ta
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.path_table import path_from
 from mbocp.problem.file.schema import (
-    CostTable,
     GoalTable,
     GuessTable,
     IntegratorTable,
@@ -39,6 +39,7 @@ from mbocp.problem.integration import Stabilisation
 from mbocp.problem.options import SolverOptions
 from mbocp.problem.problem import Problem
 from mbocp.robot import Robot, robot_from_spec
+from mbocp.terms import COST_TERMS
 
 __all__ = ["problem_from_tables"]
 
@@ -87,7 +88,7 @@ def _problem(table: ProblemTable, robot: Robot, folder: Path, source: Path | Non
     q_start, v_start = _start(table.start, robot)
     goal = _goal(table.goal, robot, q_start)
     return Problem(
-        cost=_cost(table.cost, robot, goal, folder, duration, num_steps),
+        cost=_cost(table.cost, _CostReader(robot, goal, folder, duration, num_steps)),
         duration=duration,
         num_steps=num_steps,
         robot=robot,
@@ -179,51 +180,59 @@ def _tangent(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
         return tangent_from(robot, written, key)
 
 
-def _cost(table: CostTable, robot: Robot, goal: Goal, folder: Path, duration: float, num_steps: int) -> Cost:
-    target_q, given_q = goal.q, goal.q_active
-    target_p, given_p = _goal_momentum(robot, goal)
-    if table.target is not None and table.target_file is not None:
-        raise ProblemError("cost: give target or target_file, not both")
-    if table.target is not None:
-        target_q, given_q = _target_rows(robot, table.target.q, "q", goal.q)
-        target_p, given_p = _target_rows(robot, table.target.p, "p", np.zeros(robot.nv))
-    elif table.target_file is not None:
-        target_q, target_p = read_target(folder / table.target_file, robot, duration, num_steps)
-        given_q = given_p = np.ones(robot.nv, dtype=np.bool_)
-    given = np.concatenate([given_q, given_p])
-    asked = np.concatenate([goal.q_active, goal.rate_active])
-    tracking_weights = _weights(robot, table.tracking_weights, given, "cost.tracking_weights")
-    terminal_weights = _weights(robot, table.terminal_weights, asked, "cost.terminal_weights")
-    if table.tracking > 0.0:
-        _check_targets(robot, tracking_weights, given, "cost.tracking_weights", "cost.target (or the goal)")
-    if table.terminal > 0.0:
-        _check_targets(robot, terminal_weights, asked, "cost.terminal_weights", "the goal")
-    return Cost(
-        effort=_control_weights(robot, table.effort, "effort"),
-        tracking=table.tracking,
-        tracking_weights=tracking_weights,
-        target_q=target_q,
-        target_p=target_p,
-        terminal=table.terminal,
-        terminal_weights=terminal_weights,
-        velocity=_velocity_weights(robot, table),
-        control_rate=_control_weights(robot, table.control_rate, "control_rate"),
-        potential=table.potential,
-    )
+@dataclass(frozen=True)
+class _CostReader:
+    """From what `[cost]` says to arrays, see `mbocp.terms.Reader`."""
+
+    robot: Robot
+    goal: Goal
+    folder: Path
+    duration: float
+    num_steps: int
+
+    def on_controls(self, written: Any, key: str) -> Any:
+        if isinstance(written, float):
+            return written  # one for all; errors name no control then
+        with located(key):
+            return control_from(self.robot, written, key)
+
+    def on_velocities(self, written: Any, key: str) -> Array:
+        if written is None:
+            return np.zeros(self.robot.nv)
+        with located(key):
+            return weights_from(self.robot, written, key)
+
+    def targets(self, target: Any, target_file: str | None) -> tuple[Array, Array, BoolArray]:
+        robot, goal = self.robot, self.goal
+        target_q, given_q = goal.q, goal.q_active
+        target_p, given_p = _goal_momentum(robot, goal)
+        if target is not None and target_file is not None:
+            raise ProblemError("cost: give target or target_file, not both")
+        if target is not None:
+            target_q, given_q = _target_rows(robot, target.q, "q", goal.q)
+            target_p, given_p = _target_rows(robot, target.p, "p", np.zeros(robot.nv))
+        elif target_file is not None:
+            path = self.folder / target_file
+            target_q, target_p = read_target(path, robot, self.duration, self.num_steps)
+            given_q = given_p = np.ones(robot.nv, dtype=np.bool_)
+        return target_q, target_p, np.concatenate([given_q, given_p])
+
+    def goal_says(self) -> BoolArray:
+        return np.concatenate([self.goal.q_active, self.goal.rate_active])
+
+    def on_states(self, written: WeightsTable | None, default: BoolArray, key: str) -> Array:
+        return _weights(self.robot, written, default, key)
+
+    def check_weighed(self, weights: Array, given: BoolArray, key: str, source: str) -> None:
+        _check_targets(self.robot, weights, given, key, source)
 
 
-def _control_weights(robot: Robot, written: Any, key: str) -> Any:
-    if isinstance(written, float):
-        return written  # one for all; errors name no control then
-    with located(f"cost.{key}"):
-        return control_from(robot, written, f"cost.{key}")
-
-
-def _velocity_weights(robot: Robot, table: CostTable) -> Array:
-    if table.velocity is None:
-        return np.zeros(robot.nv)
-    with located("cost.velocity"):
-        return weights_from(robot, table.velocity, "cost.velocity")
+def _cost(table: Any, reader: _CostReader) -> Cost:
+    values: dict[str, Any] = {}
+    for term in COST_TERMS:
+        values |= term.read(table, reader)
+    further = {key: values.pop(key) for key in further_terms()}
+    return Cost(**values, further=further)
 
 
 def _goal_momentum(robot: Robot, goal: Goal) -> tuple[Array, BoolArray]:

@@ -7,16 +7,30 @@ Python.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
+from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.problem.integration import Stabilisation
-from mbocp.problem.numbers import as_float, finite_number, is_number
 from mbocp.problem.options import SolverOptions
+from mbocp.terms import COST_TERMS, PATH_TERMS
+from mbocp.terms.tables import TargetTable, WeightsTable
+from mbocp.terms.written import (
+    Control,
+    Finite,
+    Named,
+    Table,
+    Vector,
+    VectorOrNamed,
+    merged,
+    named_numbers,
+    range_of,
+    sided,
+    vector_or_named,
+)
 
 __all__ = [
     "CostTable",
@@ -25,6 +39,7 @@ __all__ = [
     "HorizonTable",
     "IntegratorTable",
     "LimitsTable",
+    "PathHead",
     "PathTable",
     "ProblemTable",
     "RobotTable",
@@ -34,30 +49,7 @@ __all__ = [
     "WeightsTable",
 ]
 
-Vector: TypeAlias = list[float]
-Named: TypeAlias = dict[str, float | list[float]]
 Limit: TypeAlias = float | list[float]
-
-
-def _vector(value: Any, where: str = "") -> Vector:
-    return [finite_number(entry, f" at index {i}{where}") for i, entry in enumerate(value)]
-
-
-def _named(value: Mapping[str, Any]) -> Named:
-    return {
-        name: _vector(entry, f" for {shown(name)}")
-        if isinstance(entry, list)
-        else finite_number(entry, f" for {shown(name)}")
-        for name, entry in value.items()
-    }
-
-
-def _vector_or_named(value: Any) -> Vector | Named:
-    if isinstance(value, list):
-        return _vector(value)
-    if isinstance(value, Mapping):
-        return _named(value)
-    raise ValueError(f"got {shown(value)}, expected a list of numbers or a table by joint name")
 
 
 def _rate(value: Any) -> Vector | Named | float:
@@ -68,35 +60,11 @@ def _rate(value: Any) -> Vector | Named | float:
         raise ValueError(
             f"got {shown(value)}, expected a list of numbers, a table by joint name, or 0 for rest"
         )
-    return _vector_or_named(value)
-
-
-def _trajectory_or_vector(value: Any) -> list[Vector] | Vector | Named:
-    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
-        return [_vector(row, f" of row {n}") for n, row in enumerate(value)]
-    return _vector_or_named(value)
-
-
-def _control(value: Any) -> float | Vector | Named:
-    if isinstance(value, (list, Mapping)):
-        return _vector_or_named(value)
-    return finite_number(value)
-
-
-def _bound(value: Any, where: str = "") -> float:
-    if not is_number(value) or math.isnan(value):
-        raise ValueError(f"got {shown(value)}{where}, expected a number (inf for no limit)")
-    return as_float(value)
-
-
-def _pair(value: Any, where: str = "") -> list[float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"got {shown(value)}{where}, expected [lower, upper]")
-    return [_bound(side, where) for side in value]
+    return vector_or_named(value)
 
 
 def _limit(value: Any, where: str = "") -> Limit:
-    return _pair(value, where) if isinstance(value, list) else _bound(value, where)
+    return range_of(value, where) if isinstance(value, list) else sided(value, where)
 
 
 def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
@@ -108,16 +76,16 @@ def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
         return {name: _limit(entry, f" for {shown(name)}") for name, entry in value.items()}
     if isinstance(value, str):
         raise ValueError(f"got {shown(value)}, expected true, a number, a list or a table by name")
-    return _bound(value)
+    return sided(value)
 
 
 def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
     if isinstance(value, bool):
         return value
     if isinstance(value, list):
-        return [_pair(entry, f" at index {i}") for i, entry in enumerate(value)]
+        return [range_of(entry, f" at index {i}") for i, entry in enumerate(value)]
     if isinstance(value, Mapping):
-        return {name: _pair(entry, f" for {shown(name)}") for name, entry in value.items()}
+        return {name: range_of(entry, f" for {shown(name)}") for name, entry in value.items()}
     raise ValueError(
         f"got {shown(value)}, expected true, a list of [lower, upper] or a table of them by name"
     )
@@ -127,7 +95,7 @@ def _lock(value: Any) -> list[str] | Named:
     if isinstance(value, list) and all(isinstance(name, str) for name in value):
         return value
     if isinstance(value, Mapping):
-        return _named(value)
+        return named_numbers(value)
     raise ValueError(
         f"got {shown(value)}, expected a list of joint names or a table with a position for each"
     )
@@ -145,27 +113,13 @@ def _named_solver(value: Any) -> Any:
     return {"method": value} if isinstance(value, str) else value
 
 
-def _listed_weights(value: Any) -> Any:
-    return {"qp": value} if isinstance(value, list) else value
-
-
-VectorOrNamed = Annotated[Any, BeforeValidator(_vector_or_named)]
 Rate = Annotated[Any, BeforeValidator(_rate)]
-TrajectoryOrVector = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
 Lock = Annotated[Any, BeforeValidator(_lock)]
-Control = Annotated[Any, BeforeValidator(_control)]
-Finite = Annotated[float, BeforeValidator(finite_number)]
 Limits = Annotated[Any, BeforeValidator(_limits)]
 Ranges = Annotated[Any, BeforeValidator(_ranges)]
-Range = Annotated[Any, BeforeValidator(_pair)]
-Bound = Annotated[Any, BeforeValidator(_bound)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class RobotTable(_Table):
+class RobotTable(Table):
     """Which robot, and how it is loaded: what `mbocp.robot.robot_from_spec` takes."""
 
     name: str
@@ -182,14 +136,14 @@ class RobotTable(_Table):
     package_dirs: list[str] | None = None
 
 
-class HorizonTable(_Table):
+class HorizonTable(Table):
     """How long, and in how many steps."""
 
     duration: Finite
     steps: int
 
 
-class StartTable(_Table):
+class StartTable(Table):
     """State at t = 0."""
 
     q: VectorOrNamed = None
@@ -198,7 +152,7 @@ class StartTable(_Table):
     assemble: bool = False
 
 
-class GoalTable(_Table):
+class GoalTable(Table):
     """State at t = T."""
 
     q: VectorOrNamed = None
@@ -210,40 +164,12 @@ class GoalTable(_Table):
     redundant: str = "drop"
 
 
-class TargetTable(_Table):
-    """What the running cost tracks."""
-
-    q: TrajectoryOrVector = None
-    p: TrajectoryOrVector = None
+CostTable = merged(
+    "CostTable", "What is minimised: the keys of all terms.", (t.Keys for t in COST_TERMS), Table
+)
 
 
-class WeightsTable(_Table):
-    """Diagonal weights on (q, p): one list, or `q` and `p` apart."""
-
-    qp: VectorOrNamed = None
-    q: Control = None
-    p: Control = None
-
-
-Weights = Annotated[WeightsTable, BeforeValidator(_listed_weights)]
-
-
-class CostTable(_Table):
-    """What is minimised."""
-
-    effort: Control = 1.0
-    control_rate: Control = 0.0
-    velocity: Control = None
-    potential: Finite = 0.0
-    tracking: Finite = 0.0
-    tracking_weights: Weights | None = None
-    target: TargetTable | None = None
-    target_file: str | None = None
-    terminal: Finite = 0.0
-    terminal_weights: Weights | None = None
-
-
-class LimitsTable(_Table):
+class LimitsTable(Table):
     """Bounds that hold along the motion; what is left out is not bounded."""
 
     effort: Limits = None
@@ -251,22 +177,23 @@ class LimitsTable(_Table):
     position: Ranges = None
 
 
-class PathTable(_Table):
-    """One constraint on a frame that holds along the motion."""
+class PathHead(Table):
+    """What every path constraint says of itself."""
 
     name: str | None = None
     kind: str
     frame: str
-    frame_b: str | None = None
-    point: list[Finite] | None = Field(default=None, min_length=3, max_length=3)
-    x: Range = None
-    y: Range = None
-    z: Range = None
-    min: Bound = None
-    max: Bound = None
 
 
-class GuessTable(_Table):
+PathTable = merged(
+    "PathTable",
+    "One constraint on a frame that holds along the motion: the keys of all kinds.",
+    (kind.Keys for kind in PATH_TERMS.values()),
+    PathHead,
+)
+
+
+class GuessTable(Table):
     """Where the solver starts."""
 
     kind: str | None = None
@@ -274,7 +201,7 @@ class GuessTable(_Table):
     file: str | None = None
 
 
-class IntegratorTable(_Table):
+class IntegratorTable(Table):
     """How time is discretised."""
 
     scheme: str = "se1"
@@ -285,7 +212,7 @@ class IntegratorTable(_Table):
     gamma_constraint: Finite = Stabilisation.gamma_constraint
 
 
-class SolverTable(_Table):
+class SolverTable(Table):
     """How the problem is solved; the defaults are those of `SolverOptions`."""
 
     method: str = SolverOptions.method
@@ -303,7 +230,7 @@ class SolverTable(_Table):
     linear_solver: str = SolverOptions.linear_solver
 
 
-class ProblemTable(_Table):
+class ProblemTable(Table):
     """A whole problem file."""
 
     robot: Annotated[RobotTable, BeforeValidator(_named_robot)]
@@ -311,9 +238,9 @@ class ProblemTable(_Table):
     horizon: HorizonTable
     start: StartTable = StartTable()
     goal: GoalTable = GoalTable()
-    cost: CostTable = CostTable()
+    cost: CostTable = CostTable()  # type: ignore[valid-type]  # made of its terms
     limits: LimitsTable = LimitsTable()
-    path: list[PathTable] = Field(default_factory=list)
+    path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
     guess: GuessTable = GuessTable()
     integrator: IntegratorTable = IntegratorTable()
     solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable()

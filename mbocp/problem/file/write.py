@@ -20,6 +20,7 @@ from mbocp.problem.guess import Guess
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.problem import Problem
 from mbocp.robot import Robot
+from mbocp.terms import COST_TERMS
 
 __all__ = ["problem_to_toml", "to_toml"]
 
@@ -39,7 +40,7 @@ def problem_to_toml(problem: Problem) -> str:
             "horizon": {"duration": problem.duration, "steps": problem.num_steps},
             "start": {"q": problem.q_start, "v": problem.v_start},
             "goal": _goal(problem.goal, robot, problem.scheme in EXPLICIT_SCHEMES),
-            "cost": _cost(problem.cost, problem.goal),
+            "cost": _cost(problem.cost),
             "guess": _guess(problem.guess),
             "limits": _limits(problem.limits),
             "integrator": _integrator(problem),
@@ -73,26 +74,11 @@ def _written(robot: Robot, value: Array, active: BoolArray) -> Any:
     return value if active.all() else joint_values(robot, value, active)
 
 
-def _cost(cost: Cost, goal: Goal) -> dict[str, Any]:
-    table: dict[str, Any] = {"effort": _shortest(cost.effort), "tracking": cost.tracking}
-    if cost.control_rate.any():
-        table["control_rate"] = _shortest(cost.control_rate)
-    if cost.potential:
-        table["potential"] = cost.potential
-    if cost.velocity.any():
-        table["velocity"] = cost.velocity
-    if cost.tracking > 0.0:
-        table["tracking_weights"] = cost.tracking_weights
-        table["target"] = {"q": cost.target_q, "p": cost.target_p}
-    table["terminal"] = cost.terminal
-    if goal.is_penalised:
-        table["terminal_weights"] = cost.terminal_weights
+def _cost(cost: Cost) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for term in COST_TERMS:
+        table |= term.write(cost)
     return table
-
-
-def _shortest(weights: Array) -> Any:
-    """One number where it stands for all of them."""
-    return float(weights.flat[0]) if (weights == weights.flat[0]).all() else weights
 
 
 def _limits(limits: Bounds) -> dict[str, Any]:

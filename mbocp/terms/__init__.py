@@ -1,0 +1,29 @@
+"""What a problem is made of: terms of its cost, path constraints, end conditions; one class each."""
+
+from mbocp.terms.cost import COST_TERMS, CostTerm, CostWeights, Reader, RunningTerm, TermNumbers, Weighted
+from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
+
+from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
+from mbocp.terms.path import PATH_TERMS, PathTerm
+from mbocp.terms.point import Point, Sizes
+
+__all__ = [
+    "COST_TERMS",
+    "PATH_TERMS",
+    "ControlRate",
+    "CostTerm",
+    "CostWeights",
+    "Effort",
+    "ExactGoal",
+    "PathTerm",
+    "Point",
+    "Potential",
+    "Reader",
+    "RunningTerm",
+    "Sizes",
+    "TermNumbers",
+    "TerminalCost",
+    "Tracking",
+    "Velocity",
+    "Weighted",
+]

@@ -1,0 +1,175 @@
+"""What holds at the end, or costs something there: the exact goal and the terminal cost."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.terms.cost import CostTerm, CostWeights, Reader
+from mbocp.terms.point import Point, Sizes
+from mbocp.terms.tables import Weights
+from mbocp.terms.written import Finite, Key, Table
+
+__all__ = ["ExactGoal", "TerminalCost"]
+
+
+@dataclass(frozen=True)
+class ExactGoal:
+    """End condition of eq. (14), projected onto what the constraints leave free.
+
+    Explicit schemes may leave the groups: their end condition is the null-space projected one, Eq. (37) of
+    [Manara2017]_, which is smooth everywhere. Others compare in the tangent space of the goal.
+
+    Attributes
+    ----------
+    rate : {"v", "p"}
+        What it speaks of beside q.
+    ng_q, ng_rate : int
+        Rows on configuration and rate.
+    """
+
+    rate: str
+    ng_q: int
+    ng_rate: int
+
+    @property
+    def rows(self) -> int:
+        """Number of conditions."""
+        return self.ng_q + self.ng_rate
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its functions depend on."""
+        return {"term": "goal", **dataclasses.asdict(self)}
+
+    def parameters(self, sizes: Sizes) -> dict[str, int]:
+        """Goal and projections, the latter by columns."""
+        nv = sizes.nv
+        return {"q": sizes.nz, "rate": nv, "D_q": self.ng_q * nv, "D_rate": self.ng_rate * nv}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Rows that are zero at the goal."""
+        mechanics, nv = at.mechanics, at.mechanics.nv
+        away = mechanics.space.projection if isinstance(mechanics, ForwardMechanics) else mechanics.difference
+        return ca.vertcat(
+            ca.reshape(p["D_q"], self.ng_q, nv) @ away(p["q"], at.q),
+            ca.reshape(p["D_rate"], self.ng_rate, nv) @ self.rate_error(at, p),
+        )
+
+    def rate_error(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Velocity or momentum less that of the goal."""
+        return (at.mechanics.momentum(at.q, at.v) if self.rate == "p" else at.v) - p["rate"]
+
+
+@dataclass(frozen=True)
+class TerminalCost(CostTerm):
+    """Terminal cost of eq. (9), with diagonal weights on (q, p), or on (q, v).
+
+    Attributes
+    ----------
+    q, p : bool
+        Whether configuration and rate have weights.
+    rate : {"v", "p"}
+    parts : tuple of int or None
+        Parts of the configuration space that have weights; None: all.
+    is_natural : bool
+        Whether the end condition speaks of bodies, so that the goal of the joints is needed beside it.
+    """
+
+    q: bool
+    p: bool
+    rate: str
+    parts: tuple[int, ...] | None
+    is_natural: bool
+
+    key = "terminal"
+
+    class Keys(Table):
+        """Keys."""
+
+        terminal: Annotated[
+            Finite,
+            Key("number >= 0", "", "0", 'beta_T; above 0 exactly when `enforce` is `"penalty"` or `"both"`'),
+        ] = 0.0
+        terminal_weights: Annotated[
+            Weights | None,
+            Key(
+                "like `tracking_weights`",
+                "",
+                "1 where the goal says something",
+                "diagonal of QT on (q, p), or on (q, v) if the goal gives `v`",
+            ),
+        ] = None
+
+    @classmethod
+    def of(
+        cls, cost: CostWeights, joints: ConfigurationSpace, nv: int, rate: str, *, is_natural: bool
+    ) -> TerminalCost | None:
+        """The term where it has a weight."""
+        weights = np.asarray(cost.weight("terminal_weights"))
+        if not (cost.weight("terminal") > 0 and weights.any()):
+            return None
+        q, p = bool(np.any(weights[:nv])), bool(np.any(weights[nv:]))
+        return cls(q, p, rate, joints.weighed_parts(weights[:nv]), is_natural)
+
+    @classmethod
+    def read(cls, table: Any, reader: Reader) -> dict[str, Any]:
+        """Weight and weights."""
+        asked, key = reader.goal_says(), "cost.terminal_weights"
+        weights = reader.on_states(table.terminal_weights, asked, key)
+        if table.terminal > 0.0:
+            reader.check_weighed(weights, asked, key, "the goal")
+        return {"terminal": table.terminal, "terminal_weights": weights}
+
+    @classmethod
+    def write(cls, cost: CostWeights) -> dict[str, Any]:
+        """The weight, and where it is not zero the weights."""
+        terminal = cost.weight("terminal")
+        weights = {"terminal_weights": cost.weight("terminal_weights")} if terminal > 0.0 else {}
+        return {"terminal": terminal, **weights}
+
+    def parameters(self, sizes: Sizes) -> dict[str, int]:
+        """Diagonals of beta_T Q_T, each followed by what is compared where the end condition does not say."""
+        found = {}
+        if self.q:
+            found["weight_q"] = sizes.joint_nv
+            if self.is_natural:
+                found["joint_q"] = sizes.joint_nz
+        if self.p:
+            found["weight_rate"] = sizes.joint_nv
+            if self.is_natural:
+                found["joint_rate"] = sizes.joint_nv
+        return found
+
+    @property
+    def weights(self) -> tuple[str, ...]:
+        """Both diagonals."""
+        return (*(("weight_q",) if self.q else ()), *(("weight_rate",) if self.p else ()))
+
+    @staticmethod
+    def numbers(cost: CostWeights, nv: int) -> dict[str, Array]:
+        """Diagonals of beta_T Q_T."""
+        weights = cost.weight("terminal") * np.asarray(cost.weight("terminal_weights"))
+        return {"weight_q": weights[:nv], "weight_rate": weights[nv:]}
+
+    def expression(self, at: Point, goal: ExactGoal, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Half the weighted square of the distance from the goal."""
+        psi = ca.SX(0)
+        if self.q:
+            error = at.joint_difference(p["joint_q"] if self.is_natural else p["q"], self.parts)
+            psi += ca.dot(p["weight_q"] * error, error) / 2
+        if self.p:
+            error = self._joint_rate(at) - p["joint_rate"] if self.is_natural else goal.rate_error(at, p)
+            psi += ca.dot(p["weight_rate"] * error, error) / 2
+        return psi
+
+    def _joint_rate(self, at: Point) -> ca.SX:
+        return at.joint_velocity() if self.rate == "v" else at.joint_momentum()

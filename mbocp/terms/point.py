@@ -1,0 +1,104 @@
+"""Where a term is evaluated, in symbols, and the sizes of what it speaks of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+
+from mbocp.exceptions import TranscriptionError
+from mbocp.mechanics import Mechanics, NaturalMechanics
+
+__all__ = ["Point", "Sizes"]
+
+
+class Sizes(NamedTuple):
+    """Sizes of what the parameters speak of; in joint coordinates the last two repeat the first."""
+
+    nz: int  # coordinates of a configuration
+    nv: int  # its tangent directions
+    nu: int
+    joint_nz: int  # coordinates of the joints, which costs compare
+    joint_nv: int  # velocities of the joints, which costs weigh
+
+    @classmethod
+    def of(cls, mechanics: Mechanics) -> Sizes:
+        """Sizes of a robot in its coordinates."""
+        if isinstance(mechanics, NaturalMechanics):
+            joints = (mechanics.joint_space.nz, mechanics.robot.nv)
+        else:
+            joints = (mechanics.nq, mechanics.nv)
+        return cls(mechanics.nq, mechanics.nv, mechanics.nu, *joints)
+
+
+@dataclass(frozen=True)
+class Point:
+    """A state, and at a step its control: where a term is evaluated.
+
+    Attributes
+    ----------
+    mechanics : JointMechanics or NaturalMechanics
+    q, v : casadi.SX
+        Configuration and velocity in the coordinates of `mechanics`.
+    u : casadi.SX or None
+        Control [N, N m]; there is none at the end.
+    change : casadi.SX or None
+        Of the controls since the step before, where they are remembered.
+    acceleration : callable or None
+        Gives the accelerations of the joints, shape (robot.nv,) [m/s^2, rad/s^2].
+    """
+
+    mechanics: Mechanics
+    q: ca.SX
+    v: ca.SX
+    u: ca.SX | None = None
+    change: ca.SX | None = None
+    acceleration: Callable[[], ca.SX] | None = None
+
+    @property
+    def control(self) -> ca.SX:
+        """Control of the step, shape (nu,) [N, N m]."""
+        return self._there(self.u, "a control")
+
+    @property
+    def control_change(self) -> ca.SX:
+        """Control less that of the step before, shape (nu,)."""
+        return self._there(self.change, "a change of the control")
+
+    def joint_velocity(self) -> ca.SX:
+        """Velocities of the joints, shape (robot.nv,) [m/s, rad/s]."""
+        if isinstance(self.mechanics, NaturalMechanics):
+            return self.mechanics.joint_velocity(self.q, self.v)
+        return self.v
+
+    def joint_momentum(self) -> ca.SX:
+        """Canonical momenta of the joints, shape (robot.nv,) [kg m/s, N m s]."""
+        momentum = self.mechanics.momentum(self.q, self.v)
+        if isinstance(self.mechanics, NaturalMechanics):
+            return self.mechanics.joint_momentum(self.q, momentum)
+        return momentum
+
+    def joint_acceleration(self) -> ca.SX:
+        """Accelerations of the joints, shape (robot.nv,) [m/s^2, rad/s^2]."""
+        if self.acceleration is None:
+            raise TranscriptionError("a term asks for accelerations where there are none")
+        return self.acceleration()
+
+    def joint_difference(self, goal: ca.SX, parts: tuple[int, ...] | None) -> ca.SX:
+        """Tangent vector of the joints from `goal`, of the parts that matter.
+
+        A logarithm has no derivative at a half-turn, so that parts without a weight are not compared.
+        """
+        if isinstance(self.mechanics, NaturalMechanics):
+            return self.mechanics.joint_difference(goal, self.q, parts)
+        if parts is None:
+            return self.mechanics.difference(goal, self.q)
+        return self.mechanics.space.partial_difference(goal, self.q, parts)
+
+    @staticmethod
+    def _there(value: ca.SX | None, what: str) -> ca.SX:
+        if value is None:
+            raise TranscriptionError(f"a term asks for {what} where there is none")
+        return value

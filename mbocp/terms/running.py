@@ -1,0 +1,270 @@
+"""The terms of the running cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.terms.cost import CostWeights, Reader, RunningTerm, TermNumbers, Weighted, shortest
+from mbocp.terms.point import Point, Sizes
+from mbocp.terms.tables import Target, Weights
+from mbocp.terms.written import Control, Finite, Key, Table
+
+__all__ = ["ControlRate", "Effort", "Potential", "Tracking", "Velocity"]
+
+
+@dataclass(frozen=True)
+class Effort(Weighted):
+    """Second term of Eq. (8), with a weight for each control."""
+
+    key = "effort"
+    over = "u"
+
+    class Keys(Table):
+        """Keys."""
+
+        effort: Annotated[
+            Control,
+            Key(
+                "number >= 0, list, table",
+                "",
+                "1",
+                "alpha: one weight for all, or one for each control; 0 only where a control has a "
+                "`control_rate` or limits",
+            ),
+        ] = 1.0
+
+    @classmethod
+    def of(cls, given: TermNumbers) -> Effort:
+        """Always there: a weight of zero is one, too."""
+        return cls()
+
+    @classmethod
+    def write(cls, cost: CostWeights) -> dict[str, Any]:
+        """The weights, zero or not."""
+        return {"effort": shortest(np.asarray(cost.weight("effort")))}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Half the weighted square of the controls."""
+        return ca.dot(p["effort"] * at.control, at.control) / 2
+
+
+@dataclass(frozen=True)
+class Tracking(RunningTerm):
+    """First term of Eq. (8), with diagonal weights; configurations are compared in the tangent space.
+
+    Attributes
+    ----------
+    q, p : bool
+        Whether configurations and momenta have weights.
+    parts : tuple of int or None
+        Parts of the configuration space that have; None: all.
+    """
+
+    q: bool
+    p: bool
+    parts: tuple[int, ...] | None = None
+
+    key = "tracking"
+
+    class Keys(Table):
+        """Keys."""
+
+        tracking: Annotated[Finite, Key("number >= 0", "", "0", "beta")] = 0.0
+        tracking_weights: Annotated[
+            Weights | None,
+            Key(
+                "2 nv numbers, or table with `q` and `p`",
+                "",
+                "1 where the target says something",
+                "diagonal of Q on (q, p); `q` and `p` are a number or a vector each, 0 if left out",
+            ),
+        ] = None
+        target: Annotated[
+            Target | None,
+            Key(
+                "table with `q` and `p`",
+                "",
+                "the goal",
+                "y_d: each one row, or N rows, one for every step, compared with the state at which the "
+                "scheme evaluates the cost",
+            ),
+        ] = None
+        target_file: Annotated[
+            str | None,
+            Key(
+                "path",
+                "",
+                "none",
+                "y_d from a result of `mbocp solve -o`, or a CSV table with the columns `t`, `q:NAME`, "
+                "`p:NAME`, interpolated",
+            ),
+        ] = None
+
+    @classmethod
+    def of(cls, given: TermNumbers) -> Tracking | None:
+        """The term where a weight is not zero."""
+        nv, weights = given.robot.nv, _tracking_weights(given.cost)
+        q, p = bool(np.any(weights[:nv])), bool(np.any(weights[nv:]))
+        return cls(q, p, given.joints.weighed_parts(weights[:nv])) if q or p else None
+
+    @classmethod
+    def read(cls, table: Any, reader: Reader) -> dict[str, Any]:
+        """Weight, weights, targets."""
+        target_q, target_p, given = reader.targets(table.target, table.target_file)
+        key = "cost.tracking_weights"
+        weights = reader.on_states(table.tracking_weights, given, key)
+        if table.tracking > 0.0:
+            reader.check_weighed(weights, given, key, "cost.target (or the goal)")
+        return {
+            "tracking": table.tracking,
+            "tracking_weights": weights,
+            "target_q": target_q,
+            "target_p": target_p,
+        }
+
+    @classmethod
+    def write(cls, cost: CostWeights) -> dict[str, Any]:
+        """The weight, and where it is not zero weights and targets as numbers."""
+        if not cost.weight("tracking") > 0.0:
+            return {"tracking": cost.weight("tracking")}
+        return {
+            "tracking": cost.weight("tracking"),
+            "tracking_weights": cost.weight("tracking_weights"),
+            "target": {"q": cost.weight("target_q"), "p": cost.weight("target_p")},
+        }
+
+    def parameters(self, sizes: Sizes) -> dict[str, int]:
+        """Diagonals of beta Q."""
+        return dict.fromkeys(self.weights, sizes.joint_nv)
+
+    @property
+    def weights(self) -> tuple[str, ...]:
+        """Both diagonals."""
+        return (*(("weight_q",) if self.q else ()), *(("weight_p",) if self.p else ()))
+
+    def stage_parameters(self, sizes: Sizes) -> dict[str, int]:
+        """What each step is compared with."""
+        targets = {"target_q": sizes.joint_nz} if self.q else {}
+        return targets | ({"target_p": sizes.joint_nv} if self.p else {})
+
+    def numbers(self, given: TermNumbers) -> dict[str, Array]:
+        """Diagonals of beta Q."""
+        nv, weights = given.robot.nv, _tracking_weights(given.cost)
+        return {"weight_q": weights[:nv], "weight_p": weights[nv:]}
+
+    def stage_numbers(self, given: TermNumbers) -> dict[str, Array]:
+        """What each step is compared with."""
+        joints, rows = given.joints, {}
+        if self.q:
+            target_q = joints.coordinates(np.atleast_2d(given.cost.weight("target_q")))
+            rows["target_q"] = np.broadcast_to(target_q, (given.num_steps, joints.nz))
+        if self.p:
+            target_p = np.asarray(given.cost.weight("target_p"))
+            rows["target_p"] = np.broadcast_to(target_p, (given.num_steps, given.robot.nv))
+        return rows
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Half the weighted square of the distance."""
+        return sum(self.addends(at, p), ca.SX(0))
+
+    def addends(self, at: Point, p: Mapping[str, ca.SX]) -> list[ca.SX]:
+        """The parts of configurations and momenta."""
+        found = []
+        if self.q:
+            error = at.joint_difference(p["target_q"], self.parts)
+            found.append(ca.dot(p["weight_q"] * error, error) / 2)
+        if self.p:
+            error = at.joint_momentum() - p["target_p"]
+            found.append(ca.dot(p["weight_p"] * error, error) / 2)
+        return found
+
+    def touches(self, given: TermNumbers) -> BoolArray:
+        """Components with a weight."""
+        touched: BoolArray = _tracking_weights(given.cost) != 0.0
+        return touched
+
+
+def _tracking_weights(cost: CostWeights) -> Array:
+    weights: Array = cost.weight("tracking") * np.asarray(cost.weight("tracking_weights"))
+    return weights
+
+
+@dataclass(frozen=True)
+class Velocity(Weighted):
+    """Half the weighted square of the velocities of the joints."""
+
+    key = "velocity"
+    over = "v"
+
+    class Keys(Table):
+        """Keys."""
+
+        velocity: Annotated[
+            Control,
+            Key("number, vector", "", "0", "W, diagonal: one weight for all, or one for each component of v"),
+        ] = None
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Half the weighted square."""
+        v = at.joint_velocity()
+        return ca.dot(p["velocity"] * v, v) / 2
+
+
+@dataclass(frozen=True)
+class Potential(Weighted):
+    """Second term of Eq. (33) of [Manara2017]_: energy of gravity and of the force elements [J]."""
+
+    key = "potential"
+    over = ""
+    is_signed = True
+
+    class Keys(Table):
+        """Keys."""
+
+        potential: Annotated[
+            Finite,
+            Key(
+                "number",
+                "1/J",
+                "0",
+                "kappa, of any sign: weight of the potential energy; negative where it shall be high",
+            ),
+        ] = 0.0
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """The weighted energy."""
+        return p["potential"] * at.mechanics.potential_energy(at.q)
+
+
+@dataclass(frozen=True)
+class ControlRate(Weighted):
+    """Third term of Eq. (33) of [Manara2017]_, from the second step on."""
+
+    key = "control_rate"
+    over = "u"
+    couples_steps = True
+
+    class Keys(Table):
+        """Keys."""
+
+        control_rate: Annotated[
+            Control,
+            Key(
+                "number >= 0, list, table",
+                "s^2",
+                "0",
+                "C, diagonal, on the rates of the controls: see "
+                "[below](#smooth-controls-and-potential-energy)",
+            ),
+        ] = 0.0
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Half the weighted square of the change."""
+        change = at.control_change
+        return ca.dot(p["control_rate"] * change, change) / 2

@@ -1,0 +1,130 @@
+"""How keys of a problem file are written: the kind of value each takes, and what the documentation says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
+
+from mbocp._numbers import as_float, finite_number, is_number
+from mbocp._text import shown
+
+__all__ = [
+    "Bound",
+    "Control",
+    "Finite",
+    "Key",
+    "Named",
+    "Range",
+    "Table",
+    "Trajectory",
+    "Vector",
+    "VectorOrNamed",
+    "merged",
+    "named_numbers",
+    "range_of",
+    "sided",
+    "vector_or_named",
+]
+
+Vector: TypeAlias = list[float]
+Named: TypeAlias = dict[str, float | list[float]]
+
+
+class Table(BaseModel):
+    """A table of a problem file: keys that it does not have are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+T = TypeVar("T", bound=Table)
+
+
+@dataclass(frozen=True)
+class Key:
+    """What the documentation says of a key, beside its name.
+
+    Attributes
+    ----------
+    takes, unit, default, says : str
+        Columns of the table of keys.
+    beside : tuple of str
+        Keys that the same line describes.
+    """
+
+    takes: str
+    unit: str
+    default: str
+    says: str
+    beside: tuple[str, ...] = ()
+
+
+def merged(name: str, words: str, parts: Iterable[type[Table]], base: type[T]) -> type[T]:
+    """`base` with the keys of all `parts`, in their order; one that several have is theirs in common."""
+    fields: dict[str, Any] = {}
+    for part in parts:
+        hints = get_type_hints(part, include_extras=True)
+        for key, field in part.model_fields.items():
+            fields.setdefault(key, (hints[key], ... if field.is_required() else field.default))
+    return create_model(name, __base__=base, __doc__=words, __module__=__name__, **fields)
+
+
+def vector(value: Any, where: str = "") -> Vector:
+    """Finite numbers of a list."""
+    return [finite_number(entry, f" at index {i}{where}") for i, entry in enumerate(value)]
+
+
+def named_numbers(value: Mapping[str, Any]) -> Named:
+    """Finite numbers, or lists of them, by name."""
+    return {
+        name: vector(entry, f" for {shown(name)}")
+        if isinstance(entry, list)
+        else finite_number(entry, f" for {shown(name)}")
+        for name, entry in value.items()
+    }
+
+
+def vector_or_named(value: Any) -> Vector | Named:
+    """A list of numbers, or a table of them by name."""
+    if isinstance(value, list):
+        return vector(value)
+    if isinstance(value, Mapping):
+        return named_numbers(value)
+    raise ValueError(f"got {shown(value)}, expected a list of numbers or a table by joint name")
+
+
+def range_of(value: Any, where: str = "") -> list[float]:
+    """A pair [lower, upper]; infinite where there is no bound."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f"got {shown(value)}{where}, expected [lower, upper]")
+    return [sided(side, where) for side in value]
+
+
+def sided(value: Any, where: str = "") -> float:
+    """One side of a bound."""
+    if not is_number(value) or math.isnan(value):
+        raise ValueError(f"got {shown(value)}{where}, expected a number (inf for no limit)")
+    return as_float(value)
+
+
+def _trajectory_or_vector(value: Any) -> list[Vector] | Vector | Named:
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return [vector(row, f" of row {n}") for n, row in enumerate(value)]
+    return vector_or_named(value)
+
+
+def _control(value: Any) -> float | Vector | Named:
+    if isinstance(value, (list, Mapping)):
+        return vector_or_named(value)
+    return finite_number(value)
+
+
+VectorOrNamed = Annotated[Any, BeforeValidator(vector_or_named)]
+Trajectory = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
+Control = Annotated[Any, BeforeValidator(_control)]
+Finite = Annotated[float, BeforeValidator(finite_number)]
+Range = Annotated[Any, BeforeValidator(range_of)]
+Bound = Annotated[Any, BeforeValidator(sided)]
