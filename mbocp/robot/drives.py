@@ -1,4 +1,4 @@
-r"""Drives: how prescribed motions enter the velocities, and whether they are well posed.
+r"""Drives: how prescribed motions enter the velocities.
 
 A robot with drives has :math:`v = V(q)\,s + U(q)\,u`. The speeds s are the velocity components that no drive
 moves, in order, then the speed of each drive whose control is an acceleration; controls that are velocities
@@ -7,7 +7,7 @@ enter through U. Without drives V is the identity and s = v.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -15,18 +15,13 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from mbocp.robot.parts import Drive
-    from mbocp.robot.robot import Robot
+from mbocp.robot.model import RobotModel
+from mbocp.robot.parts import Drive
 
 __all__ = [
     "control_velocity_map",
     "control_velocity_maps",
     "drive_column",
-    "free_dofs",
     "moved_joints",
     "reduce_velocity",
     "speed_map",
@@ -54,39 +49,33 @@ def _drive_columns(model: pin.Model, drive: Drive, qs: Array) -> Array:
     return columns
 
 
-def free_dofs(robot: Robot) -> list[int]:
-    """Velocity components that no drive moves."""
-    driven = set(robot.driven)
-    return [dof for dof in range(robot.nv) if dof not in driven]
-
-
-def moved_joints(robot: Robot, dofs: Sequence[int]) -> list[str]:
+def moved_joints(robot: RobotModel, dofs: Sequence[int]) -> list[str]:
     """Names of the joints that velocity components belong to."""
     parts = {name: robot.velocity_indices(name) for name in robot.joint_names}
     return [name for name, part in parts.items() if any(part.start <= dof < part.stop for dof in dofs)]
 
 
-def speed_map(robot: Robot, q: Array) -> Array:
+def speed_map(robot: RobotModel, q: Array) -> Array:
     """V(q), shape (nv, ns)."""
     found: Array = speed_maps(robot, q[None])[0]
     return found
 
 
-def speed_maps(robot: Robot, qs: Array) -> Array:
+def speed_maps(robot: RobotModel, qs: Array) -> Array:
     """V(q) at many configurations, shape (nodes, nv, ns)."""
-    identity = np.eye(robot.nv)[:, free_dofs(robot)]
+    identity = np.eye(robot.nv)[:, list(robot.undriven)]
     with_state = [drive for drive in robot.drives if drive.has_state]
     columns = [_drive_columns(robot.model, drive, qs)[:, :, None] for drive in with_state]
     return np.concatenate([np.broadcast_to(identity, (len(qs), *identity.shape)), *columns], axis=2)
 
 
-def control_velocity_map(robot: Robot, q: Array) -> Array:
+def control_velocity_map(robot: RobotModel, q: Array) -> Array:
     """U(q), shape (nv, nu)."""
     found: Array = control_velocity_maps(robot, q[None])[0]
     return found
 
 
-def control_velocity_maps(robot: Robot, qs: Array) -> Array:
+def control_velocity_maps(robot: RobotModel, qs: Array) -> Array:
     """U(q) at many configurations, shape (nodes, nv, nu)."""
     out = np.zeros((len(qs), robot.nv, robot.nu))
     first = robot.nu - len(robot.drives)
@@ -96,7 +85,7 @@ def control_velocity_maps(robot: Robot, qs: Array) -> Array:
     return out
 
 
-def reduce_velocity(robot: Robot, q: Array, v: Array) -> Array:
+def reduce_velocity(robot: RobotModel, q: Array, v: Array) -> Array:
     """Speeds s of a velocity: v = V s + U u for some u.
 
     Raises
@@ -119,5 +108,5 @@ def reduce_velocity(robot: Robot, q: Array, v: Array) -> Array:
     return np.asarray(V.T @ v, dtype=np.float64)
 
 
-def _joints(robot: Robot, dofs: Sequence[int]) -> str:
+def _joints(robot: RobotModel, dofs: Sequence[int]) -> str:
     return ", ".join(map(repr, moved_joints(robot, dofs)))

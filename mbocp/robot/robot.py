@@ -1,14 +1,11 @@
-"""The robot: an immutable multibody model with its actuation, constraints and force elements."""
+"""The robot: configurations, closed loops and mechanics of a multibody system, in numbers."""
 
 from __future__ import annotations
 
-import hashlib
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,23 +15,19 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import closing, drives, joints, kinematics
 from mbocp.robot.closure import Closure
-from mbocp.robot.constraints import Constraint
 from mbocp.robot.large import working_data
-from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
-from mbocp.robot.resistance import JointResistance, resistance_forces
+from mbocp.robot.model import RobotModel
+from mbocp.robot.resistance import resistance_forces
 from mbocp.robot.warnings import NormalisationWarning
 
 __all__ = ["Robot"]
 
-_VELOCITY_UNITS = {"m": "m/s", "rad": "rad/s"}
-_MOMENTUM_UNITS = {"m": "N s", "rad": "N m s"}
-_ROTATIONS = ("quaternion", "dcm")
 _ZERO_NORM = 1e-8  # below, the direction of a quaternion is noise
 _ROUND_OFF = 1e-9  # a norm this close to 1 is mended without a word
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(RobotModel):
     r"""A multibody system, immutable.
 
     .. math:: M(q)\,\dot v + h(q, v) + \Phi_q(q)^T \lambda = B(q)\,u + f(q, v), \qquad \Phi(q) = 0
@@ -44,210 +37,8 @@ class Robot:
     its own axes, linear before angular). Components of v that drives move are given:
     :math:`v = V(q)\,s + U(q)\,u` with the speeds s, and only the rows of the other components stand above.
 
-    Parameters
-    ----------
-    name : str
-        Name for messages and files.
-    model : pin.Model
-        Tree of joints and inertias, after locking, with gravity set. Not to be changed.
-    visual_model : pin.GeometryModel
-        Shapes and paths of the meshes that were found. The `geometry` of a mesh is an empty placeholder.
-    actuation : Actuation
-        B(q).
-    constraints : tuple of Constraint
-        Phi(q) = 0, see `mbocp.robot.constraints`.
-    forces : tuple of QuarticSpring or SpringDamper
-        f(q, v).
-    q0 : ndarray, shape (nq,)
-        Initial pose [m, rad, unit quaternion xyzw].
-    limits : Limits
-        Bounds on u, v and q.
-    source : Path or None
-        The URDF.
-    trace_frames : tuple of str
-        Frames that a replay traces by default.
-    connectors : tuple of Connector
-        What a replay draws between frames: rods and springs.
-    spec : dict
-        What `robot_from_spec` needs to load this robot again; JSON-able.
-    description : str
-        One line for a person.
-    rotations : {"quaternion", "dcm"}
-        How explicit schemes represent the rotations of free-flyers and ball joints in their state: four
-        numbers or the nine of a direction cosine matrix. q has the quaternion in either case.
-    redundant_rows : tuple of int
-        Rows that the equations leave out because the others imply them; counted over all constraints.
-    resistances : tuple of JointResistance
-        Damping and friction of joints: the part of f(q, v) that acts on one velocity each.
+    The parameters are those of `RobotModel`, in its order.
     """
-
-    name: str
-    model: pin.Model
-    visual_model: pin.GeometryModel
-    actuation: Actuation
-    constraints: tuple[Constraint, ...]
-    forces: tuple[QuarticSpring | SpringDamper, ...]
-    q0: Array
-    limits: Limits
-    source: Path | None = None
-    trace_frames: tuple[str, ...] = ()
-    connectors: tuple[Connector, ...] = ()
-    spec: Mapping[str, Any] = field(default_factory=dict)
-    description: str = ""
-    rotations: str = "quaternion"
-    redundant_rows: tuple[int, ...] = ()
-    resistances: tuple[JointResistance, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.rotations not in _ROTATIONS:
-            allowed = " or ".join(map(repr, _ROTATIONS))
-            raise InvalidValue(f"robot {self.name!r}: rotations", repr(self.rotations), allowed)
-        object.__setattr__(self, "q0", frozen_array(self.q0, shape=(self.nq,), name=f"{self.name}: q0"))
-        frozen_array(
-            self.actuation.selection, shape=(self.nv, None), name=f"{self.name}: actuation.selection"
-        )
-
-    def __repr__(self) -> str:
-        return f"Robot({self.name!r}, nq={self.nq}, nv={self.nv}, nu={self.nu}, nc={self.nc})"
-
-    # Dimensions and names
-
-    @property
-    def nq(self) -> int:
-        """Length of q."""
-        return int(self.model.nq)
-
-    @property
-    def nv(self) -> int:
-        """Length of v and p."""
-        return int(self.model.nv)
-
-    @property
-    def nu(self) -> int:
-        """Number of controls."""
-        return self.actuation.nu
-
-    @property
-    def nc(self) -> int:
-        """Number of rows of the holonomic constraints that the equations keep."""
-        return len(self.kept_rows)
-
-    @cached_property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, without the universe."""
-        return joints.joint_names(self.model)
-
-    @cached_property
-    def frame_names(self) -> tuple[str, ...]:
-        """Names of all frames; "world" also means the first, the universe."""
-        return tuple(frame.name for frame in self.model.frames)
-
-    @cached_property
-    def q_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each number of q."""
-        return joints.position_labels(self.model)
-
-    @cached_property
-    def v_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each number of v."""
-        return joints.velocity_labels(self.model, _VELOCITY_UNITS)
-
-    @cached_property
-    def p_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each number of p."""
-        return joints.velocity_labels(self.model, _MOMENTUM_UNITS)
-
-    @property
-    def u_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each control."""
-        return self.actuation.labels
-
-    @property
-    def drives(self) -> tuple[Drive, ...]:
-        """Controls that prescribe a motion."""
-        return self.actuation.drives
-
-    @cached_property
-    def driven(self) -> tuple[int, ...]:
-        """Velocity components that drives move, in ascending order."""
-        return tuple(sorted(dof for drive in self.drives for dof in drive.dofs))
-
-    @property
-    def num_speeds(self) -> int:
-        """Number of speeds s: components that no drive moves, and drives whose control is an acceleration."""
-        return self.nv - len(self.driven) + sum(drive.has_state for drive in self.drives)
-
-    @cached_property
-    def speed_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each speed; those of v if there are no drives."""
-        stated = (Label(drive.name, drive.speed_unit) for drive in self.drives if drive.has_state)
-        return (*(self.v_labels[dof] for dof in drives.free_dofs(self)), *stated)
-
-    @cached_property
-    def closure_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each row of the constraints, the redundant ones included."""
-        return tuple(label for constraint in self.constraints for label in constraint.rows)
-
-    @cached_property
-    def kept_rows(self) -> tuple[int, ...]:
-        """Rows of the constraints that the equations keep, counted over all constraints in order."""
-        return tuple(i for i in range(len(self.closure_labels)) if i not in self.redundant_rows)
-
-    @cached_property
-    def constraint_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each row that the equations keep."""
-        return tuple(self.closure_labels[i] for i in self.kept_rows)
-
-    @cached_property
-    def is_vector_space(self) -> bool:
-        """Whether every joint's configuration is a plain vector (nq == nv, no circles, no quaternions)."""
-        return all(joints.joint_kind(self.model, j).is_vector for j in range(1, self.model.njoints))
-
-    @property
-    def has_forces(self) -> bool:
-        """Whether springs, dampers or losses of joints act."""
-        return bool(self.forces or self.resistances)
-
-    @property
-    def has_limits(self) -> bool:
-        """Whether any effort, velocity or position is limited."""
-        return self.limits.any_finite
-
-    @cached_property
-    def fingerprint(self) -> str:
-        """SHA-256 over all that shapes the equations: model, actuation, constraints, forces, losses."""
-        digest = hashlib.sha256(self.model.saveToString().encode())
-        digest.update(self.actuation.selection.tobytes())
-        for actuator in self.actuation.frame_actuators:
-            digest.update(repr(actuator.frame_id).encode() + actuator.direction.tobytes())
-        digest.update(repr((self.actuation.labels, self.constraints, self.forces)).encode())
-        if self.redundant_rows:
-            digest.update(repr(self.redundant_rows).encode())
-        if self.resistances:
-            digest.update(repr(self.resistances).encode())
-        for drive in self.drives:
-            digest.update(
-                repr((drive.control, drive.dofs, drive.frame_id)).encode() + drive.direction.tobytes()
-            )
-        return digest.hexdigest()
-
-    def frame_id(self, name: str) -> int:
-        """Index of a frame by name; "world" is the universe. Bodies come before joints of the same name.
-
-        Raises
-        ------
-        UnknownFrame
-            If there is no such frame.
-        """
-        return kinematics.frame_id(self.model, name, self.name)
-
-    def configuration_indices(self, joint: str) -> slice:
-        """Range of a joint in q (empty for a mimic joint). Raises `UnknownJoint`."""
-        return joints.configuration_slice(self.model, joints.joint_id(self.model, joint, self.name))
-
-    def velocity_indices(self, joint: str) -> slice:
-        """Range of a joint in v and p (empty for a mimic joint). Raises `UnknownJoint`."""
-        return joints.velocity_slice(self.model, joints.joint_id(self.model, joint, self.name))
 
     # Configurations
 

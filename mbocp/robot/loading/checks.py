@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -12,10 +11,7 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
-from mbocp.robot.drives import free_dofs
-
-if TYPE_CHECKING:
-    from mbocp.robot.robot import Robot
+from mbocp.robot.robot import Robot
 
 __all__ = ["IndefiniteMassMatrix", "SingularMassMatrix", "check_mechanics"]
 
@@ -62,7 +58,7 @@ def check_mechanics(robot: Robot) -> None:
         Naming the joints that move impossible inertias.
     """
     jacobian = robot.constraint_jacobian(robot.q0)
-    free = free_dofs(robot)  # what drives move needs no mass
+    free = list(robot.undriven)  # what drives move needs no mass
     mass = robot.mass_matrix(robot.q0)[np.ix_(free, free)]
     if jacobian.shape[0] == 0:
         _check_definite(robot, free)

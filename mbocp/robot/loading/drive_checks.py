@@ -10,7 +10,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
-from mbocp.robot.drives import drive_column, free_dofs, moved_joints
+from mbocp.robot.drives import drive_column, moved_joints
 from mbocp.robot.parts import Drive
 from mbocp.robot.robot import Robot
 
@@ -60,7 +60,7 @@ def _check_frame(robot: Robot, drive: Drive, frame_id: int, q: Array) -> None:
 
 
 def _check_impulse(robot: Robot, drive: Drive, q: Array) -> None:
-    column, free = drive_column(robot.model, drive, q), free_dofs(robot)
+    column, free = drive_column(robot.model, drive, q), list(robot.undriven)
     mass = robot.mass_matrix(q)
     momentum = np.abs((mass @ column)[free])
     threshold = _ROUND_OFF * float(np.abs(mass).max())

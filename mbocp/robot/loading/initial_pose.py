@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,8 @@ from mbocp._arrays import Array
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot.closing import SLACK, assemble, violations
 from mbocp.robot.redundancy import without_redundant_rows
+from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import InitialPoseWarning
-
-if TYPE_CHECKING:
-    from mbocp.robot.robot import Robot
 
 __all__ = ["close_loops"]
 
