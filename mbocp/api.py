@@ -21,8 +21,7 @@ from mbocp.exceptions import NotConverged, ProblemError
 from mbocp.formulation import Formulation, formulate
 from mbocp.guess import guess_candidates, iterate_from_solution, make_guess
 from mbocp.integrators import EXPLICIT_SCHEMES
-from mbocp.mechanics.symmetry import find_symmetries
-from mbocp.mechanics.symmetry_words import momentum_words
+from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem, load_problem
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Robot, singular_closure
@@ -234,7 +233,7 @@ def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
     """What the control momenta of the named symmetries are, in words."""
     if not names:
         return ()
-    words = {s.name: momentum_words(s, robot) for s in find_symmetries(robot)}
+    words = {s.name: momentum_name(s, robot) for s in find_symmetries(robot)}
     return tuple(words[name] for name in names)
 
 

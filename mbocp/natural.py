@@ -11,7 +11,7 @@ from mbocp._arrays import Array
 from mbocp.formulation import Formulation
 from mbocp.integrators import TAU
 from mbocp.mechanics import NaturalMechanics, NaturalSpace
-from mbocp.mechanics.symmetry import find_symmetries
+from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.solution.diagnostics import ConstraintViolation, worst_violation
 from mbocp.solvers import Iterate, zero_multipliers
 

@@ -17,8 +17,7 @@ from typer.testing import CliRunner
 import mbocp
 from mbocp._arrays import Array
 from mbocp.cli.app import app
-from mbocp.mechanics.symmetry import find_symmetries
-from mbocp.mechanics.symmetry_words import momentum_words
+from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 
 from .mechanics import models
@@ -258,7 +257,7 @@ def test_info_says_when_nothing_is_conserved(tmp_path: Path) -> None:
 )
 def test_words_for_every_kind_of_joint(kinds: str, words: dict[str, str]) -> None:
     robot = models.robot(models.chain(kinds)[0])
-    found = {s.name: momentum_words(s, robot) for s in find_symmetries(robot)}
+    found = {s.name: momentum_name(s, robot) for s in find_symmetries(robot)}
     for name, meaning in words.items():
         assert found[name] == meaning
 
@@ -271,12 +270,12 @@ def test_words_for_joints_that_turn_the_other_way_or_sit_askew() -> None:
     robot = models.robot(model)
     (symmetry,) = find_symmetries(robot)
     assert symmetry.name == "rotation about z through (0.2, 0, 0)"
-    assert momentum_words(symmetry, robot) == "minus adjoint mu_q of base, a cyclic coordinate"
+    assert momentum_name(symmetry, robot) == "minus adjoint mu_q of base, a cyclic coordinate"
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), upside_down, "base")
     model.appendBodyToJoint(joint, models.BODY, pin.SE3.Identity())
     robot = models.robot(model)
-    found = {s.name: momentum_words(s, robot) for s in find_symmetries(robot)}
+    found = {s.name: momentum_name(s, robot) for s in find_symmetries(robot)}
     assert found["translation along z"] == (
         "spatial adjoint of base's position along -z, in the frame that the joint is fixed to"
     )

@@ -10,7 +10,7 @@ import pytest
 
 from mbocp import solve
 from mbocp.exceptions import InvalidValue
-from mbocp.mechanics.symmetry import find_symmetries
+from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.problem.file.load import parse_problem
 from mbocp.robot import Robot, describe, load_robot
 from mbocp.symbolic import model_functions

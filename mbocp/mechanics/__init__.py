@@ -4,8 +4,8 @@ from typing import TypeAlias
 
 from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity
 from mbocp.mechanics.joint import JointMechanics
-from mbocp.mechanics.natural import NaturalMechanics
-from mbocp.mechanics.natural_space import NaturalSpace, natural_mechanics
+from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
+from mbocp.mechanics.natural_coordinates.space import NaturalSpace, natural_mechanics
 
 Mechanics: TypeAlias = JointMechanics | NaturalMechanics
 

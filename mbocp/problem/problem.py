@@ -83,7 +83,8 @@ class Problem:
         The mechanics f, and the holonomic constraints Phi.
     coordinates : {"joint", "natural"}
         In which coordinates the mechanics are written: the joints' own, or positions and directors of all
-        bodies, see `mbocp.mechanics.natural`. Start, goal and results are those of the joints in either case.
+        bodies, see `mbocp.mechanics.natural_coordinates`. Start, goal and results are in those of the joints
+        in either case.
     scheme : {"se1", "se2", "midpoint", "euler", "heun", "rk4", "rkf5"}
         How time is discretised, see `mbocp.integrators`; the last four are explicit.
     lie : {"plain", "baumgarte", "munthe_kaas"}

@@ -161,7 +161,7 @@ def _sources_digest() -> str:
     root = Path(__file__).parent.parent
     digest = hashlib.sha256()
     folders = [root / name for name in ("lie", "mechanics", "integrators", "formulation", "symbolic")]
-    sources = [source for folder in folders for source in sorted(folder.glob("*.py"))]
+    sources = [source for folder in folders for source in sorted(folder.rglob("*.py"))]
     alone = ("programme/compilation.py", "programme/splitting.py", "robot/constraint_equations.py")
     for source in (*sources, *(root / name for name in alone)):
         digest.update(source.read_bytes())

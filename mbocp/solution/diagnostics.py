@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
-from mbocp.mechanics.symmetry import find_symmetries, momentum_map
+from mbocp.mechanics.symmetries import find_symmetries, momentum_map
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 
@@ -40,7 +40,7 @@ def control_momenta(
     vs : ndarray, shape (N + 1, nv)
         Velocities [m/s, rad/s].
     costates : ndarray, shape (N + 1, 2 nv)
-        Boundary duals of the nodes, see `mbocp.mechanics.symmetry.momentum_map`.
+        Boundary duals of the nodes, see `mbocp.mechanics.symmetries.momentum_map`.
     tracked : array_like of bool, shape (2 nv,), optional
         Components of (q, p) that the running cost weighs.
 

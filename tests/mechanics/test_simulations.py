@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spla
 
 from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.mechanics import JointMechanics, Mechanics, NaturalMechanics
-from mbocp.mechanics.natural_space import NaturalSpace
+from mbocp.mechanics.natural_coordinates.space import NaturalSpace
 from mbocp.robot import Robot
 from mbocp.robot.loading import examples
 

@@ -30,7 +30,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
-from mbocp.mechanics.symmetry_fields import Ansatz, Symmetry, skew
+from mbocp.mechanics.symmetries.fields import Ansatz, Symmetry, skew
 from mbocp.robot import Robot, SpringDamper
 from mbocp.robot.large import working_data
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics.bodies import SIZE, Body, BodyTree, body_tree
-from mbocp.mechanics.natural_joints import perpendiculars
+from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree, body_tree
+from mbocp.mechanics.natural_coordinates.joints import perpendiculars
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label
 

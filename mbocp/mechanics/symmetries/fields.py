@@ -2,7 +2,7 @@ r"""Fields of joint velocities that generate symmetries, and the linear space in
 
 .. math:: X(q) = c + A\,q + \mathrm{Ad}_q^{-1}\sigma, \qquad X_v(q, v) = A\,v
 
-See `mbocp.mechanics.symmetry` for why these and no others.
+See `mbocp.mechanics.symmetries.finding` for why these and no others.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.lie.configuration import Part
-from mbocp.mechanics.bodies import SIZE
-from mbocp.mechanics.natural import NaturalMechanics
-from mbocp.mechanics.symmetry_fields import Symmetry
+from mbocp.mechanics.natural_coordinates.bodies import SIZE
+from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
+from mbocp.mechanics.symmetries.fields import Symmetry
 from mbocp.robot import Robot
 
 __all__ = ["NaturalSpace", "natural_mechanics"]

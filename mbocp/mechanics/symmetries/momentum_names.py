@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.mechanics.symmetry_fields import LieBlock, Symmetry
+from mbocp.mechanics.symmetries.fields import LieBlock, Symmetry
 from mbocp.robot import Robot
 
-__all__ = ["momentum_words"]
+__all__ = ["momentum_name"]
 
 _SAME = 1e-9  # coefficients are of order one, to round-off
 _COMPONENTS = {  # of a twist, that sigma has
@@ -19,7 +19,7 @@ _COMPONENTS = {  # of a twist, that sigma has
 }
 
 
-def momentum_words(symmetry: Symmetry, robot: Robot) -> str:
+def momentum_name(symmetry: Symmetry, robot: Robot) -> str:
     r"""Say what the control momentum of a symmetry is, eq. (15).
 
     With the field :math:`X(q) = c + A\,q + \mathrm{Ad}_q^{-1}\sigma` it is :math:`c \cdot \mu^q` where only

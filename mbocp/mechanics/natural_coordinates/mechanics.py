@@ -1,9 +1,9 @@
 r"""Natural coordinates: positions and directors, a constant mass matrix, constraints for all that is rigid.
 
-The equations are those of the paper, (1)-(3), with :math:`p = M v` and a constant M for any URDF: every body
-is twelve numbers (see `mbocp.mechanics.bodies`), six constraints keep its directors orthonormal, its joint is
-the constraints that it imposes: 5 for revolute, continuous and prismatic joints, 3 for ball, planar and
-translation joints, none for a free-flyer, one more for a joint that mimics another. Loops come on top.
+The equations are those of the paper, (1)-(3), with :math:`p = M v` and a constant M for any URDF. Every body
+has twelve numbers (see `bodies`), and six constraints keep its directors orthonormal. A joint is the
+constraints that it imposes: 5 for revolute, continuous and prismatic joints, 3 for ball, planar and
+translation joints, none for a free-flyer, one more for a joint that mimics another. Loops add theirs.
 Nothing is of more than second degree but couplings and planar joints between two bodies.
 
 A joint's torque acts on the directors through a matrix that is linear in them: a torque tau about the axis a
@@ -22,10 +22,10 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.mechanics.bodies import SIZE, Body, BodyTree
 from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
-from mbocp.mechanics.natural_joints import JointRow, follower_row, joint_rows
-from mbocp.mechanics.natural_kinematics import NaturalKinematics, constant
+from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree
+from mbocp.mechanics.natural_coordinates.joints import JointRow, follower_row, joint_rows
+from mbocp.mechanics.natural_coordinates.kinematics import NaturalKinematics, constant
 from mbocp.robot import Robot
 from mbocp.robot.constraint_equations import constraint_rows
 from mbocp.robot.parts import Label

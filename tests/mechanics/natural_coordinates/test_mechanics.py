@@ -14,8 +14,8 @@ import scipy.sparse.linalg as spla
 
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.mechanics import NaturalMechanics
-from mbocp.mechanics.bodies import SIZE, body_tree
-from mbocp.mechanics.natural_space import NaturalSpace
+from mbocp.mechanics.natural_coordinates.bodies import SIZE, body_tree
+from mbocp.mechanics.natural_coordinates.space import NaturalSpace
 from mbocp.robot import Robot, load_robot
 from mbocp.robot.loading import examples
 

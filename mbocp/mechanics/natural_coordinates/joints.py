@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.mechanics.bodies import TURNING, Body
+from mbocp.mechanics.natural_coordinates.bodies import TURNING, Body
 
 __all__ = ["JointRow", "follower_row", "joint_rows", "perpendiculars"]
 

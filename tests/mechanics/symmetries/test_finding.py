@@ -11,10 +11,9 @@ import pytest
 
 from mbocp._arrays import Array
 from mbocp.integrators import TAU
-from mbocp.mechanics.symmetry import find_symmetries, momentum_map
+from mbocp.mechanics.symmetries.finding import find_symmetries, momentum_map
 from mbocp.robot import FrameActuator, QuarticSpring, Robot, Rod, SpringDamper
-
-from .models import (
+from tests.mechanics.models import (
     BODY,
     POINT,
     cart_pendulum,

@@ -1,0 +1,1 @@
+"""Natural coordinates: every body by its position and the nine numbers of its axes."""
