@@ -16,7 +16,7 @@ from mbocp.mechanics.duals import momentum_derivative
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import load_robot
 from tests.mechanics.mimics import ROBOTS, Tied, tied
-from tests.mechanics.test_natural import acceleration, check_accelerations
+from tests.mechanics.natural_coordinates.test_mechanics import acceleration, check_accelerations
 from tests.robot import urdfs
 from tests.robot.urdfs import joint, link, mimic
 

@@ -20,7 +20,7 @@ from mbocp.problem.file.build import problem_from_tables
 from mbocp.robot import JointResistance, NotModelledWarning, Robot, describe, load_robot, robot_from_spec
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of
-from tests.mechanics.test_natural import check_accelerations
+from tests.mechanics.natural_coordinates.test_mechanics import check_accelerations
 from tests.robot import urdfs
 from tests.robot.urdfs import joint, link, losses, mimic
 

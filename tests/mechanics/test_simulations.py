@@ -14,8 +14,7 @@ from mbocp.mechanics import JointMechanics, Mechanics, NaturalMechanics
 from mbocp.mechanics.natural_coordinates.space import NaturalSpace
 from mbocp.robot import Robot
 from mbocp.robot.loading import examples
-
-from .test_natural import LARGEST, loaded, state
+from tests.mechanics.natural_coordinates.test_mechanics import LARGEST, loaded, state
 
 DURATION = 0.02  # [s]
 STEPS = (10, 20, 40, 80)
