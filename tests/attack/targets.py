@@ -24,7 +24,7 @@ from mbocp.solution import Solution
 from mbocp.storage.seal import SEAL_SIZE, is_sealed, sealed
 from mbocp.study import Study, StudyResult
 from mbocp.study.task import make_problem
-from mbocp.view.plots import figures  # noqa: F401  the forked command lines need not load it
+from mbocp.view import plots  # noqa: F401  the forked command lines need not load it
 from mbocp.view.replay import write_replay
 
 from .cases import Case
