@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["null_space"]
+__all__ = ["norm", "null_space"]
 
 
 def null_space(matrix: Array, tolerance: float) -> Array:
@@ -30,3 +32,13 @@ def null_space(matrix: Array, tolerance: float) -> Array:
     rank = int(np.count_nonzero(singular > tolerance * max(singular.max(initial=0.0), 1.0)))
     basis: Array = vt[rank:].T
     return basis
+
+
+def norm(vector: Array) -> float:
+    """Return the Euclidean norm of a vector, shape (n,), also where squares of entries have no number.
+
+    An iterate that runs away is no error of arithmetic: its norm is a large number, or infinite.
+    """
+    with np.errstate(over="ignore"):
+        size = float(np.linalg.norm(vector))
+    return math.hypot(*vector.tolist()) if math.isinf(size) else size

@@ -52,7 +52,7 @@ ALONE = {
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
     "programme": {"exceptions", "_arrays", "_native"},
-    "solvers": {"exceptions", "_arrays", "_native", "programme"},
+    "solvers": {"exceptions", "_arrays", "_linear", "_native", "programme"},
     "exceptions": {"_text"},
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from numbers import Real
 from typing import Any
 
@@ -12,8 +12,11 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, suggest
+from mbocp.robot.parts import Label
 
 __all__ = [
+    "LARGEST_POSITION",
+    "LARGEST_RATE",
     "check_bool",
     "check_choice",
     "check_finite",
@@ -21,7 +24,13 @@ __all__ = [
     "check_non_negative",
     "check_number",
     "check_positive",
+    "check_size",
 ]
+
+LARGEST_POSITION = 1e9  # [m, rad] as of what is drawn; a float beside it is exact to 1e-7
+LARGEST_RATE = (
+    1e15  # [m/s, rad/s, kg m/s, N m s] as of the numbers of a robot; products of several have numbers
+)
 
 _LARGEST_INTEGER = 2**31 - 1
 
@@ -72,6 +81,14 @@ def check_finite(name: str, value: Array) -> None:
     if bad.size:
         where = ", ".join(str(i) for i in bad[0])
         raise InvalidValue(f"{name}[{where}]", float(value[tuple(bad[0])]), "a finite number")
+
+
+def check_size(key: str, value: Array, labels: Sequence[Label], largest: float) -> None:
+    """Refuse a state so large that the mechanics would lose its digits, and say which entry it is."""
+    for label, number in zip(labels, value, strict=True):
+        if abs(number) > largest:
+            expected = f"at most {largest:g} {label.unit} either way".replace("  ", " ")
+            raise InvalidValue(f"{key}: {label.name}", float(number), expected)
 
 
 def check_non_negative(name: str, value: Array | float) -> None:

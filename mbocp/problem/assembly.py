@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InconsistentStart, UnreachableGoal
 from mbocp.problem.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
-from mbocp.problem.way import driving_joints, walk
+from mbocp.problem.way import LONGEST_WAY, driving_joints, walk
 from mbocp.robot import Robot
 from mbocp.robot.closing import follow, violations
 from mbocp.robot.exploring import search
@@ -23,7 +23,9 @@ _ATTEMPTS = 5  # the first from where the start is, the others from around it
 _STRIDE = 0.1  # [rad, m]
 
 
-def assembled(robot: Robot, q: Array, active: BoolArray, *, assemble: bool, base: Array) -> Array:
+def assembled(
+    robot: Robot, q: Array, active: BoolArray, *, assemble: bool, base: Array, key: str = "q"
+) -> Array:
     """Return `q` with its loops closed.
 
     Parameters
@@ -35,9 +37,13 @@ def assembled(robot: Robot, q: Array, active: BoolArray, *, assemble: bool, base
         Whether what was written in full may move; if not, it is left as it is.
     base : ndarray, shape (nq,)
         A configuration that closes the loops; the joints that were not written are looked for from there.
+    key : str
+        What q is called in messages.
 
     Raises
     ------
+    InconsistentStart, UnreachableGoal
+        If the written joints are so far from `base` that no way there is followed.
     LoopNotClosed
         If no configuration with the written joints closes the loops, or none near one written in full.
     """
@@ -45,6 +51,7 @@ def assembled(robot: Robot, q: Array, active: BoolArray, *, assemble: bool, base
         return q
     if active.all() or not active.any():
         return np.array(robot.assemble(q)) if assemble else q
+    _check_way(robot, base, q, active, key)
     reached = follow(robot, base, q, active)
     if _distance(robot, reached, q, active) <= _ARRIVED:
         return reached
@@ -89,6 +96,8 @@ def _completed(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: b
     active = np.frombuffer(active_bytes, dtype=np.bool_)
     if active.all():
         check_position(robot, q, "goal.q")
+    _check_way(robot, q_start, q, active, "goal.q")
+    if active.all():
         _check_mode(robot, q_start, q)
         return q
     size = _distance(robot, q_start, q, active)
@@ -125,6 +134,20 @@ def _anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
         if not violations(robot, found, CONSISTENCY_TOLERANCE):
             break
     return found
+
+
+def _check_way(robot: Robot, base: Array, q: Array, active: BoolArray, key: str) -> None:
+    """Refuse what is too far away to get there in small steps with the loops closed."""
+    away = np.where(active, np.abs(robot.difference(base, q)), 0.0)
+    worst = int(away.argmax())
+    if away[worst] > LONGEST_WAY:
+        is_goal, label = key == "goal.q", robot.v_labels[worst]
+        begin, unit = "the start" if is_goal else "the initial pose", label.unit.removesuffix("/s")
+        raise (UnreachableGoal if is_goal else InconsistentStart)(
+            f"{key}: {label.name} is {away[worst]:.3g} {unit} from {begin} of robot {robot.name!r}, and ways "
+            f"with closed loops are followed over {LONGEST_WAY:g} {unit} at most; give a nearer position, an "
+            "angle without its whole turns"
+        )
 
 
 def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:

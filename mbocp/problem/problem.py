@@ -12,7 +12,15 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
-from mbocp.problem._checks import check_choice, check_finite, check_integer, check_positive
+from mbocp.problem._checks import (
+    LARGEST_POSITION,
+    LARGEST_RATE,
+    check_choice,
+    check_finite,
+    check_integer,
+    check_positive,
+    check_size,
+)
 from mbocp.problem.assembly import complete_goal
 from mbocp.problem.consistency import (
     check_end_conditions,
@@ -278,6 +286,8 @@ class Problem:
             raise DimensionMismatch("start.v", v.shape, (robot.nv,))
         check_finite("start.v", v)
         q = frozen_array(robot.normalise(q, name="start.q"))
+        check_size("start.q", q, robot.q_labels, LARGEST_POSITION)
+        check_size("start.v", v, robot.v_labels, LARGEST_RATE)
         object.__setattr__(self, "q_start", q)
         object.__setattr__(self, "v_start", v)
         check_position(robot, q, "start.q")
@@ -290,6 +300,9 @@ class Problem:
         robot, goal = self.robot, self.goal
         goal.check_dimensions(robot.nq, robot.nv)
         goal = replace(goal, q=robot.normalise(goal.q, name="goal.q"))
+        check_size("goal.q", goal.q, robot.q_labels, LARGEST_POSITION)
+        rates = robot.p_labels if goal.rate == "p" else robot.v_labels
+        check_size(f"goal.{goal.rate}", goal.value, rates, LARGEST_RATE)
         goal = without_driven_velocities(robot, goal)
         for key, default in (("guard", True), ("redundant", "drop")):
             check_unused(f"goal.{key}", getattr(goal, key), default, self.scheme)

@@ -13,7 +13,9 @@ from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.robot.closing import follow, violations
 
-__all__ = ["closed_way", "constraint_jacobians", "driving_joints", "walk"]
+__all__ = ["LONGEST_WAY", "closed_way", "constraint_jacobians", "driving_joints", "walk"]
+
+LONGEST_WAY = 300.0  # [rad, m] that are followed with closed loops: 48 turns take a second or two
 
 _ARRIVED = 1e-6  # [rad, m] a way that ends so near to the goal has arrived
 _LEAP = 0.3  # [rad, m] longer steps to the next configuration are taken in smaller ones
@@ -37,8 +39,10 @@ def closed_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Ar
     Returns
     -------
     qs : ndarray, shape (n, nq), or None
-        None if this way gets stuck or leads elsewhere.
+        None if this way gets stuck, leads elsewhere or is too long.
     """
+    if np.abs(robot.difference(q_start, q_goal)).max(initial=0.0) > LONGEST_WAY:
+        return None
     driving = driving_joints(robot, q_start)
     qs = walk(robot, q_start, q_goal, driving, shares)
     has_arrived = qs is not None and np.abs(robot.difference(qs[-1], q_goal)).max() <= _ARRIVED

@@ -38,6 +38,7 @@ _LONGEST = 0.4  # [rad, m] step of one joint within an iteration
 _ATTEMPTS = 4  # the first from where the pose is, the others from around it
 _MASSLESS = 1e-6  # part of the largest inertia that every joint gets where some have none
 _RANK = 1e-9
+_NO_SLOPE = 1e-100  # a Jacobian whose squares are no numbers any more is as good as zero
 _STRIDE, _SHORTEST_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
 _LONG_STRIDE, _STRAIGHT, _MOST_BENT = 1.0, 0.1, 0.5  # where the way bends by less than a part of the step
 _KICKS = 4
@@ -274,7 +275,7 @@ def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> 
     scaled = np.linalg.solve(root, jacobian.T).T  # J L^-T
     u, singular, vt = np.linalg.svd(scaled, full_matrices=False)
     largest = float(singular.max(initial=0.0))
-    used = singular > _RANK * largest
+    used = singular > max(_RANK * largest, _NO_SLOPE)
     inverse = np.zeros_like(singular)
     inverse[used] = singular[used] / (singular[used] ** 2 + damping * largest**2)
     step: Array = np.linalg.solve(root.T, vt.T @ (inverse * (u.T @ wanted)))

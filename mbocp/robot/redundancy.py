@@ -238,7 +238,12 @@ def _independent(jacobian: Array) -> tuple[int, ...]:
 
 
 def _score(choice: Sequence[int], jacobians: Sequence[Array]) -> float:
-    """How far the chosen rows are from depending on each other, at the worst of the poses but the first."""
+    """How far the chosen rows are from depending on each other, at the worst of the poses but the first.
+
+    Infinite without any: what is empty depends on nothing.
+    """
+    if not choice:
+        return np.inf
     judged = jacobians[1:] or jacobians
     smallest = [float(np.linalg.svd(J[list(choice)], compute_uv=False)[-1]) for J in judged]
     return min(smallest)

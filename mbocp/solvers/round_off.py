@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._linear import norm
 from mbocp.programme import StageKind
 
 __all__ = ["relative_increment", "relative_residual", "round_off"]
@@ -51,4 +52,4 @@ def relative_increment(native: Any) -> float:
 
 
 def _norm(*parts: Array) -> float:
-    return math.hypot(*(float(np.linalg.norm(part)) for part in parts))
+    return math.hypot(*(norm(part.ravel()) for part in parts))

@@ -132,6 +132,8 @@ def _read(path: str | Path, file: h5py.File, largest: int) -> FileContent:
     declared = sum(dataset.nbytes for dataset in (*data.values(), *words.values()))
     if declared > largest:
         raise ResultFileError(path, f"is damaged: it declares {declared} bytes, and {largest} are possible")
+    for name, dataset in (*data.items(), *words.items()):
+        _check_written(name, dataset)
     structures: dict[str, Any] = {}
     texts: dict[str, str] = {}
     for name, dataset in words.items():
@@ -178,7 +180,16 @@ def _dataset(group: h5py.Group, name: str, dtype: type[np.generic]) -> h5py.Data
     return data
 
 
+def _check_written(name: str, data: h5py.Dataset) -> None:
+    """Refuse values that are declared and stand nowhere: HDF5 would fill the memory with zeros for them."""
+    stored = data.id.get_storage_size()
+    is_packed = data.id.get_create_plist().get_nfilters() > 0
+    if stored * (_MOST_PACKED if is_packed else 1) < data.nbytes:
+        raise ValueError(f"{name} declares {data.nbytes} bytes, and {stored} were written")
+
+
 _LONGEST = 1 << 24  # [bytes] an attribute
+_MOST_PACKED = 1100  # bytes that one may unfold to: deflate's limit is 1032
 
 
 def _attribute(item: h5py.Group | h5py.Dataset, name: str) -> Any:

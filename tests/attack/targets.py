@@ -76,6 +76,7 @@ def _solve(case: Case, path: Path) -> None:
 def _without_compiler() -> Iterator[None]:
     """Functions are interpreted: compiling them takes longer than all the rest."""
     kept = {name: os.environ.pop(name) for name in ("PATH", "CC") if name in os.environ}
+    os.environ["PATH"] = ""  # where there is none at all, the system's own is searched
     try:
         yield
     finally:

@@ -19,6 +19,7 @@ from mbocp.exceptions import (
     UnreachableGoal,
 )
 from mbocp.problem import Problem, ProblemWarning, load_problem
+from mbocp.problem.way import closed_way
 from mbocp.robot import load_robot
 from tests.robot import loops
 
@@ -172,6 +173,26 @@ def test_goals_out_of_reach(load: Load, goal: str) -> None:
         goal = f"goal.q={q.tolist()}"
     with pytest.raises(error, match=message):
         load(goal, "goal.assemble=true") if "551" in goal else load(goal)
+
+
+@pytest.mark.parametrize("angle", [2e5, -1e8])
+def test_what_is_far_too_far_is_refused_at_once(load: Load, angle: float) -> None:
+    said = rf"crank is {abs(angle):.0e}.* rad from .* of robot 'four_bar', .* over 300 rad at most".replace(
+        "+", r"\+"
+    )
+    with pytest.raises(InconsistentStart, match=r"start\.q: " + said):
+        load(f"start.q.crank={angle}")
+    with pytest.raises(UnreachableGoal, match=r"goal\.q: " + said):
+        load(f"goal.q.crank={angle}")
+    with pytest.raises(UnreachableGoal, match=r"goal\.q: " + said):
+        load(f"goal.q.crank={angle}", "goal.assemble=true")
+
+
+def test_a_guess_leads_no_such_way(load: Load) -> None:
+    """A penalty may ask for anything."""
+    problem = load()
+    far = problem.goal.q + np.array([1e5, 0.0, 0.0])
+    assert closed_way(problem.robot, problem.q_start, far, np.linspace(0.0, 1.0, 21)) is None
 
 
 def test_a_goal_behind_a_detour_is_in_reach(load: Load) -> None:

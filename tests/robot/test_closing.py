@@ -118,6 +118,22 @@ def test_a_constraint_on_nothing_that_moves(tmp_path: Path) -> None:
         four_bar(tmp_path, loops.HINGE + idle)
 
 
+def test_a_robot_whose_only_constraint_holds_nothing(tmp_path: Path) -> None:
+    """Then there is no row at all to keep."""
+    idle = '[[constraint]]\ntype = "plane"\nname = "floor"\nframes = ["coupler_end", "world"]\n'
+    with pytest.raises(UnsupportedRobot, match="constraint 'floor' holds nothing that moves"):
+        four_bar(tmp_path, idle + "normal = [0, 1, 0]\n")
+    with pytest.raises(UnsupportedRobot, match="constraint 'pin' holds nothing that moves"):
+        four_bar(tmp_path, loops.HINGE.replace('"rocker_end"', '"crank"').replace('"coupler_end"', '"world"'))
+
+
+@pytest.mark.parametrize("beside", [5e-324, 1e-200, 1e-120])
+def test_a_pose_as_good_as_singular_closes_like_a_singular_one(beside: float) -> None:
+    """The gradient of a rod between frames at one place is no number any more when it is squared."""
+    robot = load_robot("rigid_pendulum")
+    np.testing.assert_array_equal(robot.assemble([beside, 0.0, 0.0]), robot.assemble(np.zeros(3)))
+
+
 def test_a_weld_locks_a_planar_loop(tmp_path: Path) -> None:
     crank, coupler, rocker = four_bar(tmp_path).q0
     end = loops.tip("rocker_end", "rocker_link", loops.ROCKER)

@@ -141,6 +141,45 @@ def test_old_files_are_refused_for_the_same_reasons(tmp_path: Path) -> None:
         Solution.load(path)
 
 
+def never_written(name: str, shape: tuple[int, ...], **options: Any) -> Callable[[h5py.File], None]:
+    """Declare an array or text of another size, in chunks of which none, or only the first, is written."""
+
+    def change(file: h5py.File) -> None:
+        attributes, kind = dict(file[name].attrs), file[name].dtype
+        del file[name]
+        made = file.create_dataset(name, shape, kind, chunks=(10**5, *shape[1:]), **options)
+        made.attrs.update(attributes)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"), [("text/problem_text", (10**9,)), ("trajectories/us", (4 * 10**7, 3))]
+)
+@pytest.mark.parametrize("packing", [None, "gzip"])
+def test_what_an_old_file_declares_and_does_not_hold_takes_no_memory(
+    name: str, shape: tuple[int, ...], packing: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_old(pendulum().save(tmp_path / "old.h5"), never_written(name, shape, compression=packing))
+    monkeypatch.setattr(guarded, "LIMITS", guarded.Limits(memory=700 << 20))
+    words = rf"{name.partition('/')[2]} declares \d+ bytes, and 0 were written"
+    with pytest.raises(ResultFileError, match=words):
+        Solution.load(tmp_path / "old.h5")
+
+
+def test_an_old_file_may_be_packed(tmp_path: Path) -> None:
+    def pack(file: h5py.File) -> None:
+        for name in [*(f"trajectories/{n}" for n in file["trajectories"]), "text/history"]:
+            attributes, values = dict(file[name].attrs), file[name][()]
+            if values.size:
+                del file[name]
+                file.create_dataset(name, data=values, compression="gzip", shuffle=True)
+                file[name].attrs.update(attributes)
+
+    make_old(limited().save(tmp_path / "old.h5"), pack)
+    assert Solution.load(tmp_path / "old.h5") == limited()
+
+
 @pytest.mark.parametrize(
     ("code", "reason"),
     [

@@ -249,3 +249,19 @@ def test_other_threads_solve_and_stop_too(method: str) -> None:
     thread.start()
     thread.join()
     assert [s.status for s in found] == [Status.CONVERGED, Status.INTERRUPTED]
+
+
+def test_an_iterate_beyond_all_squares_is_told_without_an_overflow() -> None:
+    """Explicit steps of a minute; warnings are errors."""
+    problem = Problem.create(
+        "double_pendulum",
+        1000.0,
+        6,
+        goal={"q": [1.0, 0.5], "v": 0},
+        cost={"velocity": 0.1},
+        integrator={"scheme": "rk4", "substeps": 2},
+        solver={"method": "ipopt", "max_iterations": 8},
+    )
+    solution = mbocp.solve(problem)
+    assert not solution.converged
+    check_honest(solution)

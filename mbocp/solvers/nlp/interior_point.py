@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, parameters
@@ -220,7 +221,7 @@ class _Compiled:
         row_distance = np.where(lam_g < 0.0, g - bounds["lbg"], bounds["ubg"] - g)
         unused = np.minimum(np.abs(lam_g), np.abs(row_distance))
         missed = np.concatenate([_missed(w, bounds, "x"), _missed(g, bounds, "g")])
-        primal, dual = float(np.linalg.norm(missed)), float(np.linalg.norm(np.concatenate([left, unused])))
+        primal, dual = norm(missed), norm(np.concatenate([left, unused]))
         record = IterationRecord(
             iteration=0,
             residual=math.hypot(primal, dual),

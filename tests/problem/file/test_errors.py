@@ -173,6 +173,16 @@ HUGE = "1" + 400 * "0"
         ("horizon.duration=1e300", r"expected a number of at most 1e\+100"),
         ("start.q=[1e200,0,0,0,0,0]", r"at index 0, expected a number of at most 1e\+100"),
         ("start.q=" + 5000 * "[" + 5000 * "]", "nested more than 64 deep"),
+        ("start.q=[2e9,0,0,0,0,0]", r"got 2000000000\.0, expected at most 1e\+09 rad either way"),
+        (
+            "goal.q=[0,0,-1e99,0,0,0]",
+            r"goal\.q: elbow_joint: got -1e\+99, expected at most 1e\+09 rad either",
+        ),
+        ("start.v=[0,0,0,0,0,1e16]", r"start\.v: wrist_3_joint: got 1e\+16, expected at most 1e\+15 rad/s"),
+        (
+            "goal={p=[0,2e15,0,0,0,0]}",
+            r"goal\.p: shoulder_lift_joint: got 2.*, expected at most 1e\+15 N m s",
+        ),
         (".".join(5000 * ["a"]) + "=1", "is not a key"),
         ("guess.file='" + 5000 * "x" + "'", "no such file"),
         ("cost.target_file='" + 300 * "x" + ".csv'", "no such file"),

@@ -1,0 +1,22 @@
+"""Linear algebra that several layers need alike."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mbocp._linear import norm
+
+
+@pytest.mark.parametrize("scale", [1e-100, 1.0, 1e150, 1e200, 1e300])
+def test_the_norm_of_large_numbers_is_a_number(scale: float) -> None:
+    """Warnings are errors: nothing overflows on the way."""
+    assert norm(scale * np.array([3.0, -4.0])) == pytest.approx(5.0 * scale, rel=1e-15)
+
+
+def test_the_norm_of_what_is_not_finite_is_not() -> None:
+    assert norm(np.array([np.inf, 1.0])) == math.inf
+    assert math.isnan(norm(np.array([np.nan, 1e200])))
+    assert norm(np.zeros(0)) == 0.0
