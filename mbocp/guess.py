@@ -18,10 +18,10 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace, dual_of_velocity
+from mbocp.mechanisms.closed_path import closed_way, constraint_jacobians
+from mbocp.mechanisms.consistency import project_on_constraints, tangent_space
 from mbocp.natural import natural_iterate
 from mbocp.problem import Guess, Problem
-from mbocp.problem.consistency import project_on_constraints, tangent_space
-from mbocp.problem.way import closed_way, constraint_jacobians
 from mbocp.programme.iterate import BoundMultipliers
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot

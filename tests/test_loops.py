@@ -10,8 +10,8 @@ import pytest
 
 import mbocp
 from benchmarks.loops import simulate
+from mbocp.mechanisms.closed_path import closed_way
 from mbocp.problem import Problem
-from mbocp.problem.way import closed_way
 from mbocp.solution import Solution
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "loops"

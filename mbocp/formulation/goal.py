@@ -11,8 +11,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
+from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Goal, Problem
-from mbocp.problem.consistency import tangent_space
 from mbocp.robot import Robot
 
 __all__ = ["EndRows", "end_condition_rows", "guarded_parts"]

@@ -12,6 +12,8 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
+from mbocp.mechanisms.completion import complete_goal
+from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import (
     LARGEST_POSITION,
     LARGEST_RATE,
@@ -21,13 +23,7 @@ from mbocp.problem._checks import (
     check_positive,
     check_size,
 )
-from mbocp.problem.assembly import complete_goal
-from mbocp.problem.consistency import (
-    check_end_conditions,
-    check_goal_rate,
-    check_position,
-    check_velocity,
-)
+from mbocp.problem.consistency import check_end_conditions, check_goal_rate
 from mbocp.problem.coordinates import check_coordinates
 from mbocp.problem.cost import Cost
 from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
@@ -38,7 +34,7 @@ from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.options import BOUNDED_METHODS, SolverOptions
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.robot import Robot
-from mbocp.robot.redundancy import singular_pose
+from mbocp.robot.loops.redundancy import singular_pose
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 

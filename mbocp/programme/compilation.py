@@ -162,7 +162,7 @@ def _sources_digest() -> str:
     digest = hashlib.sha256()
     folders = [root / name for name in ("lie", "mechanics", "integrators", "formulation", "symbolic")]
     sources = [source for folder in folders for source in sorted(folder.rglob("*.py"))]
-    alone = ("programme/compilation.py", "programme/splitting.py", "robot/constraint_equations.py")
+    alone = ("programme/compilation.py", "programme/splitting.py", "robot/loops/equations.py")
     for source in (*sources, *(root / name for name in alone)):
         digest.update(source.read_bytes())
     return digest.hexdigest()

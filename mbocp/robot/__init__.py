@@ -6,8 +6,11 @@ holonomic constraints; the symbolic functions of the same model come from `mbocp
 
 from __future__ import annotations
 
-from mbocp.robot.constraint_equations import Kinematics, constraint_rows
-from mbocp.robot.constraints import (
+from mbocp.robot.describe import describe
+from mbocp.robot.loading.checks import SingularMassMatrix
+from mbocp.robot.loading.load import load_robot, robot_from_spec
+from mbocp.robot.loading.sources import RobotEntry, list_robots
+from mbocp.robot.loops.constraints import (
     Constraint,
     Coupling,
     Hinge,
@@ -17,10 +20,8 @@ from mbocp.robot.constraints import (
     Rod,
     Weld,
 )
-from mbocp.robot.describe import describe
-from mbocp.robot.loading.checks import SingularMassMatrix
-from mbocp.robot.loading.load import load_robot, robot_from_spec
-from mbocp.robot.loading.sources import RobotEntry, list_robots
+from mbocp.robot.loops.equations import Kinematics, constraint_rows
+from mbocp.robot.loops.redundancy import singular_closure
 from mbocp.robot.parts import (
     Actuation,
     Connector,
@@ -31,7 +32,6 @@ from mbocp.robot.parts import (
     QuarticSpring,
     SpringDamper,
 )
-from mbocp.robot.redundancy import singular_closure
 from mbocp.robot.resistance import JointResistance
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import (

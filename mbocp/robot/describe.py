@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from mbocp.robot import joints
-from mbocp.robot.constraints import Constraint, Coupling, Rod
 from mbocp.robot.drives import moved_joints
+from mbocp.robot.loops.constraints import Constraint, Coupling, Rod
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
 

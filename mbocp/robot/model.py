@@ -14,7 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
-from mbocp.robot.constraints import Constraint
+from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.resistance import JointResistance
 
@@ -40,7 +40,7 @@ class RobotModel:
     actuation : Actuation
         B(q).
     constraints : tuple of Constraint
-        Phi(q) = 0, see `mbocp.robot.constraints`.
+        Phi(q) = 0, see `mbocp.robot.loops.constraints`.
     forces : tuple of QuarticSpring or SpringDamper
         f(q, v).
     q0 : ndarray, shape (nq,)

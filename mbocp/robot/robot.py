@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
-from mbocp.robot import closing, drives, joints, kinematics
-from mbocp.robot.closure import Closure
+from mbocp.robot import drives, joints, kinematics
 from mbocp.robot.large import working_data
+from mbocp.robot.loops import projection
+from mbocp.robot.loops.residual import Closure
 from mbocp.robot.model import RobotModel
 from mbocp.robot.resistance import resistance_forces
 from mbocp.robot.warnings import NormalisationWarning
@@ -121,7 +122,7 @@ class Robot(RobotModel):
         UnknownJoint
             For a name in `fixed` that the robot does not have.
         """
-        return frozen_array(closing.assemble(self, self._vector(q, self.nq, "q"), fixed))
+        return frozen_array(projection.assemble(self, self._vector(q, self.nq, "q"), fixed))
 
     def assemble_velocity(self, q: ArrayLike, v: ArrayLike, *, fixed: Sequence[str] = ()) -> Array:
         """Nearest velocity along the holonomic constraints at `q`, in the norm of the mass matrix.
@@ -139,7 +140,7 @@ class Robot(RobotModel):
             Where the fixed joints allow no velocity along the constraints, one that violates them least.
         """
         q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
-        return frozen_array(closing.assemble_velocity(self, q, v, closing.components(self, fixed)))
+        return frozen_array(projection.assemble_velocity(self, q, v, projection.components(self, fixed)))
 
     # Mechanics, numerically
 

@@ -12,7 +12,7 @@ import pytest
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.robot import Robot
-from tests.robot import loops
+from tests.robot.loops import builders as loops
 
 SPATIAL = (  # an arm of six hinges whose hand slides on a table, and a second arm that it holds
     '<robot name="spatial"><link name="base"/>'

@@ -27,7 +27,7 @@ from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree
 from mbocp.mechanics.natural_coordinates.joints import JointRow, follower_row, joint_rows
 from mbocp.mechanics.natural_coordinates.kinematics import NaturalKinematics, constant
 from mbocp.robot import Robot
-from mbocp.robot.constraint_equations import constraint_rows
+from mbocp.robot.loops.equations import constraint_rows
 from mbocp.robot.parts import Label
 
 __all__ = ["NaturalMechanics"]

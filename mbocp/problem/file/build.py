@@ -14,8 +14,8 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._files import is_file
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError
+from mbocp.mechanisms.completion import assembled, assembled_velocity
 from mbocp.problem._checks import LARGEST_POSITION, check_size
-from mbocp.problem.assembly import assembled, assembled_velocity
 from mbocp.problem.cost import Cost, further_terms
 from mbocp.problem.drives import without_driven_velocities
 from mbocp.problem.file.limits_table import bounds_from

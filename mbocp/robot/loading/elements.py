@@ -14,16 +14,6 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnknownFrame, UnknownJoint
 from mbocp.robot import joints, kinematics
-from mbocp.robot.constraints import (
-    Constraint,
-    Coupling,
-    Hinge,
-    Point,
-    PointOnLine,
-    PointOnPlane,
-    Rod,
-    Weld,
-)
 from mbocp.robot.loading.drive_tables import DriveReader
 from mbocp.robot.loading.locking import refuse_follower
 from mbocp.robot.loading.mimic import Follower
@@ -39,6 +29,16 @@ from mbocp.robot.loading.schema import (
     RodTable,
     Thruster,
     Wrench,
+)
+from mbocp.robot.loops.constraints import (
+    Constraint,
+    Coupling,
+    Hinge,
+    Point,
+    PointOnLine,
+    PointOnPlane,
+    Rod,
+    Weld,
 )
 from mbocp.robot.parts import (
     Actuation,

@@ -10,8 +10,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import LoopNotClosed
-from mbocp.robot.closing import SLACK, assemble, violations
-from mbocp.robot.redundancy import without_redundant_rows
+from mbocp.robot.loops.projection import SLACK, assemble, violations
+from mbocp.robot.loops.redundancy import redundant_rows
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import InitialPoseWarning
 
@@ -44,7 +44,8 @@ def close_loops(robot: Robot, given: Sequence[str]) -> Robot:
     if not robot.constraints:
         return robot
     q0, held = _assembled(robot, given)
-    kept = without_redundant_rows(replace(robot, q0=q0))
+    posed = replace(robot, q0=q0)
+    kept = replace(posed, redundant_rows=redundant_rows(posed))
     return replace(kept, q0=_closed(kept, q0, held))
 
 

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from mbocp._arrays import Array
-from mbocp.robot.constraints import Hinge, Point, Rod, Weld
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
+from mbocp.robot.loops.constraints import Hinge, Point, Rod, Weld
 from mbocp.view.figures.style import GREY, finish_axes, line_style, plain_text, strip_legend
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ import pytest
 
 from mbocp.exceptions import LoopNotClosed, RobotFileError, UnknownFrame, UnknownJoint
 from mbocp.robot import IgnoredKeysWarning, Point, Robot, Weld, list_robots, load_robot, robot_from_spec
-from tests.robot import loops, urdfs
+from tests.robot import urdfs
+from tests.robot.loops import builders as loops
 
 LOOP = "closed_loop: [['loop1_A', 'loop1_B']]\n"
 URDF = (  # an arm of two hinges and another, and a rod that hangs on it

@@ -7,7 +7,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from mbocp.robot.constraints import (
+from mbocp.robot.loops.constraints import (
     Constraint,
     Coupling,
     FrameConstraint,

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mbocp.mechanisms.search import search
 from mbocp.robot import load_robot
-from mbocp.robot.exploring import search
-from tests.robot import loops
+from tests.robot.loops import builders as loops
 
 
 def test_two_degrees_of_freedom_are_led_to_and_fro() -> None:

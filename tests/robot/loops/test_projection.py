@@ -11,9 +11,10 @@ import pytest
 
 from mbocp.exceptions import LoopNotClosed, RobotFileError, UnknownFrame, UnknownJoint, UnsupportedRobot
 from mbocp.robot import Robot, describe, load_robot, singular_closure
-from mbocp.robot.closing import follow, gauss_newton
-from mbocp.robot.redundancy import singular_pose
-from tests.robot import loops, urdfs
+from mbocp.robot.loops.projection import follow, gauss_newton
+from mbocp.robot.loops.redundancy import singular_pose
+from tests.robot import urdfs
+from tests.robot.loops import builders as loops
 
 POSED = loops.MOTOR + loops.OPEN_POSE
 STRIKER = '[[constraint]]\ntype = "point"\nname = "{}"\nframes = ["coupler_end", "rocker_end"]\n'

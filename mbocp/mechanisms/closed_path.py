@@ -11,7 +11,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._linear import null_space
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
-from mbocp.robot.closing import follow, violations
+from mbocp.robot.loops.projection import follow, violations
 
 __all__ = ["LONGEST_WAY", "closed_way", "constraint_jacobians", "driving_joints", "walk"]
 

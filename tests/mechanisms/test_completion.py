@@ -18,10 +18,10 @@ from mbocp.exceptions import (
     OverdeterminedGoal,
     UnreachableGoal,
 )
+from mbocp.mechanisms.closed_path import closed_way
 from mbocp.problem import Problem, ProblemWarning, load_problem
-from mbocp.problem.way import closed_way
 from mbocp.robot import load_robot
-from tests.robot import loops
+from tests.robot.loops import builders as loops
 
 Load = Callable[..., Problem]
 

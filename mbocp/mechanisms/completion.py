@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InconsistentStart, UnreachableGoal
-from mbocp.problem.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
-from mbocp.problem.way import LONGEST_WAY, driving_joints, walk
+from mbocp.mechanisms.closed_path import LONGEST_WAY, driving_joints, walk
+from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
+from mbocp.mechanisms.search import search
 from mbocp.robot import Robot
-from mbocp.robot.closing import follow, violations
-from mbocp.robot.exploring import search
+from mbocp.robot.loops.projection import follow, violations
 
 __all__ = ["assembled", "assembled_velocity", "complete_goal"]
 

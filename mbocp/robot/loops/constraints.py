@@ -2,7 +2,7 @@ r"""Holonomic constraints as data: rods, closed loops, guides, gears.
 
 Each constraint has a name, a kind, and the names and units of its rows. A frame is an index into
 `pin.Model.frames`; frame 0 is the universe, called "world". Frame a has the position p_a and the axes
-R_a = (x_a, y_a, z_a) in the world, frame b likewise. `mbocp.robot.constraint_equations` writes the equations.
+R_a = (x_a, y_a, z_a) in the world, frame b likewise. `mbocp.robot.loops.equations` writes the equations.
 
 The rows are at most quadratic in the positions and axes of the frames (those of a coupling are linear in the
 displacements). Positions are compared in the axes of frame b: what a planar loop keeps then turns with it.

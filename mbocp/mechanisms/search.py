@@ -1,21 +1,17 @@
-"""Whether a mechanism with closed loops can get somewhere: a search in what it can reach from a pose.
+"""Search for a configuration that a mechanism with closed loops can reach from a pose.
 
-Straight ahead is `closing.follow`. Where that gets stuck, there may be another way round: a mechanism with
-one degree of freedom is led along its curve in both directions, others are led to and fro.
+The straight way is `mbocp.robot.loops.projection.follow`. Where it gets stuck, there may be a way round: a
+mechanism with one degree of freedom is led along its curve in both directions, others on random walks.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._linear import null_space
-from mbocp.robot.closing import follow, gauss_newton, violations
-
-if TYPE_CHECKING:
-    from mbocp.robot.robot import Robot
+from mbocp.robot import Robot
+from mbocp.robot.loops.projection import follow, gauss_newton, violations
 
 __all__ = ["search"]
 

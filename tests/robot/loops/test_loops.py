@@ -11,7 +11,7 @@ import pytest
 import mbocp
 from mbocp.robot import Robot, describe
 
-EXAMPLES = Path(__file__).parents[2] / "examples" / "loops"
+EXAMPLES = Path(__file__).parents[3] / "examples" / "loops"
 
 
 class Expected(NamedTuple):

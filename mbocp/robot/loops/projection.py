@@ -8,7 +8,7 @@ stays in the assembly mode that it starts in (elbow up or down), where one long 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -18,15 +18,13 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import kinematics
-from mbocp.robot.constraints import Weld
 from mbocp.robot.large import working_data
-
-if TYPE_CHECKING:
-    from mbocp.robot.robot import Robot
+from mbocp.robot.loops.constraints import Weld
+from mbocp.robot.loops.mechanism import Mechanism
 
 __all__ = ["SLACK", "assemble", "assemble_velocity", "components", "follow", "gauss_newton", "violations"]
 
-_Residual: TypeAlias = "Callable[[Robot, Array], tuple[Array, Callable[[], Array]]]"
+_Residual: TypeAlias = Callable[[Mechanism, Array], tuple[Array, Callable[[], Array]]]
 
 SLACK = 1e-4  # [m, rad, m^2] what URDFs with six digits leave of rows that are implied by others
 
@@ -46,7 +44,7 @@ _ARRIVED = 1e-9  # [rad, m]
 _TURNED = 0.5  # [rad] rows of a weld that vanish with more than this between its frames are deceiving
 
 
-def assemble(robot: Robot, q: Array, fixed: Sequence[str] = (), allowed: float = _CLOSED) -> Array:
+def assemble(robot: Mechanism, q: Array, fixed: Sequence[str] = (), allowed: float = _CLOSED) -> Array:
     """Nearest configuration that closes the loops but for `allowed`, see `Robot.assemble`."""
     free = ~components(robot, fixed)
     if not robot.constraints:
@@ -63,7 +61,7 @@ def assemble(robot: Robot, q: Array, fixed: Sequence[str] = (), allowed: float =
     raise _not_closed(robot, nearest, fixed, allowed)
 
 
-def components(robot: Robot, joints: Sequence[str]) -> NDArray[np.bool_]:
+def components(robot: Mechanism, joints: Sequence[str]) -> NDArray[np.bool_]:
     """Velocity components of some joints, shape (nv,)."""
     chosen = np.zeros(robot.nv, dtype=np.bool_)
     for name in joints:
@@ -71,7 +69,7 @@ def components(robot: Robot, joints: Sequence[str]) -> NDArray[np.bool_]:
     return chosen
 
 
-def assemble_velocity(robot: Robot, q: Array, v: Array, held: NDArray[np.bool_]) -> Array:
+def assemble_velocity(robot: Mechanism, q: Array, v: Array, held: NDArray[np.bool_]) -> Array:
     """Nearest velocity along the constraints, see `Robot.assemble_velocity`."""
     if not robot.nc:
         return v
@@ -82,7 +80,7 @@ def assemble_velocity(robot: Robot, q: Array, v: Array, held: NDArray[np.bool_])
     return out
 
 
-def follow(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
+def follow(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
     """Go from `q` towards `target` in small steps, the loops closed all the way.
 
     Each step goes along the constraints, as straight to the target as they allow; where none gets nearer, a
@@ -121,7 +119,7 @@ def follow(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> 
     return q if violations(robot, found) else found
 
 
-def gauss_newton(robot: Robot, q: Array, free: NDArray[np.bool_], rows: Sequence[int]) -> Array:
+def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequence[int]) -> Array:
     """Reduce the residual of some rows in the free velocity components as far as it goes.
 
     Where frames of a weld are far from each other's orientation, first by the angle between them: the rows of
@@ -132,7 +130,9 @@ def gauss_newton(robot: Robot, q: Array, free: NDArray[np.bool_], rows: Sequence
     return _reduced(robot, q, free, rows, _by_rows)
 
 
-def _reduced(robot: Robot, q: Array, free: NDArray[np.bool_], rows: Sequence[int], what: _Residual) -> Array:
+def _reduced(
+    robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequence[int], what: _Residual
+) -> Array:
     chosen, damping, stalled = list(rows), 0.0, 0
     residual = what(robot, q)[0][chosen]
     for _ in range(_ITERATIONS):
@@ -156,12 +156,12 @@ def _reduced(robot: Robot, q: Array, free: NDArray[np.bool_], rows: Sequence[int
     return q
 
 
-def _by_rows(robot: Robot, q: Array) -> tuple[Array, Callable[[], Array]]:
+def _by_rows(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
     """Residual of all rows, and what computes its Jacobian."""
     return robot.closure_residual(q), lambda: robot.closure_jacobian(q)
 
 
-def _by_angle(robot: Robot, q: Array) -> tuple[Array, Callable[[], Array]]:
+def _by_angle(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
     """Like `_by_rows`, with rotation vectors in place of the last three rows of each weld."""
     model, data = robot.model, working_data(robot.model)
     pin.framesForwardKinematics(model, data, q)
@@ -187,7 +187,7 @@ def _by_angle(robot: Robot, q: Array) -> tuple[Array, Callable[[], Array]]:
     return residual, jacobian
 
 
-def violations(robot: Robot, q: Array, allowed: float = _CLOSED) -> list[tuple[str, float, str]]:
+def violations(robot: Mechanism, q: Array, allowed: float = _CLOSED) -> list[tuple[str, float, str]]:
     """Name, residual and unit of each row that q violates, the worst first.
 
     Redundant rows may be violated by what six digits in a URDF leave. A weld whose frames are turned against
@@ -204,7 +204,7 @@ def violations(robot: Robot, q: Array, allowed: float = _CLOSED) -> list[tuple[s
     return sorted(found, key=lambda row: -abs(row[1]))
 
 
-def _turns(robot: Robot, q: Array) -> list[tuple[Weld, float]]:
+def _turns(robot: Mechanism, q: Array) -> list[tuple[Weld, float]]:
     """Angle between the frames of each weld [rad]."""
     welds = [constraint for constraint in robot.constraints if isinstance(constraint, Weld)]
     data = working_data(robot.model)
@@ -214,13 +214,13 @@ def _turns(robot: Robot, q: Array) -> list[tuple[Weld, float]]:
     return [(weld, float(np.linalg.norm(pin.log3(turn)))) for weld, turn in zip(welds, turns, strict=True)]
 
 
-def _left(robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
+def _left(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
     """What is missing of the wanted components."""
     return np.abs(robot.difference(q, target)[wanted])
 
 
 def _stride(
-    robot: Robot, q: Array, target: Array, wanted: NDArray[np.bool_], longest: float
+    robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_], longest: float
 ) -> tuple[Array | None, float]:
     """Configuration a step nearer to the target, or None; and how much of the step the way bends aside."""
     basis = null_space(robot.constraint_jacobian(q), _RANK)
@@ -240,14 +240,14 @@ def _stride(
     return found if is_good else None, bent
 
 
-def _kicked(robot: Robot, q: Array, rng: np.random.Generator) -> Array:
+def _kicked(robot: Mechanism, q: Array, rng: np.random.Generator) -> Array:
     basis = null_space(robot.constraint_jacobian(q), _RANK)
     away = basis @ rng.normal(scale=_STRIDE, size=basis.shape[1])
     found = gauss_newton(robot, robot.integrate(q, away), np.ones(robot.nv, dtype=np.bool_), robot.kept_rows)
     return q if violations(robot, found) else found
 
 
-def _with(robot: Robot, q: Array, target: Array, chosen: NDArray[np.bool_]) -> Array:
+def _with(robot: Mechanism, q: Array, target: Array, chosen: NDArray[np.bool_]) -> Array:
     """Configuration q with some joints, whole ones, as in the target."""
     out = np.array(q)
     for name in robot.joint_names:
@@ -257,7 +257,7 @@ def _with(robot: Robot, q: Array, target: Array, chosen: NDArray[np.bool_]) -> A
     return out
 
 
-def _metric(robot: Robot, q: Array) -> Array:
+def _metric(robot: Mechanism, q: Array) -> Array:
     """Mass matrix; where it is singular, with a little inertia for all."""
     mass = robot.mass_matrix(q)
     if not kinematics.is_singular(mass):
@@ -282,7 +282,7 @@ def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> 
     return step
 
 
-def _not_closed(robot: Robot, q: Array, fixed: Sequence[str], allowed: float) -> LoopNotClosed:
+def _not_closed(robot: Mechanism, q: Array, fixed: Sequence[str], allowed: float) -> LoopNotClosed:
     bad = violations(robot, q, allowed)
     words = ", ".join(f"{name!r} by {value:.3g} {unit}" for name, value, unit in bad[:3])
     with_held = f" with {', '.join(map(repr, fixed))} held" if fixed else ""

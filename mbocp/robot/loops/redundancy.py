@@ -9,21 +9,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.closing import SLACK, gauss_newton
+from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.mechanism import Mechanism
+from mbocp.robot.loops.projection import SLACK, gauss_newton
 
-if TYPE_CHECKING:
-    from mbocp.robot.constraints import Constraint
-    from mbocp.robot.robot import Robot
-
-__all__ = ["singular_closure", "singular_pose", "without_redundant_rows"]
+__all__ = ["redundant_rows", "singular_closure", "singular_pose"]
 
 _log = logging.getLogger(__name__)
 
@@ -39,12 +35,12 @@ _ALIKE = 0.7  # cosine of singular vectors that belong to each other
 _PART = 0.3  # of a row in a dependence
 
 
-def without_redundant_rows(robot: Robot) -> Robot:
-    """Return the robot without the rows that the others imply.
+def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
+    """Rows that the others imply, counted over all constraints.
 
     Parameters
     ----------
-    robot : Robot
+    robot : Mechanism
         With all rows; its initial pose closes the loops.
 
     Raises
@@ -55,7 +51,7 @@ def without_redundant_rows(robot: Robot) -> Robot:
     """
     first = _scaled(robot, robot.closure_jacobian(robot.q0))
     if len(first) < robot.nv and np.linalg.svd(first, compute_uv=False)[-1] > _CLEARLY:
-        return robot
+        return ()
     jacobians = [_scaled(robot, robot.closure_jacobian(q)) for q in _poses(robot)]
     choices = [_independent(jacobian) for jacobian in jacobians]
     rank = max(len(choice) for choice in choices)
@@ -79,10 +75,10 @@ def without_redundant_rows(robot: Robot) -> Robot:
         _log.info(
             "robot %r: redundant rows left out: %s", robot.name, _quoted(labels[i].name for i in redundant)
         )
-    return replace(robot, redundant_rows=redundant)
+    return redundant
 
 
-def singular_closure(robot: Robot, qs: Array) -> str:
+def singular_closure(robot: Mechanism, qs: Array) -> str:
     """Words about where a motion comes to a pose at which the kept constraints depend on each other.
 
     There their multipliers are not unique, and the mechanism may change its assembly mode. A singular pose
@@ -109,7 +105,7 @@ def singular_closure(robot: Robot, qs: Array) -> str:
     return _left_out(robot, residuals, rows) or _near_singular(robot, kept, smallest)
 
 
-def singular_pose(robot: Robot, q: Array) -> str:
+def singular_pose(robot: Mechanism, q: Array) -> str:
     """Words about constraints whose rank at q is not what it is elsewhere; empty at a regular pose."""
     if not robot.nc:
         return ""
@@ -122,7 +118,7 @@ def singular_pose(robot: Robot, q: Array) -> str:
     return _left_out(robot, residuals, rows)
 
 
-def _left_out(robot: Robot, residuals: Array, rows: Array) -> str:
+def _left_out(robot: Mechanism, residuals: Array, rows: Array) -> str:
     """Words if rows that were left out are violated, or independent of the others, at any of the poses."""
     redundant = list(robot.redundant_rows)
     if not redundant:
@@ -145,7 +141,7 @@ def _left_out(robot: Robot, residuals: Array, rows: Array) -> str:
     return f"the constraint {label.name!r}, left out because the others imply it, {words}{where}"
 
 
-def _near_singular(robot: Robot, rows: Array, smallest: Array) -> str:
+def _near_singular(robot: Mechanism, rows: Array, smallest: Array) -> str:
     node, largest = int(smallest.argmin()), float(smallest.max())
     where = f"near a singular configuration at node {node}"
     if smallest[node] > _NEAR_SINGULAR * largest:
@@ -176,7 +172,7 @@ def _passed(rows: Array, smallest: Array) -> int | None:
     return int(found[0]) if found.size else None
 
 
-def _dependence(robot: Robot, rows: Array) -> str:
+def _dependence(robot: Mechanism, rows: Array) -> str:
     """Which of the kept rows depend on each other the most, in words."""
     weights = np.abs(np.linalg.svd(rows, full_matrices=False)[0][:, -1])
     names = [robot.constraint_labels[i].name for i in np.flatnonzero(weights > _PART)]
@@ -185,7 +181,7 @@ def _dependence(robot: Robot, rows: Array) -> str:
     return f"the constraints {_quoted(names)} depend on each other"
 
 
-def _poses(robot: Robot) -> list[Array]:
+def _poses(robot: Mechanism) -> list[Array]:
     """The initial pose, and poses around it that close the loops."""
     rng = np.random.default_rng(0)
     everything = np.ones(robot.nv, dtype=np.bool_)
@@ -199,13 +195,13 @@ def _poses(robot: Robot) -> list[Array]:
     return found
 
 
-def _scaled(robot: Robot, jacobian: Array) -> Array:
+def _scaled(robot: Mechanism, jacobian: Array) -> Array:
     """Rows of unit length, and zeros for rows that hold nothing but round-off."""
     scaled: Array = jacobian / _lengths(robot, np.linalg.norm(jacobian, axis=1))[:, None]
     return scaled
 
 
-def _alike(robot: Robot, jacobians: Array) -> Array:
+def _alike(robot: Mechanism, jacobians: Array) -> Array:
     """Rows at many poses, each scaled alike at all of them: by its length where it is longest."""
     there = np.linalg.norm(jacobians, axis=2).max(axis=0)
     at_first = np.linalg.norm(robot.closure_jacobian(robot.q0), axis=1)
@@ -213,7 +209,7 @@ def _alike(robot: Robot, jacobians: Array) -> Array:
     return scaled
 
 
-def _lengths(robot: Robot, norms: Array) -> Array:
+def _lengths(robot: Mechanism, norms: Array) -> Array:
     """Lengths of rows, infinite for those that hold nothing but round-off."""
     units = np.array([label.unit for label in robot.closure_labels])
     floor = np.full(norms.size, 1e-12)
@@ -249,7 +245,7 @@ def _score(choice: Sequence[int], jacobians: Sequence[Array]) -> float:
     return min(smallest)
 
 
-def _check_constraints(robot: Robot, redundant: Sequence[int], jacobians: Sequence[Array]) -> None:
+def _check_constraints(robot: Mechanism, redundant: Sequence[int], jacobians: Sequence[Array]) -> None:
     start = 0
     for constraint in robot.constraints:
         rows = range(start, start + len(constraint.rows))
@@ -266,7 +262,7 @@ def _check_constraints(robot: Robot, redundant: Sequence[int], jacobians: Sequen
         )
 
 
-def _implied_by(robot: Robot, constraint: Constraint, jacobians: Sequence[Array]) -> str:
+def _implied_by(robot: Mechanism, constraint: Constraint, jacobians: Sequence[Array]) -> str:
     """Which other constraint says the same, or that all of them together do."""
     start, rows = 0, {}
     for one in robot.constraints:

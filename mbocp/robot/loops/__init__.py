@@ -1,0 +1,1 @@
+"""Closed loops: holonomic constraints, their equations, projection on them, redundant rows."""
