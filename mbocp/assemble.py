@@ -27,6 +27,7 @@ from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.robot.kinematics import mass_matrices
 from mbocp.solution.diagnostics import constraint_violation, control_momenta
 from mbocp.solvers import Iterate
+from mbocp.terms import TermNumbers, running_terms
 
 __all__ = ["Trajectory", "assemble", "boundary_duals"]
 
@@ -284,8 +285,9 @@ def _stage_costs(formulation: Formulation, iterate: Iterate) -> Array:
     programme = formulation.programme
     N = programme.num_steps
     arguments = (iterate.xs[:-1], iterate.xs[1:], iterate.ys, iterate.us)
-    theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
+    theta = np.tile(programme.theta[:, None], (1, N))
     values = programme.functions.function("values").map(N)
+    rho = programme.rho.reshape(N, -1)
     costs: Array = np.asarray(values(*(a.T for a in arguments), theta, rho.T)[1]).ravel()
     return costs
 
@@ -312,7 +314,7 @@ def _control_hamiltonians(
     duals = tau * costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
     inertial = _momenta(robot, q_taus, np.diff(vs, axis=0) / problem.dt)
     hamiltonians: Array = (
-        _running_cost(problem, q_taus, v_taus, iterate.us)
+        _stage_costs(formulation, iterate) / problem.dt
         + np.einsum("ni,ni->n", duals, v_taus)
         + np.einsum("ni,ni->n", rows[:, nv:], inertial)
     )
@@ -324,9 +326,11 @@ def _control_hamiltonians(
 
 def _weighed(problem: Problem) -> Array | None:
     """Components of (q, p) that the running cost looks at; one on velocities counts as one on momenta."""
-    cost, nv = problem.cost, problem.robot.nv
-    weights: Array = cost.tracking * np.asarray(cost.tracking_weights)
-    weights = weights + np.concatenate([np.zeros(nv), cost.velocity])
+    robot, nv = problem.robot, problem.robot.nv
+    given = TermNumbers(problem.cost, robot, ConfigurationSpace(robot.model), problem.num_steps)
+    weights = np.zeros(2 * nv)
+    for term in running_terms(given):
+        weights += term.touches(given)
     limits = problem.limits
     for side in (limits.v_lower, limits.v_upper):
         weights[nv:] += np.isfinite(side)
@@ -341,26 +345,6 @@ def _momenta(robot: Robot, qs: Array, vs: Array) -> Array:
     """M(q) v of each row, once a solve on Pinocchio's own algorithm."""
     momenta: Array = np.einsum("nij,nj->ni", mass_matrices(robot.model, qs), vs)
     return momenta
-
-
-def _running_cost(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
-    """Eq. (8) of every step, at the states at which it is evaluated."""
-    cost, robot, N = problem.cost, problem.robot, problem.num_steps
-    values: Array = 0.5 * np.einsum("ni,ni->n", cost.effort * us, us)
-    values = values + 0.5 * np.einsum("ni,i,ni->n", vs, cost.velocity, vs)
-    if np.any(cost.control_rate):
-        rates = np.diff(us, axis=0, prepend=us[:1]) / problem.dt
-        values = values + 0.5 * np.einsum("ni,i,ni->n", rates, cost.control_rate, rates)
-    if cost.potential:
-        values = values + cost.potential * np.array([robot.potential_energy(q) for q in qs])
-    if cost.tracking:
-        weights = cost.tracking * np.asarray(cost.tracking_weights)
-        target_q = np.broadcast_to(cost.target_q, (N, robot.nq))
-        target_p = np.broadcast_to(cost.target_p, (N, robot.nv))
-        error_q = np.array([robot.difference(d, q) for d, q in zip(target_q, qs, strict=True)])
-        errors = np.hstack([error_q, _momenta(robot, qs, vs) - target_p])
-        values = values + 0.5 * np.einsum("ni,i,ni->n", errors, weights, errors)
-    return values
 
 
 def _adjoints(

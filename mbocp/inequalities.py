@@ -13,6 +13,7 @@ from mbocp.problem import Problem
 from mbocp.programme.iterate import BoundMultipliers
 from mbocp.robot import Robot
 from mbocp.solvers import Iterate
+from mbocp.terms import PATH_TERMS
 
 __all__ = ["inequalities", "path_along"]
 
@@ -41,11 +42,7 @@ def path_along(problem: Problem, qs: Array, vs: Array) -> Array:
     """Values of the path constraints at the nodes 1..N, shape (N, nh) [m, m/s]."""
     if not problem.path:
         return np.zeros((len(qs) - 1, 0))
-    rows = [
-        np.concatenate([constraint.values(problem.robot, q, v) for constraint in problem.path])
-        for q, v in zip(qs[1:], vs[1:], strict=True)
-    ]
-    return np.array(rows)
+    return np.hstack([c.values_along(problem.robot, qs[1:], vs[1:]) for c in problem.path])
 
 
 def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -> float:
@@ -84,10 +81,18 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
         ]
     if isinstance(formulation.space, ConfigurationSpace):
         _put_velocities(lam_vs, bounds, formulation, robot)
-    # Distances and speeds are kept as squares: d(h^2) = 2 h dh.
-    is_square = np.array([p.kind != "position" for p in problem.path for _ in p.lower], dtype=bool)
-    factors = np.where(is_square, 2.0 * path, 1.0) if problem.path else np.ones_like(path)
-    return {"lam_us": bounds.us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * factors}
+    factors = [
+        PATH_TERMS[c.kind].slope(values)
+        for c, values in zip(problem.path, _columns(problem, path), strict=True)
+    ]
+    slopes = np.hstack(factors) if factors else np.ones_like(path)
+    return {"lam_us": bounds.us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
+
+
+def _columns(problem: Problem, path: Array) -> list[Array]:
+    """The columns of each path constraint."""
+    ends = np.cumsum([constraint.rows for constraint in problem.path])
+    return np.split(path, ends[:-1], axis=1) if problem.path else []
 
 
 def _put_velocities(lam_vs: Array, bounds: BoundMultipliers, formulation: Formulation, robot: Robot) -> None:

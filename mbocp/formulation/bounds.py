@@ -34,23 +34,14 @@ def state_bounds(problem: Problem, space: ConfigurationSpace | NaturalSpace, at:
         lower[target], upper[target] = limits.q_lower[source], limits.q_upper[source]
     if not isinstance(space, NaturalSpace):  # whose bodies have no limits, see `mbocp.problem`
         lower[at.s], upper[at.s] = _speed_bounds(problem)
-    squares = [constraint.kind != "position" for constraint in problem.path]
-    sides = {
-        side: [
-            np.sign(b) * b**2 if is_square else b
-            for b, is_square in (
-                (np.asarray(getattr(p, side)), s) for p, s in zip(problem.path, squares, strict=True)
-            )
-        ]
-        for side in ("lower", "upper")
-    }
+    sides = [constraint.inner_bounds for constraint in problem.path]
     return StateBounds(
         x_lower=lower,
         x_upper=upper,
         u_lower=np.asarray(limits.u_lower),
         u_upper=np.asarray(limits.u_upper),
-        path_lower=np.concatenate([np.zeros(0), *sides["lower"]]),
-        path_upper=np.concatenate([np.zeros(0), *sides["upper"]]),
+        path_lower=np.concatenate([np.zeros(0), *(lower for lower, _ in sides)]),
+        path_upper=np.concatenate([np.zeros(0), *(upper for _, upper in sides)]),
     )
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.end import build_end_functions
@@ -16,14 +16,15 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.natural import EndTarget, natural_coordinates, natural_end
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
-    COST_WEIGHTS,
+    HAS_BEFORE,
     ParameterLayout,
     Sizes,
     concatenated,
     parameter_layout,
+    path_parameters,
 )
 from mbocp.formulation.rows import row_describer
-from mbocp.formulation.shape import PathShape, Shape
+from mbocp.formulation.shape import Shape
 from mbocp.formulation.stage import build_functions, mechanics_for, state_layout
 from mbocp.formulation.start import start_state
 from mbocp.formulation.turning import turning_factors
@@ -34,6 +35,7 @@ from mbocp.problem import Problem
 from mbocp.problem.horizon import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import load_functions
+from mbocp.terms import ExactGoal, TerminalCost, TermNumbers, running_terms
 
 __all__ = ["formulate", "is_flat", "transcribe"]
 
@@ -88,12 +90,12 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     end = EndTarget(*rows, np.asarray(problem.goal.value))
     if natural is not None:
         end = natural_end(problem, natural, rows)
-    theta, rho, rho_terminal = _parameters(problem, layout, space, joints, end)
+    theta, rho, rho_terminal = _parameters(problem, shape, layout, space, joints, end)
     programme = StagewiseProgramme(
         num_steps=problem.num_steps,
         kinds=(_kind(problem, space, at, ny, sum(layout.stage.values()), natural),),
         stage_kind=(0,) * problem.num_steps,
-        ng=shape.ng_q + shape.ng_rate,
+        ng=shape.goal.rows,
         num_guards=len(guarded),
         functions=load_functions(
             shape.stage_text,
@@ -109,8 +111,8 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
         theta=theta,
         rho=rho,
         rho_terminal=rho_terminal,
-        theta_weights=_mask(layout.theta),
-        terminal_weights=_mask(layout.terminal),
+        theta_weights=layout.weighing(layout.theta),
+        terminal_weights=layout.weighing(layout.terminal),
         x_start=start_state(problem, space, at),
         bounds=state_bounds(problem, space, at),
         is_explicit=shape.is_explicit,
@@ -174,77 +176,53 @@ def _shape(
     *,
     is_natural: bool,
 ) -> Shape:
-    cost, goal, nv = problem.cost, problem.goal, problem.robot.nv
-    tracking = np.asarray(cost.tracking * cost.tracking_weights)
-    penalised = goal.enforce in ("penalty", "both") and cost.terminal > 0
+    goal, nv = problem.goal, problem.robot.nv
     is_explicit = problem.scheme in EXPLICIT_SCHEMES
+    given = TermNumbers(problem.cost, problem.robot, joints, problem.num_steps)
     return Shape(
         robot=problem.robot.fingerprint,
         coordinates="natural" if is_natural else "joint",
         scheme=problem.scheme,
-        track_q=bool(np.any(tracking[:nv])),
-        track_p=bool(np.any(tracking[nv:])),
-        weigh_velocity=bool(np.any(cost.velocity)),
-        weigh_potential=cost.potential != 0.0,
-        weigh_rate=bool(np.any(cost.control_rate)),
-        penalise_q=bool(penalised and np.any(cost.terminal_weights[:nv])),
-        penalise_rate=bool(penalised and np.any(cost.terminal_weights[nv:])),
-        rate=goal.rate,
-        ng_q=len(rows.D_q),
-        ng_rate=len(rows.D_rate),
+        goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
+        cost=running_terms(given),
+        terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, is_natural=is_natural),
+        path=tuple(constraint.term for constraint in problem.path),
         rotations=_rotations(problem),
         lie=problem.lie if is_explicit else "",
         substeps=problem.substeps if is_explicit else 1,
         is_flat=is_flat(problem) or is_natural or problem.robot.is_vector_space,
-        path=tuple(PathShape(p.kind, p.frame, p.other, p.axes) for p in problem.path),
         guarded=guarded,
-        tracked_parts=joints.weighed_parts(tracking[:nv]),
-        penalised_parts=joints.weighed_parts(np.asarray(cost.terminal_weights)[:nv]) if penalised else (),
     )
 
 
 def _parameters(
     problem: Problem,
+    shape: Shape,
     layout: ParameterLayout,
     space: ConfigurationSpace | NaturalSpace,
     joints: ConfigurationSpace,
     end: EndTarget,
 ) -> tuple[Array, Array, Array]:
-    cost, goal, robot, N = problem.cost, problem.goal, problem.robot, problem.num_steps
-    weights = cost.tracking * np.asarray(cost.tracking_weights)
-    rates = problem.stabilisation
+    goal, robot, N, rates = problem.goal, problem.robot, problem.num_steps, problem.stabilisation
+    given = TermNumbers(problem.cost, robot, joints, N)
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
-        "effort": np.broadcast_to(np.asarray(cost.effort, dtype=float), (robot.nu,)),
-        "velocity": np.asarray(cost.velocity),
-        "weight_q": weights[: robot.nv],
-        "weight_p": weights[robot.nv :],
-        "potential": np.array([cost.potential]),
-        "control_rate": np.asarray(cost.control_rate),
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
-        "path_points": np.array([p.point for p in problem.path]),
     }
-    nv, terminal = robot.nv, cost.terminal * np.asarray(cost.terminal_weights)
-    rows: dict[str, Array] = {}
-    if "target_q" in layout.stage:
-        target_q = joints.coordinates(np.atleast_2d(cost.target_q))
-        rows["target_q"] = np.broadcast_to(target_q, (N, joints.nz))
-    rows["target_p"] = np.broadcast_to(np.asarray(cost.target_p), (N, nv))
-    rows["has_before"] = (np.arange(N) > 0).astype(float)[:, None]
+    rows: dict[str, Array] = {HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None]}
+    for term in shape.cost:
+        named |= term.numbers(given)
+        rows |= term.stage_numbers(given)
+    for k, constraint in enumerate(problem.path):
+        named |= {path_parameters(k, name): value for name, value in constraint.numbers.items()}
     rho = np.hstack([rows[name] for name in layout.stage]).ravel() if layout.stage else np.zeros(0)
     at_end: dict[str, Array] = {
         "q": space.coordinates(np.asarray(goal.q)[None])[0],
         "rate": end.rate,
         "D_q": end.D_q.ravel(order="F"),  # CasADi reshapes by columns
         "D_rate": end.D_rate.ravel(order="F"),
-        "weight_q": terminal[:nv],
-        "weight_rate": terminal[nv:],
+        **TerminalCost.numbers(problem.cost, robot.nv),
         "joint_q": joints.coordinates(np.asarray(goal.q)[None])[0],
         "joint_rate": np.asarray(goal.value),
     }
     return concatenated(named, layout.theta), np.ascontiguousarray(rho), concatenated(at_end, layout.terminal)
-
-
-def _mask(sizes: Mapping[str, int]) -> BoolArray:
-    found = [np.full(size, name in COST_WEIGHTS) for name, size in sizes.items()]
-    return np.concatenate(found)

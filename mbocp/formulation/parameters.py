@@ -4,78 +4,80 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
+from mbocp.exceptions import DimensionMismatch, TranscriptionError
 from mbocp.formulation.shape import Shape
-from mbocp.mechanics import Mechanics, NaturalMechanics
+from mbocp.terms import Sizes
 
-__all__ = ["COST_WEIGHTS", "ParameterLayout", "Sizes", "concatenated", "parameter_layout", "pieces"]
+__all__ = [
+    "HAS_BEFORE",
+    "ParameterLayout",
+    "Sizes",
+    "concatenated",
+    "parameter_layout",
+    "path_parameters",
+    "pieces",
+]
 
-# Parameters in which the costs are linear: all of them scaled, the costs are.
-COST_WEIGHTS = ("effort", "weight_q", "weight_p", "weight_rate", "velocity", "potential", "control_rate")
+HAS_BEFORE = "has_before"  # 1 in steps that have one before them, else 0
 
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """Sizes of the named pieces of theta (whole horizon), rho (a stage) and rho of the end, in order."""
+    """Sizes of the named pieces of theta (whole horizon), rho (a stage) and rho of the end, in order.
+
+    Attributes
+    ----------
+    theta, stage, terminal : mapping of str to int
+    weights : frozenset of str
+        Pieces in which the costs are linear: all of them scaled, the costs are.
+    """
 
     theta: Mapping[str, int]
     stage: Mapping[str, int]
     terminal: Mapping[str, int]
+    weights: frozenset[str] = frozenset()
 
-
-class Sizes(NamedTuple):
-    """Sizes of what the parameters speak of; in joint coordinates the last two repeat the first."""
-
-    nz: int  # coordinates of a configuration
-    nv: int  # its tangent directions
-    nu: int
-    joint_nz: int  # coordinates of the joints, which costs compare
-    joint_nv: int  # velocities of the joints, which costs weigh
-
-    @classmethod
-    def of(cls, mechanics: Mechanics) -> Sizes:
-        """Sizes of a robot in its coordinates."""
-        if isinstance(mechanics, NaturalMechanics):
-            joints = (mechanics.joint_space.nz, mechanics.robot.nv)
-        else:
-            joints = (mechanics.nq, mechanics.nv)
-        return cls(mechanics.nq, mechanics.nv, mechanics.nu, *joints)
+    def weighing(self, sizes: Mapping[str, int]) -> BoolArray:
+        """Which entries of a vector of pieces the costs are linear in."""
+        return np.concatenate([np.full(size, name in self.weights) for name, size in sizes.items()])
 
 
 def parameter_layout(shape: Shape, sizes: Sizes) -> ParameterLayout:
     """Parameters that the stage functions of `shape` take."""
-    nz, nv, nu, joint_nz, joint_nv = sizes
-    theta = {"dt": 1, "effort": nu}
-    stage = {}
-    if shape.track_q:
-        theta["weight_q"], stage["target_q"] = joint_nv, joint_nz
-    if shape.track_p:
-        theta["weight_p"], stage["target_p"] = joint_nv, joint_nv
-    if shape.weigh_velocity:
-        theta["velocity"] = joint_nv
-    if shape.weigh_potential:
-        theta["potential"] = 1
-    if shape.weigh_rate:
-        theta["control_rate"], stage["has_before"] = nu, 1
+    theta: dict[str, int] = {"dt": 1}
+    stage: dict[str, int] = {}
+    for term in shape.cost:
+        _add(theta, term.parameters(sizes))
+        _add(stage, term.stage_parameters(sizes))
+    if shape.couples_steps:
+        stage[HAS_BEFORE] = 1
     if shape.is_explicit:
         theta["gains"] = 3
-    if shape.path:
-        theta["path_points"] = 3 * len(shape.path)
-    terminal = {"q": nz, "rate": nv, "D_q": shape.ng_q * nv, "D_rate": shape.ng_rate * nv}
-    if shape.penalise_q:
-        terminal["weight_q"] = joint_nv
-        if shape.is_natural:
-            terminal["joint_q"] = joint_nz
-    if shape.penalise_rate:
-        terminal["weight_rate"] = joint_nv
-        if shape.is_natural:
-            terminal["joint_rate"] = joint_nv
-    return ParameterLayout(theta, stage, terminal)
+    for k, constraint in enumerate(shape.path):
+        _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})
+    terminal = shape.goal.parameters(sizes)
+    weights = {name for term in shape.cost for name in term.weights}
+    if shape.terminal is not None:
+        _add(terminal, shape.terminal.parameters(sizes))
+        weights.update(shape.terminal.weights)
+    return ParameterLayout(theta, stage, terminal, frozenset(weights))
+
+
+def path_parameters(k: int, name: str) -> str:
+    """Name of a parameter of the path constraint k."""
+    return f"path.{k}.{name}"
+
+
+def _add(pieces: dict[str, int], more: Mapping[str, int]) -> None:
+    for name, size in more.items():
+        if name in pieces:
+            raise TranscriptionError(f"two terms have a parameter of the name {name!r}")
+        pieces[name] = size
 
 
 def pieces(vector: ca.SX, sizes: Mapping[str, int]) -> dict[str, ca.SX]:
@@ -87,6 +89,15 @@ def pieces(vector: ca.SX, sizes: Mapping[str, int]) -> dict[str, ca.SX]:
 
 
 def concatenated(named: Mapping[str, Array], sizes: Mapping[str, int]) -> Array:
-    """One vector of the pieces that `sizes` names, in its order."""
+    """One vector of the pieces that `sizes` names, in its order.
+
+    Raises
+    ------
+    DimensionMismatch
+        If a piece is not of its size.
+    """
     found = [np.asarray(named[name], dtype=float).ravel() for name in sizes]
+    for (name, size), piece in zip(sizes.items(), found, strict=True):
+        if piece.size != size:
+            raise DimensionMismatch(f"parameter {name}", piece.size, size)
     return np.concatenate(found) if found else np.zeros(0)

@@ -6,35 +6,14 @@ length are parameters.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from dataclasses import dataclass
+from typing import Any
 
 from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.terms import Effort, ExactGoal, PathTerm, RunningTerm, TerminalCost
 
-__all__ = ["PathShape", "Shape"]
-
-_OF_THE_END = ("penalise_q", "penalise_rate", "rate", "ng_q", "ng_rate", "guarded", "penalised_parts")
-_OF_STAGES = (
-    "lie",
-    "substeps",
-    "tracked_parts",
-    "track_q",
-    "track_p",
-    "weigh_velocity",
-    "weigh_potential",
-    "path",
-)
-
-
-@dataclass(frozen=True)
-class PathShape:
-    """What the function of a path constraint depends on, see `mbocp.problem.PathConstraint`."""
-
-    kind: str
-    frame: int
-    other: int | None
-    axes: tuple[int, ...]
+__all__ = ["Shape"]
 
 
 @dataclass(frozen=True)
@@ -47,48 +26,32 @@ class Shape:
         Fingerprint of the robot's equations.
     coordinates, scheme : str
         Choice of coordinates and integrator.
-    track_q, track_p : bool
-        Whether the running cost tracks configuration and momentum.
-    weigh_velocity, weigh_potential, weigh_rate : bool
-        Whether the running cost weighs velocities, potential energy, the rate of the controls.
-    penalise_q, penalise_rate : bool
-        Whether the terminal cost has a configuration and a rate part.
-    rate : str
-        "v" or "p": what the end condition and the terminal cost speak of beside q.
-    ng_q, ng_rate : int
-        Number of exact end conditions on configuration and rate.
+    goal : ExactGoal
+        End condition.
+    cost : tuple of RunningTerm
+        Terms of the running cost, in the order in which they are added.
+    terminal : TerminalCost or None
+    path : tuple of PathTerm
     rotations, lie, substeps : str, str, int
         How an explicit scheme treats attitudes, and how many steps it takes in one.
     is_flat : bool
         See `StateLayout`.
-    path : tuple of PathShape
     guarded : tuple of int
         Parts of the configuration space, by index, whose end condition is guarded.
-    tracked_parts, penalised_parts : tuple of int or None
-        Parts that the running and the terminal cost compare with their target; None: all.
     """
 
     robot: str
     coordinates: str
     scheme: str
-    track_q: bool
-    track_p: bool
-    weigh_velocity: bool
-    penalise_q: bool
-    penalise_rate: bool
-    rate: str
-    ng_q: int
-    ng_rate: int
-    weigh_potential: bool = False
-    weigh_rate: bool = False
+    goal: ExactGoal
+    cost: tuple[RunningTerm, ...] = (Effort(),)
+    terminal: TerminalCost | None = None
+    path: tuple[PathTerm, ...] = ()
     rotations: str = "quaternion"
     lie: str = ""
     substeps: int = 1
     is_flat: bool = False
-    path: tuple[PathShape, ...] = ()
     guarded: tuple[int, ...] = ()
-    tracked_parts: tuple[int, ...] | None = None
-    penalised_parts: tuple[int, ...] | None = None
 
     @property
     def is_explicit(self) -> bool:
@@ -101,15 +64,53 @@ class Shape:
         return self.coordinates == "natural"
 
     @property
+    def couples_steps(self) -> bool:
+        """Whether the cost weighs the change from one step to the next."""
+        return any(term.couples_steps for term in self.cost)
+
+    @property
+    def remembers_controls(self) -> bool:
+        """Whether a state holds the controls of the step before."""
+        return self.couples_steps
+
+    @property
     def stage_text(self) -> str:
         """Canonical text of what the functions of a stage depend on, the material of their cache key."""
-        return self._text(_OF_THE_END)
+        return _text(
+            {
+                **self._state,
+                "scheme": self.scheme,
+                "lie": self.lie,
+                "substeps": self.substeps,
+                "cost": [term.signature for term in self.cost],
+                "path": [term.signature for term in self.path],
+            }
+        )
 
     @property
     def end_text(self) -> str:
         """Canonical text of what the functions of the end depend on."""
-        return self._text(_OF_STAGES, scheme="explicit" if self.is_explicit else "implicit")
+        return _text(
+            {
+                **self._state,
+                "scheme": "explicit" if self.is_explicit else "implicit",
+                "goal": self.goal.signature,
+                "terminal": self.terminal and self.terminal.signature,
+                "guarded": self.guarded,
+            }
+        )
 
-    def _text(self, without: tuple[str, ...], **instead: str) -> str:
-        kept = {k: v for k, v in dataclasses.asdict(self).items() if k not in without}
-        return json.dumps({**kept, **instead}, sort_keys=True)
+    @property
+    def _state(self) -> dict[str, Any]:
+        """What a state is."""
+        return {
+            "robot": self.robot,
+            "coordinates": self.coordinates,
+            "rotations": self.rotations,
+            "is_flat": self.is_flat,
+            "remembers_controls": self.remembers_controls,
+        }
+
+
+def _text(material: dict[str, Any]) -> str:
+    return json.dumps(material, sort_keys=True)

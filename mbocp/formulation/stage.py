@@ -19,13 +19,22 @@ The rows of c are kinematics, momentum balance (or speeds), remembered controls,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 
+from mbocp.exceptions import TranscriptionError
 from mbocp.formulation.layout import StateLayout, StateSpace
-from mbocp.formulation.parameters import ParameterLayout, Sizes, parameter_layout, pieces
-from mbocp.formulation.path import path_values
+from mbocp.formulation.parameters import (
+    HAS_BEFORE,
+    ParameterLayout,
+    Sizes,
+    parameter_layout,
+    path_parameters,
+    pieces,
+)
 from mbocp.formulation.shape import Shape
 from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.integrators.chain import Affine, Chain
@@ -34,12 +43,11 @@ from mbocp.integrators.runge_kutta import State as StepState
 from mbocp.mechanics import JointMechanics, Mechanics, NaturalMechanics, natural_mechanics
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot
+from mbocp.terms import Point
 
 __all__ = [
     "at_zero_tangents",
     "build_functions",
-    "compared",
-    "joint_rate",
     "mechanics_for",
     "state_layout",
     "state_space",
@@ -56,7 +64,7 @@ def mechanics_for(robot: Robot, shape: Shape) -> Mechanics:
 def state_layout(robot: Robot, nz: int, nv: int, shape: Shape) -> StateLayout:
     """Pieces of the states of a shape; a configuration has `nz` coordinates and `nv` directions."""
     ns = robot.num_speeds if shape.is_explicit else nv
-    nr = robot.nu if shape.weigh_rate else 0
+    nr = robot.nu if shape.remembers_controls else 0
     is_flat = shape.is_flat or shape.is_natural or robot.is_vector_space
     return StateLayout(nz=nz, nv=nv, ns=ns, nr=nr, is_flat=is_flat)
 
@@ -140,7 +148,8 @@ class _Stage:
             mechanics, self.shape.scheme, before, after, point, self.y, self.u, dt, is_flat=at.is_flat
         )
         c = ca.densify(ca.vertcat(rows.kinematic, rows.momentum, self._remembered(), rows.constraint))
-        cost = self._running_cost(point.q, point.v) + self._rate_cost()
+        acceleration = partial(_mean_acceleration, mechanics, before, after, dt)
+        cost = self._running_cost(self._point(point.q, point.v, acceleration))
         z = ca.vertcat(self.d1, self.y, self.d0, self.u)
         hessian, _ = ca.hessian(cost + ca.dot(self.m, c), z)
         return self._made(c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), hessian)
@@ -163,11 +172,12 @@ class _Stage:
         else:
             (kinematic,) = chain.apply(_differences(mechanics), [after.z, reached.z])
         pieces = [kinematic, reached.s - after.s]
-        if self.shape.weigh_rate:
+        if self.shape.remembers_controls:
             pieces.append(u - self._remembered_of(d1, self.x1))
         c = Affine.join(pieces)
         q, s = self.at0[at.z], self.at0[at.s]
-        cost = self._running_cost(q, mechanics.velocity(q, s, self.u)) + self._rate_cost()
+        acceleration = partial(_rate_of_speeds, mechanics, q, s, self.u, gains[2])
+        cost = self._running_cost(self._point(q, mechanics.velocity(q, s, self.u), acceleration))
         slope = ca.jacobian(cost, unknowns)
         curvature, _ = ca.hessian(cost, unknowns)
         tangents = [self.d0, self.d1]
@@ -192,35 +202,24 @@ class _Stage:
         return d[at.dr] if at.is_flat else d[at.dr] + x[at.r]
 
     def _remembered(self) -> ca.SX:
-        return self.u - self.at1[self.space.layout.r] if self.shape.weigh_rate else ca.SX.zeros(0, 1)
+        return self.u - self.at1[self.space.layout.r] if self.shape.remembers_controls else ca.SX.zeros(0, 1)
 
-    def _rate_cost(self) -> ca.SX:
-        """Third term of Eq. (33) of [Manara2017]_, from the second step on."""
-        if not self.shape.weigh_rate:
-            return ca.SX(0)
-        change = self.u - self.at0[self.space.layout.r]
-        weighed = ca.dot(self.of_horizon["control_rate"] * change, change) / 2
-        return self.of_stage["has_before"] * weighed / self.of_horizon["dt"]
+    def _point(self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX]) -> Point:
+        """Where the running cost is evaluated."""
+        change = self.u - self.at0[self.space.layout.r] if self.shape.remembers_controls else None
+        return Point(self.mechanics, q, v, self.u, change, acceleration)
 
-    def _running_cost(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """Eq. (8) times the step length, eq. (18), with diagonal weights; q is compared in the tangent space.
-
-        And the second term of Eq. (33) of [Manara2017]_.
-        """
-        theta, rho, mechanics, shape = self.of_horizon, self.of_stage, self.mechanics, self.shape
-        cost = ca.dot(theta["effort"] * self.u, self.u) / 2
-        if shape.track_q:
-            error = compared(mechanics, rho["target_q"], q, shape.tracked_parts)
-            cost += ca.dot(theta["weight_q"] * error, error) / 2
-        if shape.track_p:
-            error = joint_rate(mechanics, "p", q, v) - rho["target_p"]
-            cost += ca.dot(theta["weight_p"] * error, error) / 2
-        if shape.weigh_velocity:
-            joint_v = joint_rate(mechanics, "v", q, v)
-            cost += ca.dot(theta["velocity"] * joint_v, joint_v) / 2
-        if shape.weigh_potential:
-            cost += theta["potential"] * mechanics.potential_energy(q)
-        return theta["dt"] * cost
+    def _running_cost(self, at: Point) -> ca.SX:
+        """Eq. (8) times the step length, eq. (18), and what couples steps, Eq. (33) of [Manara2017]_."""
+        given, dt = {**self.of_horizon, **self.of_stage}, self.of_horizon["dt"]
+        cost = between = ca.SX(0)
+        for term in self.shape.cost:
+            for addend in term.addends(at, given):
+                if term.couples_steps:
+                    between += given[HAS_BEFORE] * addend / dt
+                else:
+                    cost += addend
+        return dt * cost + between
 
     def _made(
         self, c: ca.SX, cost: ca.SX, dc_dz: ca.SX, dl_dz: ca.SX, hessian: ca.SX
@@ -245,29 +244,32 @@ class _Stage:
         at, mechanics = self.space.layout, self.mechanics
         q, s = self.x1[at.z], self.x1[at.s]
         v = mechanics.velocity(q, s, self.u) if isinstance(mechanics, ForwardMechanics) else s
-        h = ca.densify(path_values(mechanics, self.shape.path, self.of_horizon["path_points"], q, v))
+        at_node, rows = Point(mechanics, q, v), []
+        for k, term in enumerate(self.shape.path):
+            rows.append(
+                term.expression(at_node, {n: self.of_horizon[path_parameters(k, n)] for n in term.sizes})
+            )
+        h = ca.densify(ca.vertcat(*rows))
         m = ca.SX.sym("m", h.numel())
         hessian, _ = ca.hessian(ca.dot(m, h), self.x1)
         outputs = [h, ca.jacobian(h, self.x1), ca.triu(hessian)]
         return ca.Function("path", [self.x1, m, self.u, self.theta], ca.cse(outputs))
 
 
-def joint_rate(mechanics: Mechanics, rate: str, q: ca.SX, v: ca.SX) -> ca.SX:
-    """Velocities ("v") or momenta ("p") of the joints."""
-    if isinstance(mechanics, NaturalMechanics):
-        if rate == "v":
-            return mechanics.joint_velocity(q, v)
-        return mechanics.joint_momentum(q, mechanics.momentum(q, v))
-    return v if rate == "v" else mechanics.momentum(q, v)
+def _mean_acceleration(mechanics: Mechanics, before: State, after: State, dt: ca.SX) -> ca.SX:
+    """Accelerations of the joints, their mean over a step."""
+    ends = [Point(mechanics, state.q, state.v).joint_velocity() for state in (before, after)]
+    return (ends[1] - ends[0]) / dt
 
 
-def compared(mechanics: Mechanics, goal: ca.SX, q: ca.SX, parts: tuple[int, ...] | None) -> ca.SX:
-    """Tangent-space difference of the parts that matter: a logarithm has no derivative at a half-turn."""
-    if isinstance(mechanics, NaturalMechanics):
-        return mechanics.joint_difference(goal, q, parts)
-    if parts is None:
-        return mechanics.difference(goal, q)
-    return mechanics.space.partial_difference(goal, q, parts)
+def _rate_of_speeds(mechanics: ForwardMechanics, q: ca.SX, s: ca.SX, u: ca.SX, gamma: ca.SX) -> ca.SX:
+    """Accelerations of the joints at the beginning of a step."""
+    if mechanics.robot.drives:
+        raise TranscriptionError(
+            f"a term asks for accelerations, which explicit schemes do not have where controls prescribe "
+            f"velocities (robot {mechanics.robot.name!r}: {mechanics.robot.drives[0].name!r}, ...)"
+        )
+    return mechanics.speed_rate(q, s, u, gamma)
 
 
 def _retraction(mechanics: Mechanics) -> ca.Function:

@@ -160,8 +160,8 @@ def _sources_digest() -> str:
     """Digest of the modules that write the stage functions: a change in them makes old entries stale."""
     root = Path(__file__).parent.parent
     digest = hashlib.sha256()
-    folders = [root / name for name in ("lie", "mechanics", "integrators", "formulation", "symbolic")]
-    sources = [source for folder in folders for source in sorted(folder.rglob("*.py"))]
+    names = ("lie", "mechanics", "integrators", "terms", "formulation", "symbolic")
+    sources = [source for name in names for source in sorted((root / name).rglob("*.py"))]
     alone = ("programme/compilation.py", "programme/splitting.py", "robot/loops/equations.py")
     for source in (*sources, *(root / name for name in alone)):
         digest.update(source.read_bytes())

@@ -1,6 +1,15 @@
 """What a problem is made of: terms of its cost, path constraints, end conditions; one class each."""
 
-from mbocp.terms.cost import COST_TERMS, CostTerm, CostWeights, Reader, RunningTerm, TermNumbers, Weighted
+from mbocp.terms.cost import (
+    COST_TERMS,
+    CostTerm,
+    CostWeights,
+    Reader,
+    RunningTerm,
+    TermNumbers,
+    Weighted,
+    running_terms,
+)
 from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
 
 from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
@@ -26,4 +35,5 @@ __all__ = [
     "Tracking",
     "Velocity",
     "Weighted",
+    "running_terms",
 ]

@@ -25,7 +25,16 @@ from mbocp.robot import Robot
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import Table
 
-__all__ = ["COST_TERMS", "CostTerm", "CostWeights", "Reader", "RunningTerm", "TermNumbers", "Weighted"]
+__all__ = [
+    "COST_TERMS",
+    "CostTerm",
+    "CostWeights",
+    "Reader",
+    "RunningTerm",
+    "TermNumbers",
+    "Weighted",
+    "running_terms",
+]
 
 COST_TERMS: list[type[CostTerm]] = []  # in the order of their parameters and of their keys
 
@@ -217,6 +226,12 @@ class Weighted(RunningTerm):
         if self.over == "v":
             mask[nv:] = np.asarray(given.cost.weight(self.key)) != 0.0
         return mask
+
+
+def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:
+    """Terms of the running cost that a problem has, in the order in which they are added."""
+    found = (term.of(given) for term in COST_TERMS if issubclass(term, RunningTerm))
+    return tuple(term for term in found if term is not None)
 
 
 def shortest(weights: Array) -> Any:

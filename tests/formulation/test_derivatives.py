@@ -13,6 +13,7 @@ from mbocp.formulation.shape import Shape
 from mbocp.formulation.stage import build_functions
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
+from mbocp.terms import Effort, ExactGoal, TerminalCost, Tracking, Velocity
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of
 
@@ -51,7 +52,14 @@ class Stage:
     def __init__(self, name: str, scheme: str) -> None:
         robot = towed_body() if name == "towed body" else load_robot(name)
         self.robot, nv, nq = robot, robot.nv, robot.nq
-        shape = Shape(robot.fingerprint, "joint", scheme, True, True, True, True, True, "p", nv, nv)
+        shape = Shape(
+            robot.fingerprint,
+            "joint",
+            scheme,
+            ExactGoal("p", nv, nv),
+            (Effort(), Tracking(q=True, p=True), Velocity()),
+            TerminalCost(q=True, p=True, rate="p", parts=None, is_natural=False),
+        )
         mechanics = JointMechanics(robot)
         self.functions = build_functions(mechanics, shape) | build_end_functions(mechanics, shape)
         layout = parameter_layout(shape, Sizes(nq, nv, robot.nu, nq, nv))

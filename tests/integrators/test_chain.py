@@ -16,6 +16,7 @@ from mbocp.formulation.stage import build_functions, state_space
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.terms import ControlRate, Effort, ExactGoal, Potential, Tracking, Velocity
 from tests.integrators.explicit import mechanics_of, robot_named, start_of
 
 # --- small chains -----------------------------------------------------------------------------------------
@@ -133,20 +134,13 @@ STEPS = [
 @cache
 def shape_of(name: str, rotations: str, scheme: str, lie: str, substeps: int, is_flat: bool) -> Shape:
     robot = robot_named(name)
+    cost = (Effort(), Tracking(q=True, p=False), Velocity(), Potential())
     return Shape(
         robot=robot.fingerprint,
         coordinates="joint",
         scheme=scheme,
-        track_q=True,
-        track_p=False,
-        weigh_velocity=True,
-        penalise_q=False,
-        penalise_rate=False,
-        rate="v",
-        ng_q=0,
-        ng_rate=0,
-        weigh_potential=True,
-        weigh_rate=robot.nu > 0,
+        goal=ExactGoal("v", 0, 0),
+        cost=cost + ((ControlRate(),) if robot.nu else ()),
         rotations=rotations,
         lie=lie,
         substeps=substeps,

@@ -25,6 +25,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem
 from mbocp.robot import Robot, load_robot
 from mbocp.robot.joints import unit_groups
+from mbocp.terms import ExactGoal
 from tests.mechanics.models import chain
 from tests.mechanics.models import robot as robot_of
 
@@ -185,7 +186,7 @@ def test_free_rotation_stays_on_the_group_over_many_steps(scheme: str) -> None:
 @pytest.mark.parametrize("scheme", EULER_SCHEMES)
 def test_conditioning_of_a_step_does_not_depend_on_its_length(scheme: str) -> None:
     """With positions measured in steps (q / dt), the only scaling that pivoting does not need to know."""
-    shape = Shape("", "joint", scheme, False, False, False, False, False, "p", 0, 0)
+    shape = Shape("", "joint", scheme, ExactGoal("p", 0, 0))
     jacobian = build_functions(JointMechanics(load_robot("rigid_pendulum")), shape)["jacobian"]
     conditions = []
     for dt in (1e-2, 1e-4, 1e-6):

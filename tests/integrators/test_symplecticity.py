@@ -22,6 +22,7 @@ from mbocp.formulation.stage import build_functions
 from mbocp.integrators import EULER_SCHEMES, TAU
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, load_robot
+from mbocp.terms import Effort, ExactGoal, Tracking, Velocity
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -217,7 +218,8 @@ class StageMap:
 
     def __init__(self, robot: Robot, scheme: str) -> None:
         nv, nq = robot.nv, robot.nq
-        shape = Shape("", "joint", scheme, True, True, True, False, False, "p", 0, 0)
+        cost = (Effort(), Tracking(q=True, p=True), Velocity())
+        shape = Shape("", "joint", scheme, ExactGoal("p", 0, 0), cost)
         self.robot, self.functions = robot, build_functions(JointMechanics(robot), shape)
         layout, rng = parameter_layout(shape, Sizes(nq, nv, robot.nu, nq, nv)), np.random.default_rng(11)
         self.theta = rng.uniform(0.2, 1.0, sum(layout.theta.values()))
