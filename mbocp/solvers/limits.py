@@ -21,7 +21,7 @@ from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.newton import NewtonState, fresh, start
 
-__all__ = ["begin", "lowered", "multipliers_of", "why_limits_cannot_be_kept"]
+__all__ = ["begin", "largest_product", "lowered", "multipliers_of", "resumed", "why_limits_cannot_be_kept"]
 
 _FIRST = 0.1  # of the guess's cost, for what mu comes to over all limits ...
 _LEAST, _MOST = 1e-5, 1.0  # ... within these
@@ -29,6 +29,7 @@ _MARGIN = 0.1  # first distance of a slack from its bounds, relative to them and
 _WARM, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
 _SETTLED = 30.0  # defect of the barrier problem, by mu, below which mu falls ...
 _FACTOR, _POWER = 0.1, 1.7  # ... to the smaller of mu by this factor and to this power
+_GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
 
 
@@ -40,14 +41,9 @@ def begin(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
     ProblemError
         If there are limits that the barrier does not get along with.
     """
-    if not programme.num_guards and programme.bounds.is_empty:
+    if not _has_limits(programme):
         return start(programme, iterate)
-    iterate.check(programme)
-    reason = why_limits_cannot_be_kept(programme)
-    if reason:
-        raise ProblemError(f'solver.method: "monolithic" {reason}; take "ipopt" or "fatrop"')
-    native = kernel_programme(programme, has_limits=True)
-    iterate.load_into(native)
+    native = _loaded(programme, iterate)
     native.start_limits(_LEAST, _MARGIN)
     barrier = _FIRST * abs(native.evaluate().cost) / native.num_limits
     barrier = min(max(barrier, _LEAST), _MOST) if math.isfinite(barrier) else _MOST
@@ -62,6 +58,96 @@ def begin(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
     return replace(fresh(programme, native, native.evaluate()), barrier=barrier)
 
 
+def resumed(
+    programme: StagewiseProgramme, iterate: Iterate, tolerance: float, *, is_centred: bool
+) -> NewtonState:
+    """State at a solution, or near one, with the iterate's own multipliers and the last barrier.
+
+    The slacks are where the rows are. With `is_centred` those that are too close to their bounds, and
+    multipliers that are too small, are raised until no product of the two is below the barrier parameter: a
+    Newton step makes up for that, and has room. Without, the state's residual is what the iterate leaves.
+
+    Raises
+    ------
+    ProblemError
+        If there are limits that the barrier does not get along with.
+    """
+    if not _has_limits(programme):
+        return start(programme, iterate)
+    native = _loaded(programme, iterate)
+    barrier = _last_barrier(native, tolerance)
+    native.start_limits(barrier, 0.0)
+    rows = np.zeros(native.num_limits) if iterate.bounds is None else _rows_of(iterate.bounds, programme)
+    native.z_lower, native.z_upper = np.maximum(-rows, 0.0), np.maximum(rows, 0.0)
+    if is_centred:
+        _centre(native, programme, barrier)
+    else:
+        _drop_idle(native, programme)
+    return replace(fresh(programme, native, native.evaluate()), barrier=barrier)
+
+
+def largest_product(native: Any, programme: StagewiseProgramme) -> float:
+    """Of the multipliers of limits and the distances from them."""
+    if not native.num_limits:
+        return 0.0
+    lower, upper = _sides(programme)
+    of_lower = native.z_lower * np.where(np.isfinite(lower), native.slack - lower, 0.0)
+    of_upper = native.z_upper * np.where(np.isfinite(upper), upper - native.slack, 0.0)
+    return float(max(np.abs(of_lower).max(), np.abs(of_upper).max()))
+
+
+def _drop_idle(native: Any, programme: StagewiseProgramme) -> None:
+    """Leave out multipliers whose limit is farther than 1: less is left over without them."""
+    lower, upper = _sides(programme)
+    native.z_lower = np.where(native.slack - lower > 1.0, 0.0, native.z_lower)
+    native.z_upper = np.where(upper - native.slack > 1.0, 0.0, native.z_upper)
+
+
+def _centre(native: Any, programme: StagewiseProgramme, barrier: float) -> None:
+    """Raise multipliers to the root of mu at most, and distances, until no product of them is below mu."""
+    lower, upper = _sides(programme)
+    slack, room = native.slack, 0.5 * (upper - lower)
+    for side, name, inwards in ((lower, "z_lower", 1.0), (upper, "z_upper", -1.0)):
+        is_limited = np.isfinite(side)
+        grain = _GRAIN * np.maximum(1.0, np.abs(side))
+        distance = np.where(is_limited, np.maximum(inwards * (slack - side), grain), 1.0)
+        least = np.minimum(barrier / distance, math.sqrt(barrier))
+        z = np.maximum(getattr(native, name), least)
+        moved = side + inwards * np.maximum(distance, np.minimum(barrier / z, room))
+        slack = np.where(is_limited, moved, slack)
+        setattr(native, name, np.where(is_limited, z, 0.0))
+    native.slack = slack
+
+
+def _sides(programme: StagewiseProgramme) -> tuple[Array, Array]:
+    """Lower and upper limits in the order of the kernel's rows."""
+    b, N = programme.bounds, programme.num_steps
+    x, u = b.limited_x, b.limited_u
+    guard = np.zeros(programme.num_guards)
+    lower = np.concatenate([b.x_lower[x], b.u_lower[u], b.path_lower])
+    upper = np.concatenate([b.x_upper[x], b.u_upper[u], b.path_upper])
+    return np.concatenate([np.tile(lower, N), guard]), np.concatenate([np.tile(upper, N), guard + np.inf])
+
+
+def _has_limits(programme: StagewiseProgramme) -> bool:
+    return bool(programme.num_guards) or not programme.bounds.is_empty
+
+
+def _loaded(programme: StagewiseProgramme, iterate: Iterate) -> Any:
+    """Kernel programme with its limits at an iterate."""
+    iterate.check(programme)
+    reason = why_limits_cannot_be_kept(programme)
+    if reason:
+        raise ProblemError(f'solver.method: "monolithic" {reason}; take "ipopt" or "fatrop"')
+    native = kernel_programme(programme, has_limits=True)
+    iterate.load_into(native)
+    return native
+
+
+def _last_barrier(native: Any, tolerance: float) -> float:
+    return _SHARE * tolerance / math.sqrt(max(1, native.num_limits))
+
+
 def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     """Words for what the barrier does not get along with, or None."""
     bounds = programme.bounds
@@ -72,7 +158,7 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
 
 def lowered(state: NewtonState, tolerance: float) -> NewtonState:
     """State with the barrier parameter as small as the iterate deserves, and a filter that knows of it."""
-    last = _SHARE * tolerance / math.sqrt(max(1, state.native.num_limits))
+    last = _last_barrier(state.native, tolerance)
     barrier, evaluation = state.barrier, state.evaluation
     while barrier > last and evaluation.barrier_error <= _SETTLED * barrier:
         barrier = max(last, min(_FACTOR * barrier, barrier**_POWER))

@@ -42,7 +42,7 @@ import numpy as np
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
-from mbocp.solvers.limits import begin, lowered
+from mbocp.solvers.limits import begin, lowered, resumed
 from mbocp.solvers.multiplier import end_multiplier
 from mbocp.solvers.newton import (
     Direction,
@@ -55,6 +55,7 @@ from mbocp.solvers.newton import (
     start,
 )
 from mbocp.solvers.records import Status
+from mbocp.solvers.round_off import has_a_say
 from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
 
@@ -121,7 +122,7 @@ class PureNewton:
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance, or below what round-off allows."""
         status = end_of(state, self.tolerance, self.max_iterations)
-        is_there = state.failure is None and is_resolved(state, self.tolerance)
+        is_there = state.failure is None and _is_resolved(state, self.tolerance)
         return Status.CONVERGED if is_there else status
 
 
@@ -137,15 +138,20 @@ class GlobalisedNewton:
         Newton steps before it gives up.
     control_weight : float
         Unit of the shift: the running cost's weight of one control over one step.
+    is_polish : bool
+        Whether it begins near a solution, with the last barrier and the iterate's own multipliers.
     """
 
     tolerance: float = 1e-9
     max_iterations: int = 200
     control_weight: float = 1.0
     name: str = "monolithic (Newton, inertia correction, filter line search)"
+    is_polish: bool = False
 
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         """State at an iterate."""
+        if self.is_polish:
+            return resumed(programme, iterate, self.tolerance, is_centred=True)
         return begin(programme, iterate)
 
     def step(self, state: NewtonState) -> NewtonState:
@@ -216,7 +222,7 @@ class GlobalisedNewton:
             and state.evaluation.residual <= _RESOLVED * self.tolerance
             and state.increment <= _NOISE * self.tolerance
         )
-        is_there = is_noise or is_resolved(state, self.tolerance)
+        is_there = is_noise or _is_resolved(state, self.tolerance)
         return Status.CONVERGED if is_there and state.failure is None else status
 
     def _direction(self, state: NewtonState, shift: float) -> tuple[Any, float, Any]:
@@ -308,6 +314,10 @@ class GlobalisedNewton:
             reference=None,
             patience=_PAUSE,
         )
+
+
+def _is_resolved(state: NewtonState, tolerance: float) -> bool:
+    return is_resolved(state, tolerance) and has_a_say(state.native, state.evaluation)
 
 
 def _stillness(state: NewtonState, evaluation: Any, increment: float) -> int:

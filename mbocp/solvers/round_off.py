@@ -10,6 +10,10 @@ multipliers, in the state equations of the size of states and controls:
 Where neither is above the tolerance, which takes numbers above 5e5, the tolerance is all that counts. Where
 one is, it stands for the tolerance in its part of the residual, and increments count relative to the unknowns
 they belong to.
+
+At a singular configuration multipliers may grow without bound, until all that is left of stationarity is
+round-off, and the cost has no say any more. So what is left has to be small beside the gradient of the cost,
+too.
 """
 
 from __future__ import annotations
@@ -22,10 +26,12 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._linear import norm
 from mbocp.programme import StageKind
+from mbocp.solvers.sweep import Kept
 
-__all__ = ["relative_increment", "relative_residual", "round_off"]
+__all__ = ["has_a_say", "relative_increment", "relative_residual", "round_off"]
 
 _ROUND_OFF = 8.0 * 2.0**-52
+_OF_GRADIENT = 1e-4  # of the cost: what may be left of stationarity, however large multipliers are
 
 
 def round_off(native: Any, kind: StageKind) -> tuple[float, float]:
@@ -39,6 +45,17 @@ def relative_residual(native: Any, kind: StageKind, evaluation: Any, tolerance: 
     """The residual, each part in units of its round-off by `tolerance` where that is above the tolerance."""
     primal, dual = (max(1.0, size / tolerance) for size in round_off(native, kind))
     return math.hypot(evaluation.primal / primal, evaluation.dual / dual)
+
+
+def has_a_say(native: Any, evaluation: Any) -> bool:
+    """Whether what is left of stationarity is small beside the gradient of the cost."""
+    kept = Kept.of(native)
+    native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
+    native.z_lower, native.z_upper = np.zeros_like(native.z_lower), np.zeros_like(native.z_upper)
+    gradient = native.evaluate().dual
+    kept.restore(native)
+    native.evaluate()
+    return bool(evaluation.dual <= _OF_GRADIENT * gradient)
 
 
 def relative_increment(native: Any) -> float:

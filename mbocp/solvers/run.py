@@ -14,7 +14,7 @@ from mbocp.solvers.limits import multipliers_of
 from mbocp.solvers.protocol import Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Status
 
-__all__ = ["Callback", "SolverResult", "run"]
+__all__ = ["Callback", "SolverResult", "Watch", "run"]
 
 _KEEP_EVERY = 10  # iterations: how often a better iterate is copied, in case that the last one is worse
 _HOLDS = 1e-6  # violation of steps and end condition beside which a larger residual is one of stationarity

@@ -22,9 +22,10 @@ from mbocp.solvers.fbsm_newton import FBSMNewton
 from mbocp.solvers.limits import why_limits_cannot_be_kept
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.nlp.interior_point import InteriorPoint
+from mbocp.solvers.polish import Judged, can_be_polished, meets, polisher
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import IterationRecord, Phase, Status
-from mbocp.solvers.run import Callback, SolverResult, run
+from mbocp.solvers.run import Callback, SolverResult, Watch, run
 
 __all__ = ["Methods", "Outcome", "pursue"]
 
@@ -33,6 +34,7 @@ _PROGRESS = 0.5  # ... by this factor in the residual, ...
 _GAIN = 0.02  # ... or by this part of the cost, ...
 _FEASIBLE_PART = 0.5  # ... while violations are no more than this part of the residual
 _INTERIOR_ITERATIONS = 1000
+_SETTLED = (Status.CONVERGED, Status.LINE_SEARCH_FAILED)  # ends of an interior-point solver at a solution
 INTERIOR_POINT = ("ipopt", "fatrop")
 _STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)  # by the user, at once or ahead
 _GRADIENT_STEPS = 25  # of the gradient phases of `auto`, as in the paper's hybrids
@@ -94,11 +96,6 @@ class Methods:
             linear_solver=options.linear_solver,
             has_inequalities=has_inequalities,
         )
-
-    @property
-    def interior_iterations(self) -> int:
-        """Limit of an interior-point method."""
-        return _INTERIOR_ITERATIONS if self.budget is None else self.budget
 
     def within(self, taken: int) -> Methods:
         """Methods with what is left of the budget."""
@@ -185,7 +182,7 @@ class _Runs:
         return sum(phase.iterations for phase in self.phases)
 
     def run(
-        self, solver: Solver[Any], name: str, iterate: Iterate, *, is_watched: bool = False
+        self, solver: Solver[Any], name: str, iterate: Iterate, *, watch: Watch | None = None
     ) -> SolverResult:
         """Run one phase; Ctrl-C before its first iterate ends it with what the phase before came to."""
         clock = time.perf_counter()
@@ -197,13 +194,22 @@ class _Runs:
                 self.callback,
                 name + self.label,
                 first=self.first,
-                watch=_has_stalled if is_watched else None,
+                watch=watch,
                 deadline=self.deadline,
             )
         except KeyboardInterrupt:
             if self.last is None:
                 raise
             result = replace(self.last.interrupted(), history=())
+        return self._kept(result, name, clock)
+
+    def interior(self, solver: InteriorPoint, name: str, iterate: Iterate) -> SolverResult:
+        """Run an interior-point solver."""
+        clock = time.perf_counter()
+        result = solver.run(self.programme, iterate, self.callback, name + self.label, self.first)
+        return self._kept(result, name, clock)
+
+    def _kept(self, result: SolverResult, name: str, clock: float) -> SolverResult:
         taken = sum(not record.is_guess for record in result.history)
         self.history += result.history
         self.first += taken
@@ -297,9 +303,9 @@ def _pursue(
     first: int,
     label: str,
 ) -> Outcome:
-    if methods.method in INTERIOR_POINT:
-        return _interior(methods, programme, iterate, callback, first, label)
     runs = _Runs(programme, callback, first, label, methods.time_limit)
+    if methods.method in INTERIOR_POINT:
+        return runs.outcome(*_interior(methods, methods.method, iterate, runs))
     if methods.method == "auto":
         return (
             _auto_within_limits(methods, iterate, runs)
@@ -314,43 +320,67 @@ def _pursue(
     return _hybrid(gradient, newton, names, iterate, runs)
 
 
-def _interior(
-    methods: Methods,
-    programme: StagewiseProgramme,
-    iterate: Iterate,
-    callback: Callback | None,
-    first: int,
-    label: str,
-) -> Outcome:
-    """IPOPT or fatrop."""
-    name = methods.method
-    clock = time.perf_counter()
-    solver = InteriorPoint(
-        name, methods.tolerance, methods.interior_iterations, methods.time_limit, methods.linear_solver
-    )
-    result = solver.run(programme, iterate, callback, name + label, first)
-    taken = sum(not record.is_guess for record in result.history)
-    return Outcome(result, (Phase(name + label, taken, time.perf_counter() - clock),), solver.title)
-
-
 def _auto_within_limits(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
     """Monolithic Newton with its barrier while it makes progress; else IPOPT, which knows the infeasible."""
-    told, budget = "", methods.interior_iterations
+    told, begun = "", None
     if why_limits_cannot_be_kept(runs.programme) is None:
         solver = methods.solver("monolithic")
-        begun = runs.run(solver, "monolithic", iterate, is_watched=True)
+        begun = runs.run(solver, "monolithic", iterate, watch=_has_stalled)
         spent = methods.budget is not None and runs.taken >= methods.budget
         if spent or begun.status in (Status.CONVERGED, *_STOPPED):
             return runs.outcome(begun, f"auto: {solver.name}")
-        told, budget = f"auto: monolithic {_ended(begun)}", budget - runs.taken
+        told = f"auto: monolithic {_ended(begun)}"
         if methods.is_doubtful:
             return runs.outcome(begun, f"auto: {solver.name}", told)
+    before = _names(runs.phases)
+    found, title = _interior(methods, "ipopt", iterate, runs)
+    title = "auto: " + " > ".join([*before, title])
+    if (
+        begun is not None
+        and found.status is Status.STAGNATED
+        and begun.record.residual < found.record.residual
+    ):
+        return runs.outcome(begun, title, f"{told}, ipopt {_ended(found)}")
+    return runs.outcome(found, title, told)
+
+
+def _interior(methods: Methods, name: str, iterate: Iterate, runs: _Runs) -> tuple[SolverResult, str]:
+    """IPOPT or fatrop, and Newton's method where its end does not hold by our own measure; and a title."""
     left = None if math.isinf(runs.deadline) else max(0.0, runs.deadline - time.perf_counter())
-    ipopt = replace(methods, method="ipopt", budget=budget, time_limit=left)
-    found = _interior(ipopt, runs.programme, iterate, runs.callback, runs.first, runs.label)
-    runs.history += found.result.history
-    runs.phases += found.phases
-    return runs.outcome(found.result, "auto: " + " > ".join([*_names(runs.phases[:-1]), found.solver]), told)
+    limit = _INTERIOR_ITERATIONS if methods.budget is None else methods.budget - runs.taken
+    solver = InteriorPoint(name, methods.tolerance, limit, left, methods.linear_solver)
+    found = runs.interior(solver, name, iterate)
+    if found.status not in _SETTLED or not can_be_polished(runs.programme):
+        return found, solver.title
+    judged = Judged.of(found, runs.programme, methods.tolerance)
+    if judged.error <= methods.tolerance:
+        return _converged(judged.result), solver.title
+    if found.status is not Status.CONVERGED:
+        return found, solver.title
+    return _polished(methods, judged, solver.title, runs)
+
+
+def _polished(methods: Methods, judged: Judged, title: str, runs: _Runs) -> tuple[SolverResult, str]:
+    """Newton's method from where an interior-point solver ended; the better of the two."""
+    found, most = judged.result, methods.within(runs.taken).newton_iterations
+    newton = polisher(methods.tolerance, methods.control_weight, most)
+    polished = runs.run(newton, "polish", found.iterate, watch=meets(methods.tolerance))
+    if polished.status is Status.CONVERGED or polished.record.residual <= methods.tolerance:
+        return _converged(polished), title
+    better = polished if polished.record.residual < found.record.residual else found
+    if polished.status in _STOPPED:
+        return replace(better, status=polished.status, advice=polished.advice), title
+    advice = (
+        f"{title} ends here by its own measure, but the optimality conditions hold to {judged.error:.1e} "
+        f"alone, and Newton's method from there {_ended(polished)}: multipliers may not exist here; try "
+        'another guess, or the other of "ipopt" and "fatrop"'
+    )
+    return replace(better, status=Status.STAGNATED, advice=advice), title
+
+
+def _converged(result: SolverResult) -> SolverResult:
+    advice = f"a local minimum: the optimality conditions hold (residual {result.record.residual:.1e})"
+    return replace(result, status=Status.CONVERGED, advice=advice)
 
 
 def _hybrid(
@@ -404,7 +434,9 @@ def _auto(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
             return
         switch = Switch(0.0, 0.0, _GRADIENT_STEPS) if name == "fbsm_bb" else None
         solver = methods.within(runs.taken).solver(name, switch)
-        results.append(runs.run(solver, name, start, is_watched=is_watched and switch is None))
+        results.append(
+            runs.run(solver, name, start, watch=_has_stalled if is_watched and switch is None else None)
+        )
         told.append(f"{name} {_ended(results[-1])}")
 
     attempt("monolithic", iterate)

@@ -23,6 +23,7 @@ __all__ = ["Stationarity", "stationarity"]
 _TOUCHED = 1e-6  # of a limit's size
 _ROUNDS = 6
 _REGULAR = 1e-13  # on multipliers of rows of norm one: dependent rows share
+_REFINEMENTS = 30  # enough where a singular value is above 2e-7
 _GOOD = 1e-6  # left over: no need to ask for other multipliers
 
 
@@ -58,13 +59,19 @@ class _Projection:
         self.lu, self.n = splu(matrix), n
 
     def __call__(self, g: Array) -> tuple[Array, Array]:
-        """What is left, and y."""
-        y = np.zeros(self.K.shape[0])
-        left = g
-        for _ in range(3):  # refined
+        """What is left, and y.
+
+        One solve leaves the part d / (s^2 + d) along a singular value s of K, d being `_REGULAR`; unstable
+        dynamics have values where that is much. So the rest is projected again for as long as it shrinks.
+        """
+        y, left = np.zeros(self.K.shape[0]), g
+        for _ in range(_REFINEMENTS):
             found = self.lu.solve(np.concatenate([-left, np.zeros(y.size)]))
-            y = y + found[self.n :]
-            left = g + self.K.T @ y
+            better = y + found[self.n :]
+            rest = g + self.K.T @ better
+            if not np.linalg.norm(rest) < np.linalg.norm(left):
+                break
+            y, left = better, rest
         return left, y
 
 

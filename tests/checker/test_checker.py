@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 import mbocp
 from mbocp.formulation import build
@@ -15,6 +16,7 @@ from tests.campaign.tasks import Draw, draw
 from tests.checker import Report, check_solution
 from tests.checker.conditions import Motion, joint_conditions, step_of
 from tests.checker.differences import derivative
+from tests.checker.optimality import _Projection
 from tests.integrators.conftest import interpreted_functions
 
 
@@ -168,3 +170,13 @@ def test_derivatives_of_a_step(name: str, seed: int, tmp_path: Path) -> None:
     )
     for exact, other in zip(at[2:], numeric, strict=True):
         np.testing.assert_allclose(exact, other, atol=1e-9 * (1 + np.abs(other).max(initial=0.0)))
+
+
+def test_multipliers_are_found_where_dynamics_amplify() -> None:
+    """A singular value of 5e-7: one solve of the regularised least squares would leave a part of it."""
+    K = sparse.csr_matrix(np.array([[1.0, 0.0, 0.0], [1.0, 5e-7, 0.0]]))
+    g = K.T @ np.array([-1.0, 3.0])
+    left, _ = _Projection(K)(g)
+    assert np.abs(left).max() < 1e-12
+    left, _ = _Projection(K)(np.array([0.0, 0.0, 1.0]))  # and none where there are none
+    np.testing.assert_allclose(left, [0.0, 0.0, 1.0], atol=1e-15)

@@ -83,10 +83,10 @@ class InteriorPoint:
         clock = time.perf_counter()
         watch.begin(self.time_limit)
         p = parameters(programme)
-        w0 = _packed(iterate, lay)
+        w0, solver = _packed(iterate, lay), compiled.solver()
         with _interruptible(watch, log), contextlib.redirect_stdout(log), whole_lines():
             try:
-                found: dict[str, Any] | None = compiled.solver(x0=w0, p=p, **inner)
+                found: dict[str, Any] | None = solver(x0=w0, p=p, **inner)
             except (
                 RuntimeError
             ) as error:  # fatrop throws where numbers are not finite, and if it is ended there
@@ -117,7 +117,7 @@ class InteriorPoint:
             wall_time_s=time.perf_counter() - clock,
             phase=phase or self.name,
         )
-        stats = compiled.solver.stats() if found is not None else {}
+        stats = solver.stats() if found is not None else {}
         status = status_of(self.name, stats, watch.reason, self.max_iterations)
         if has_left and not watch.reason:
             status = Status.DIVERGED
@@ -173,7 +173,12 @@ class _Key:
 
 
 class _Compiled:
-    """A solver object with its functions."""
+    """The functions of a solver object.
+
+    The object itself is made anew for every run of IPOPT, which takes milliseconds: CasADi holds the
+    factorisation of its last run until it goes, many times the size of the functions. That of fatrop takes
+    seconds where the horizon is long, and is kept.
+    """
 
     def __init__(self, key: _Key) -> None:
         self.layout = key.layout
@@ -202,24 +207,32 @@ class _Compiled:
             **(_ipopt_options(key) if is_ipopt else _fatrop_options(key)),
         }
         problem = {"x": w, "p": p, "f": functions.f(w, p), "g": functions.g(w, p)}
-        self.solver = ca.nlpsol("solver", key.name, problem, options)
+        self._arguments = (key.name, problem, options)
+        self._kept = None if is_ipopt else self._made()
+
+    def solver(self) -> ca.Function:
+        """The solver object of one run."""
+        return self._made() if self._kept is None else self._kept
+
+    def _made(self) -> ca.Function:
+        return ca.nlpsol("solver", *self._arguments)
 
     def record(
         self, w: Array, p: Array, lam_g: Array, bounds: dict[str, Array]
     ) -> tuple[IterationRecord, Array]:
         """Cost and residuals at a point, computed anew, and the multipliers of the bounds on unknowns.
 
-        These are what stationarity leaves for them; what is left of them where no bound is near counts as
-        residual, by the smaller of multiplier and distance.
+        These are what stationarity leaves for them. What counts as residual is a multiplier's product with
+        the distance from its bound; or the multiplier alone where it is farther than 1, or there is none.
         """
         rows, jacobian = self.functions.jac_g(w, p)
         slopes: Array = np.array(self.gradient(w, p) + jacobian.T @ lam_g).ravel()
         g: Array = np.array(rows).ravel()
         distance = np.where(slopes > 0.0, w - bounds["lbx"], bounds["ubx"] - w)
         lam_x = np.where(np.isfinite(bounds["lbx"]) | np.isfinite(bounds["ubx"]), -slopes, 0.0)
-        left = np.minimum(np.abs(slopes), np.abs(distance))
+        left = np.abs(slopes) * np.minimum(1.0, np.abs(distance))
         row_distance = np.where(lam_g < 0.0, g - bounds["lbg"], bounds["ubg"] - g)
-        unused = np.minimum(np.abs(lam_g), np.abs(row_distance))
+        unused = np.abs(lam_g) * np.minimum(1.0, np.abs(row_distance))
         missed = np.concatenate([_missed(w, bounds, "x"), _missed(g, bounds, "g")])
         primal, dual = norm(missed), norm(np.concatenate([left, unused]))
         record = IterationRecord(
