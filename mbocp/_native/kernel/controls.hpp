@@ -1,80 +1,73 @@
-// The last part of condensing a stage, the same for all its forms.
+// The last parts of the elimination, the same for all its forms: a stage's controls, and the end condition's
+// multiplier.
 #pragma once
 
-#include <Eigen/Dense>
-
-#include "programme.hpp"
+#include "barrier.hpp"
+#include "data.hpp"
 
 namespace mbocp {
 
-using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-using MatrixMap = Eigen::Map<RowMatrix, 0, Eigen::OuterStride<>>;
-
 inline constexpr double singular = 1e-15;  // relative pivot or eigenvalue below which a matrix counts as singular
 
-// Negative eigenvalues of a symmetric matrix; -1 when it is singular.
-inline int count_negative(const Eigen::VectorXd& eigenvalues) {
-    const double largest = eigenvalues.cwiseAbs().maxCoeff();
-    if (!(eigenvalues.cwiseAbs().minCoeff() > singular * largest)) return -1;
-    return static_cast<int>((eigenvalues.array() < 0).count());
-}
+// The Schur complement of eta, to which each stage adds.
+class EndMultiplier {
+public:
+    explicit EndMultiplier(const Problem& problem);
+
+    void clear();
+    double* matrix() { return R_.data(); }  // rows of padded(ng)
+    bool factorise(Factorisation& result);  // false where it is singular or not finite
+    // eta <- -R^{-1} r
+    void solve(const Numbers& r, Numbers& eta) const;
+
+private:
+    const int ng_;
+    Numbers R_, inverse_;
+};
+
+// A stage's quadratic form q(i, j) over (state before, controls) with its columns of eta.
+class Controls {
+public:
+    Controls(const Problem& problem, Data& data, const Barrier& barrier, EndMultiplier& eta);
+
+    // Eliminates the controls of stage n: its gains, the remainder to the node before, and its share of eta's matrix.
+    // `QS` holds the columns; `kept` is workspace of nu rows.
+    template <class Quadratic>
+    bool eliminate(int n, Quadratic q, const double* QS, double* kept, Factorisation& result);
+    // k <- Quu^{-1} k
+    void solve(const Stage& s, double* k) const;
+
+private:
+    bool factorise(Stage& s, Factorisation& result);
+    void pass_on(int n, const double* QS, const double* kept);
+
+    const Problem& problem_;
+    Data& data_;
+    const Barrier& barrier_;
+    EndMultiplier& eta_;
+    Numbers diagonal_;
+};
 
 template <class Quadratic>
-bool Programme::eliminate_controls(int n, Quadratic q, const double* QS, double* kept, Factorisation& result) {
+bool Controls::eliminate(int n, Quadratic q, const double* QS, double* kept, Factorisation& result) {
     using dense::padded;
-    Stage& s = stages_[n];
-    const int nu = s.kind->nu, nd = nd_, pu = padded(nu), px = padded(nd), pg = padded(ng_);
+    Stage& s = data_[n];
+    const int nu = s.kind->nu, nd = problem_.nd, ng = problem_.ng, pu = padded(nu), px = padded(nd), pg = padded(ng);
 
-    // Controls: K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
+    // K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
     for (int i = 0; i < nu; ++i) {
         for (int j = 0; j < nu; ++j) s.Quu[i * pu + j] = q(nd + i, nd + j);
         for (int j = 0; j < nd; ++j) s.K[i * px + j] = -q(nd + i, j);
-        for (int g = 0; g < ng_; ++g) s.Keta[i * pg + g] = -QS[(nd + i) * pg + g];
+        for (int g = 0; g < ng; ++g) s.Keta[i * pg + g] = -QS[(nd + i) * pg + g];
     }
-    for (std::size_t i = 0; i < limits_.u.size(); ++i)
-        s.Quu[limits_.u[i] * (pu + 1)] += limits_.sigma[n * limits_.rows + limits_.x.size() + i];
-    for (int i = 0; i < nu; ++i) diagonal_[i] = s.Quu[i * pu + i];
-    double* P_before = n > 0 ? stages_[n - 1].P : nullptr;
+    barrier_.add_to_controls(n, s.Quu, pu);
+    double* P_before = n > 0 ? data_[n - 1].P : nullptr;
     if (P_before)
         for (int i = 0; i < nd; ++i)
             for (int j = 0; j < nd; ++j) P_before[i * px + j] = q(i, j);
     for (int i = 0; i < nu * px; ++i) kept[i] = -s.K[i];
-    s.definite = dense::cholesky(nu, s.Quu, pu);
-    if (s.definite) {
-        dense::cholesky_solve(nu, s.Quu, pu, s.K, px, px);
-        if (ng_) dense::cholesky_solve(nu, s.Quu, pu, s.Keta, pg, pg);
-    } else {
-        // `cholesky` has spoilt the lower triangle: the upper one still holds Quu.
-        for (int i = 0; i < nu; ++i)
-            for (int j = 0; j < i; ++j) s.Quu[i * pu + j] = s.Quu[j * pu + i];
-        for (int i = 0; i < nu; ++i) s.Quu[i * pu + i] = diagonal_[i];
-        const MatrixMap map(s.Quu, nu, nu, Eigen::OuterStride<>(pu));
-        if (!map.allFinite()) return false;
-        const Eigen::SelfAdjointEigenSolver<RowMatrix> eigen(map, Eigen::EigenvaluesOnly);
-        const int negative = count_negative(eigen.eigenvalues());
-        if (negative < 0) return false;
-        result.negative += negative;
-        if (dense::lu_factor(nu, s.Quu, pu, s.control_pivot) == 0.0) return false;
-        dense::lu_solve(nu, s.Quu, pu, s.control_pivot, s.K, px, px);
-        if (ng_) dense::lu_solve(nu, s.Quu, pu, s.control_pivot, s.Keta, pg, pg);
-    }
-
-    if (P_before) {
-        dense::gemm_tn(nd, nd, nu, kept, px, s.K, px, P_before, px);
-        for (int i = 0; i < nd; ++i)
-            for (int j = 0; j < i; ++j) {
-                const double mean = 0.5 * (P_before[i * px + j] + P_before[j * px + i]);
-                P_before[i * px + j] = P_before[j * px + i] = mean;
-            }
-    }
-    if (ng_) {
-        if (n > 0) {
-            double* S_before = stages_[n - 1].S;
-            dense::copy(QS, S_before, nd * pg);
-            dense::gemm_tn(nd, ng_, nu, kept, px, s.Keta, pg, S_before, pg);
-        }
-        dense::gemm_tn(ng_, ng_, nu, QS + nd * pg, pg, s.Keta, pg, R_.data(), pg);
-    }
+    if (!factorise(s, result)) return false;
+    pass_on(n, QS, kept);
     return true;
 }
 

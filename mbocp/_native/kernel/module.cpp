@@ -29,18 +29,25 @@ Output to_array(const Numbers& values) {
     return Output(copy->data(), {copy->size()}, owner);
 }
 
-// A property that reads a copy and writes in place after a check of the length.
-template <Numbers Programme::* Field>
-void vector_property(nb::class_<Programme>& c, const char* name, const char* doc) {
+// A property that reads a copy and writes in place after a check of the length; `field` finds the vector.
+template <class Field>
+void vector_property(nb::class_<Programme>& c, const char* name, Field field, const char* doc) {
     c.def_prop_rw(
-        name, [](const Programme& p) { return to_array(p.*Field); },
-        [name](Programme& p, const Input& value) {
-            if (value.size() != (p.*Field).size())
+        name, [field](Programme& p) { return to_array(field(p)); },
+        [name, field](Programme& p, const Input& value) {
+            Numbers& numbers = field(p);
+            if (value.size() != numbers.size())
                 throw std::invalid_argument(std::string(name) + ": got " + std::to_string(value.size()) +
-                                            " numbers, expected " + std::to_string((p.*Field).size()));
-            std::copy(value.data(), value.data() + value.size(), (p.*Field).begin());
+                                            " numbers, expected " + std::to_string(numbers.size()));
+            std::copy(value.data(), value.data() + value.size(), numbers.begin());
         },
         nb::for_getter(nb::rv_policy::move), doc);
+}
+
+// A property that reads a copy.
+template <class Read>
+void array_property(nb::class_<Programme>& c, const char* name, Read read, const char* doc) {
+    c.def_prop_ro(name, [read](const Programme& p) { return to_array(read(p)); }, nb::rv_policy::move, doc);
 }
 
 }  // namespace
@@ -131,75 +138,103 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
     nb::class_<Programme> programme(module, "Programme");
     programme.def(nb::init<std::vector<Kind>, std::vector<int>, Terminal, Function, Function>(), nb::arg("kinds"),
                   nb::arg("stage_kind"), nb::arg("terminal"), nb::arg("retract"), nb::arg("difference"));
-    vector_property<&Programme::x>(programme, "x", "States, node after node.");
-    vector_property<&Programme::y>(programme, "y", "Algebraic unknowns, stage after stage.");
-    vector_property<&Programme::u>(programme, "u", "Controls, stage after stage.");
-    vector_property<&Programme::m>(programme, "m", "Multipliers of the stages' rows, stage after stage.");
-    vector_property<&Programme::eta>(programme, "eta", "Multipliers of the end condition.");
-    vector_property<&Programme::slack>(programme, "slack", "Slacks of the limits: stage after stage, then the guards.");
-    vector_property<&Programme::z_lower>(programme, "z_lower", "Multipliers of the lower limits, not negative.");
-    vector_property<&Programme::z_upper>(programme, "z_upper", "Multipliers of the upper limits, not negative.");
+    vector_property(programme, "x", [](Programme& p) -> Numbers& { return p.iterate.x; }, "States, node after node.");
+    vector_property(
+        programme, "y", [](Programme& p) -> Numbers& { return p.iterate.y; }, "Algebraic unknowns, stage after stage.");
+    vector_property(
+        programme, "u", [](Programme& p) -> Numbers& { return p.iterate.u; }, "Controls, stage after stage.");
+    vector_property(
+        programme, "m", [](Programme& p) -> Numbers& { return p.iterate.m; },
+        "Multipliers of the stages' rows, stage after stage.");
+    vector_property(
+        programme, "eta", [](Programme& p) -> Numbers& { return p.iterate.eta; }, "Multipliers of the end condition.");
+    vector_property(
+        programme, "slack", [](Programme& p) -> Numbers& { return p.barrier.slack; },
+        "Slacks of the limits: stage after stage, then the guards.");
+    vector_property(
+        programme, "z_lower", [](Programme& p) -> Numbers& { return p.barrier.z_lower; },
+        "Multipliers of the lower limits, not negative.");
+    vector_property(
+        programme, "z_upper", [](Programme& p) -> Numbers& { return p.barrier.z_upper; },
+        "Multipliers of the upper limits, not negative.");
+
     programme
         .def(
             "set_parameters",
             [](Programme& p, const Input& theta, const Input& rho, const Input& rho_terminal) {
-                p.set_parameters(to_numbers(theta), to_numbers(rho), to_numbers(rho_terminal));
+                p.problem.set_parameters(to_numbers(theta), to_numbers(rho), to_numbers(rho_terminal));
             },
             nb::arg("theta"), nb::arg("rho"), nb::arg("rho_terminal"))
         .def("evaluate", &Programme::evaluate, nb::arg("share") = 1.0)
-        .def("factorise", &Programme::factorise, nb::arg("shift") = 0.0, nb::arg("augment") = 0.0)
-        .def("solve", &Programme::solve, nb::arg("refinements") = 1)
+        .def(
+            "factorise", [](Programme& p, double shift, double augment) { return p.riccati.factorise(shift, augment); },
+            nb::arg("shift") = 0.0, nb::arg("augment") = 0.0)
+        .def(
+            "solve", [](Programme& p, int refinements) { return p.riccati.solve(refinements); },
+            nb::arg("refinements") = 1)
         .def("correct", &Programme::correct, nb::arg("alpha"))
         .def("move", &Programme::move, nb::arg("alpha"))
         .def("trial", &Programme::trial, nb::arg("alpha"))
         .def("accept", &Programme::accept, nb::arg("alpha"), nb::arg("alpha_limits") = 1.0)
-        .def(
-            "set_limits",
-            [](Programme& p, const Input& x_lower, const Input& x_upper, const Input& u_lower, const Input& u_upper,
-               const Input& path_lower, const Input& path_upper, Function path, int num_guards, Function guard) {
-                p.set_limits({to_numbers(x_lower), to_numbers(x_upper), to_numbers(u_lower), to_numbers(u_upper),
-                              to_numbers(path_lower), to_numbers(path_upper), num_guards},
-                             std::move(path), std::move(guard));
-            },
-            nb::kw_only(), nb::arg("x_lower"), nb::arg("x_upper"), nb::arg("u_lower"), nb::arg("u_upper"),
-            nb::arg("path_lower"), nb::arg("path_upper"), nb::arg("path").none(), nb::arg("num_guards"),
-            nb::arg("guard").none())
-        .def("start_limits", &Programme::start_limits, nb::arg("barrier"), nb::arg("inside") = 1e-2)
-        .def("weigh", &Programme::weigh, nb::arg("barrier"))
-        .def_prop_ro("num_limits", &Programme::num_limits)
-        .def_prop_ro(
-            "limit_multipliers", [](const Programme& p) { return to_array(p.limit_multipliers()); },
-            nb::rv_policy::move)
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false,
              nb::arg("feedback") = false)
         .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false, nb::arg("feedback") = false)
         .def(
-            "end_sensitivity", [](Programme& p, bool feedback) { return to_array(p.end_sensitivity(feedback)); },
+            "end_sensitivity",
+            [](Programme& p, bool feedback) { return to_array(p.adjoint_sweep.end_sensitivity(feedback)); },
             nb::arg("feedback") = false, nb::rv_policy::move)
         .def(
             "reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
             nb::arg("shift") = 0.0, nb::rv_policy::move)
-        .def_prop_ro("num_stages", &Programme::num_stages)
-        .def_prop_ro("num_bytes", &Programme::num_bytes)
-        .def_prop_ro(
-            "dx", [](const Programme& p) { return to_array(p.direction().dx); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "dy", [](const Programme& p) { return to_array(p.direction().dy); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "du", [](const Programme& p) { return to_array(p.direction().du); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "dm", [](const Programme& p) { return to_array(p.direction().dm); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "deta", [](const Programme& p) { return to_array(p.direction().deta); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "costates", [](const Programme& p) { return to_array(p.costates()); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "control_gradient", [](const Programme& p) { return to_array(p.control_gradient()); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "control_scale", [](const Programme& p) { return to_array(p.control_scale()); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "end_condition", [](const Programme& p) { return to_array(p.end_condition()); }, nb::rv_policy::move)
-        .def_prop_ro(
-            "sigma", [](const Programme& p) { return to_array(p.sigma); }, nb::rv_policy::move)
-        .def_prop_ro("A", [](const Programme& p) { return to_array(p.A); }, nb::rv_policy::move);
+        .def_prop_ro("num_stages", [](const Programme& p) { return p.problem.N; })
+        .def_prop_ro("num_bytes", [](const Programme& p) { return p.data.num_bytes(); });
+
+    programme
+        .def(
+            "set_limits",
+            [](Programme& p, const Input& x_lower, const Input& x_upper, const Input& u_lower, const Input& u_upper,
+               const Input& path_lower, const Input& path_upper, Function path, int num_guards, Function guard) {
+                p.barrier.set_limits({to_numbers(x_lower), to_numbers(x_upper), to_numbers(u_lower),
+                                      to_numbers(u_upper), to_numbers(path_lower), to_numbers(path_upper), num_guards},
+                                     std::move(path), std::move(guard));
+            },
+            nb::kw_only(), nb::arg("x_lower"), nb::arg("x_upper"), nb::arg("u_lower"), nb::arg("u_upper"),
+            nb::arg("path_lower"), nb::arg("path_upper"), nb::arg("path").none(), nb::arg("num_guards"),
+            nb::arg("guard").none())
+        .def(
+            "start_limits",
+            [](Programme& p, double barrier, double inside) { p.barrier.start(p.iterate, barrier, inside); },
+            nb::arg("barrier"), nb::arg("inside") = 1e-2)
+        .def("weigh", &Programme::weigh, nb::arg("barrier"))
+        .def_prop_ro("num_limits", [](const Programme& p) { return p.barrier.num_rows(); });
+    array_property(
+        programme, "limit_multipliers", [](const Programme& p) { return p.barrier.multipliers(); },
+        "Multipliers of the limits, positive where an upper one is active: rows of the stages, then guards.");
+
+    array_property(programme, "dx", [](const Programme& p) { return p.riccati.direction().dx; }, "Step in the states.");
+    array_property(
+        programme, "dy", [](const Programme& p) { return p.riccati.direction().dy; }, "In the algebraic unknowns.");
+    array_property(programme, "du", [](const Programme& p) { return p.riccati.direction().du; }, "In the controls.");
+    array_property(
+        programme, "dm", [](const Programme& p) { return p.riccati.direction().dm; }, "In the stages' multipliers.");
+    array_property(
+        programme, "deta", [](const Programme& p) { return p.riccati.direction().deta; },
+        "In the end condition's multipliers.");
+    array_property(
+        programme, "costates", [](const Programme& p) { return p.data.costates(); },
+        "Derivatives of the Lagrangian's later part in the nodes' states.");
+    array_property(
+        programme, "control_gradient", [](const Programme& p) { return p.data.control_gradient(); },
+        "grad_u H of every stage, in the reported scaling.");
+    array_property(
+        programme, "control_scale", [](const Programme& p) { return p.data.control_scale(); },
+        "Its factor from the derivative of the Lagrangian.");
+    array_property(
+        programme, "end_condition", [](const Programme& p) { return p.data.end.g; }, "Value of the end condition.");
+    array_property(
+        programme, "sigma", [](const Programme& p) { return p.adjoint_sweep.sigma; },
+        "sigma of the auxiliary adjoint, stage after stage.");
+    array_property(
+        programme, "A", [](const Programme& p) { return p.adjoint_sweep.A; },
+        "A of the auxiliary adjoint, a column for each end condition.");
 }

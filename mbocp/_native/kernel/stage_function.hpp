@@ -37,4 +37,7 @@ protected:
     std::vector<std::vector<double>> results_;
 };
 
+using Function = std::shared_ptr<StageFunction>;
+using Numbers = std::vector<double>;
+
 }  // namespace mbocp

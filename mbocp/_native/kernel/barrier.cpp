@@ -1,0 +1,155 @@
+#include "barrier.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mbocp {
+
+namespace {
+
+constexpr double least_rest = 1e-2;       // of a distance to a bound that a step has to leave: 1 - tau, or mu
+constexpr double most_off_centre = 1e10;  // z (s - lower) / mu stays between this and its inverse
+
+bool has(double bound) { return std::isfinite(bound); }
+
+// -mu log of the distances, many factors to a logarithm.
+struct LogBarrier {
+    double product = 1.0, sum = 0.0;
+    bool ok = true;
+
+    void add(double distance) {
+        ok = ok && distance > 0.0;
+        product *= distance;
+        if (product < 1e-200 || product > 1e200) sum += std::log(product), product = 1.0;
+    }
+    double value(double mu) const { return -mu * (sum + std::log(product)); }
+};
+
+}  // namespace
+
+void Barrier::set_limits(const Bounds& bounds, Function path, Function guard) {
+    limits_.set(bounds, std::move(path), std::move(guard));
+    for (Numbers* v :
+         {&slack, &z_lower, &z_upper, &h_, &defect_, &sigma_, &force_, &ds_, &dz_lower_, &dz_upper_, &slack_moved_})
+        v->assign(static_cast<std::size_t>(num_rows()), 0.0);
+}
+
+Numbers Barrier::multipliers() const {
+    Numbers out(z_upper);
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] -= z_lower[i];
+    return out;
+}
+
+bool Barrier::evaluate(const Point& at) {
+    const bool ok = limits_.evaluate(at, multipliers(), h_);
+    for (int i = 0; i < num_rows(); ++i) defect_[i] = h_[i] - slack[i];
+    return ok;
+}
+
+void Barrier::start(const Point& at, double parameter, double inside) {
+    parameter_ = parameter;
+    evaluate(at);
+    for (int i = 0; i < num_rows(); ++i) {
+        const double lower = limits_.lower[i], upper = limits_.upper[i], gap = upper - lower;
+        const auto margin = [&](double bound) {
+            return std::min(inside * std::max(1.0, std::abs(bound)), inside * gap);
+        };
+        double s = h_[i];
+        if (has(lower)) s = std::max(s, lower + margin(lower));
+        if (has(upper)) s = std::min(s, upper - margin(upper));
+        slack[i] = s;
+        z_lower[i] = has(lower) ? parameter / (s - lower) : 0.0;
+        z_upper[i] = has(upper) ? parameter / (upper - s) : 0.0;
+    }
+}
+
+void Barrier::set_parameter(double parameter) {
+    parameter_ = parameter;
+    const Numbers &lower = limits_.lower, &upper = limits_.upper;
+    for (int i = 0; i < num_rows(); ++i) {
+        double sigma = 0, force = 0;
+        if (has(lower[i])) sigma += z_lower[i] / (slack[i] - lower[i]), force -= parameter / (slack[i] - lower[i]);
+        if (has(upper[i])) sigma += z_upper[i] / (upper[i] - slack[i]), force += parameter / (upper[i] - slack[i]);
+        sigma_[i] = sigma, force_[i] = force + sigma * defect_[i];
+    }
+    limits_.weigh(sigma_);
+}
+
+void Barrier::finish(Evaluation& e) const {
+    LogBarrier barrier;
+    double squared = 0;
+    for (int i = 0; i < num_rows(); ++i) {
+        const auto add = [&](double distance, double z) {
+            const double product = distance * z;
+            barrier.add(distance);
+            squared += product * product;
+            e.barrier_error = std::max(e.barrier_error, std::abs(product - parameter_));
+        };
+        if (has(limits_.lower[i])) add(slack[i] - limits_.lower[i], z_lower[i]);
+        if (has(limits_.upper[i])) add(limits_.upper[i] - slack[i], z_upper[i]);
+    }
+    e.objective = e.cost + barrier.value(parameter_);
+    e.complementarity = std::sqrt(squared);
+    e.dual = std::hypot(e.dual, e.complementarity);
+    e.residual = std::hypot(e.primal, e.dual);
+    e.finite = e.finite && barrier.ok && std::isfinite(e.residual) && std::isfinite(e.objective);
+}
+
+void Barrier::add_to_controls(int n, double* Quu, int ld) const {
+    const double* sigma = sigma_.data() + limits_.first_of_u(n);
+    for (const int i : limits_.of_u()) Quu[i * (ld + 1)] += *sigma++;
+}
+
+void Barrier::find_step(const Increment& step, Direction& d) {
+    limits_.along(step, ds_);
+    const double mu = parameter_, tau = std::max(1.0 - least_rest, 1.0 - mu);
+    double approach = 0, decline = 0;  // largest relative loss of a distance, and of a multiplier
+    for (int i = 0; i < num_rows(); ++i) {
+        const double ds = ds_[i] += defect_[i];
+        if (has(limits_.lower[i])) {
+            const double inverse = 1.0 / (slack[i] - limits_.lower[i]);
+            dz_lower_[i] = (mu - z_lower[i] * ds) * inverse - z_lower[i];
+            approach = std::max(approach, -ds * inverse), decline = std::max(decline, -dz_lower_[i] / z_lower[i]);
+            d.slope -= mu * inverse * ds;
+        }
+        if (has(limits_.upper[i])) {
+            const double inverse = 1.0 / (limits_.upper[i] - slack[i]);
+            dz_upper_[i] = (mu + z_upper[i] * ds) * inverse - z_upper[i];
+            approach = std::max(approach, ds * inverse), decline = std::max(decline, -dz_upper_[i] / z_upper[i]);
+            d.slope += mu * inverse * ds;
+        }
+    }
+    d.longest = approach > tau ? tau / approach : 1.0;
+    d.longest_dual = decline > tau ? tau / decline : 1.0;
+}
+
+void Barrier::move(double alpha) {
+    for (int i = 0; i < num_rows(); ++i) slack_moved_[i] = slack[i] + alpha * ds_[i];
+}
+
+bool Barrier::evaluate_moved(const Point& moved, Trial& t) {
+    const bool ok = limits_.values(moved, h_);
+    LogBarrier barrier;
+    for (int i = 0; i < num_rows(); ++i) {
+        t.violation += std::abs(h_[i] - slack_moved_[i]);
+        if (has(limits_.lower[i])) barrier.add(slack_moved_[i] - limits_.lower[i]);
+        if (has(limits_.upper[i])) barrier.add(limits_.upper[i] - slack_moved_[i]);
+    }
+    t.objective += barrier.value(parameter_);
+    return ok && barrier.ok;
+}
+
+// Multipliers are kept near the central path.
+void Barrier::accept(double alpha) {
+    slack.swap(slack_moved_);
+    for (int i = 0; i < num_rows(); ++i) {
+        const auto moved = [&](double z, double dz, double distance) {
+            const double centre = parameter_ / distance;
+            return std::min(std::max(z + alpha * dz, centre / most_off_centre), centre * most_off_centre);
+        };
+        if (has(limits_.lower[i])) z_lower[i] = moved(z_lower[i], dz_lower_[i], slack[i] - limits_.lower[i]);
+        if (has(limits_.upper[i])) z_upper[i] = moved(z_upper[i], dz_upper_[i], limits_.upper[i] - slack[i]);
+    }
+}
+
+}  // namespace mbocp

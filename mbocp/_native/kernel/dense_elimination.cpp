@@ -1,0 +1,146 @@
+#include "dense_elimination.hpp"
+
+#include <algorithm>
+
+#include "structured_elimination.hpp"
+
+namespace mbocp {
+using dense::padded;
+
+std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier,
+                                              EndMultiplier& eta) {
+    if (problem.is_structured()) return std::make_unique<StructuredElimination>(problem, data, step, barrier, eta);
+    return std::make_unique<DenseElimination>(problem, data, step, barrier, eta);
+}
+
+DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier,
+                                   EndMultiplier& eta)
+    : problem_(problem), data_(data), step_(step), barrier_(barrier), controls_(problem, data, barrier, eta) {
+    const std::size_t pw = padded(problem.max_nw), ps = padded(problem.max_ns), pg = padded(problem.ng);
+    work_.allocate(std::max(pw * pw + pw * ps + ps * ps + ps * pg, pw + ps) + 32);
+}
+
+bool DenseElimination::start(const Residual&, Factorisation&) {
+    const Stage& last = data_.last();
+    const int px = padded(problem_.ndx), pg = padded(problem_.ng);
+    dense::copy(data_.end.H.data(), last.P, px * px);
+    if (problem_.ng) dense::copy(data_.end.S.data(), last.S, problem_.ndx * pg);
+    return true;
+}
+
+bool DenseElimination::condense(int n, const Weights& weights, Factorisation& result) {
+    const Stage& s = data_[n];
+    const int nd = problem_.ndx, ng = problem_.ng, nw = s.kind->nw(), ns = s.kind->ns();
+    const int pw = padded(nw), ps = padded(ns), px = padded(nd), pg = padded(ng);
+
+    // dw = T ds + t0 from the linearised step.
+    const double pivot = step_.prepare_response(n);
+    result.smallest_pivot = std::min(result.smallest_pivot, pivot);
+    if (pivot < singular) return false;
+    if (!barrier_.empty()) barrier_.add_to_value(n, s.P);
+
+    // Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term.
+    Space space(work_.data());
+    double *Hhat = space.take(pw, pw), *M = space.take(pw, ps), *half = space.take(ps, ps), *QS = space.take(ps, pg);
+    for (int i = 0; i < nw * pw; ++i) Hhat[i] = 0.5 * s.Hww[i];
+    for (int i = 0; i < nd; ++i) {
+        for (int j = 0; j < nd; ++j) Hhat[i * pw + j] += 0.5 * s.P[i * px + j];
+        Hhat[i * pw + i] += 0.5 * weights.shift;
+    }
+    dense::copy(s.Hws, M, pw * ps);
+    dense::gemm_tn(nw, ns, nw, Hhat, pw, s.T, ps, M, ps);
+    dense::zero(half, ps * ps);
+    dense::gemm_tn(ns, ns, nw, s.T, ps, M, ps, half, ps);
+    const auto q = [&](int i, int j) { return s.Hss[i * ps + j] + half[i * ps + j] + half[j * ps + i]; };
+    if (ng) {
+        dense::zero(QS, ps * pg);
+        dense::gemm_tn(ns, ng, nd, s.T, ps, s.S, pg, QS, pg);
+    }
+    double* kept = half;  // free once q is no longer asked
+    return controls_.eliminate(n, q, QS, kept, result);
+}
+
+void DenseElimination::start_backward(const Residual& rhs, const Weights& weights, Numbers& r) {
+    r = rhs.g;
+    double* p = data_.last().p;
+    const int ng = problem_.ng;
+    std::copy(rhs.x_terminal.begin(), rhs.x_terminal.end(), p);
+    dense::gemv(problem_.ndx, ng, data_.end.S.data(), padded(ng), rhs.g.data(), p, weights.augment);
+}
+
+void DenseElimination::backward(int n, const Residual& rhs, const Weights& weights, Numbers& r) {
+    const Stage& s = data_[n];
+    const int nd = problem_.ndx, ng = problem_.ng, nw = s.kind->nw(), ns = s.kind->ns(), nu = s.kind->nu;
+    const int pw = padded(nw), ps = padded(ns), px = padded(nd), pg = padded(ng);
+    const double* c = rhs.c.data() + problem_.m_offset[n];
+    Space space(work_.data());
+    double *h = space.take(nw), *q = space.take(ns);
+    for (int i = 0; i < s.kind->nc(); ++i) s.t0[i] = -c[i];
+    step_.solve(n, s.t0);
+    dense::copy(rhs.w.data() + problem_.m_offset[n], h, nw);
+    for (int i = 0; i < nd; ++i) h[i] += s.p[i];
+    dense::gemv(nw, nw, s.Hww, pw, s.t0, h);
+    dense::gemv(nd, nd, s.P, px, s.t0, h);
+    for (int i = 0; i < nd; ++i) h[i] += weights.shift * s.t0[i];
+    dense::copy(rhs.s.data() + problem_.s_offset(n), q, ns);
+    dense::gemv_t(nw, ns, s.T, ps, h, q);
+    dense::gemv_t(nw, ns, s.Hws, ps, s.t0, q);
+    for (int i = 0; i < nu; ++i) s.k[i] = -q[nd + i];
+    controls_.solve(s, s.k);
+    if (ng) {
+        dense::gemv_t(nd, ng, s.S, pg, s.t0, r.data());
+        dense::gemv_t(nu, ng, s.Keta, pg, q + nd, r.data());
+    }
+    if (n == 0) return;
+    double* p = data_[n - 1].p;
+    dense::copy(q, p, nd);
+    dense::gemv_t(nu, nd, s.K, px, q + nd, p);
+}
+
+void DenseElimination::forward(const Residual& rhs, const Weights& weights, Increment& out, KktCheck* check) {
+    for (int n = 0; n < problem_.N; ++n) {
+        forward_stage(n, rhs, weights, out);
+        if (check) check->add_stage(n, rhs, out, weights.shift);
+    }
+    if (check) check->add_end(rhs, out);
+}
+
+void DenseElimination::forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out) {
+    const Stage& s = data_[n];
+    const Kind& k = *s.kind;
+    const int nd = problem_.ndx, ng = problem_.ng, nw = k.nw(), ns = k.ns(), nu = k.nu;
+    const int pw = padded(nw), ps = padded(ns), px = padded(nd), pg = padded(ng);
+    Space space(work_.data());
+    double *dw = space.take(nw), *ds = space.take(ns);
+    const double* dx = out.dx.data() + problem_.dx_offset(n);
+    double *du = out.du.data() + problem_.u_offset[n], *dm = out.dm.data() + problem_.m_offset[n];
+    dense::copy(s.k, du, nu);
+    dense::gemv(nu, nd, s.K, px, dx, du);
+    dense::gemv(nu, ng, s.Keta, pg, out.deta.data(), du);
+    dense::copy(dx, ds, nd);
+    dense::copy(du, ds + nd, nu);
+    dense::copy(s.t0, dw, nw);
+    dense::gemv(nw, ns, s.T, ps, ds, dw);
+    dense::copy(dw, out.dx.data() + problem_.dx_offset(n + 1), nd);
+    dense::copy(dw + nd, out.dy.data() + problem_.y_offset[n], k.ny);
+    dense::copy(rhs.w.data() + problem_.m_offset[n], dm, nw);
+    dense::gemv(nw, nw, s.Hww, pw, dw, dm);
+    dense::gemv(nw, ns, s.Hws, ps, ds, dm);
+    dense::gemv(nd, nd, s.P, px, dw, dm);
+    for (int i = 0; i < nd; ++i) dm[i] += s.p[i] + weights.shift * dw[i];
+    dense::gemv(nd, ng, s.S, pg, out.deta.data(), dm);
+    for (int i = 0; i < k.nc(); ++i) dm[i] = -dm[i];
+    step_.solve_transposed(n, dm);
+}
+
+void DenseElimination::feed_back(int n, const double* dx, double* du) const {
+    const Stage& s = data_[n];
+    dense::gemv(s.kind->nu, problem_.nd, s.K, padded(problem_.nd), dx, du);
+}
+
+void DenseElimination::feed_back_transposed(int n, const double* du, double* dx) const {
+    const Stage& s = data_[n];
+    dense::gemv_t(s.kind->nu, problem_.nd, s.K, padded(problem_.nd), du, dx);
+}
+
+}  // namespace mbocp

@@ -1,0 +1,34 @@
+// Elimination over whole states.
+#pragma once
+
+#include "elimination.hpp"
+
+namespace mbocp {
+
+class DenseElimination final : public Elimination {
+public:
+    DenseElimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier, EndMultiplier& eta);
+
+    void forget() override {}
+    void forget_residual() override {}
+    bool start(const Residual& rhs, Factorisation& result) override;
+    bool condense(int n, const Weights& weights, Factorisation& result) override;
+    void prepare(const Residual&) override {}
+    void start_backward(const Residual& rhs, const Weights& weights, Numbers& r) override;
+    void backward(int n, const Residual& rhs, const Weights& weights, Numbers& r) override;
+    void forward(const Residual& rhs, const Weights& weights, Increment& out, KktCheck* check) override;
+    void feed_back(int n, const double* dx, double* du) const override;
+    void feed_back_transposed(int n, const double* du, double* dx) const override;
+
+private:
+    void forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out);
+
+    const Problem& problem_;
+    Data& data_;
+    Step& step_;
+    const Barrier& barrier_;
+    Controls controls_;
+    Pool work_;
+};
+
+}  // namespace mbocp

@@ -1,0 +1,125 @@
+#include "dense_step.hpp"
+
+#include "structured_step.hpp"
+
+namespace mbocp {
+using dense::padded;
+
+namespace {
+
+void scatter(const Targets& targets, const double* values, double* const* blocks) {
+    for (std::size_t i = 0; i < targets.size(); ++i) {
+        const Target& t = targets[i];
+        blocks[t.block][t.offset] = values[i];
+        if (t.mirror >= 0) blocks[t.block][t.mirror] = values[i];
+    }
+}
+
+// Jw = -1, as where a step's rows are F(x_before, u) - x.
+bool is_minus_identity(const Stage& s) {
+    const int nc = s.kind->nc(), pw = padded(s.kind->nw());
+    if (!s.kind->may_be_explicit) return false;
+    for (int i = 0; i < nc; ++i)
+        if (s.Jw[i * (pw + 1)] != -1.0) return false;
+    return true;
+}
+
+}  // namespace
+
+std::unique_ptr<Step> make_step(const Problem& problem, Data& data) {
+    if (problem.is_structured()) return std::make_unique<StructuredStep>(problem, data);
+    return std::make_unique<DenseStep>(problem, data);
+}
+
+void DenseStep::store(int n, const StageFunction& f) {
+    const Stage& s = data_[n];
+    double *const jacobian[] = {s.Jw, s.Js}, *const hessian[] = {s.Hww, s.Hws, s.Hss};
+    scatter(s.kind->to_jacobian, f.res[2], jacobian);
+    scatter(s.kind->to_hessian, f.res[4], hessian);
+}
+
+void DenseStep::store_first(int n, const StageFunction& f) {
+    const Stage& s = data_[n];
+    double* const jacobian[] = {s.Jw, s.Js};
+    scatter(s.kind->to_first_jacobian, f.res[2], jacobian);
+}
+
+void DenseStep::add_jacobian(int n, const double* dw, const double* ds, double* c) const {
+    const Stage& s = data_[n];
+    const Kind& k = *s.kind;
+    dense::gemv(k.nc(), k.nw(), s.Jw, padded(k.nw()), dw, c);
+    dense::gemv(k.nc(), k.ns(), s.Js, padded(k.ns()), ds, c);
+}
+
+void DenseStep::add_jacobian_transposed(int n, const double* dm, double* w, double* s) const {
+    const Stage& at = data_[n];
+    const Kind& k = *at.kind;
+    if (w) dense::gemv_t(k.nc(), k.nw(), at.Jw, padded(k.nw()), dm, w);
+    if (s) dense::gemv_t(k.nc(), k.ns(), at.Js, padded(k.ns()), dm, s);
+}
+
+void DenseStep::add_hessian(int n, const double* dw, const double* ds, double* w, double* s) const {
+    const Stage& at = data_[n];
+    const int nw = at.kind->nw(), ns = at.kind->ns(), pw = padded(nw), ps = padded(ns);
+    dense::gemv(nw, nw, at.Hww, pw, dw, w);
+    dense::gemv(nw, ns, at.Hws, ps, ds, w);
+    dense::gemv(ns, ns, at.Hss, ps, ds, s);
+    dense::gemv_t(nw, ns, at.Hws, ps, dw, s);
+}
+
+void DenseStep::copy_state_jacobian(int n, double* F, int ld) const {
+    const Stage& s = data_[n];
+    for (int i = 0; i < problem_.ndx; ++i) dense::copy(s.Jw + i * padded(s.kind->nw()), F + i * ld, problem_.ndx);
+}
+
+double DenseStep::factor(int n) {
+    Stage& s = data_[n];
+    const Kind& k = *s.kind;
+    if ((s.is_explicit = is_minus_identity(s))) return 1.0;
+    dense::copy(s.Jw, s.LU, k.nc() * padded(k.nw()));
+    return dense::lu_factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
+}
+
+double DenseStep::factor_first(int n, const StageFunction& f) {
+    Stage& s = data_[n];
+    const Kind& k = *s.kind;
+    s.is_explicit = false;
+    dense::zero(s.LU, k.nc() * padded(k.nw()));
+    for (std::size_t i = 0; i < k.to_first_jacobian.size(); ++i)
+        if (k.to_first_jacobian[i].block == W) s.LU[k.to_first_jacobian[i].offset] = f.res[2][i];
+    return dense::lu_factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
+}
+
+void DenseStep::solve(int n, double* c) const {
+    const Stage& s = data_[n];
+    const int nc = s.kind->nc();
+    if (!s.is_explicit) return dense::lu_solve_vector(nc, s.LU, padded(s.kind->nw()), s.pivot, c);
+    for (int i = 0; i < nc; ++i) c[i] = -c[i];
+}
+
+void DenseStep::solve_transposed(int n, double* w) const {
+    const Stage& s = data_[n];
+    const int nc = s.kind->nc();
+    if (!s.is_explicit) return dense::lu_solve_transposed(nc, s.LU, padded(s.kind->nw()), s.pivot, w);
+    for (int i = 0; i < nc; ++i) w[i] = -w[i];
+}
+
+double DenseStep::prepare_response(int n) {
+    const Stage& s = data_[n];
+    const int nc = s.kind->nc(), ps = padded(s.kind->ns());
+    const double pivot = factor(n);
+    dense::copy(s.Js, s.T, nc * ps);
+    if (pivot == 0.0 || s.is_explicit) return pivot;
+    for (int i = 0; i < nc * ps; ++i) s.T[i] = -s.T[i];
+    dense::lu_solve(nc, s.LU, padded(s.kind->nw()), s.pivot, s.T, ps, ps);
+    return pivot;
+}
+
+void DenseStep::respond(int n, const double* ds, double* dw) const {
+    const Stage& s = data_[n];
+    const Kind& k = *s.kind;
+    dense::zero(dw, k.nw());
+    dense::gemv(k.nw(), k.ns(), s.T, padded(k.ns()), ds, dw);
+}
+
+}  // namespace mbocp

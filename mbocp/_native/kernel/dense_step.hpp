@@ -1,0 +1,31 @@
+// Steps of 4 to 100 unknowns, as whole matrices.
+#pragma once
+
+#include "step.hpp"
+
+namespace mbocp {
+
+class DenseStep final : public Step {
+public:
+    DenseStep(const Problem& problem, Data& data) : problem_(problem), data_(data) {}
+
+    void receive(int, StageFunction&) override {}
+    void store(int n, const StageFunction& complete) override;
+    void store_first(int n, const StageFunction& jacobian) override;
+    void add_jacobian(int n, const double* dw, const double* ds, double* c) const override;
+    void add_jacobian_transposed(int n, const double* dm, double* w, double* s) const override;
+    void add_hessian(int n, const double* dw, const double* ds, double* w, double* s) const override;
+    void copy_state_jacobian(int n, double* F, int ld) const override;
+    double factor(int n) override;
+    double factor_first(int n, const StageFunction& jacobian) override;
+    void solve(int n, double* c) const override;
+    void solve_transposed(int n, double* w) const override;
+    double prepare_response(int n) override;
+    void respond(int n, const double* ds, double* dw) const override;
+
+private:
+    const Problem& problem_;
+    Data& data_;
+};
+
+}  // namespace mbocp

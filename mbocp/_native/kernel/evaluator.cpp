@@ -1,0 +1,116 @@
+#include "evaluator.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mbocp {
+
+namespace {
+
+double square(double v) { return v * v; }
+
+// Adds a row to the violation (l1, the programme's scaling) and to the squared primal norm (the reported scaling).
+struct Violations {
+    Evaluation& e;
+    double squared = 0;
+
+    void add(double value, double scale, int stage, int row) {
+        e.violation += std::abs(value);
+        squared += square(value * scale);
+        if (!(std::abs(value * scale) <= e.worst))
+            e.worst = std::abs(value * scale), e.worst_stage = stage, e.worst_row = row;
+    }
+};
+
+}  // namespace
+
+Evaluator::Evaluator(const Problem& problem, const Iterate& iterate, Data& data, Step& step, Barrier& barrier)
+    : problem_(problem), iterate_(iterate), data_(data), step_(step), barrier_(barrier),
+      scaled_m_(iterate.m.size(), 0.0), zeros_(static_cast<std::size_t>(problem.max_nw + problem.max_ns), 0.0) {}
+
+bool Evaluator::evaluate_stage(int n, const double* multipliers, Evaluation& e) {
+    const Stage& s = data_[n];
+    const Kind& k = *s.kind;
+    StageFunction& f = *k.complete;
+    step_.receive(n, f);
+    const bool ok = problem_.call(f, n, iterate_, multipliers);
+    const Pattern& c = f.outputs[0];
+    double* const gradients[] = {s.lw, s.ls};
+    e.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
+    for (int i = 0; i < c.nnz(); ++i) s.c[c.row[i]] = f.res[0][i];
+    for (std::size_t i = 0; i < k.to_gradient.size(); ++i)
+        gradients[k.to_gradient[i].block][k.to_gradient[i].offset] = f.res[3][i];
+    step_.store(n, f);
+    dense::copy(s.lw, s.gw, k.nw());
+    dense::copy(s.ls, s.gs, k.ns());
+    step_.add_jacobian_transposed(n, iterate_.m.data() + problem_.m_offset[n], s.gw, s.gs);
+    return ok;
+}
+
+// Squared norm of the stationarity conditions, and their largest defect before it is scaled; that in x_n collects from
+// stage n and from stage n + 1.
+double Evaluator::stationarity(double& largest) const {
+    const int nd = problem_.ndx;
+    const Limits& limits = barrier_.limits();
+    double sum = 0;
+    for (int n = 0; n < problem_.N; ++n) {
+        const Stage& s = data_[n];
+        const Kind& k = *s.kind;
+        const double* after = n + 1 < problem_.N ? data_[n + 1].gs : data_.end.r_x.data();
+        const double* of_x = limits.empty() ? zeros_.data() : limits.state_gradient(n);
+        const double* of_u = limits.empty() ? zeros_.data() : limits.control_gradient(n);
+        const auto add = [&](double defect, double scale) {
+            largest = std::max(largest, std::abs(defect)), sum += square(defect * scale);
+        };
+        for (int i = 0; i < nd; ++i) add(s.gw[i] + after[i] + of_x[i], 1.0);
+        for (int i = 0; i < k.ny; ++i) add(s.gw[nd + i], 1.0);
+        for (int i = 0; i < k.nu; ++i) add(s.gs[nd + i] + of_u[i], k.scale_ru[i]);
+    }
+    return sum;
+}
+
+Evaluation Evaluator::evaluate(double share) {
+    const Numbers& m = iterate_.m;
+    const int N = problem_.N, ng = problem_.ng;
+    const double* multipliers = m.data();
+    if (share != 1.0) {
+        for (std::size_t i = 0; i < m.size(); ++i) scaled_m_[i] = share * m[i];
+        multipliers = scaled_m_.data();
+    }
+    Evaluation e;
+    bool ok = true;
+    Violations violations{e};
+    for (int n = 0; n < N; ++n) {
+        ok = evaluate_stage(n, multipliers, e) && ok;
+        const Kind& k = problem_.kind(n);
+        for (int i = 0; i < k.nc(); ++i) violations.add(data_[n].c[i], k.scale_c[i], n, i);
+    }
+    ok = data_.end.evaluate(problem_, iterate_, e) && ok;
+    for (int i = 0; i < ng; ++i) violations.add(data_.end.g[i], 1.0, -1, i);
+    if (!barrier_.empty()) {
+        ok = barrier_.evaluate(iterate_) && ok;
+        const int rows = barrier_.limits().rows_of_stage();
+        for (int i = 0; i < barrier_.num_rows(); ++i) {
+            const bool is_guard = i >= N * rows;
+            const int n = is_guard ? -1 : i / rows;
+            violations.add(barrier_.defect()[i], 1.0, n,
+                           is_guard ? ng + i - N * rows : problem_.kind(n).nc() + i % rows);
+        }
+    }
+    const double dual = stationarity(e.barrier_error);
+    e.primal = std::sqrt(violations.squared), e.dual = std::sqrt(dual);
+    e.residual = std::sqrt(violations.squared + dual), e.objective = e.cost;
+    e.barrier_error = std::max(e.barrier_error, e.worst);
+    e.finite = ok && std::isfinite(e.residual) && std::isfinite(e.cost);
+    last_ = e;
+    return barrier_.empty() ? e : weigh(barrier_.parameter());
+}
+
+Evaluation Evaluator::weigh(double parameter) {
+    barrier_.set_parameter(parameter);
+    Evaluation e = last_;
+    barrier_.finish(e);
+    return e;
+}
+
+}  // namespace mbocp

@@ -1,0 +1,32 @@
+// Values and derivatives at the iterate, and the defects of the optimality conditions.
+#pragma once
+
+#include "barrier.hpp"
+#include "data.hpp"
+#include "step.hpp"
+
+namespace mbocp {
+
+class Evaluator {
+public:
+    Evaluator(const Problem& problem, const Iterate& iterate, Data& data, Step& step, Barrier& barrier);
+
+    // The Hessian uses multipliers scaled by `share` (0: Gauss-Newton).
+    Evaluation evaluate(double share);
+    // Another barrier parameter at the iterate of the last evaluation.
+    Evaluation weigh(double parameter);
+
+private:
+    bool evaluate_stage(int n, const double* multipliers, Evaluation& e);
+    double stationarity(double& largest) const;
+
+    const Problem& problem_;
+    const Iterate& iterate_;
+    Data& data_;
+    Step& step_;
+    Barrier& barrier_;
+    Evaluation last_;  // the last evaluation without what depends on the barrier parameter
+    Numbers scaled_m_, zeros_;
+};
+
+}  // namespace mbocp

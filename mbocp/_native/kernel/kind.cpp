@@ -1,0 +1,111 @@
+#include "kind.hpp"
+
+#include <algorithm>
+#include <map>
+#include <stdexcept>
+#include <string>
+
+#include "dense.hpp"
+
+namespace mbocp {
+using dense::padded;
+
+void check_output(const Function& f, std::size_t index, int rows, int columns, const char* what) {
+    if (f->outputs.size() <= index || f->outputs[index].rows != rows || f->outputs[index].columns != columns)
+        throw std::invalid_argument(std::string(what) + ": expected output " + std::to_string(index) + " of shape (" +
+                                    std::to_string(rows) + ", " + std::to_string(columns) + ")");
+}
+
+namespace {
+
+// Whether Jw has entries on its diagonal alone, as where the step's rows are F(x_before, u) - x.
+bool has_diagonal(const Pattern& J, int nw) {
+    int count = 0;
+    for (int k = 0; k < J.nnz(); ++k) {
+        if (J.column[k] >= nw) continue;
+        if (J.row[k] != J.column[k]) return false;
+        ++count;
+    }
+    return count == nw;
+}
+
+Targets jacobian_targets(const Pattern& J, int nw, int ldw, int lds) {
+    Targets targets;
+    for (int k = 0; k < J.nnz(); ++k) {
+        const int i = J.row[k], j = J.column[k];
+        targets.push_back(j < nw ? Target{W, i * ldw + j, -1} : Target{S, i * lds + j - nw, -1});
+    }
+    return targets;
+}
+
+Targets gradient_targets(const Pattern& g, int nw) {
+    Targets targets;
+    for (int k = 0; k < g.nnz(); ++k) {
+        const int i = std::max(g.row[k], g.column[k]);
+        targets.push_back(i < nw ? Target{W, i, -1} : Target{S, i - nw, -1});
+    }
+    return targets;
+}
+
+Targets hessian_targets(const Pattern& upper, int nw, int ldw, int lds) {
+    Targets targets;
+    for (int k = 0; k < upper.nnz(); ++k) {
+        const int i = upper.row[k], j = upper.column[k];  // i <= j
+        if (j < nw)
+            targets.push_back({WW, i * ldw + j, j * ldw + i});
+        else if (i < nw)
+            targets.push_back({WS, i * lds + j - nw, -1});
+        else
+            targets.push_back({SS, (i - nw) * lds + j - nw, (j - nw) * lds + i - nw});
+    }
+    return targets;
+}
+
+}  // namespace
+
+void Kind::prepare() {
+    check_output(values, 0, nc(), 1, "values");
+    check_output(jacobian, 2, nc(), nw() + ns(), "jacobian");
+    check_output(complete, 2, nc(), nw() + ns(), "complete");
+    check_output(complete, 4, nw() + ns(), nw() + ns(), "complete");
+    if (!groups.empty()) prepare_structure();
+    const auto &all = complete->outputs, &first = jacobian->outputs;
+    may_be_explicit = groups.empty() && has_diagonal(all[2], nw()) && has_diagonal(first[2], nw());
+    const int ldw = padded(nw()), lds = padded(ns());
+    to_jacobian = jacobian_targets(all[2], nw(), ldw, lds);
+    to_first_jacobian = jacobian_targets(first[2], nw(), ldw, lds);
+    to_gradient = gradient_targets(all[3], nw());
+    to_first_gradient = gradient_targets(first[3], nw());
+    to_hessian = hessian_targets(all[4], nw(), ldw, lds);
+}
+
+void Kind::prepare_structure() {
+    const Pattern &all = complete->outputs[2], &first = jacobian->outputs[2], &upper = complete->outputs[4];
+    structure = std::make_shared<Structure>(all, ndx, ny, nu, groups);
+    hessian = SymmetricRows(upper);
+    const int nq = structure->nq, nr = structure->nr, before = nw(), controls = nw() + ndx;
+    const auto is_y = [&](int i) { return i >= ndx && i < before; };
+    for (int k = 0; k < upper.nnz(); ++k)
+        if (is_y(upper.row[k]) || (is_y(upper.column[k]) && upper.row[k] >= nq))
+            throw std::invalid_argument("groups: the Hessian couples algebraic unknowns with more than q");
+    const auto over_state = [&](int row, int rows, int at) {
+        return OverState{hessian.block(row, rows, at, nq), hessian.block(row, rows, at + nq, nq),
+                         hessian.block(row, rows, at + 2 * nq, nr)};
+    };
+    of_x = over_state(0, ndx, 0);
+    of_before_in_x = over_state(before, ndx, 0);
+    of_before = over_state(before, ndx, before);
+    of_u_in_x = over_state(controls, nu, 0);
+    of_u_in_before = over_state(controls, nu, before);
+    of_u = hessian.block(controls, nu, controls, nu);
+    of_y_in_q = hessian.block(ndx, ny, 0, nq);
+    std::map<std::pair<int, int>, int> place;
+    for (int k = 0; k < all.nnz(); ++k) place[{all.row[k], all.column[k]}] = k;
+    for (int k = 0; k < first.nnz(); ++k) {
+        const auto found = place.find({first.row[k], first.column[k]});
+        if (found == place.end()) throw std::invalid_argument("jacobian: a nonzero that complete does not have");
+        first_place.push_back(found->second);
+    }
+}
+
+}  // namespace mbocp

@@ -1,0 +1,63 @@
+// How one kind of stage looks, and how the end: functions and sizes.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "stage_function.hpp"
+#include "structure.hpp"
+
+namespace mbocp {
+
+// Throws unless output `index` of a function has this shape.
+void check_output(const Function& f, std::size_t index, int rows, int columns, const char* what);
+
+// Where a nonzero of a function's output belongs: in a stage's unknowns w = (x1, y) or in s = (x0, u), or in a block
+// over these.
+enum Part { W, S };
+enum Block { WW, WS, SS };
+
+struct Target {
+    int block, offset, mirror;  // mirror: second place of a symmetric entry, or -1
+};
+using Targets = std::vector<Target>;
+
+// Functions of (x0, x1, y, u, [m,] theta, rho).
+struct Kind {
+    int nx = 0, ndx = 0, ny = 0, nu = 0, nr = 0;  // state, its tangent, algebraic unknowns, controls, stage parameters
+    Function values;                              // -> c, l
+    Function jacobian;                            // -> c, l, dc_dz, dl_dz, with z = (x1, y, x0, u)
+    Function complete;                            // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
+    // Factors from the programme's rows, unknowns, multipliers and control gradient to the reported ones.
+    Numbers scale_c, scale_y, scale_m, scale_ru;
+
+    bool may_be_explicit = false;  // by the pattern of Jw
+
+    int nw() const { return ndx + ny; }
+    int ns() const { return ndx + nu; }
+    int nc() const { return ndx + ny; }
+
+    Targets to_jacobian, to_hessian, to_gradient;  // of `complete`
+    Targets to_first_jacobian, to_first_gradient;  // of `jacobian`
+
+    // Groups of constraint rows, or none; with them the stage's derivatives stay sparse (see structure.hpp).
+    std::vector<GroupOfRows> groups;
+    std::shared_ptr<const Structure> structure;
+    SymmetricRows hessian;  // over z, and blocks of its half: rows in x, in the state before, in u and y
+    OverState of_x, of_before_in_x, of_before, of_u_in_x, of_u_in_before;
+    Panels of_u, of_y_in_q;
+    std::vector<int> first_place;  // of the nonzeros of `jacobian` among those of `complete`
+
+    void prepare();  // scatter tables from the functions' patterns
+
+private:
+    void prepare_structure();
+};
+
+struct Terminal {
+    int ng = 0, nr = 0;
+    Function values;    // (x, rho) -> psi, g
+    Function complete;  // (x, eta, rho) -> psi, g, dg_dx, dpsi_dx, upper Hessian of psi + eta'g
+};
+
+}  // namespace mbocp

@@ -1,0 +1,84 @@
+#include "problem.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "iterate.hpp"
+
+namespace mbocp {
+
+Problem::Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal end, Function retract,
+                 Function difference)
+    : N(static_cast<int>(stage_kind.size())), terminal(std::move(end)), kinds_(std::move(kinds)),
+      stage_kind_(std::move(stage_kind)), retract_(std::move(retract)), difference_(std::move(difference)) {
+    if (N < 1 || kinds_.empty()) throw std::invalid_argument("a programme needs at least one stage and one kind");
+    nx = kinds_[0].nx, ndx = kinds_[0].ndx, ng = terminal.ng;
+    for (auto& kind : kinds_) {
+        if (kind.nx != nx || kind.ndx != ndx) throw std::invalid_argument("kinds differ in the size of the state");
+        kind.prepare();
+    }
+    nd = is_structured() ? kinds_[0].structure->nd() : ndx;
+    for (const auto& kind : kinds_)
+        if ((kind.structure != nullptr) != is_structured() || (is_structured() && kind.ny != kinds_[0].ny))
+            throw std::invalid_argument("kinds differ in their structure");
+    check_output(terminal.values, 1, ng, 1, "terminal values");
+    check_output(terminal.complete, 2, ng, ndx, "terminal complete");
+    check_output(retract_, 0, nx, 1, "retract");
+    check_output(difference_, 0, ndx, 1, "difference");
+    y_offset = u_offset = m_offset = r_offset = {0};
+    for (const int index : stage_kind_) {
+        const Kind& k = kinds_.at(static_cast<std::size_t>(index));
+        y_offset.push_back(y_offset.back() + k.ny), u_offset.push_back(u_offset.back() + k.nu);
+        m_offset.push_back(m_offset.back() + k.nc()), r_offset.push_back(r_offset.back() + k.nr);
+        max_nw = std::max(max_nw, k.nw()), max_ns = std::max(max_ns, k.ns()), max_nu = std::max(max_nu, k.nu);
+    }
+    rho_.assign(r_offset.back(), 0.0);
+    scaled_.assign(ndx, 0.0);
+}
+
+void Problem::set_parameters(const Numbers& of_all, const Numbers& of_stages, const Numbers& of_end) {
+    if (static_cast<int>(of_stages.size()) != r_offset.back())
+        throw std::invalid_argument("stage parameters: wrong length");
+    theta = of_all, rho_ = of_stages, rho_terminal = of_end;
+    for (Numbers* v : {&theta, &rho_, &rho_terminal}) v->push_back(0.0);  // functions may ask for a pointer of none
+}
+
+bool Problem::call(StageFunction& f, int n, const Point& at, const double* multipliers) const {
+    f.arg[0] = at.x.data() + x_offset(n);
+    f.arg[1] = f.arg[0] + nx;
+    f.arg[2] = at.y.data() + y_offset[n];
+    f.arg[3] = at.u.data() + u_offset[n];
+    int next = 4;
+    if (multipliers) f.arg[next++] = multipliers + m_offset[n];
+    f.arg[next++] = theta.data();
+    f.arg[next] = rho_.data() + r_offset[n];
+    return f.call();
+}
+
+bool Problem::retract(const double* x, const double* dx, double alpha, double* x_next) const {
+    for (int i = 0; i < ndx; ++i) scaled_[i] = alpha * dx[i];
+    retract_->arg[0] = x;
+    retract_->arg[1] = scaled_.data();
+    if (!retract_->call()) return false;
+    const Pattern& pattern = retract_->outputs[0];
+    for (int i = 0; i < pattern.nnz(); ++i) x_next[pattern.row[i]] = retract_->res[0][i];
+    return true;
+}
+
+bool Problem::difference(const double* x, const double* x_moved, double* dx) const {
+    difference_->arg[0] = x, difference_->arg[1] = x_moved;
+    if (!difference_->call()) return false;
+    std::fill(dx, dx + ndx, 0.0);
+    const Pattern& pattern = difference_->outputs[0];
+    for (int i = 0; i < pattern.nnz(); ++i) dx[pattern.row[i]] = difference_->res[0][i];
+    return true;
+}
+
+void Increment::add(const Increment& other) {
+    const auto add = [](Numbers& to, const Numbers& from) {
+        for (std::size_t i = 0; i < to.size(); ++i) to[i] += from[i];
+    };
+    add(dx, other.dx), add(dy, other.dy), add(du, other.du), add(dm, other.dm), add(deta, other.deta);
+}
+
+}  // namespace mbocp

@@ -1,0 +1,60 @@
+// The stagewise programme: functions, sizes, parameters.
+//
+//   minimise    sum_n l_n(x_{n-1}, x_n, u_n) + psi(x_N)
+//   subject to  c_n(x_{n-1}, x_n, y_n, u_n) = 0        multiplier m_n     (dynamics and constraints of a step)
+//               g(x_N) = 0                             multiplier eta
+//
+// with algebraic unknowns y_n of as many entries as c_n has rows beyond the state's tangent dimension. Nothing
+// here knows what a robot is. Stages refer to a kind (functions and dimensions); kinds may differ along the horizon.
+#pragma once
+
+#include <vector>
+
+#include "kind.hpp"
+
+namespace mbocp {
+
+struct Point;
+
+class Problem {
+public:
+    // `retract` is (x, dx) -> x, `difference` its inverse, (x, x_moved) -> dx.
+    Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract,
+            Function difference);
+    Problem(const Problem&) = delete;  // stages refer to its kinds
+    Problem& operator=(const Problem&) = delete;
+
+    void set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal);
+    const Kind& kind(int n) const { return kinds_[static_cast<std::size_t>(stage_kind_[n])]; }
+    const std::vector<Kind>& kinds() const { return kinds_; }
+    bool is_structured() const { return kinds_[0].structure != nullptr; }
+
+    int N, nx, ndx, ng;
+    int nd;                                  // entries of a state that value functions and gains are over
+    int max_nw = 0, max_ns = 0, max_nu = 0;  // over the kinds in use
+    std::vector<int> y_offset, u_offset, m_offset, r_offset;  // of the stages, and the total
+    Terminal terminal;
+    Numbers theta, rho_terminal;
+
+    std::size_t of_nodes(int size) const { return static_cast<std::size_t>(N + 1) * static_cast<std::size_t>(size); }
+    // Of a node's state, of its tangent, and of a stage's (state before, controls).
+    std::size_t x_offset(int node) const { return static_cast<std::size_t>(node) * static_cast<std::size_t>(nx); }
+    std::size_t dx_offset(int node) const { return static_cast<std::size_t>(node) * static_cast<std::size_t>(ndx); }
+    std::size_t s_offset(int n) const { return static_cast<std::size_t>(u_offset[n]) + dx_offset(n); }
+
+    // Calls a stage's function, with multipliers of the horizon where it takes any. False: not finite, or failed.
+    bool call(StageFunction& f, int n, const Point& at, const double* multipliers = nullptr) const;
+    // x_next <- x moved by alpha dx.
+    bool retract(const double* x, const double* dx, double alpha, double* x_next) const;
+    // dx <- what takes x to x_moved.
+    bool difference(const double* x, const double* x_moved, double* dx) const;
+
+private:
+    std::vector<Kind> kinds_;
+    std::vector<int> stage_kind_;
+    Function retract_, difference_;
+    Numbers rho_;
+    mutable Numbers scaled_;  // alpha dx
+};
+
+}  // namespace mbocp

@@ -1,0 +1,40 @@
+// What the kernel's operations say of their outcome.
+#pragma once
+
+namespace mbocp {
+
+struct Evaluation {
+    double cost = 0, residual = 0, primal = 0, dual = 0, violation = 0, worst = 0;
+    int worst_stage = -1, worst_row = -1;  // stage -1: the end condition; rows beyond a stage's own: its limits
+    bool finite = false;
+    // With limits: the cost with its barrier, which the line search looks at; the largest defect of the optimality
+    // conditions of the barrier problem; the norm of multipliers times distances, which `dual` contains.
+    double objective = 0, barrier_error = 0, complementarity = 0;
+};
+
+struct Factorisation {
+    int negative = 0;             // negative eigenvalues of the control Hessians plus those of eta's Schur complement
+    double smallest_pivot = 0.0;  // relative, over the stages' step matrices
+    double end_condition = 1.0;   // relative size of the smallest eigenvalue of eta's (equilibrated) Schur complement
+    bool ok = false;
+    int bad_stage = -1;  // where a matrix was singular; num_stages: the end condition
+};
+
+struct Direction {
+    double increment = 0, slope = 0, curvature = 0, linear_residual = 0;  // slope of the objective
+    double longest = 1, longest_dual = 1;  // steps that keep slacks and limits' multipliers positive
+    bool finite = false;
+};
+
+struct Trial {
+    double objective = 0, violation = 0;
+    bool finite = false;
+};
+
+struct Sweep {
+    bool ok = false;
+    int failed_stage = -1, iterations = 0;
+    double residual = 0;
+};
+
+}  // namespace mbocp

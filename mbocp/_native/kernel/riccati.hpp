@@ -1,0 +1,56 @@
+// One Newton step of the whole horizon: eliminate each stage, walk backward (Riccati), then forward.
+//
+// The end condition's multiplier eta rides along as extra right-hand sides, which are the auxiliary adjoint A of
+// eqs. (33)-(44) of the first paper; S below. Work and memory grow linearly with the number of stages.
+//
+// Propagating S with the open-loop dynamics is single shooting in disguise: on an unstable system its columns become
+// parallel and the Schur complement of eta singular to working precision. The quadratic programme is therefore first
+// augmented by rho/2 |g + g_x dx|^2, which changes neither its solution nor the inertia of its KKT matrix, but closes
+// the loop: S then follows A + BK, and the Schur complement tends to -1/rho.
+#pragma once
+
+#include "elimination.hpp"
+
+namespace mbocp {
+
+class Riccati {
+public:
+    Riccati(const Problem& problem, Data& data, Step& step, Barrier& barrier);
+
+    // The derivatives are those of another iterate; only the residual is another one, as where the barrier parameter
+    // changes.
+    void forget();
+    void forget_residual();
+
+    // `shift` is added to the Hessian's diagonal in every state, `augment` weighs the end condition.
+    Factorisation factorise(double shift, double augment);
+    Direction solve(int refinements);
+    // The direction for other values of the constraints: alpha times those of the iterate, plus these.
+    Direction correct(double alpha, const Numbers& c, const Numbers& g);
+
+    const Increment& direction() const { return direction_; }
+    const Elimination& elimination() const { return *elimination_; }
+
+private:
+    enum class Known { nothing, factors, backward };  // the latter: also the backward half for rhs_
+
+    void gather_residual();
+    void backward(const Residual& rhs);
+    void forward(const Residual& rhs, Increment& out, KktCheck* check);
+    Direction finish(int refinements);
+    void measure(Direction& d) const;
+
+    const Problem& problem_;
+    Data& data_;
+    Barrier& barrier_;
+    EndMultiplier eta_;
+    std::unique_ptr<Elimination> elimination_;
+    KktCheck check_;
+    Known known_ = Known::nothing;
+    Weights weights_;  // of the last factorisation
+    Residual rhs_;
+    Numbers eta_rhs_;
+    Increment direction_, correction_;
+};
+
+}  // namespace mbocp
