@@ -5,7 +5,7 @@ their rate costs something. Derivatives are taken along the retraction x -> (z e
 dx = 0, so that every Newton update stays on the joints' Lie group; or, where the shape is flat, in the
 coordinates themselves.
 
-Inputs and outputs (see `mbocp/_native/kernel/programme.hpp`):
+Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 
 - values    (x0, x1, y, u, theta, rho)      -> c, l
 - gradient  (x0, x1, y, u, theta, rho)      -> dl_dz; z = (x1, y, x0, u)
