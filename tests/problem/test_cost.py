@@ -11,6 +11,8 @@ import pytest
 from mbocp.exceptions import MbocpError, ProblemFileError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot
+from mbocp.solution.files import FileContent, write_content
+from mbocp.storage.content import ENTRIES
 
 Loader = Callable[..., Problem]
 Maker = Callable[..., Problem]
@@ -115,11 +117,19 @@ def test_target_file_csv(kinova: Robot, tmp_path: Path) -> None:
     np.testing.assert_allclose(problem.cost.target_p, fine[2][1:], atol=1e-12)
 
 
+def _save(path: Path, **motion: np.ndarray) -> None:
+    """A result file with this motion, and nothing else in it that counts."""
+    rows = len(motion["t"])
+    arrays = {name: np.zeros((rows, 1)) for name in ENTRIES} | motion
+    columns = {
+        name: (("x", ""),) * (array.shape[1] if array.ndim == 2 else 1) for name, array in arrays.items()
+    }
+    write_content(path, FileContent(arrays, columns, {}, {}, {}, {}))
+
+
 def test_target_file_result(load: Loader, ur5: Robot, arm_file: Path) -> None:
     t, qs, ps = _motion(ur5, 21)
-    with h5py.File(arm_file.parent / "motion.h5", "w") as file:
-        for name, data in (("t", t), ("qs", qs), ("ps", ps)):
-            file[f"trajectories/{name}"] = data
+    _save(arm_file.parent / "motion.h5", t=t, qs=qs, ps=ps)
     problem = load("cost.target_file='motion.h5'", "cost.tracking=1")  # relative to the problem file
     np.testing.assert_allclose(problem.cost.target_q, qs[1:], atol=1e-14)
 
@@ -139,11 +149,33 @@ def test_bad_target_file(load: Loader, arm_file: Path, content: str, reason: str
 
 def test_target_file_that_ends_early(load: Loader, ur5: Robot, arm_file: Path) -> None:
     t, qs, ps = _motion(ur5, 21)
-    with h5py.File(arm_file.parent / "motion.h5", "w") as file:
-        for name, data in (("t", 0.5 * t), ("qs", qs), ("ps", ps)):
-            file[f"trajectories/{name}"] = data
+    _save(arm_file.parent / "motion.h5", t=0.5 * t, qs=qs, ps=ps)
     with pytest.raises(ProblemFileError, match=r"covers 0 to 0\.5 s, expected 0 to 1 s"):
         load("cost.target_file='motion.h5'", "cost.tracking=1")
+
+
+def test_a_damaged_target_file_is_refused_like_any_result(load: Loader, ur5: Robot, arm_file: Path) -> None:
+    """One bit of a number, which HDF5 itself does not see."""
+    t, qs, ps = _motion(ur5, 21)
+    path = arm_file.parent / "motion.h5"
+    _save(path, t=t, qs=qs, ps=ps)
+    content = bytearray(path.read_bytes())
+    content[content.index(qs.tobytes()) + 100] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(ProblemFileError, match=r"cost\.target_file: .*motion\.h5 is damaged, or was changed"):
+        load("cost.target_file='motion.h5'", "cost.tracking=1")
+
+
+def test_target_files_of_other_programs_and_shapes(load: Loader, ur5: Robot, arm_file: Path) -> None:
+    t, qs, ps = _motion(ur5, 21)
+    with h5py.File(arm_file.parent / "motion.h5", "w") as file:
+        file["trajectories/t"] = t
+    with pytest.raises(ProblemFileError, match=r"motion\.h5 is HDF5, but not a result file of mbocp"):
+        load("cost.target_file='motion.h5'", "cost.tracking=1")
+    for wrong in ({"t": t[:, None]}, {"qs": qs[0]}, {"ps": ps[..., None]}):
+        _save(arm_file.parent / "motion.h5", **({"t": t, "qs": qs, "ps": ps} | wrong))
+        with pytest.raises(ProblemFileError, match="another shape than a row for each time|1 columns"):
+            load("cost.target_file='motion.h5'", "cost.tracking=1")
 
 
 def test_missing_target_file(load: Loader) -> None:

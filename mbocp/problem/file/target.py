@@ -11,8 +11,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE, is_file, read_text
 from mbocp._text import shown
-from mbocp.exceptions import ProblemError, Unreadable
+from mbocp.exceptions import ProblemError, ResultFileError, Unreadable
 from mbocp.robot import Robot
+from mbocp.storage.reading import read_image
 
 __all__ = ["read_target"]
 
@@ -77,18 +78,18 @@ def _read_csv(path: Path, robot: Robot) -> _Motion:
 
 
 def _read_result(path: Path) -> _Motion:
-    import h5py  # only for those who track a saved motion
+    from mbocp.storage.hdf5 import content_of  # HDF5 only for those who track a saved motion
 
     try:
-        with h5py.File(path, "r") as file:
-            group = file["trajectories"]
-            return _Motion(*(np.array(group[name], dtype=np.float64) for name in ("t", "qs", "ps")))
-    except (OSError, KeyError) as error:
-        reason = f"{path} is neither a CSV table nor a result of mbocp ({error})"
-        raise ProblemError(f"{_KEY}: {reason}") from error
+        arrays = content_of(path, read_image(path)).arrays
+    except ResultFileError as error:
+        raise ProblemError(f"{_KEY}: {path} {error.reason}") from error
+    return _Motion(*(arrays[name] for name in _Motion._fields))
 
 
 def _check(motion: _Motion, robot: Robot, path: Path, duration: float) -> None:
+    if motion.t.ndim != 1 or motion.qs.ndim != 2 or motion.ps.ndim != 2:
+        raise ProblemError(f"{_KEY}: {path} holds t, q or p of another shape than a row for each time")
     if motion.qs.shape != (len(motion.t), robot.nq) or motion.ps.shape != (len(motion.t), robot.nv):
         raise ProblemError(
             f"{_KEY}: {path} holds q with {motion.qs.shape[-1]} and p with {motion.ps.shape[-1]} columns, "
