@@ -11,7 +11,8 @@ import resource
 from collections.abc import Iterator
 from pathlib import Path
 
-from mbocp.exceptions import InvalidValue, MemoryLimitExceeded
+from mbocp._environment import number_from
+from mbocp.exceptions import MemoryLimitExceeded
 
 __all__ = ["check_memory", "memory_limit"]
 
@@ -28,14 +29,8 @@ def memory_limit() -> tuple[float, str]:
     InvalidValue
         If MBOCP_MEMORY_LIMIT is no positive number.
     """
-    text = os.environ.get(_NAME)
-    if text:
-        try:
-            megabytes = float(text)
-        except ValueError:
-            megabytes = 0.0
-        if not megabytes > 0.0:
-            raise InvalidValue(_NAME, repr(text), "a number of megabytes > 0")
+    megabytes = number_from(_NAME, "a number of megabytes > 0")
+    if megabytes is not None:
         return 1e6 * megabytes, _NAME
     left = min([*_of_machine(), *_of_cgroup(), *_of_process()], default=float("inf"))
     return _SHARE * left, f"{100 * _SHARE:.0f} % of the memory that is left"

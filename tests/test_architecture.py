@@ -16,6 +16,7 @@ LAYERS = (
     "_text",
     "_numbers",
     "exceptions",
+    "_environment",
     "_files",
     "_arrays",
     "_linear",
@@ -52,7 +53,7 @@ ALONE = {
     "symbolic": {"exceptions", "_native"},
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
-    "programme": {"exceptions", "_arrays", "_native"},
+    "programme": {"exceptions", "_arrays", "_environment", "_native"},
     "solvers": {"exceptions", "_arrays", "_linear", "_native", "programme"},
     "exceptions": {"_text"},
 }

@@ -107,11 +107,12 @@ def _kernel() -> tuple[Verdict, str, str]:
 def _compiler() -> tuple[Verdict, str, str]:
     from mbocp.programme.compiler import compiler
 
-    path = compiler()
-    if path is None:
+    command = compiler()
+    if command is None:
         advice = "install one (Debian: apt install gcc) or set CC; until then solving is far slower"
         return "warn", "none found", advice
-    said = subprocess.run([path, "--version"], capture_output=True, text=True, check=False, timeout=10)
+    path = " ".join(command)
+    said = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False, timeout=10)
     if said.returncode != 0:
         return "warn", f"{path} does not run", "set CC to a C compiler that works"
     return "ok", f"{path}: {(said.stdout.splitlines() or [''])[0]}", ""

@@ -7,9 +7,8 @@ since second derivatives of a tree are dense; explicit schemes repeat this for e
 
 from __future__ import annotations
 
-import os
-
-from mbocp.exceptions import InvalidValue, TooManyOperations
+from mbocp._environment import number_from
+from mbocp.exceptions import TooManyOperations
 from mbocp.formulation.shape import Shape
 from mbocp.integrators.tableaux import TABLEAUX
 
@@ -58,13 +57,5 @@ def estimated_operations(nv: int, shape: Shape) -> float:
 
 
 def _limit() -> float:
-    text = os.environ.get(_NAME)
-    if not text:
-        return _LIMIT
-    try:
-        limit = float(text)
-    except ValueError:
-        limit = 0.0
-    if not limit > 0.0:
-        raise InvalidValue(_NAME, repr(text), "a number > 0")
-    return limit
+    limit = number_from(_NAME, "a number > 0")
+    return _LIMIT if limit is None else limit

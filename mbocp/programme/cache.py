@@ -24,7 +24,8 @@ from collections.abc import Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 
-from mbocp.exceptions import CompilationError, InvalidValue
+from mbocp._environment import number_from
+from mbocp.exceptions import CompilationError
 
 __all__ = [
     "cache_folder",
@@ -138,14 +139,8 @@ def entries(folder: Path) -> list[tuple[Path, os.stat_result]]:
 
 def cache_limit() -> int:
     """How large the entries may become together [bytes]: $MBOCP_CACHE_LIMIT in MB, else 2000 MB."""
-    text = os.environ.get("MBOCP_CACHE_LIMIT") or str(_LIMIT)
-    try:
-        megabytes = float(text)
-    except ValueError:
-        megabytes = -1.0
-    if not 0.0 <= megabytes < 1e12:
-        raise InvalidValue("MBOCP_CACHE_LIMIT", repr(text), "a number of megabytes")
-    return int(megabytes * 1e6)
+    megabytes = number_from("MBOCP_CACHE_LIMIT", "a number of megabytes", may_be_zero=True, below=1e12)
+    return int(1e6 * (_LIMIT if megabytes is None else megabytes))
 
 
 def trim(folder: Path) -> None:

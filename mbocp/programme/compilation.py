@@ -117,7 +117,10 @@ def load_functions(
     CompilationTimeout
         If the deadline passes before the functions are there.
     """
-    material = "\n".join([key, _sources_digest(), _casadi_version(), platform.machine(), " ".join(_flags())])
+    cc = compiler()
+    options = cc[1:] if cc is not None else ()  # they may change what is computed
+    flags = " ".join((*_flags(), *options))
+    material = "\n".join([key, _sources_digest(), _casadi_version(), platform.machine(), flags])
     name = f"{hashlib.sha256(material.encode()).hexdigest()[:32]}.so"
     library = cached(name)
     if library is not None:
@@ -125,7 +128,6 @@ def load_functions(
     check_deadline(deadline, "the functions were to be built")
     functions = build()
     check_deadline(deadline, "the functions were built")
-    cc = compiler()
     if cc is None:
         _warn_no_compiler()
         return CompiledFunctions(
@@ -182,7 +184,7 @@ def _flags_for(functions: Collection[ca.Function], most: int) -> tuple[str, ...]
 class _Unit:
     """What is compiled together: by which compiler, how many operations are worth optimising, until when."""
 
-    cc: str
+    cc: tuple[str, ...]
     functions: Mapping[str, ca.Function]
     most: int
     deadline: float
@@ -216,11 +218,11 @@ def _compile(unit: _Unit, library: Path) -> Path:
         source.write_text(split_functions(generator.dump()), encoding="utf-8")
         check_deadline(unit.deadline, "the functions were written in C")
         flags = _flags_for(unit.functions.values(), unit.most)
-        run_compiler([unit.cc, *flags, "-o", str(built), str(source), "-lm"], scratch, unit.deadline)
+        run_compiler([*unit.cc, *flags, "-o", str(built), str(source), "-lm"], scratch, unit.deadline)
         body = built.read_bytes() if built.is_file() else b""
         if not body:
             raise CompilationError(
-                f"the C compiler {unit.cc} reports no error, but has made no library; set CC to one that "
+                f"the C compiler {unit.cc[0]} reports no error, but has made no library; set CC to one that "
                 "works"
             )
         built.write_bytes(sealed(body))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import errno
 import math
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -18,7 +19,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from mbocp.exceptions import CompilationError, CompilationTimeout
+from mbocp.exceptions import CompilationError, CompilationTimeout, InvalidValue
 
 __all__ = ["check_deadline", "compiler", "run_compiler"]
 
@@ -38,13 +39,38 @@ _FULL = ("No space left on device", "Disk quota exceeded", "Bus error")  # ld ma
 _FROM_SIGNAL = 128  # a shell adds it to the number of the signal that killed a command
 
 
-def compiler() -> str | None:
-    """Path of the C compiler that is used: $CC, else cc, gcc or clang; None when there is none."""
-    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        found = shutil.which(name) if name else None
+def compiler() -> tuple[str, ...] | None:
+    """The C compiler that is used, as the first words of a command; None when there is none.
+
+    It is $CC, which may have options ("gcc -m64") or a wrapper ("ccache gcc"), quoted as in a shell; where
+    that is not set or names no program, it is cc, gcc or clang.
+
+    Returns
+    -------
+    command : tuple of str, or None
+        Path of the program, and the options that $CC gives it.
+
+    Raises
+    ------
+    InvalidValue
+        If $CC has a quote that does not end.
+    """
+    for words in (_named_compiler(), ["cc"], ["gcc"], ["clang"]):
+        found = shutil.which(words[0]) if words else None
         if found:
-            return found
+            return (found, *words[1:])
     return None
+
+
+def _named_compiler() -> list[str]:
+    """Words of $CC; one that is as it stands the path of a program is not taken apart."""
+    named = os.environ.get("CC", "")
+    if shutil.which(named):
+        return [named]
+    try:
+        return shlex.split(named)
+    except ValueError:
+        raise InvalidValue("CC", repr(named), "a compiler and its options, quoted as in a shell") from None
 
 
 def check_deadline(deadline: float, doing: str) -> None:

@@ -174,7 +174,7 @@ def test_target_files_of_other_programs_and_shapes(load: Loader, ur5: Robot, arm
         load("cost.target_file='motion.h5'", "cost.tracking=1")
     for wrong in ({"t": t[:, None]}, {"qs": qs[0]}, {"ps": ps[..., None]}):
         _save(arm_file.parent / "motion.h5", **({"t": t, "qs": qs, "ps": ps} | wrong))
-        with pytest.raises(ProblemFileError, match="another shape than a row for each time|1 columns"):
+        with pytest.raises(ProblemFileError, match=r"another shape than a row for each time|1 columns"):
             load("cost.target_file='motion.h5'", "cost.tracking=1")
 
 

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.exceptions import CompilationError
+from mbocp.exceptions import CompilationError, InvalidValue
 from mbocp.formulation import transcribe
 from mbocp.problem import Problem
 from mbocp.programme import compilation
 from mbocp.programme.compilation import NoCompilerWarning, load_functions
+from mbocp.programme.compiler import compiler
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -137,6 +138,45 @@ def test_a_compiler_that_makes_nothing_is_named(folder: Path, monkeypatch: pytes
     with pytest.raises(CompilationError, match=r"true reports no error, but has made no library; set CC"):
         load_functions("key", doubling)
     assert not list(folder.iterdir())
+
+
+def test_the_compiler_may_have_options_and_a_wrapper(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (real, *_) = compiler() or ()
+    wrapper = tmp_path / "a wrapper"
+    wrapper.write_text('#!/bin/sh\necho "$@" >> "$0.log"\nexec "$@"\n')
+    wrapper.chmod(0o755)
+    monkeypatch.setenv("CC", f"'{wrapper}' {Path(real).name} -DSOME='a b'")
+    assert load_functions("key", doubling).compiled_now
+    said = wrapper.with_name("a wrapper.log").read_text()
+    assert said.startswith(f"{Path(real).name} -DSOME=a b -O")
+    assert not load_functions("key", never).compiled_now
+    monkeypatch.delenv("CC")
+    assert load_functions("key", doubling).compiled_now, "options are part of what is compiled"
+
+
+@pytest.mark.parametrize("named", ["", "no-such-compiler -m64", " "])
+def test_a_compiler_that_is_not_there_is_another(named: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    usual = compiler()
+    monkeypatch.setenv("CC", named)
+    assert compiler() == usual
+
+
+def test_a_program_whose_path_has_spaces_is_no_program_with_options(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "my gcc -m64"
+    program.touch(0o755)
+    monkeypatch.setenv("CC", str(program))
+    assert compiler() == (str(program),)
+
+
+def test_a_quote_that_does_not_end_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "gcc '-m64")
+    with pytest.raises(InvalidValue, match=r"CC: got \"gcc '-m64\", expected a compiler and its options"):
+        compiler()
 
 
 def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:

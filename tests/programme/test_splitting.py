@@ -74,7 +74,7 @@ def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     source.write_text(split)
     cc = compiler()
     assert cc is not None
-    command = [cc, "-O1", "-Wall", "-Wno-unused-but-set-variable", "-Werror"]
+    command = [*cc, "-O1", "-Wall", "-Wno-unused-but-set-variable", "-Werror"]
     command += ["-ffp-contract=off", "-fPIC", "-shared"]
     subprocess.run([*command, "-o", str(built), str(source), "-lm"], check=True)
     return Library(function, built)

@@ -1,0 +1,43 @@
+"""Numbers that environment variables set."""
+
+from __future__ import annotations
+
+import math
+import os
+
+from mbocp.exceptions import InvalidValue
+
+__all__ = ["number_from"]
+
+
+def number_from(
+    name: str, expected: str, *, may_be_zero: bool = False, below: float = math.inf
+) -> float | None:
+    """Return the number in an environment variable; None where it is not set, or empty.
+
+    Parameters
+    ----------
+    name : str
+    expected : str
+        What it should be, for the message.
+    may_be_zero : bool
+        Else it is above zero.
+    below : float
+        It is less than that, if that is finite.
+
+    Raises
+    ------
+    InvalidValue
+        If it is no such number.
+    """
+    text = os.environ.get(name)
+    if not text:
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    is_right = (number >= 0.0 if may_be_zero else number > 0.0) and (math.isinf(below) or number < below)
+    if not is_right:
+        raise InvalidValue(name, repr(text), expected)
+    return number
