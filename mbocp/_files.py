@@ -23,8 +23,8 @@ else:  # pragma: no cover
     import tomli as tomllib
 
 __all__ = [
+    "MAX_LEVELS",
     "MEGABYTE",
-    "MOST_LEVELS",
     "TEXT_LIMIT",
     "is_file",
     "is_folder",
@@ -37,8 +37,8 @@ __all__ = [
 
 MEGABYTE = 2**20
 TEXT_LIMIT = 4 * MEGABYTE  # of problem, study and robot files [bytes]; the largest that we know has 50 kB
-MOST_LEVELS = 64  # of tables and lists within each other
-_TOO_DEEP = f"lists or tables are nested more than {MOST_LEVELS} deep"
+MAX_LEVELS = 64  # of tables and lists within each other
+_TOO_DEEP = f"lists or tables are nested more than {MAX_LEVELS} deep"
 _INTEGERS = range(-(2**63), 2**63)  # what TOML lets an integer be
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -49,7 +49,7 @@ _KINDS = (
 )
 # tomllib takes time quadratic in the number of parts of a dotted key.
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
-_LONG_KEY = re.compile(rf"(?m)^[ \t\[]*(?:{_PART}\.[ \t]*){{{MOST_LEVELS}}}")
+_LONG_KEY = re.compile(rf"(?m)^[ \t\[]*(?:{_PART}\.[ \t]*){{{MAX_LEVELS}}}")
 
 
 def path_of(name: str | Path) -> Path:
@@ -131,7 +131,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     """Tables of a TOML text.
 
     Integers are those of 64 bits, as TOML demands (Python's parser takes longer ones, which no float can
-    hold), and tables and lists go at most `MOST_LEVELS` deep.
+    hold), and tables and lists go at most `MAX_LEVELS` deep.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         If it is not TOML, with line and column; if it is nested too deeply, or has a longer integer.
     """
     if _LONG_KEY.search(text):
-        raise Unreadable(f"malformed TOML: a key of more than {MOST_LEVELS} parts")
+        raise Unreadable(f"malformed TOML: a key of more than {MAX_LEVELS} parts")
     try:
         document: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -151,7 +151,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     except ValueError as error:  # Python refuses to convert more than 4300 digits
         raise Unreadable(f"malformed TOML: an integer that does not fit into 64 bits ({error})") from error
     for path, value in _walk(document):
-        if len(path) > MOST_LEVELS:
+        if len(path) > MAX_LEVELS:
             raise Unreadable(f"malformed TOML: {_dotted(path)}: {_TOO_DEEP}")
         if isinstance(value, int) and value not in _INTEGERS:
             raise Unreadable(

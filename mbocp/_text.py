@@ -7,10 +7,10 @@ import reprlib
 import unicodedata
 from typing import Any
 
-__all__ = ["LONGEST_MESSAGE", "LONGEST_QUOTE", "has_control_characters", "shortened", "shown"]
+__all__ = ["MAX_MESSAGE", "MAX_QUOTE", "has_control_characters", "shortened", "shown"]
 
-LONGEST_QUOTE = 200  # characters of one value in a message
-LONGEST_MESSAGE = 4000  # characters of a message
+MAX_QUOTE = 200  # characters of one value in a message
+MAX_MESSAGE = 4000  # characters of a message
 _GAP = " [...] "
 _LOG10_2 = math.log10(2.0)
 _BITS = 256  # of an integer that is written out
@@ -23,7 +23,7 @@ class _Repr(reprlib.Repr):
         super().__init__()
         self.maxlevel = 4
         self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = self.maxdeque = self.maxdict = 12
-        self.maxstring = self.maxlong = self.maxother = LONGEST_QUOTE
+        self.maxstring = self.maxlong = self.maxother = MAX_QUOTE
 
     def repr_int(self, x: int, level: int) -> str:
         """An integer; Python itself refuses to print one of more than 4300 digits."""
@@ -35,7 +35,7 @@ class _Repr(reprlib.Repr):
 _REPR = _Repr()
 
 
-def shown(value: Any, limit: int = LONGEST_QUOTE) -> str:
+def shown(value: Any, limit: int = MAX_QUOTE) -> str:
     """`repr(value)` for a message, with at most `limit` characters and in bounded time.
 
     Parameters
@@ -53,7 +53,7 @@ def has_control_characters(text: str) -> bool:
     return any(unicodedata.category(character) == "Cc" for character in text)
 
 
-def shortened(text: str, limit: int = LONGEST_QUOTE) -> str:
+def shortened(text: str, limit: int = MAX_QUOTE) -> str:
     """`text` itself, or its beginning and end with "[...]" between them if it is longer than `limit`."""
     if len(text) <= limit:
         return text

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from mbocp._text import LONGEST_MESSAGE, shortened
+from mbocp._text import MAX_MESSAGE, shortened
 
 __all__ = [
     "CompilationError",
@@ -57,10 +57,10 @@ def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
 
 
 class MbocpError(Exception):
-    """Root of all errors of mbocp; a message has at most `LONGEST_MESSAGE` characters, whatever it quotes."""
+    """Root of all errors of mbocp; a message has at most `MAX_MESSAGE` characters, whatever it quotes."""
 
     def __init__(self, *words: Any) -> None:
-        super().__init__(*(shortened(w, LONGEST_MESSAGE) if isinstance(w, str) else w for w in words))
+        super().__init__(*(shortened(w, MAX_MESSAGE) if isinstance(w, str) else w for w in words))
 
 
 class Unreadable(MbocpError):

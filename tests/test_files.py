@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mbocp._files import (
-    MOST_LEVELS,
+    MAX_LEVELS,
     is_file,
     is_folder,
     parse_toml,
@@ -80,9 +80,9 @@ def test_what_is_no_utf8_is_refused(tmp_path):
     ("text", "reason"),
     [
         ("x = [", "malformed TOML: .*line 1, column 6"),
-        ("x = " + "[" * 5000 + "]" * 5000, f"nested more than {MOST_LEVELS} deep"),
+        ("x = " + "[" * 5000 + "]" * 5000, f"nested more than {MAX_LEVELS} deep"),
         (
-            "x = " + "[" * (MOST_LEVELS + 1) + "]" * (MOST_LEVELS + 1),
+            "x = " + "[" * (MAX_LEVELS + 1) + "]" * (MAX_LEVELS + 1),
             r"x\[0\]\[0\].*: lists or tables are",
         ),
         ("x = " + "{a = " * 3000 + "1" + "}" * 3000, "nested more than"),
@@ -103,7 +103,7 @@ def test_malformed_toml_is_refused_in_short_time(text, reason):
 
 
 def test_the_largest_that_toml_allows_is_read():
-    deep = "[" * (MOST_LEVELS - 1) + "]" * (MOST_LEVELS - 1)
+    deep = "[" * (MAX_LEVELS - 1) + "]" * (MAX_LEVELS - 1)
     document = parse_toml(f"x = {deep}\ny = [9223372036854775807, -9223372036854775808]\nt = 2020-12-31")
     assert document["y"] == [2**63 - 1, -(2**63)]
 

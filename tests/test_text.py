@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from mbocp._text import LONGEST_MESSAGE, LONGEST_QUOTE, shortened, shown
+from mbocp._text import MAX_MESSAGE, MAX_QUOTE, shortened, shown
 from mbocp.exceptions import MbocpError, RobotFileError, UnknownJoint
 
 
@@ -32,7 +32,7 @@ def test_small_values_are_shown_as_python_writes_them(value):
 )
 def test_large_values_are_shown_in_few_characters_and_little_time(value):
     began = time.perf_counter()
-    assert len(shown(value)) <= LONGEST_QUOTE
+    assert len(shown(value)) <= MAX_QUOTE
     assert time.perf_counter() - began < 1.0
 
 
@@ -56,4 +56,4 @@ def test_shortened_keeps_beginning_and_end():
     ids=lambda error: type(error).__name__,
 )
 def test_messages_are_bounded(error):
-    assert len(str(error)) <= LONGEST_MESSAGE
+    assert len(str(error)) <= MAX_MESSAGE

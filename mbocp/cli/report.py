@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import typer
 
-from mbocp._text import LONGEST_MESSAGE, shortened
+from mbocp._text import MAX_MESSAGE, shortened
 from mbocp.cli import signals
 from mbocp.exceptions import MbocpError
 
@@ -30,7 +30,7 @@ BUG = 70  # EX_SOFTWARE: 1 is "not converged", and a bug must not look like it
 INTERRUPTED = 130  # what a shell reports for Ctrl-C
 CLOSED_PIPE = 141  # and for a reader that went away
 
-_LONGEST_TRACE = 20_000  # characters
+_MAX_TRACE = 20_000  # characters
 _NO_MEMORY = (
     "there is not enough memory for this; take fewer steps or substeps, a smaller robot, or a machine that "
     "has more"
@@ -109,7 +109,7 @@ def _meaning(error: BaseException) -> _Meaning | None:
         return _Meaning("error", f"{where}{error.strerror}", "red", BAD_INPUT)
     if not isinstance(error, Exception):
         return None
-    sys.stderr.write(shortened("".join(traceback.format_exception(error)), _LONGEST_TRACE))
+    sys.stderr.write(shortened("".join(traceback.format_exception(error)), _MAX_TRACE))
     return _Meaning("error", "this is a bug in mbocp; please report it with the lines above", "red", BUG)
 
 
@@ -156,7 +156,7 @@ def _print_json(error: BaseException, meaning: _Meaning) -> None:
         "status": meaning.word,
         "converged": False,
         "error": type(error).__name__,
-        "message": shortened(meaning.message, LONGEST_MESSAGE),
+        "message": shortened(meaning.message, MAX_MESSAGE),
         "exit_status": meaning.status,
     }
     with contextlib.suppress(BrokenPipeError):
@@ -165,7 +165,7 @@ def _print_json(error: BaseException, meaning: _Meaning) -> None:
 
 def _say(word: str, message: str, color: str) -> None:
     """Print ``word: message`` on stderr, the word in colour if that is a terminal."""
-    first, *rest = shortened(message, LONGEST_MESSAGE).splitlines() or [""]
+    first, *rest = shortened(message, MAX_MESSAGE).splitlines() or [""]
     lines = [f"{typer.style(word, fg=color, bold=True)}: {first}", *(f"  {line}" for line in rest)]
     with contextlib.suppress(BrokenPipeError):  # nobody reads it; the exit status tells
         typer.echo("\n".join(lines), err=True, color=None if sys.stderr.isatty() else False)

@@ -26,7 +26,7 @@ __all__ = ["IMAGES", "PAGES", "RESULTS", "Outputs", "check_output", "run"]
 RESULTS = (".h5", ".hdf5")
 PAGES = (".html", ".htm")
 IMAGES = (".png", ".pdf", ".svg")
-_LONGEST_NAME = 255  # bytes, of a file: what Linux takes
+_MAX_NAME_BYTES = 255  # bytes, of a file: what Linux takes
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,9 @@ def check_output(path: Path, option: str, suffixes: Sequence[str]) -> None:
     folder = path.parent
     if not is_folder(folder):
         raise ResultFileError(path, f"{option}: there is no folder {shown(str(folder))}; make it first")
-    if len(os.fsencode(path.name)) > _LONGEST_NAME:
+    if len(os.fsencode(path.name)) > _MAX_NAME_BYTES:
         raise ResultFileError(
-            path, f"{option}: a name of more than {_LONGEST_NAME} bytes; give a shorter one"
+            path, f"{option}: a name of more than {_MAX_NAME_BYTES} bytes; give a shorter one"
         )
     if not os.access(folder, os.W_OK) or (is_file(path) and not os.access(path, os.W_OK)):
         raise ResultFileError(path, f"{option}: no permission to write there")

@@ -22,8 +22,8 @@ __all__ = ["goal_error", "print_summary", "robot_words", "solution_rows"]
 
 _Rows = list[tuple[str, str | Text]]
 
-_MANY = 12  # more names than that are counted
-_MOST_LIMITS = 8  # more lines than that nobody reads
+_MAX_NAMES = 12  # more names than that are counted
+_MAX_LIMITS = 8  # more lines than that nobody reads
 
 
 def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[str, Path]] = ()) -> None:
@@ -121,7 +121,8 @@ def _violation(solution: Solution) -> str:
     if not solution.nc:
         return "none"
     columns = solution.labels.lam
-    names = ", ".join(c.name for c in columns) if len(columns) <= _MANY else f"all {len(columns)} of them"
+    named = ", ".join(c.name for c in columns)
+    names = named if len(columns) <= _MAX_NAMES else f"all {len(columns)} of them"
     words = f"violated by {solution.constraint_violation:.2e} at most ({names})"
     hidden = solution.velocity_violation
     return words if math.isnan(hidden) else f"{words}, their rates by {hidden:.2e}"
@@ -132,9 +133,9 @@ def _limits(solution: Solution) -> _Rows:
     if not _is_bounded(solution):
         return []
     active = [_touches(limit) for limit in solution.active_limits]
-    listed = "\n".join(active[:_MOST_LIMITS]) or "none is active"
-    if len(active) > _MOST_LIMITS:
-        listed += f"\nand {len(active) - _MOST_LIMITS} more"
+    listed = "\n".join(active[:_MAX_LIMITS]) or "none is active"
+    if len(active) > _MAX_LIMITS:
+        listed += f"\nand {len(active) - _MAX_LIMITS} more"
     if solution.limit_violation > 0.0:
         listed += f"\nviolated by {solution.limit_violation:.2e} at most"
     elif solution.limit_violation == 0.0:

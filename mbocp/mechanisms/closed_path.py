@@ -1,4 +1,4 @@
-"""Ways of a mechanism from start to goal on which its loops stay closed: what guesses are made of."""
+"""Paths of a mechanism from start to goal on which its loops stay closed: initial guesses use them."""
 
 from __future__ import annotations
 
@@ -13,67 +13,69 @@ from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
 
-__all__ = ["LONGEST_WAY", "closed_way", "constraint_jacobians", "driving_joints", "walk"]
+__all__ = ["MAX_PATH_LENGTH", "closed_way", "constraint_jacobians", "driving_joints", "path_towards"]
 
-LONGEST_WAY = 300.0  # [rad, m] that are followed with closed loops: 48 turns take a second or two
+MAX_PATH_LENGTH = 300.0  # [rad, m] 48 turns, which take a second or two
 
-_ARRIVED = 1e-6  # [rad, m] a way that ends so near to the goal has arrived
-_LEAP = 0.3  # [rad, m] longer steps to the next configuration are taken in smaller ones
-_CLOSED = 1e-12  # [m, rad, m^2]
-_NEWTON_STEPS = 12  # quadratic: three are typical
-_INDEPENDENT = 0.05  # part of a motion along the constraints that a driven joint must make
+_ARRIVAL_TOLERANCE = 1e-6  # [rad, m]
+_MAX_LEAP = 0.3  # [rad, m] to the next configuration; a longer step is divided
+_CLOSURE_TOLERANCE = 1e-12  # [m, rad, m^2]
+_MAX_NEWTON_STEPS = 12  # quadratic: three are typical
+_MIN_INDEPENDENCE = 0.05  # part of each motion along the constraints that a driving joint makes
 
 
 def closed_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array | None:
-    """Configurations from start to goal with the loops closed all the way.
+    """Configurations from start to goal, the loops closed at each.
 
-    The joints that drive the mechanism, those with motors first, are on the straight line; the others follow.
+    The joints that drive the mechanism, those with motors first, move on a straight line; the others follow.
 
     Parameters
     ----------
     q_start, q_goal : ndarray, shape (nq,)
-        They close the loops.
+        Configurations that close the loops.
     shares : ndarray, shape (n,)
-        How far along the line each configuration is; the last is 1.
+        Part of the line at each configuration; the last is 1.
 
     Returns
     -------
     qs : ndarray, shape (n, nq), or None
-        None if this way gets stuck, leads elsewhere or is too long.
+        None if the path gets stuck, ends elsewhere or is too long.
     """
-    if np.abs(robot.difference(q_start, q_goal)).max(initial=0.0) > LONGEST_WAY:
+    if np.abs(robot.difference(q_start, q_goal)).max(initial=0.0) > MAX_PATH_LENGTH:
         return None
     driving = driving_joints(robot, q_start)
-    qs = walk(robot, q_start, q_goal, driving, shares)
-    has_arrived = qs is not None and np.abs(robot.difference(qs[-1], q_goal)).max() <= _ARRIVED
+    qs = path_towards(robot, q_start, q_goal, driving, shares)
+    has_arrived = qs is not None and np.abs(robot.difference(qs[-1], q_goal)).max() <= _ARRIVAL_TOLERANCE
     return qs if has_arrived else None
 
 
-def walk(robot: Robot, q_start: Array, target: Array, wanted: BoolArray, shares: Array) -> Array | None:
-    """Configurations with the wanted components on the straight line to a target, and the loops closed.
+def path_towards(
+    robot: Robot, q_start: Array, target: Array, wanted: BoolArray, shares: Array
+) -> Array | None:
+    """Configurations with the wanted components on the straight line to a target, the loops closed at each.
 
     Parameters
     ----------
     q_start, target : ndarray, shape (nq,)
-        The first closes the loops.
+        Configurations; the first closes the loops.
     wanted : ndarray of bool, shape (nv,)
-        Velocity components of whole joints that are on the line.
+        Velocity components of whole joints that move on the line.
     shares : ndarray, shape (n,)
-        How far along the line each configuration is.
+        Part of the line at each configuration.
 
     Returns
     -------
     qs : ndarray, shape (n, nq), or None
-        None if this way gets stuck.
+        None if the path gets stuck.
     """
     whole = np.where(wanted, robot.difference(q_start, target), 0.0)
     q, qs, last = q_start, [], np.zeros(robot.nv)
     for share in shares:
         there = robot.integrate(q_start, share * whole)
-        ahead = np.where(wanted, robot.difference(q, there), last)  # the others go on as they did
-        near = _closed_beside(robot, q, ahead, ~wanted)
+        ahead = np.where(wanted, robot.difference(q, there), last)  # the others keep their rate
+        near = _closed_by_newton(robot, q, ahead, ~wanted)
         found = follow(robot, q, there, wanted) if near is None else near
-        if np.abs(robot.difference(found, there)[wanted]).max(initial=0.0) > _ARRIVED:
+        if np.abs(robot.difference(found, there)[wanted]).max(initial=0.0) > _ARRIVAL_TOLERANCE:
             return None
         last = np.zeros(robot.nv) if near is None else robot.difference(q, found)
         q = found
@@ -92,7 +94,7 @@ def constraint_jacobians(robot: Robot, qs: Array) -> Array:
 
 
 def driving_joints(robot: Robot, q: Array) -> BoolArray:
-    """Joints whose motion determines that of the mechanism, those with a motor first."""
+    """Velocity components of joints that determine the motion of the mechanism, those with a motor first."""
     basis = null_space(robot.constraint_jacobian(q), 1e-9)
     chosen = np.zeros(robot.nv, dtype=np.bool_)
     has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
@@ -101,34 +103,34 @@ def driving_joints(robot: Robot, q: Array) -> BoolArray:
         if basis.shape[1] == 0 or where.stop == where.start:
             continue
         rows = basis[where]
-        if np.linalg.svd(rows, compute_uv=False)[: rows.shape[0]].min() < _INDEPENDENT:
+        if np.linalg.svd(rows, compute_uv=False)[: rows.shape[0]].min() < _MIN_INDEPENDENCE:
             continue
         chosen[where] = True
         basis = basis @ null_space(rows, 1e-9)
     return chosen
 
 
-def _closed_beside(robot: Robot, q: Array, ahead: Array, free: BoolArray) -> Array | None:
-    """Configuration moved on and its loops closed by the free joints, by Newton's method.
+def _closed_by_newton(robot: Robot, q: Array, ahead: Array, free: BoolArray) -> Array | None:
+    """Configuration moved by `ahead`, its loops closed by the free joints with Newton's method.
 
-    None where this fails, or where a joint would leap.
+    None if the method does not converge or a joint would leap.
     """
     closure, found = _closure(robot), robot.integrate(q, ahead)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(_MAX_NEWTON_STEPS):
         phi, dPhi_dq = (value.full() for value in closure(found))
-        if np.abs(phi).max() < _CLOSED:
-            is_near = np.abs(robot.difference(q, found)).max() < _LEAP
+        if np.abs(phi).max() < _CLOSURE_TOLERANCE:
+            is_near = np.abs(robot.difference(q, found)).max() < _MAX_LEAP
             return found if is_near else None
         step = np.zeros(robot.nv)
         step[free] = -np.linalg.lstsq(dPhi_dq[:, free], phi.ravel(), rcond=None)[0]
-        if np.abs(step).max() > _LEAP:
+        if np.abs(step).max() > _MAX_LEAP:
             return None
         found = robot.integrate(found, step)
     return None
 
 
 def _closure(robot: Robot) -> ca.Function:
-    """Phi and dPhi_dq of q in one call, where Pinocchio's numbers take many; made once for a robot."""
+    """(q) -> (Phi, dPhi_dq) in one call, built once for a robot; by Pinocchio it takes many calls."""
     if robot not in _closures:
         mechanics, q = JointMechanics(robot), ca.SX.sym("q", robot.nq)
         rows = [mechanics.constraints(q), mechanics.constraint_jacobian(q)]

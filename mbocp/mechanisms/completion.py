@@ -1,4 +1,4 @@
-"""Start and goal of a robot with closed loops: what was written, and the joints that follow from it."""
+"""Completion of a start or goal with closed loops: joints that were not written follow from the others."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InconsistentStart, UnreachableGoal
-from mbocp.mechanisms.closed_path import LONGEST_WAY, driving_joints, walk
+from mbocp.mechanisms.closed_path import MAX_PATH_LENGTH, driving_joints, path_towards
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
 from mbocp.mechanisms.search import search
 from mbocp.robot import Robot
@@ -18,8 +18,8 @@ from mbocp.robot.loops.projection import follow, violations
 
 __all__ = ["assembled", "assembled_velocity", "complete_goal"]
 
-_ARRIVED = 1e-6  # [rad, m] a continuation that comes so near has arrived
-_ATTEMPTS = 5  # the first from where the start is, the others from around it
+_ARRIVAL_TOLERANCE = 1e-6  # [rad, m]
+_MAX_ATTEMPTS = 5  # the first from the given pose, the others from around it
 _STRIDE = 0.1  # [rad, m]
 
 
@@ -32,18 +32,18 @@ def assembled(
     ----------
     q : ndarray, shape (nq,)
     active : ndarray of bool, shape (nv,)
-        Which directions were written. If those of some joints only, the others are found.
+        Velocity components of the joints that were written; the others are found.
     assemble : bool
-        Whether what was written in full may move; if not, it is left as it is.
+        Whether a configuration that was written in full may move to the nearest one that closes the loops.
     base : ndarray, shape (nq,)
-        A configuration that closes the loops; the joints that were not written are looked for from there.
+        Configuration that closes the loops, from which the search for the other joints starts.
     key : str
         What q is called in messages.
 
     Raises
     ------
     InconsistentStart, UnreachableGoal
-        If the written joints are so far from `base` that no way there is followed.
+        If the written joints are too far from `base` for a path in small steps.
     LoopNotClosed
         If no configuration with the written joints closes the loops, or none near one written in full.
     """
@@ -51,16 +51,16 @@ def assembled(
         return q
     if active.all() or not active.any():
         return np.array(robot.assemble(q)) if assemble else q
-    _check_way(robot, base, q, active, key)
+    _check_distance(robot, base, q, active, key)
     reached = follow(robot, base, q, active)
-    if _distance(robot, reached, q, active) <= _ARRIVED:
+    if _distance(robot, reached, q, active) <= _ARRIVAL_TOLERANCE:
         return reached
     written = [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
     return np.array(robot.assemble(q, fixed=written))
 
 
 def assembled_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, assemble: bool) -> Array:
-    """Return `v` along the constraints: the joints that were not written follow those that were."""
+    """Return `v` along the constraints: the velocities that were not written follow from the others."""
     if not robot.nc or np.abs(robot.constraint_jacobian(q) @ v).max() <= CONSISTENCY_TOLERANCE:
         return v
     if active.all():
@@ -72,7 +72,8 @@ def assembled_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, a
 def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> Array:
     """Return the goal with its free directions moved so that the constraints hold.
 
-    The way leads from the start in small steps, the loops closed: the goal lies in the start's assembly mode.
+    The path from the start goes in small steps with the loops closed, so the goal is in the assembly mode of
+    the start.
 
     Returns
     -------
@@ -83,7 +84,7 @@ def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> 
     InconsistentStart
         If no configuration with the wanted entries meets the constraints.
     UnreachableGoal
-        If some do, but none to which the mechanism was found to get from the start.
+        If some do, but the search finds no path from the start to any of them.
     """
     if not robot.nc or not active.any():
         return q
@@ -96,16 +97,16 @@ def _completed(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: b
     active = np.frombuffer(active_bytes, dtype=np.bool_)
     if active.all():
         check_position(robot, q, "goal.q")
-    _check_way(robot, q_start, q, active, "goal.q")
+    _check_distance(robot, q_start, q, active, "goal.q")
     if active.all():
         _check_mode(robot, q_start, q)
         return q
     size = _distance(robot, q_start, q, active)
-    way = walk(robot, q_start, q, active, np.linspace(0.0, 1.0, 2 + int(size / _STRIDE))[1:])
-    reached = follow(robot, q_start, q, active) if way is None else way[-1]
-    if _distance(robot, reached, q, active) <= _ARRIVED:
+    path = path_towards(robot, q_start, q, active, np.linspace(0.0, 1.0, 2 + int(size / _STRIDE))[1:])
+    reached = follow(robot, q_start, q, active) if path is None else path[-1]
+    if _distance(robot, reached, q, active) <= _ARRIVAL_TOLERANCE:
         return reached
-    bad = violations(robot, _anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
+    bad = violations(robot, _closed_anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
     short, written = _short(robot, reached, q, active), _names(robot, active)
     if bad:
         row, value, unit = bad[0]
@@ -122,11 +123,11 @@ def _completed(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: b
     return found
 
 
-def _anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
-    """Gauss-Newton on Phi(q) = 0 over the free directions, from several places."""
+def _closed_anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
+    """Gauss-Newton on Phi(q) = 0 over the free directions, from several initial poses."""
     rng = np.random.default_rng(0)
     found = q
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(_MAX_ATTEMPTS):
         offset = np.zeros(robot.nv)
         # [m, rad] away from where Phi_q is singular
         offset[free] = 0.1 * attempt * rng.standard_normal(free.size)
@@ -136,27 +137,27 @@ def _anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
     return found
 
 
-def _check_way(robot: Robot, base: Array, q: Array, active: BoolArray, key: str) -> None:
-    """Refuse what is too far away to get there in small steps with the loops closed."""
+def _check_distance(robot: Robot, base: Array, q: Array, active: BoolArray, key: str) -> None:
+    """Refuse a configuration that is too far away for a path in small steps."""
     away = np.where(active, np.abs(robot.difference(base, q)), 0.0)
     worst = int(away.argmax())
-    if away[worst] > LONGEST_WAY:
+    if away[worst] > MAX_PATH_LENGTH:
         is_goal, label = key == "goal.q", robot.v_labels[worst]
         begin, unit = "the start" if is_goal else "the initial pose", label.unit.removesuffix("/s")
         raise (UnreachableGoal if is_goal else InconsistentStart)(
-            f"{key}: {label.name} is {away[worst]:.3g} {unit} from {begin} of robot {robot.name!r}, and ways "
-            f"with closed loops are followed over {LONGEST_WAY:g} {unit} at most; give a nearer position, an "
-            "angle without its whole turns"
+            f"{key}: {label.name} is {away[worst]:.3g} {unit} from {begin} of robot {robot.name!r}, and "
+            f"ways with closed loops are followed over {MAX_PATH_LENGTH:g} {unit} at most; give a nearer "
+            "position, an angle without its whole turns"
         )
 
 
 def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
-    """Refuse a goal to which no way leads from the start: straight, by driving some joints, or roundabout."""
+    """Refuse a goal that no path from the start reaches: straight, by the driving joints, or by a search."""
     everything = np.ones(robot.nv, dtype=np.bool_)
     nearest = q_start
     for wanted in (everything, driving_joints(robot, q_start)):
         reached = follow(robot, q_start, q, wanted)
-        if _distance(robot, reached, q, everything) <= _ARRIVED:
+        if _distance(robot, reached, q, everything) <= _ARRIVAL_TOLERANCE:
             return
         nearest = reached
     if search(robot, q_start, q, everything) is not None:
@@ -165,7 +166,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
     moved = np.flatnonzero(turned != q)
     if moved.size:
         reached = follow(robot, q_start, turned, everything)
-        if _distance(robot, reached, turned, everything) <= _ARRIVED:
+        if _distance(robot, reached, turned, everything) <= _ARRIVAL_TOLERANCE:
             values = ", ".join(f"{robot.q_labels[i].name} = {turned[i]:.9g}" for i in moved)
             raise UnreachableGoal(
                 f"goal.q: whole turns away from what robot {robot.name!r} reaches from the start with its "
@@ -180,7 +181,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
 
 
 def _turned(robot: Robot, q_start: Array, q: Array) -> Array:
-    """The same pose with each angle less than half a turn from the start's."""
+    """The same pose with each angle within half a turn of the start's."""
     turned = np.array(q)
     for name in robot.joint_names:
         at = robot.configuration_indices(name)

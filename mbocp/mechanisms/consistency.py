@@ -26,7 +26,7 @@ __all__ = [
 CONSISTENCY_TOLERANCE = 1e-8  # [m, rad, m^2 for a rod, and their rates]
 RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero
 
-_PROJECTION_STEPS = 30  # Gauss-Newton is quadratic here: six are typical
+_MAX_PROJECTION_STEPS = 30  # Gauss-Newton is quadratic here: six are typical
 
 
 def check_position(robot: Robot, q: Array, key: str) -> None:
@@ -55,7 +55,7 @@ def check_velocity(robot: Robot, q: Array, v: Array, key: str) -> None:
 
 def project_on_constraints(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
     """Gauss-Newton on Phi(q) = 0 in the directions `free`."""
-    for _ in range(_PROJECTION_STEPS):
+    for _ in range(_MAX_PROJECTION_STEPS):
         residual = robot.constraint_residual(q)
         if np.abs(residual).max() < 1e-14:  # round-off of some metres
             break

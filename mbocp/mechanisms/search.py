@@ -16,87 +16,89 @@ from mbocp.robot.loops.projection import follow, gauss_newton, violations
 __all__ = ["search"]
 
 _STRIDE = 0.15  # [rad, m] of the joint that moves most
-_TURNS = 1.5  # how far a curve is followed [2 pi rad, 2 pi m], beyond the distance of the target
-_WALKS, _FEWEST, _MOST = 16, 3, 15  # of the search that is not along one curve, and strides of each
-_NEAR = 0.6  # [rad, m] from where it is tried to arrive
-_ARRIVED = 1e-6  # [rad, m]
-_LOOSE = 0.1  # singular values below: a way on that may be a branch of its own
+_CURVE_TURNS = 1.5  # [2 pi rad, 2 pi m] a curve is followed beyond the distance of the target
+_NUM_WALKS, _MIN_STRIDES, _MAX_STRIDES = 16, 3, 15  # random walks, and the strides of each
+_ARRIVAL_RADIUS = 0.6  # [rad, m] nearer than this, the straight way to the target is tried
+_ARRIVAL_TOLERANCE = 1e-6  # [rad, m]
+_BRANCH_TOLERANCE = 0.1  # a direction with a smaller singular value may be a branch of its own
 
 
 def search(robot: Robot, q_start: Array, target: Array, wanted: BoolArray) -> Array | None:
-    """Configuration with the wanted components of a target that the mechanism reaches with its loops closed.
+    """Reachable configuration with the wanted components of a target, its loops closed.
 
     Parameters
     ----------
     q_start : ndarray, shape (nq,)
-        It closes the loops.
+        Configuration that closes the loops.
     target : ndarray, shape (nq,)
+        Configuration [m, rad]; only its wanted components matter.
     wanted : ndarray of bool, shape (nv,)
-        Components of whole joints.
+        Velocity components of whole joints.
 
     Returns
     -------
     q : ndarray, shape (nq,), or None
-        None if no way is found. For one degree of freedom and no singular pose there is none then, within a
-        turn and a half.
+        None if the search finds no path. With one degree of freedom and no singular pose on its curve there
+        is none, within one and a half turns.
     """
     rng = np.random.default_rng(0)
     basis = null_space(robot.constraint_jacobian(q_start), 1e-9)
     places = [q_start]
     if basis.shape[1] == 1:
-        found, places = _along_the_curve(robot, q_start, basis[:, 0], target, wanted)
+        found, places = _along_curve(robot, q_start, basis[:, 0], target, wanted)
         if found is not None or not places:
             return found
-    for _ in range(_WALKS):
+    for _ in range(_NUM_WALKS):
         q = places[int(rng.integers(len(places)))]
-        ways = _ways(robot, q)
-        walked = _walk(robot, q, ways @ rng.standard_normal(ways.shape[1]), int(rng.integers(_FEWEST, _MOST)))
+        directions = _directions(robot, q)
+        ahead = directions @ rng.standard_normal(directions.shape[1])
+        walked = _walk(robot, q, ahead, int(rng.integers(_MIN_STRIDES, _MAX_STRIDES)))
         reached = follow(robot, walked[-1], target, wanted)
-        if _left(robot, reached, target, wanted) <= _ARRIVED:
+        if _distance(robot, reached, target, wanted) <= _ARRIVAL_TOLERANCE:
             return reached
         places = places if basis.shape[1] == 1 else [*places, walked[-1]]
     return None
 
 
-def _along_the_curve(
+def _along_curve(
     robot: Robot, q_start: Array, ahead: Array, target: Array, wanted: BoolArray
 ) -> tuple[Array | None, list[Array]]:
-    """Where one degree of freedom reaches the target, or None; and the places where other curves begin."""
-    size = _left(robot, q_start, target, wanted)
-    strides = int((size + 2.0 * np.pi * _TURNS) / _STRIDE)
+    """Configuration at the target, or None, along the one curve; and the poses where curves branch off."""
+    size = _distance(robot, q_start, target, wanted)
+    strides = int((size + 2.0 * np.pi * _CURVE_TURNS) / _STRIDE)
     places: list[Array] = []
     for direction in (ahead, -ahead):
-        way = _walk(robot, q_start, direction, strides)
-        left = np.array([_left(robot, q, target, wanted) for q in way])
-        lowest = np.r_[True, left[1:] <= left[:-1]] & np.r_[left[:-1] <= left[1:], True]
-        for node in np.flatnonzero(lowest & (left < _NEAR)):
-            reached = follow(robot, way[node], target, wanted)
-            if _left(robot, reached, target, wanted) <= _ARRIVED:
+        path = _walk(robot, q_start, direction, strides)
+        away = np.array([_distance(robot, q, target, wanted) for q in path])
+        is_minimum = np.r_[True, away[1:] <= away[:-1]] & np.r_[away[:-1] <= away[1:], True]
+        for node in np.flatnonzero(is_minimum & (away < _ARRIVAL_RADIUS)):
+            reached = follow(robot, path[node], target, wanted)
+            if _distance(robot, reached, target, wanted) <= _ARRIVAL_TOLERANCE:
                 return reached, places
-        places += [q for q in way if _ways(robot, q).shape[1] > 1]
-        if len(way) <= strides and _left(robot, way[-1], q_start, np.ones_like(wanted)) < _STRIDE:
-            break  # once round
+        places += [q for q in path if _directions(robot, q).shape[1] > 1]
+        if len(path) <= strides and _distance(robot, path[-1], q_start, np.ones_like(wanted)) < _STRIDE:
+            break  # the curve is closed
     return None, places
 
 
 def _walk(robot: Robot, q: Array, ahead: Array, strides: int) -> list[Array]:
-    """Configurations straight on along the constraints, from q until it gets stuck or comes back."""
-    way, everything = [q], np.ones(robot.nv, dtype=np.bool_)
+    """Configurations along the constraints from q, straight on, until a step fails or the path closes."""
+    path, everything = [q], np.ones(robot.nv, dtype=np.bool_)
     for _ in range(strides):
-        moved = _stride(robot, way[-1], ahead)
+        moved = _stride(robot, path[-1], ahead)
         if moved is None:
             break
-        ahead = robot.difference(way[-1], moved)
-        way.append(moved)
-        if len(way) > _FEWEST and _left(robot, moved, q, everything) < 0.6 * _STRIDE:
+        ahead = robot.difference(path[-1], moved)
+        path.append(moved)
+        if len(path) > _MIN_STRIDES and _distance(robot, moved, q, everything) < 0.6 * _STRIDE:
             break
-    return way
+    return path
 
 
 def _stride(robot: Robot, q: Array, ahead: Array) -> Array | None:
-    """A step along the constraints in a direction that is nearly along them, or a shorter one."""
-    ways = _ways(robot, q)
-    along = ways @ (ways.T @ ahead)
+    """Configuration one stride ahead along the constraints, or a shorter stride; None if none succeeds."""
+    directions = _directions(robot, q)
+    along = directions @ (directions.T @ ahead)
     size = float(np.abs(along).max(initial=0.0))
     if size == 0.0:
         return None
@@ -111,10 +113,10 @@ def _stride(robot: Robot, q: Array, ahead: Array) -> Array | None:
     return None
 
 
-def _ways(robot: Robot, q: Array) -> Array:
-    """Directions along the constraints; near a singular pose, those of its branches, too."""
-    return null_space(robot.constraint_jacobian(q), _LOOSE)
+def _directions(robot: Robot, q: Array) -> Array:
+    """Directions along the constraints, shape (nv, any); near a singular pose also those of its branches."""
+    return null_space(robot.constraint_jacobian(q), _BRANCH_TOLERANCE)
 
 
-def _left(robot: Robot, q: Array, target: Array, wanted: BoolArray) -> float:
+def _distance(robot: Robot, q: Array, target: Array, wanted: BoolArray) -> float:
     return float(np.abs(robot.difference(q, target)[wanted]).max(initial=0.0))

@@ -15,8 +15,8 @@ from mbocp.exceptions import InvalidValue, suggest
 from mbocp.robot.parts import Label
 
 __all__ = [
-    "LARGEST_POSITION",
-    "LARGEST_RATE",
+    "MAX_POSITION",
+    "MAX_RATE",
     "check_bool",
     "check_choice",
     "check_finite",
@@ -27,12 +27,10 @@ __all__ = [
     "check_size",
 ]
 
-LARGEST_POSITION = 1e9  # [m, rad] as of what is drawn; a float beside it is exact to 1e-7
-LARGEST_RATE = (
-    1e15  # [m/s, rad/s, kg m/s, N m s] as of the numbers of a robot; products of several have numbers
-)
+MAX_POSITION = 1e9  # [m, rad] as of what is drawn; a float beside it is exact to 1e-7
+MAX_RATE = 1e15  # [m/s, rad/s, kg m/s, N m s] as of the numbers of a robot; products of several have numbers
 
-_LARGEST_INTEGER = 2**31 - 1
+_MAX_INTEGER = 2**31 - 1
 
 
 def check_bool(name: str, value: Any) -> bool:
@@ -70,8 +68,8 @@ def check_integer(name: str, value: Any, minimum: int) -> int:
         raise InvalidValue(name, shown(value), expected)
     if value < minimum:
         raise InvalidValue(name, shown(int(value)), expected)
-    if value > _LARGEST_INTEGER:
-        raise InvalidValue(name, shown(int(value)), f"{expected} and at most {_LARGEST_INTEGER}")
+    if value > _MAX_INTEGER:
+        raise InvalidValue(name, shown(int(value)), f"{expected} and at most {_MAX_INTEGER}")
     return int(value)
 
 

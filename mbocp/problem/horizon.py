@@ -9,7 +9,7 @@ __all__ = ["bytes_per_step", "check_horizon"]
 # Fitted to the largest resident memory of solves of 10,000 to 40,000 steps; 10 to 30 % more than measured.
 _MATRICES, _VECTORS, _REST = 2.5, 16.0, 3000.0
 _INTERIOR = 4.5  # solvers of others keep their own Jacobians, Hessians and factors; IPOPT: 3.7 measured
-_LARGEST = 10**300  # beyond, floats end
+_MAX_FLOAT = 10**300  # beyond, floats end
 
 
 def check_horizon(steps: int, unknowns: int, *, by_others: bool = False) -> None:
@@ -30,8 +30,9 @@ def check_horizon(steps: int, unknowns: int, *, by_others: bool = False) -> None
     """
     each = bytes_per_step(unknowns, by_others=by_others)
     check_memory(
-        min(steps * round(each), _LARGEST),
-        f"horizon.steps: {min(steps, _LARGEST):.4g} steps of {unknowns} unknowns ({each / 1e3:.3g} kB each)",
+        min(steps * round(each), _MAX_FLOAT),
+        f"horizon.steps: {min(steps, _MAX_FLOAT):.4g} steps of {unknowns} unknowns "
+        f"({each / 1e3:.3g} kB each)",
         "Take fewer steps",
     )
 

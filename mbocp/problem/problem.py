@@ -15,8 +15,8 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import (
-    LARGEST_POSITION,
-    LARGEST_RATE,
+    MAX_POSITION,
+    MAX_RATE,
     check_choice,
     check_finite,
     check_integer,
@@ -39,7 +39,7 @@ from mbocp.robot.loops.redundancy import singular_pose
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
 COORDINATES: tuple[str, ...] = ("joint", "natural")
-LONGEST_DURATION = 1e12  # [s] 30,000 years; squares of much longer ones overflow
+MAX_DURATION = 1e12  # [s] 30,000 years; squares of much longer ones overflow
 
 
 _BESIDE = (
@@ -150,8 +150,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         duration = check_positive("horizon.duration", self.duration, "s")
-        if duration > LONGEST_DURATION:
-            expected = f"a positive number [s] of at most {LONGEST_DURATION:g}"
+        if duration > MAX_DURATION:
+            expected = f"a positive number [s] of at most {MAX_DURATION:g}"
             raise InvalidValue("horizon.duration", duration, expected)
         object.__setattr__(self, "duration", duration)
         object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))
@@ -282,8 +282,8 @@ class Problem:
             raise DimensionMismatch("start.v", v.shape, (robot.nv,))
         check_finite("start.v", v)
         q = frozen_array(robot.normalise(q, name="start.q"))
-        check_size("start.q", q, robot.q_labels, LARGEST_POSITION)
-        check_size("start.v", v, robot.v_labels, LARGEST_RATE)
+        check_size("start.q", q, robot.q_labels, MAX_POSITION)
+        check_size("start.v", v, robot.v_labels, MAX_RATE)
         object.__setattr__(self, "q_start", q)
         object.__setattr__(self, "v_start", v)
         check_position(robot, q, "start.q")
@@ -296,9 +296,9 @@ class Problem:
         robot, goal = self.robot, self.goal
         goal.check_dimensions(robot.nq, robot.nv)
         goal = replace(goal, q=robot.normalise(goal.q, name="goal.q"))
-        check_size("goal.q", goal.q, robot.q_labels, LARGEST_POSITION)
+        check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
         rates = robot.p_labels if goal.rate == "p" else robot.v_labels
-        check_size(f"goal.{goal.rate}", goal.value, rates, LARGEST_RATE)
+        check_size(f"goal.{goal.rate}", goal.value, rates, MAX_RATE)
         goal = without_driven_velocities(robot, goal)
         for key, default in (("guard", True), ("redundant", "drop")):
             check_unused(f"goal.{key}", getattr(goal, key), default, self.scheme)

@@ -34,7 +34,7 @@ code=$?
 { kill $watch; wait $watch; } 2>/dev/null
 exit $code
 """
-_SHOWN = 2000  # characters of what a compiler said
+_MAX_OUTPUT = 2000  # characters of what a compiler said
 _FULL = ("No space left on device", "Disk quota exceeded", "Bus error")  # ld maps its output into memory
 _FROM_SIGNAL = 128  # a shell adds it to the number of the signal that killed a command
 
@@ -103,7 +103,7 @@ def run_compiler(command: Sequence[str], scratch: Path, deadline: float = math.i
     code, messages = _outcome(command, scratch, deadline)
     if code == 0:
         return
-    said = messages[-_SHOWN:].decode(errors="replace").strip()
+    said = messages[-_MAX_OUTPUT:].decode(errors="replace").strip()
     if any(words in said for words in _FULL) and shutil.disk_usage(scratch).free < _room(scratch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(scratch))
     how = f"exit {code}"

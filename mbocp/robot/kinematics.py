@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 WORLD = "world"
-_SINGULAR = 1e-12  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
+_MIN_EIGENVALUE = 1e-12  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 
 
 class FramePair(Protocol):
@@ -101,7 +101,7 @@ def scaled_spectrum(mass: Array) -> tuple[Array, Array]:
 
 def is_singular(mass: Array) -> bool:
     """Whether the mass matrix is singular or indefinite, whatever the units."""
-    return bool(mass.size and scaled_spectrum(mass)[0][0] < _SINGULAR)
+    return bool(mass.size and scaled_spectrum(mass)[0][0] < _MIN_EIGENVALUE)
 
 
 def velocity_from_momentum(mass: Array, jacobian: Array, p: Array) -> Array:

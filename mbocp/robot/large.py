@@ -16,13 +16,13 @@ from mbocp._memory import check_memory
 
 __all__ = ["check_working_memory", "composite_mass_matrix", "is_large", "working_data"]
 
-_LARGE = 100  # velocities, from which on Pinocchio's working memory is avoided
+_MIN_LARGE_NV = 100  # velocities, from which on Pinocchio's working memory is avoided
 _TENSORS = 4  # of nv^3 numbers
 
 
 def is_large(model: pin.Model) -> bool:
     """Whether Pinocchio's working memory counts."""
-    return int(model.nv) > _LARGE
+    return int(model.nv) > _MIN_LARGE_NV
 
 
 def working_data(model: pin.Model) -> pin.Data:

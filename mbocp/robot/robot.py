@@ -23,7 +23,7 @@ from mbocp.robot.warnings import NormalisationWarning
 
 __all__ = ["Robot"]
 
-_ZERO_NORM = 1e-8  # below, the direction of a quaternion is noise
+_MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
 _ROUND_OFF = 1e-9  # a norm this close to 1 is mended without a word
 
 
@@ -79,7 +79,7 @@ class Robot(RobotModel):
             norm = float(np.linalg.norm(array[group]))
             what = "quaternion" if group.stop - group.start == 4 else "cos/sin pair"
             where = f"{name}[{group.start}:{group.stop}], the {what} of joint {joint!r}"
-            if norm < _ZERO_NORM:
+            if norm < _MIN_NORM:
                 raise InvalidValue(where, f"norm {norm:.3g}", "a unit vector")
             if abs(norm - 1.0) > _ROUND_OFF:
                 warnings.warn(

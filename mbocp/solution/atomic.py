@@ -22,7 +22,7 @@ from mbocp.exceptions import ResultFileError
 
 __all__ = ["atomic_path", "replace_file"]
 
-_KEPT = 86_400.0  # [s] a file stays whose writer may live where locks are not seen
+_MIN_AGE = 86_400.0  # [s] a file stays whose writer may live where locks are not seen
 _OURS = re.compile(r"\.mbocp-(?P<kernel>[0-9a-f]{8})-[0-9a-f]{8}\.tmp")
 _EARLIER = re.compile(r"\..+\.(h5|hdf5|html?|png|pdf|svg|csv|json)\.[0-9]{1,7}-[0-9a-f]{8}\.tmp")
 
@@ -140,7 +140,7 @@ def _remove_if_left(path: Path, now: float) -> None:
             return
         except OSError:  # a file system without locks
             tells = False
-        if tells or now - facts.st_mtime > _KEPT:
+        if tells or now - facts.st_mtime > _MIN_AGE:
             path.unlink()
     finally:
         os.close(handle)

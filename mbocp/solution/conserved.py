@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 
 __all__ = ["ConservedQuantity", "conserved_quantities"]
 
-_VANISHING = 1e-9  # of the largest adjoint; a quantity below it is round-off of terms that cancel
+_ZERO_RATIO = 1e-9  # of the largest adjoint; a quantity below it is round-off of terms that cancel
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def conserved_quantities(
     mus : ndarray, shape (N + 1, 2 nv)
         Adjoints: their size says what counts as zero.
     """
-    zero = _VANISHING * float(np.abs(mus).max(initial=0.0))
+    zero = _ZERO_RATIO * float(np.abs(mus).max(initial=0.0))
     found = []
     for name, meaning, column in zip(names, meanings, momenta.T, strict=True):
         value, drift = float(column[0]), float(np.abs(column - column[0]).max())

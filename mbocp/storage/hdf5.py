@@ -184,18 +184,18 @@ def _check_written(name: str, data: h5py.Dataset) -> None:
     """Refuse values that are declared and stand nowhere: HDF5 would fill the memory with zeros for them."""
     stored = data.id.get_storage_size()
     is_packed = data.id.get_create_plist().get_nfilters() > 0
-    if stored * (_MOST_PACKED if is_packed else 1) < data.nbytes:
+    if stored * (_MAX_COMPRESSION if is_packed else 1) < data.nbytes:
         raise ValueError(f"{name} declares {data.nbytes} bytes, and {stored} were written")
 
 
-_LONGEST = 1 << 24  # [bytes] an attribute
-_MOST_PACKED = 1100  # bytes that one may unfold to: deflate's limit is 1032
+_MAX_ATTRIBUTE_BYTES = 1 << 24  # [bytes] an attribute
+_MAX_COMPRESSION = 1100  # bytes that one may unfold to: deflate's limit is 1032
 
 
 def _attribute(item: h5py.Group | h5py.Dataset, name: str) -> Any:
     """A number, a text, or a tuple of texts."""
     stored = item.attrs.get_id(name)
-    if math.prod(stored.shape or ()) * stored.dtype.itemsize > _LONGEST:
+    if math.prod(stored.shape or ()) * stored.dtype.itemsize > _MAX_ATTRIBUTE_BYTES:
         raise ValueError(f"attribute {name} is too long")
     value = item.attrs[name]
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind == "O":

@@ -13,7 +13,7 @@ from mbocp.study.pools import available_workers
 
 __all__ = ["dask_executor"]
 
-_PATIENCE = 10.0  # [s] for a scheduler to answer
+_TIMEOUT = 10.0  # [s] for a scheduler to answer
 
 
 @contextmanager
@@ -41,7 +41,7 @@ def dask_executor(address: str, workers: int | None = None) -> Iterator[tuple[Ex
                 yield client.get_executor(), count
             return
         try:
-            client = Client(address, timeout=_PATIENCE)
+            client = Client(address, timeout=_TIMEOUT)
         except (OSError, ValueError) as error:
             raise StudyError(f"--scheduler {address}: nobody answers there ({error})") from error
         with client:

@@ -16,7 +16,7 @@ __all__ = ["first_of_each_kind"]
 
 _NUMBERS_MATTER = ("robot", "integrator", "path", "horizon.steps")  # each value makes a kind
 _ZEROS_MATTER = ("cost", "limits")  # terms that are zero are left out of the functions
-_MOST = 64
+_MAX_KINDS = 64
 
 
 def first_of_each_kind(study: Study) -> list[Task]:
@@ -26,7 +26,7 @@ def first_of_each_kind(study: Study) -> list[Task]:
         stride //= len(dimension.points)
         strides.append(stride)
     places = [list(_distinct(dimension.points)) for dimension in study.dimensions]
-    chosen = islice(product(*places), _MOST)
+    chosen = islice(product(*places), _MAX_KINDS)
     indices = (sum(place * step for place, step in zip(p, strides, strict=True)) for p in chosen)
     return [study.task(index) for index in indices]
 

@@ -16,12 +16,12 @@ from pydantic import (
     ValidationError,
 )
 
-__all__ = ["MOST_TASKS", "is_header", "is_row"]
+__all__ = ["MAX_TASKS", "is_header", "is_row"]
 
-MOST_TASKS = 10**9  # of a study
-_MOST = 2**53  # of anything that is counted: beyond it, numbers of other programs are not exact
+MAX_TASKS = 10**9  # of a study
+_MAX_COUNT = 2**53  # of anything that is counted: beyond it, numbers of other programs are not exact
 
-_Count = Annotated[StrictInt, Field(ge=0, le=_MOST)]
+_Count = Annotated[StrictInt, Field(ge=0, le=_MAX_COUNT)]
 _Number = FiniteFloat | None
 
 
@@ -30,7 +30,7 @@ class _Header(BaseModel):
 
     name: StrictStr = ""
     digest: StrictStr = ""
-    tasks: Annotated[StrictInt, Field(ge=0, le=MOST_TASKS)] = 0
+    tasks: Annotated[StrictInt, Field(ge=0, le=MAX_TASKS)] = 0
     varied: list[StrictStr] = []
     by: list[StrictStr] = []
     record: list[StrictStr] = []

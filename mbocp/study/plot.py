@@ -18,7 +18,7 @@ from mbocp.view.figures.style import GREY, PALETTE, house_style, new_figure, pla
 __all__ = ["plot_summary"]
 
 _WIDTH, _BAR, _FRAME = 2.5, 0.3, 1.1  # [inch] of a panel, a bar, and what stands around the bars
-_LEAST, _MOST = 3, 100  # bars for whose height there is room
+_MIN_BARS, _MAX_BARS = 3, 100  # bars for whose height there is room
 
 
 class _Panel(NamedTuple):
@@ -42,16 +42,16 @@ def plot_summary(summary: Summary, path: str | Path, *, title: str = "") -> Path
     count = len(summary.groups)
     if not count:
         raise StudyError("there are no rows yet, and nothing to draw")
-    if count > _MOST:
+    if count > _MAX_BARS:
         raise StudyError(f"{count} groups are too many for a picture; sum up by less")
     panels = _panels(summary.groups)
     with house_style():
-        figure = new_figure(_WIDTH * len(panels) + 1.0, _BAR * max(count, _LEAST) + _FRAME)
+        figure = new_figure(_WIDTH * len(panels) + 1.0, _BAR * max(count, _MIN_BARS) + _FRAME)
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for i, (panel, place) in enumerate(zip(panels, axes, strict=True)):
             _draw(place, panel, summary.groups, PALETTE[i])
         axes[0].set_yticks(range(count), [plain_text(group.label) for group in summary.groups])
-        axes[0].set_ylim(max(count, _LEAST) - 0.5, -0.5)  # the first on top
+        axes[0].set_ylim(max(count, _MIN_BARS) - 0.5, -0.5)  # the first on top
         axes[0].set_ylabel(plain_text(", ".join(summary.by)))
         if title:
             figure.suptitle(plain_text(title), fontsize=11, fontweight="bold")

@@ -47,7 +47,7 @@ NO_SOLVER = ("compile", "guess", "diagnostics")  # phases of a solve in which no
 _LETTERS = {"q": "qs", "v": "vs", "p": "ps", "u": "us", "lam": "lams", "mu": "mus", "zeta": "zetas"}
 _DERIVED = ("q_final", "p_final", "u_first", "u_last", "num_steps", "control_hamiltonian")
 _BULKY = ("phases", "history", "labels", "options", "versions", "robot_spec", "problem_text")
-_LONGEST = 2000  # letters of a message
+_MAX_MESSAGE = 2000  # letters of a message
 
 
 def check_record(names: Sequence[str]) -> None:
@@ -76,7 +76,7 @@ def solution_row(
         "total_time_s": seconds,
         **numbers,
         "goal_distance": _goal_distance(problem, solution),
-        "message": "" if solution.converged else solution.advice[:_LONGEST],
+        "message": "" if solution.converged else solution.advice[:_MAX_MESSAGE],
     }
     if record:
         row["record"] = {name: _recorded(solution, name) for name in record}
@@ -86,7 +86,7 @@ def solution_row(
 def failure_row(status: str, message: str, seconds: float = math.nan) -> dict[str, Any]:
     """Row of a task without solution: `status` is `ERROR`, `TIMEOUT` or `CRASHED`."""
     row: dict[str, Any] = dict.fromkeys(FIELDS)
-    row |= {"status": status, "converged": False, "message": message[:_LONGEST]}
+    row |= {"status": status, "converged": False, "message": message[:_MAX_MESSAGE]}
     return row | {"total_time_s": plain_json(seconds)}
 
 

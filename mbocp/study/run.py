@@ -22,8 +22,8 @@ from mbocp.study.task import Solve, make_problem, rehearse, run_task
 __all__ = ["Progress", "StudyWarning", "run_study"]
 
 _PERIOD = 0.25  # [s] between two looks at the clock of the file
-_SOME = 10  # tasks to try before a study is refused
-_TRIES = 3  # of a task whose pool broke away under it
+_NUM_PROBES = 10  # tasks to try before a study is refused
+_MAX_TRIES = 3  # of a task whose pool broke away under it
 
 Progress = Callable[[int, int], object]
 
@@ -120,7 +120,7 @@ def _check_kinds(study: Study, kinds: Sequence[Task]) -> None:
     """Make the first problem of each kind; if none can be made, the study is wrong and not its tasks."""
     failed = [(task, error) for task in kinds if (error := _cannot_be_made(study, task)) is not None]
     if len(failed) == len(kinds):
-        some = (study.task(index) for index in range(0, len(study), max(len(study) // _SOME, 1)))
+        some = (study.task(index) for index in range(0, len(study), max(len(study) // _NUM_PROBES, 1)))
         if all(_cannot_be_made(study, task) for task in some):
             raise failed[0][1]
     for task, error in failed:
@@ -189,7 +189,7 @@ class _Run:
     def rehearse(self, kinds: Sequence[Task]) -> None:
         """Compile what each kind of task needs, outside the tasks' time."""
         again = list(kinds)
-        for _ in range(_TRIES):
+        for _ in range(_MAX_TRIES):
             futures = {self.pool.submit(rehearse, self.study.job, task.overrides): task for task in again}
             again = []
             for future, task in futures.items():
@@ -240,9 +240,9 @@ class _Run:
         if failed is not None:
             return failed
         self.tries[index] = self.tries.get(index, 0) + 1
-        if self.tries[index] < _TRIES:
+        if self.tries[index] < _MAX_TRIES:
             return None
-        return failure_row(CRASHED, f"the pool of processes broke {_TRIES} times while it ran")
+        return failure_row(CRASHED, f"the pool of processes broke {_MAX_TRIES} times while it ran")
 
     def _take(self, index: int, row: Mapping[str, Any]) -> None:
         whole = {"index": index, "values": dict(self.study.task(index).values), **row}

@@ -28,8 +28,8 @@ FORMAT = "mbocp study"
 FORMAT_VERSION = 1
 
 _SYNC_EVERY = 0.5  # [s] rows are on the disk after this time; a killed process alone loses none
-_MOST_BYTES = 2**30  # about a million rows
-_LONGEST_DIGEST = 12  # letters of it that are shown
+_MAX_BYTES = 2**30  # about a million rows
+_SHOWN_DIGEST = 12  # letters of it that are shown
 
 
 def read_table(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -42,7 +42,7 @@ def read_table(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """
     path = Path(path)
     try:
-        content = read_bytes(path, expected="a study's file", limit=_MOST_BYTES)
+        content = read_bytes(path, expected="a study's file", limit=_MAX_BYTES)
     except Unreadable as error:
         raise ResultFileError(path, error.reason) from error
     header, rows, _ = _parse(content, path)
@@ -230,6 +230,6 @@ def _check_same(found: Mapping[str, Any], wanted: Mapping[str, Any], path: Path)
     other = [key for key in {**theirs, **plain_ours} if theirs.get(key) != plain_ours.get(key)]
     raise StudyError(
         f"{path}: belongs to another study ({found.get('name')!r}, digest "
-        f"{digest[:_LONGEST_DIGEST]}..., this one is {wanted['digest'][:_LONGEST_DIGEST]}...; "
+        f"{digest[:_SHOWN_DIGEST]}..., this one is {wanted['digest'][:_SHOWN_DIGEST]}...; "
         f"they differ in {', '.join(other) or 'nothing that is written'}); give another file"
     )

@@ -25,7 +25,7 @@ __all__ = ["Job", "Solve", "make_problem", "rehearse", "run_task"]
 
 Solve = Callable[[Problem], Solution]
 
-_MOST_ROBOTS = 32  # kept in a process
+_MAX_ROBOTS = 32  # kept in a process
 _robots: OrderedDict[str, Robot] = OrderedDict()
 _lock = threading.Lock()  # an executor's workers may have several threads; a solve has a process for itself
 
@@ -103,7 +103,7 @@ def make_problem(job: Job, overrides: Mapping[str, Any]) -> Problem:
     problem = problem_from_tables(document, robot=robot, source=job.source, label=job.label)
     _robots[key] = problem.robot
     _robots.move_to_end(key)
-    if len(_robots) > _MOST_ROBOTS:
+    if len(_robots) > _MAX_ROBOTS:
         _robots.popitem(last=False)
     return problem
 

@@ -29,7 +29,7 @@ __all__ = [
 
 LABEL = "label"
 _COUNT = "count"
-_MOST_VALUES = 1_000_000  # of one key
+_MAX_VALUES = 1_000_000  # of one key
 
 
 @dataclass(frozen=True)
@@ -189,9 +189,9 @@ def _range_ends(written: Any, where: str) -> tuple[float, float, int]:
     if not isinstance(written, list) or len(written) != 3 or not all(map(_is_number, written)):
         raise StudyError(f"{where}: got {shown(written)}, expected [first, last, count]")
     first, last, count = written
-    if not isinstance(count, int) or not 1 <= count <= _MOST_VALUES:
+    if not isinstance(count, int) or not 1 <= count <= _MAX_VALUES:
         raise StudyError(
-            f"{where}: got count {shown(count)}, expected a whole number from 1 to {_MOST_VALUES}"
+            f"{where}: got count {shown(count)}, expected a whole number from 1 to {_MAX_VALUES}"
         )
     return float(first), float(last), count
 

@@ -14,7 +14,7 @@ from mbocp.robot.large import working_data
 
 __all__ = ["MAX_SAMPLES", "Motion", "sample_motion"]
 
-_LARGEST = 1e9  # [m, rad] of a configuration that can be drawn; as for the corners of meshes
+_MAX_COORDINATE = 1e9  # [m, rad] of a configuration that can be drawn; as for the corners of meshes
 MAX_SAMPLES = 6000  # key frames of one replay: of a long motion there are fewer a second
 
 
@@ -99,8 +99,8 @@ def _checked(model: pin.Model, t: ArrayLike, qs: ArrayLike) -> tuple[Array, Arra
     if not np.isfinite(configurations).all() or not np.isfinite(times).all():
         bad = np.flatnonzero(~(np.isfinite(configurations).all(axis=1) & np.isfinite(times)))
         raise InvalidValue("qs", f"NaN or infinity at step {bad[0]}", "finite numbers")
-    if np.abs(configurations).max(initial=0.0) > _LARGEST:
-        raise InvalidValue("qs", f"{np.abs(configurations).max():.1e}", f"numbers up to {_LARGEST:g}")
+    if np.abs(configurations).max(initial=0.0) > _MAX_COORDINATE:
+        raise InvalidValue("qs", f"{np.abs(configurations).max():.1e}", f"numbers up to {_MAX_COORDINATE:g}")
     if np.any(np.diff(times) <= 0.0):
         step = int(np.flatnonzero(np.diff(times) <= 0.0)[0])
         raise InvalidValue(

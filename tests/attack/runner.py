@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from mbocp._text import LONGEST_MESSAGE
+from mbocp._text import MAX_MESSAGE
 from mbocp.exceptions import MbocpError
 
 from .cases import Case, make_case
@@ -38,7 +38,7 @@ class Limits:
     wall: float = 120.0  # [s]; the machine may have other things to do
     address_space: int = 6 << 30  # [bytes] of the process: beyond it, allocations fail
     memory: int = 1 << 30  # [bytes] that become resident beyond what was before
-    message: int = LONGEST_MESSAGE + 200  # letters of an error or a warning, with the note that it was cut
+    message: int = MAX_MESSAGE + 200  # letters of an error or a warning, with the note that it was cut
 
 
 LIMITS = Limits()

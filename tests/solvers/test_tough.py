@@ -34,7 +34,7 @@ OFTEN = 3e-2
 RATES = (3e-4, 3e-3, OFTEN)  # of calls; an iteration makes some dozens; OFTEN spoils what is read back, too
 ONE_PHASE = 4  # beside compile, guess and diagnostics
 TIME_LIMIT = 5.0  # [s]
-SLACK = 5.0  # [s] for what is not iterating, on a busy machine
+REDUNDANT_ROW_TOLERANCE = 5.0  # [s] for what is not iterating, on a busy machine
 HOLDS = 1e-4  # relative change of the controls of what is called converged, by sound functions
 
 Spoil = Callable[[str, float, int], None]
@@ -131,7 +131,7 @@ def solve_spoilt(
     finally:
         print("spoilt calls:", tough.spoilt)
         tough.spoil(mode, 0.0, seed)
-        assert time.perf_counter() - begun < TIME_LIMIT + SLACK
+        assert time.perf_counter() - begun < TIME_LIMIT + REDUNDANT_ROW_TOLERANCE
     return solution
 
 

@@ -49,7 +49,7 @@ def test_a_local_cluster_makes_the_same_table(make: MakeStudy, tmp_path: Path) -
 
 
 def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mbocp.study.cluster._PATIENCE", 0.5)
+    monkeypatch.setattr("mbocp.study.cluster._TIMEOUT", 0.5)
     with (
         pytest.raises(StudyError, match=r"--scheduler tcp://127.0.0.1:9: nobody answers there"),
         dask_executor("tcp://127.0.0.1:9"),

@@ -30,7 +30,7 @@ __all__ = ["Body", "BodyTree", "body_tree"]
 SIZE = 12  # numbers of a body
 TURNING = ("revolute", "continuous")  # joints whose displacement is an angle, known up to full turns
 _ROUND_OFF = 1e-12
-_ANGLE = 0.1  # [rad, m] displacement at which a follower's motion is looked at
+_PROBE_DISPLACEMENT = 0.1  # [rad, m] displacement at which a follower's motion is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,9 +293,9 @@ def _follower(robot: Robot, joint: int) -> tuple[str, Array, int, float]:
         if other == joint or joint_kind(model, other).word not in ("revolute", "continuous", "prismatic"):
             continue
         step = np.zeros(model.nv)
-        step[model.joints[other].idx_v] = _ANGLE
+        step[model.joints[other].idx_v] = _PROBE_DISPLACEMENT
         moved = _placements(model, pin.integrate(model, pin.neutral(model), step))[joint]
-        twist = pin.log6(rest.inverse() * moved).vector / _ANGLE
+        twist = pin.log6(rest.inverse() * moved).vector / _PROBE_DISPLACEMENT
         if np.linalg.norm(twist) > _ROUND_OFF:
             kind = "revolute" if np.linalg.norm(twist[3:]) > _ROUND_OFF else "prismatic"
             ratio = float(np.linalg.norm(twist[3:] if kind == "revolute" else twist[:3]))

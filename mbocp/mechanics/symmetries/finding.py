@@ -36,8 +36,9 @@ from mbocp.robot.large import working_data
 
 __all__ = ["Symmetry", "find_symmetries", "momentum_map"]
 
-_TOLERANCE = 1e-8  # relative, of singular values that count as zero; they come out at 1e-15 or at 1e-2
-_POINT_MASS = 1e-10  # [m^2] inertia by mass, below which a body has no orientation (radius of gyration 10 um)
+_RANK_TOLERANCE = 1e-8  # relative, of singular values that count as zero; they come out at 1e-15 or at 1e-2
+# A body with less inertia by mass has no orientation: a radius of gyration of 10 um.
+_MIN_INERTIA_RATIO = 1e-10  # [m^2]
 # Central difference of order 8: exact to 1e-12 for trigonometric functions at this step.
 _STENCIL = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 _STEP = 0.02
@@ -61,7 +62,7 @@ def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
     rows = list(ansatz.static_rows())
     for q in _random_configurations(robot, ansatz.size + 8):
         rows += _motion_rows(robot, q, ansatz.features(q))
-    basis = _moving(null_space(np.vstack(rows), _TOLERANCE))
+    basis = _moving(null_space(np.vstack(rows), _RANK_TOLERANCE))
     basis, omegas = _with_actuation(robot, ansatz, basis)
     return tuple(
         ansatz.symmetry(name, basis @ weights, np.tensordot(weights, omegas, 1))
@@ -111,7 +112,7 @@ def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
     for joint in range(1, model.njoints):
         inertia = model.inertias[joint]
         values, axes = np.linalg.eigh(inertia.inertia)
-        turning = axes[:, np.abs(values) > _POINT_MASS * inertia.mass]  # none of a point mass
+        turning = axes[:, np.abs(values) > _MIN_INERTIA_RATIO * inertia.mass]  # none of a point mass
         if inertia.mass <= 0.0 and turning.shape[1] == 0:
             continue
         jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, model.nv)
@@ -152,10 +153,10 @@ def _support(robot: Robot) -> Any:
     eye, moving = np.eye(robot.nv), np.zeros(robot.nv, dtype=bool)
     for q in _random_configurations(robot, 3):
         rows = [np.zeros((0, robot.nv + 6)), *_body_rows(robot, q, eye)]
-        null = null_space(np.vstack(rows), _TOLERANCE)
+        null = null_space(np.vstack(rows), _RANK_TOLERANCE)
         # Massless joints move nothing: only what goes along with a twist s counts.
-        null = null @ np.linalg.pinv(null[-6:], rcond=_TOLERANCE)
-        moving |= np.abs(null[:-6]).max(axis=1, initial=0.0) > _TOLERANCE
+        null = null @ np.linalg.pinv(null[-6:], rcond=_RANK_TOLERANCE)
+        moving |= np.abs(null[:-6]).max(axis=1, initial=0.0) > _RANK_TOLERANCE
     return moving
 
 
@@ -164,7 +165,7 @@ def _moving(basis: Array) -> Array:
     if basis.shape[1] == 0:
         return basis
     _, singular, combinations = np.linalg.svd(basis[:-6], full_matrices=True)
-    count = int(np.sum(singular > _TOLERANCE))
+    count = int(np.sum(singular > _RANK_TOLERANCE))
     moving: Array = basis if count == basis.shape[1] else basis @ combinations[:count].T
     return moving
 
@@ -180,7 +181,7 @@ def _with_actuation(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Array, 
     change, matrix = _actuation_changes(robot, ansatz, basis)
     nu, count = robot.nu, basis.shape[1]
     # A control whose column does not change stays as it is (the columns of B are independent).
-    turning = np.flatnonzero((np.abs(change) > _TOLERANCE).any(axis=(0, 1)))
+    turning = np.flatnonzero((np.abs(change) > _RANK_TOLERANCE).any(axis=(0, 1)))
     if not len(turning):
         return basis, np.zeros((count, nu, nu))
     pairs = [(i, j) for i in turning for j in turning if i < j]
@@ -189,11 +190,11 @@ def _with_actuation(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Array, 
         product = np.zeros_like(matrix)
         product[:, j], product[:, i] = matrix[:, i], -matrix[:, j]
         columns.append(product.ravel())
-    null = null_space(np.array(columns).T, _TOLERANCE)
+    null = null_space(np.array(columns).T, _RANK_TOLERANCE)
     # Combinations of the basis that are attainable, each with its smallest Omega.
     u, singular, _ = np.linalg.svd(null[:count], full_matrices=False)
-    attainable = u[:, singular > _TOLERANCE]
-    solutions = null @ np.linalg.pinv(null[:count], rcond=_TOLERANCE) @ attainable
+    attainable = u[:, singular > _RANK_TOLERANCE]
+    solutions = null @ np.linalg.pinv(null[:count], rcond=_RANK_TOLERANCE) @ attainable
     omegas = np.zeros((attainable.shape[1], nu, nu))
     for (i, j), values in zip(pairs, solutions[count:], strict=True):
         omegas[:, i, j], omegas[:, j, i] = values, -values
@@ -236,19 +237,19 @@ def _actuation_rate(robot: Robot, q: Array, direction: Array) -> Array:
 
 def _named_basis(twists: Array) -> Iterator[tuple[str, Array]]:
     """Combinations of the columns of `twists` (6, k) that a person would choose, with names."""
-    pure = null_space(twists[3:], _TOLERANCE) if twists.shape[1] else twists[:0].T
+    pure = null_space(twists[3:], _RANK_TOLERANCE) if twists.shape[1] else twists[:0].T
     for axis in _axes(twists[:3] @ pure):
         yield (
             f"translation along {_direction(axis)}",
-            pure @ np.linalg.pinv(twists[:3] @ pure, _TOLERANCE) @ axis,
+            pure @ np.linalg.pinv(twists[:3] @ pure, _RANK_TOLERANCE) @ axis,
         )
     for axis in _axes(twists[3:]):
-        weights = np.linalg.pinv(twists[3:], _TOLERANCE) @ axis
+        weights = np.linalg.pinv(twists[3:], _RANK_TOLERANCE) @ axis
         if pure.shape[1]:  # through the origin, or as near to it as the other symmetries allow
-            weights -= pure @ np.linalg.pinv(twists[:3] @ pure, _TOLERANCE) @ (twists[:3] @ weights)
+            weights -= pure @ np.linalg.pinv(twists[:3] @ pure, _RANK_TOLERANCE) @ (twists[:3] @ weights)
         linear = twists[:3] @ weights
         point, pitch = np.cross(axis, linear), axis @ linear
-        name = "screw" if abs(pitch) > _TOLERANCE else "rotation"
+        name = "screw" if abs(pitch) > _RANK_TOLERANCE else "rotation"
         through = f" through {_direction(point, words=False)}" if np.linalg.norm(point) > 1e-6 else ""
         yield f"{name} about {_direction(axis)}{through}", weights
 
@@ -258,7 +259,7 @@ def _axes(vectors: Array) -> list[Array]:
     u, singular, _ = (
         np.linalg.svd(vectors, full_matrices=False) if vectors.size else (np.zeros((3, 0)), np.zeros(0), 0)
     )
-    span = u[:, singular > _TOLERANCE]
+    span = u[:, singular > _RANK_TOLERANCE]
     chosen = [e for e in np.eye(3) if np.linalg.norm(span @ (span.T @ e) - e) < 1e-7]
     rest = span
     for e in chosen:

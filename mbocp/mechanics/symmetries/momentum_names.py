@@ -11,7 +11,7 @@ from mbocp.robot import Robot
 
 __all__ = ["momentum_name"]
 
-_SAME = 1e-9  # coefficients are of order one, to round-off
+_COEFFICIENT_TOLERANCE = 1e-9  # coefficients are of order one, to round-off
 _COMPONENTS = {  # of a twist, that sigma has
     "JointModelFreeFlyer": [0, 1, 2, 3, 4, 5],
     "JointModelSpherical": [3, 4, 5],
@@ -68,14 +68,14 @@ def _twist(block: LieBlock) -> tuple[Array, Array]:
 
 
 def _factor(coefficient: float) -> str:
-    if abs(coefficient - 1.0) <= _SAME:
+    if abs(coefficient - 1.0) <= _COEFFICIENT_TOLERANCE:
         return ""
-    return "minus " if abs(coefficient + 1.0) <= _SAME else f"{coefficient:.4g} "
+    return "minus " if abs(coefficient + 1.0) <= _COEFFICIENT_TOLERANCE else f"{coefficient:.4g} "
 
 
 def _axis(vector: Array) -> str:
     for letter, unit in zip("xyz", np.eye(3), strict=True):
         for sign, word in ((1.0, letter), (-1.0, f"-{letter}")):
-            if np.abs(vector - sign * unit).max() <= _SAME:
+            if np.abs(vector - sign * unit).max() <= _COEFFICIENT_TOLERANCE:
                 return word
     return "(" + ", ".join(f"{x:.3g}" for x in vector) + ")"

@@ -15,7 +15,7 @@ from mbocp._files import is_file
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.completion import assembled, assembled_velocity
-from mbocp.problem._checks import LARGEST_POSITION, check_size
+from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.cost import Cost, further_terms
 from mbocp.problem.drives import without_driven_velocities
 from mbocp.problem.file.limits_table import bounds_from
@@ -129,7 +129,7 @@ def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
         with located("start.q"):
             q, written = configuration_from(robot, table.q, robot.q0, "start.q")
             q = np.array(robot.normalise(q, name="start.q"))
-            check_size("start.q", q, robot.q_labels, LARGEST_POSITION)
+            check_size("start.q", q, robot.q_labels, MAX_POSITION)
             q = assembled(robot, q, written, assemble=table.assemble, base=robot.q0, key="start.q")
     if table.v is not None and table.p is not None:
         raise ProblemError("start: give v or p, not both")
@@ -150,7 +150,7 @@ def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
         with located("goal.q"):
             q, q_active = configuration_from(robot, table.q, q_start, "goal.q")
             q = np.array(robot.normalise(q, name="goal.q"))
-            check_size("goal.q", q, robot.q_labels, LARGEST_POSITION)
+            check_size("goal.q", q, robot.q_labels, MAX_POSITION)
             if table.assemble:
                 q = assembled(robot, q, q_active, assemble=True, base=q_start, key="goal.q")
     if table.v is not None and table.p is not None:

@@ -72,7 +72,7 @@ _NOT_THERE = {
     "limits.jerk": "there is no such limit; cost.control_rate smooths the controls",
 }
 
-_SHORT = 60  # characters of a value
+_MAX_VALUE_LENGTH = 60  # characters of a value
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 
 # The paper's letters, for those who write them.
@@ -105,7 +105,7 @@ def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
     expected = _EXPECTED.get(kind, item["msg"])
     if kind in ("too_short", "too_long"):
         expected = f"a list of {item['ctx'].get('min_length', item['ctx'].get('max_length'))}"
-    return f"got {shown(got, _SHORT)}, expected {expected}"
+    return f"got {shown(got, _MAX_VALUE_LENGTH)}, expected {expected}"
 
 
 _EXPECTED = {

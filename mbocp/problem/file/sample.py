@@ -13,8 +13,8 @@ from mbocp.robot import Robot, load_robot
 __all__ = ["is_robot_file", "smallest_problem"]
 
 _ROBOTS = (".urdf", ".xacro", ".sdf", ".xml")
-_MOST_JOINTS = 12  # that are written out; the others may end anywhere
-_MOVE = 0.5  # [rad, m]
+_MAX_JOINTS = 12  # that are written out; the others may end anywhere
+_DISPLACEMENT = 0.5  # [rad, m]
 
 
 def is_robot_file(path: Path) -> bool:
@@ -46,9 +46,9 @@ def _goal(robot: Robot) -> str:
     limits = robot.limits
     words: list[str] = []
     for name, joint in zip(robot.model.names[1:], robot.model.joints[1:], strict=True):
-        if joint.nq == joint.nv == 1 and len(words) < _MOST_JOINTS:
+        if joint.nq == joint.nv == 1 and len(words) < _MAX_JOINTS:
             i = joint.idx_q
-            value = np.clip(robot.q0[i] + _MOVE, limits.position_lower[i], limits.position_upper[i])
+            value = np.clip(robot.q0[i] + _DISPLACEMENT, limits.position_lower[i], limits.position_upper[i])
             key = name if name.replace("_", "").replace("-", "").isalnum() else json.dumps(name)
             words.append(f"{key} = {float(value):.3g}")
     return ", ".join(words) or "JOINT = 0.5"

@@ -18,7 +18,7 @@ from mbocp.storage.reading import read_image
 __all__ = ["read_target"]
 
 _KEY = "cost.target_file"
-_MOST_BYTES = 256 * MEGABYTE  # of a CSV table
+_MAX_BYTES = 256 * MEGABYTE  # of a CSV table
 
 
 class _Motion(NamedTuple):
@@ -56,7 +56,7 @@ def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tu
 
 def _read_csv(path: Path, robot: Robot) -> _Motion:
     try:
-        text = read_text(path, expected="a CSV table", limit=_MOST_BYTES)
+        text = read_text(path, expected="a CSV table", limit=_MAX_BYTES)
         header, *rows = list(csv.reader(text.splitlines())) or [[]]
     except (Unreadable, csv.Error) as error:
         raise ProblemError(

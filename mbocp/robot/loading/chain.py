@@ -13,10 +13,10 @@ from xml.etree import ElementTree
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.urdf import Urdf
 
-__all__ = ["EXAMPLE", "MOST_LINKS", "chain_description", "chain_urdf", "num_links"]
+__all__ = ["EXAMPLE", "MAX_LINKS", "chain_description", "chain_urdf", "num_links"]
 
 EXAMPLE = "chain_8"
-MOST_LINKS = 1000  # as of any robot, see mbocp.robot.loading.urdf_tree
+MAX_LINKS = 1000  # as of any robot, see mbocp.robot.loading.urdf_tree
 _LENGTH, _RADIUS, _MASS = 0.25, 0.018, 0.5  # [m, m, kg]
 _ACROSS = _MASS * (3 * _RADIUS**2 + _LENGTH**2) / 12  # [kg m^2], of a cylinder
 _ALONG = _MASS * _RADIUS**2 / 2
@@ -73,15 +73,15 @@ def num_links(name: str) -> int | None:
     Raises
     ------
     UnsupportedRobot
-        For a chain of no link, or of more than MOST_LINKS.
+        For a chain of no link, or of more than MAX_LINKS.
     """
     found = re.fullmatch(r"chain_(-?\d+)", name)
     if found is None:
         return None
     links = int(found[1])
-    if not 1 <= links <= MOST_LINKS or found[1] != str(links):
+    if not 1 <= links <= MAX_LINKS or found[1] != str(links):
         raise UnsupportedRobot(
-            f"robot {name!r}: a chain has 1 to {MOST_LINKS} links: chain_1, chain_2, ..., chain_{MOST_LINKS}"
+            f"robot {name!r}: a chain has 1 to {MAX_LINKS} links: chain_1, chain_2, ..., chain_{MAX_LINKS}"
         )
     return links
 

@@ -15,9 +15,9 @@ from mbocp.robot.robot import Robot
 
 __all__ = ["IndefiniteMassMatrix", "SingularMassMatrix", "check_mechanics"]
 
-_RANK = 1e-9  # relative singular value below which rows count as dependent
-_POSES = 16  # at which a mass matrix that may be indefinite is looked at
-_SHARE = 1e-3  # share of the null vector from which a joint is named
+_RANK_TOLERANCE = 1e-9  # relative singular value below which rows count as dependent
+_NUM_POSES = 16  # at which a mass matrix that may be indefinite is looked at
+_MIN_SHARE = 1e-3  # share of the null vector from which a joint is named
 
 
 class SingularMassMatrix(UnsupportedRobot):
@@ -64,11 +64,11 @@ def check_mechanics(robot: Robot) -> None:
         _check_definite(robot, free)
     if not kinematics.is_singular(mass):
         return
-    basis = null_space(jacobian[:, free], _RANK)
+    basis = null_space(jacobian[:, free], _RANK_TOLERANCE)
     reduced = basis.T @ mass @ basis
     if kinematics.is_singular(reduced):
         lowest = float(kinematics.scaled_spectrum(reduced)[0][0])
-        if lowest < -_RANK:
+        if lowest < -_RANK_TOLERANCE:
             raise IndefiniteMassMatrix(robot.name, _indefinite(robot), lowest, "at the initial pose")
         raise _singular(robot, mass, free)
 
@@ -78,11 +78,11 @@ def _check_definite(robot: Robot, free: list[int]) -> None:
     joints = _indefinite(robot)
     if not joints:
         return
-    steps = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, robot.nv))
+    steps = np.random.default_rng(0).uniform(-np.pi, np.pi, (_NUM_POSES, robot.nv))
     poses = np.array([robot.q0, *(pin.integrate(robot.model, robot.q0, step) for step in steps)])
     masses = kinematics.mass_matrices(robot.model, poses)[:, free][:, :, free]
     lowest = min(float(kinematics.scaled_spectrum(mass)[0][0]) for mass in masses)
-    if lowest < -_RANK:
+    if lowest < -_RANK_TOLERANCE:
         raise IndefiniteMassMatrix(robot.name, joints, lowest, "at some poses")
 
 
@@ -92,7 +92,7 @@ def _indefinite(robot: Robot) -> list[str]:
     for joint in range(1, robot.model.njoints):
         inertia = np.asarray(robot.model.inertias[joint].inertia)
         size = float(np.abs(inertia).max())
-        if size > 0 and np.linalg.eigvalsh(inertia / size)[0] < -_RANK:
+        if size > 0 and np.linalg.eigvalsh(inertia / size)[0] < -_RANK_TOLERANCE:
             found.append(robot.model.names[joint])
     return found
 
@@ -102,5 +102,5 @@ def _singular(robot: Robot, mass: Array, free: list[int]) -> SingularMassMatrix:
     null = vectors[:, values < 10 * max(abs(values[0]), 1e-13)]
     weight = np.zeros(robot.nv)
     weight[free] = np.linalg.norm(null, axis=1)
-    guilty = [n for n in robot.joint_names if weight[robot.velocity_indices(n)].max(initial=0.0) > _SHARE]
+    guilty = [n for n in robot.joint_names if weight[robot.velocity_indices(n)].max(initial=0.0) > _MIN_SHARE]
     return SingularMassMatrix(robot.name, guilty, float(values[0]))

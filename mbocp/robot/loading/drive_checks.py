@@ -17,7 +17,7 @@ from mbocp.robot.robot import Robot
 __all__ = ["check_drives"]
 
 _ROUND_OFF = 1e-9  # relative; the columns are sums of products of a few rotations
-_SAMPLES = 5  # random configurations at which a drive is checked
+_NUM_SAMPLES = 5  # random configurations at which a drive is checked
 _SEED = 20170
 
 
@@ -82,7 +82,7 @@ def _check_impulse(robot: Robot, drive: Drive, q: Array) -> None:
 
 def _random_configurations(robot: Robot) -> Iterator[Array]:
     rng = np.random.default_rng(_SEED)
-    for _ in range(_SAMPLES):
+    for _ in range(_NUM_SAMPLES):
         step = rng.uniform(-np.pi, np.pi, robot.nv)
         yield np.asarray(pin.integrate(robot.model, np.array(robot.q0), step), dtype=np.float64)
 

@@ -19,7 +19,7 @@ from mbocp.robot.parts import Drive
 __all__ = ["DriveReader"]
 
 _SPEEDS = {"m": "m/s", "rad": "rad/s"}
-_HUGE = 1e300  # Pinocchio's "no limit" is the largest double
+_NO_LIMIT = 1e300  # Pinocchio's "no limit" is the largest double
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class DriveReader:
                 )
             speed, limit = _SPEEDS[kind.v[0][1]], float(self.model.upperVelocityLimit[dofs[0]])
         unit, from_urdf = (speed, limit) if table.control == "velocity" else (f"{speed}^2", np.inf)
-        limit = table.limit or (from_urdf if 0.0 < from_urdf < _HUGE else np.inf)
+        limit = table.limit or (from_urdf if 0.0 < from_urdf < _NO_LIMIT else np.inf)
         name = table.name or table.joint or table.frame or ""
         return Drive(name, table.control, dofs, frame, direction, unit, speed), limit
 

@@ -54,7 +54,7 @@ from mbocp.robot.warnings import NotModelledWarning
 __all__ = ["Assembly"]
 
 _EFFORT_UNITS = {"m": "N", "rad": "N m"}
-_HUGE = 1e300  # Pinocchio's "no limit" is the largest double
+_NO_LIMIT = 1e300  # Pinocchio's "no limit" is the largest double
 _STEEL, _BRASS = (0.35, 0.35, 0.38, 1.0), (0.75, 0.5, 0.15, 1.0)
 _LOOKS = {"rod": (0.02, _STEEL), "spring": (0.06, _BRASS), "line": (0.005, _STEEL)}
 
@@ -298,7 +298,7 @@ class Assembly:
             bounds = np.sort(
                 [self.model.lowerPositionLimit[where], self.model.upperPositionLimit[where]], axis=0
             )
-            bounds = np.where(np.abs(bounds) > _HUGE, np.copysign(np.inf, bounds), bounds)
+            bounds = np.where(np.abs(bounds) > _NO_LIMIT, np.copysign(np.inf, bounds), bounds)
             if (bounds[0] < bounds[1]).all():
                 lower[where], upper[where] = bounds
         for follower in self.followers:
@@ -380,7 +380,7 @@ def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, float]]:
 
 def _limit(value: float) -> float:
     """A limit of a URDF: zero stands for "not given" in many of them."""
-    return float(value) if 0.0 < value < _HUGE else np.inf
+    return float(value) if 0.0 < value < _NO_LIMIT else np.inf
 
 
 def _rgba(color: Sequence[float]) -> tuple[float, float, float, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import LoopNotClosed
-from mbocp.robot.loops.projection import SLACK, assemble, violations
+from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, assemble, violations
 from mbocp.robot.loops.redundancy import redundant_rows
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import InitialPoseWarning
@@ -56,11 +56,11 @@ def _assembled(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]
     motors = [name for name in given if moved[robot.velocity_indices(name)].any()]
     for held in (given, motors) if motors else (given,):
         try:
-            return assemble(robot, robot.q0, held, SLACK), held
+            return assemble(robot, robot.q0, held, REDUNDANT_ROW_TOLERANCE), held
         except LoopNotClosed:
             if not held:
                 raise
-    q0 = assemble(robot, robot.q0, (), SLACK)
+    q0 = assemble(robot, robot.q0, (), REDUNDANT_ROW_TOLERANCE)
     bad = ", ".join(
         f"{name!r} by {value:.3g} {unit}" for name, value, unit in violations(robot, robot.q0)[:3]
     )

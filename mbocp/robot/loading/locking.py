@@ -16,7 +16,7 @@ from mbocp.robot.large import check_working_memory
 __all__ = ["Lock", "joint_configuration", "lock_joints", "pose_by_joint", "refuse_follower"]
 
 Lock = Mapping[str, float | Sequence[float]] | Sequence[str]
-_ZERO_NORM = 1e-8
+_MIN_NORM = 1e-8
 
 
 def lock_joints(
@@ -69,7 +69,7 @@ def joint_configuration(model: pin.Model, joint: int, value: float | ArrayLike, 
         raise DimensionMismatch(where, array.shape, (len(kind.q),), hint)
     for a, b in kind.unit_groups:
         norm = float(np.linalg.norm(array[a:b]))
-        if norm < _ZERO_NORM:
+        if norm < _MIN_NORM:
             raise InvalidValue(where, f"{array[a:b].tolist()} of norm {norm:.3g}", "a unit vector")
         array[a:b] /= norm
     return array

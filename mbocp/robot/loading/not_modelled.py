@@ -40,8 +40,8 @@ _KNOWN = {
         "safety_controller",
     ),
 }
-_LIKE = 0.8  # from this likeness on, an unknown tag is a slip of the pen
-_SHOWN = 5
+_MIN_LIKENESS = 0.8  # from this likeness on, an unknown tag is a slip of the pen
+_MAX_NAMES = 5
 
 
 def tell_not_modelled(path: Path, root: ElementTree.Element) -> None:
@@ -54,9 +54,9 @@ def tell_not_modelled(path: Path, root: ElementTree.Element) -> None:
     """
     told = list(dict.fromkeys([*_extensions(root), *_misspelt(root)]))
     if told:
-        more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
+        more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
         warnings.warn(
-            f"{path}: not modelled, and left out: {'; '.join(told[:_SHOWN])}{more}",
+            f"{path}: not modelled, and left out: {'; '.join(told[:_MAX_NAMES])}{more}",
             NotModelledWarning,
             stacklevel=2,
         )
@@ -108,8 +108,8 @@ def _weightless(root: ElementTree.Element) -> Iterator[str]:
     ]
     named = [shown(link) for link in dict.fromkeys(links) if link in heavy]
     if named:
-        more = f" and {len(named) - _SHOWN} more" if len(named) > _SHOWN else ""
-        yield f"gravity turned off for the links {', '.join(named[:_SHOWN])}{more} (<gazebo>)"
+        more = f" and {len(named) - _MAX_NAMES} more" if len(named) > _MAX_NAMES else ""
+        yield f"gravity turned off for the links {', '.join(named[:_MAX_NAMES])}{more} (<gazebo>)"
 
 
 def _what(key: str) -> str:
@@ -125,7 +125,7 @@ def _misspelt(root: ElementTree.Element) -> Iterator[str]:
                 continue
             key = (parent.tag, shortened(inner.tag.lower(), 40))
             if key not in likely:
-                likely[key] = difflib.get_close_matches(key[1], _KNOWN[parent.tag], n=1, cutoff=_LIKE)
+                likely[key] = difflib.get_close_matches(key[1], _KNOWN[parent.tag], n=1, cutoff=_MIN_LIKENESS)
             if likely[key]:
                 of = "" if parent is root else f" of {parent.tag} {shown(parent.get('name'))}"
                 yield f"<{shortened(inner.tag)}>{of} (did you mean <{likely[key][0]}>?)"

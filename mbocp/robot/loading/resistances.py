@@ -18,7 +18,7 @@ from mbocp.robot.warnings import NotModelledWarning
 __all__ = ["FRICTION_MODELS", "Losses", "joint_resistances"]
 
 FRICTION_MODELS = ("none", "smooth")
-_MOST_NAMES = 6  # in a message
+_MAX_NAMES = 6  # in a message
 
 
 @dataclass(frozen=True)
@@ -107,5 +107,5 @@ def _of_followers(model: pin.Model, followers: Sequence[Follower]) -> Iterable[J
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(map(repr, names[:_MOST_NAMES])) + more
+    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+    return ", ".join(map(repr, names[:_MAX_NAMES])) + more

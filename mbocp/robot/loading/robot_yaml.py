@@ -30,7 +30,7 @@ from mbocp.robot.warnings import IgnoredKeysWarning
 
 __all__ = ["RobotYaml", "read_robot_yaml"]
 
-LIMIT = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, and the largest that we know has 3 kB
+MAX_BYTES = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, the largest that we know has 3 kB
 _AXES = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
 _JOINT_TYPES = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in _AXES for b in _AXES if a != b))
 
@@ -104,7 +104,7 @@ def read_robot_yaml(path: Path) -> RobotYaml:
         For keys that are not known.
     """
     try:
-        data = parse_yaml(read_text(path, expected="a robot.yaml", limit=LIMIT))
+        data = parse_yaml(read_text(path, expected="a robot.yaml", limit=MAX_BYTES))
     except Unreadable as error:
         raise RobotFileError(path, error.reason) from error
     if not isinstance(data, dict):

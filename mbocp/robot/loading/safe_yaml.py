@@ -12,10 +12,10 @@ import yaml
 
 from mbocp.exceptions import Unreadable
 
-__all__ = ["MOST_LEVELS", "MOST_NODES", "parse_yaml"]
+__all__ = ["MAX_LEVELS", "MAX_NODES", "parse_yaml"]
 
-MOST_NODES = 20_000  # names, lists and tables, each as often as aliases repeat it
-MOST_LEVELS = 20  # of lists and tables within each other
+MAX_NODES = 20_000  # names, lists and tables, each as often as aliases repeat it
+MAX_LEVELS = 20  # of lists and tables within each other
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
@@ -64,10 +64,10 @@ def _check_size(text: str) -> None:
             anchor, before = open_.pop()
             if anchor:
                 anchors[anchor] = count - before
-        if len(open_) > MOST_LEVELS:
-            raise Unreadable(f"malformed YAML: lists or tables are nested more than {MOST_LEVELS} deep")
-        if count > MOST_NODES:
+        if len(open_) > MAX_LEVELS:
+            raise Unreadable(f"malformed YAML: lists or tables are nested more than {MAX_LEVELS} deep")
+        if count > MAX_NODES:
             raise Unreadable(
-                f"malformed YAML: stands for more than {MOST_NODES} entries, each counted as often as "
+                f"malformed YAML: stands for more than {MAX_NODES} entries, each counted as often as "
                 "aliases repeat it"
             )

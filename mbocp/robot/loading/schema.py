@@ -43,13 +43,13 @@ __all__ = [
     "read_robot_toml",
 ]
 
-_LARGEST = 1e15  # of what enters the equations, as in a URDF
-_SHORTEST = 1e-15  # largest component of what is a direction
-Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_LARGEST, le=_LARGEST)]
-PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_LARGEST)]
+_MAX_VALUE = 1e15  # of what enters the equations, as in a URDF
+_MIN_DIRECTION = 1e-15  # largest component of what is a direction
+Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]
+PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_MAX_VALUE)]
 Vector3: TypeAlias = tuple[Number, Number, Number]
 Numbers: TypeAlias = Number | list[Number]
-Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0, le=_LARGEST)]
+Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0, le=_MAX_VALUE)]
 Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
 FramePair: TypeAlias = tuple[str, str]
 
@@ -64,7 +64,7 @@ Printable: TypeAlias = Annotated[str, AfterValidator(_printable)]
 
 
 def _is_zero(vector: tuple[float, float, float]) -> bool:
-    return max(map(abs, vector)) < _SHORTEST
+    return max(map(abs, vector)) < _MIN_DIRECTION
 
 
 def _has_direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:

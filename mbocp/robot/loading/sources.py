@@ -106,7 +106,7 @@ def list_robots() -> list[RobotEntry]:
             file = next((inner / name for name in _FILES.values() if (inner / name).is_file()), None)
             if file is not None:
                 found.setdefault(inner.name, RobotEntry(inner.name, "robots/", _description(file)))
-    words = f"{chain.chain_description(8)}; chain_N has N, 1 to {chain.MOST_LINKS}"
+    words = f"{chain.chain_description(8)}; chain_N has N, 1 to {chain.MAX_LINKS}"
     found.setdefault(chain.EXAMPLE, RobotEntry(chain.EXAMPLE, "chains of any length", words))
     for name in examples.names():
         found.setdefault(name, RobotEntry(name, "example-robot-data", examples.description(name)))

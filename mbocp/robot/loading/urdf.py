@@ -27,9 +27,9 @@ __all__ = ["Urdf", "build_model", "read_urdf"]
 
 ROOT_JOINT = "root_joint"
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
-_LIMIT = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB
-_MOST_LEVELS = 100  # of elements within each other; a URDF needs six
-_SAME_MASS = 1e-9  # relative
+_MAX_BYTES = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB
+_MAX_LEVELS = 100  # of elements within each other; a URDF needs six
+_MASS_TOLERANCE = 1e-9  # relative
 _stderr_lock = threading.Lock()
 
 
@@ -137,7 +137,7 @@ def _parse(path: Path) -> Urdf:
     if not os.path.lexists(path):
         raise RobotFileError(path, "no such URDF file")
     try:
-        text = read_text(path, expected="a URDF", limit=_LIMIT)
+        text = read_text(path, expected="a URDF", limit=_MAX_BYTES)
     except Unreadable as error:
         raise RobotFileError(path, error.reason) from error
     try:
@@ -159,8 +159,8 @@ def _check_depth(path: Path, root: ElementTree.Element) -> None:
     level, depth = [root], 0
     while level:
         level, depth = [inner for element in level for inner in element], depth + 1
-        if depth > _MOST_LEVELS:
-            raise RobotFileError(path, f"XML elements are nested more than {_MOST_LEVELS} deep")
+        if depth > _MAX_LEVELS:
+            raise RobotFileError(path, f"XML elements are nested more than {_MAX_LEVELS} deep")
 
 
 def _check_mass(urdf: Urdf, model: pin.Model) -> None:
@@ -169,7 +169,7 @@ def _check_mass(urdf: Urdf, model: pin.Model) -> None:
         math.fsum(i.mass for i in model.inertias),
         total_mass(read_inertials(urdf.path, urdf.root)),
     )
-    if not abs(found - written) <= _SAME_MASS * written:
+    if not abs(found - written) <= _MASS_TOLERANCE * written:
         raise RobotFileError(
             urdf.path, f"its links weigh {written:g} kg, but Pinocchio reads {found:g} kg of them"
         )

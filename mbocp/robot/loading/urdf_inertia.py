@@ -20,10 +20,10 @@ from mbocp.robot.warnings import ImpossibleInertiaWarning
 __all__ = ["Inertial", "read_inertials", "tell_impossible_inertias", "total_mass"]
 
 _ROUND_OFF = 1e-9  # [kg m^2]; exporters print a zero moment of inertia as a tiny negative number
-_DIGITS = 0.02  # of a link's largest moment: what few printed digits may be off by
+_PRINT_TOLERANCE = 0.02  # of a link's largest moment: what few printed digits may be off by
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _PLACES = (("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
-_SHOWN = 5  # links named in one warning
+_MAX_NAMES = 5  # links named in one warning
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,10 @@ def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.M
     bad = [j for j in range(1, model.njoints) if _fault(_inertial(model, j))]
     told = [words for joint in bad for words in _faults(joint, model, read_inertials(path, root))]
     if told:
-        more = f"; and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
+        more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
         warnings.warn(
-            f"{path}: inertias that no body has ({'; '.join(told[:_SHOWN])}{more}); they are used as they "
-            "stand. Check units (kg m^2) and axes",
+            f"{path}: inertias that no body has ({'; '.join(told[:_MAX_NAMES])}{more}); they are used as "
+            "they stand. Check units (kg m^2) and axes",
             ImpossibleInertiaWarning,
             stacklevel=2,
         )
@@ -136,7 +136,7 @@ def _fault(inertial: Inertial) -> str:
     """What is wrong with an inertia; an empty text if nothing is."""
     inertia = inertial.inertia
     size = float(np.abs(inertia).max())
-    tolerance = max(_ROUND_OFF, _DIGITS * size)
+    tolerance = max(_ROUND_OFF, _PRINT_TOLERANCE * size)
     if not np.isfinite(size) or size <= tolerance:
         return ""
     moments = size * np.linalg.eigvalsh(inertia / size)  # scaled: huge numbers have squares, too
@@ -154,7 +154,7 @@ def _cause(inertia: Array) -> str:
     """The product of inertia that is too large for its moments, if it is one alone."""
     for key, i, j in _PLACES:
         bound = math.sqrt(max(float(inertia[i, i]), 0.0)) * math.sqrt(max(float(inertia[j, j]), 0.0))
-        if abs(inertia[i, j]) > bound * (1.0 + _DIGITS):
+        if abs(inertia[i, j]) > bound * (1.0 + _PRINT_TOLERANCE):
             sides = f"i{'xyz'[i] * 2} = {inertia[i, i]:g} and i{'xyz'[j] * 2} = {inertia[j, j]:g}"
             return f" ({key} = {inertia[i, j]:g} is too large for {sides})"
     return ""

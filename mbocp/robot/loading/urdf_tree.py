@@ -13,16 +13,16 @@ from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 
-__all__ = ["MOST_IN_A_ROW", "MOST_MOVING", "check_tree"]
+__all__ = ["MAX_CHAIN_LENGTH", "MAX_MOVING_JOINTS", "check_tree"]
 
-MOST_MOVING = 1000  # joints; loading takes nv^2 memory and nv^3 time
-MOST_IN_A_ROW = 1200  # joints; the stack of a thread (8 MB) ends somewhere between 2000 and 4000
+MAX_MOVING_JOINTS = 1000  # joints; loading takes nv^2 memory and nv^3 time
+MAX_CHAIN_LENGTH = 1200  # joints; the stack of a thread (8 MB) ends somewhere between 2000 and 4000
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
-_LONGEST_NAME = 255  # characters; names become those of files and of lines on a terminal
-_SHOWN = 5  # links named in one message
-_NORMS = (1e-9, 1e9)  # of an axis; far beyond, its square is no number any more
+_MAX_NAME_LENGTH = 255  # characters; names become those of files and of lines on a terminal
+_MAX_NAMES = 5  # links named in one message
+_NORM_RANGE = (1e-9, 1e9)  # of an axis; far beyond, its square is no number any more
 
 
 def check_tree(path: Path, root: ElementTree.Element) -> None:
@@ -69,15 +69,15 @@ def _check_size(
 ) -> None:
     """Parsers of C++ call themselves for each link in a row, until the stack ends without a word."""
     moving = sum(joint.get("type") != "fixed" for joint in joints)
-    if moving > MOST_MOVING:
+    if moving > MAX_MOVING_JOINTS:
         raise UnsupportedRobot(
-            f"{path}: has {moving:,} joints that move; supported are at most {MOST_MOVING:,}. Make "
+            f"{path}: has {moving:,} joints that move; supported are at most {MAX_MOVING_JOINTS:,}. Make "
             "some of them fixed"
         )
     depth = max(_depths(parents).values(), default=0)
-    if depth > MOST_IN_A_ROW:
+    if depth > MAX_CHAIN_LENGTH:
         raise UnsupportedRobot(
-            f"{path}: has {depth:,} joints one behind the other; supported are at most {MOST_IN_A_ROW:,}. "
+            f"{path}: has {depth:,} joints one behind the other; supported are at most {MAX_CHAIN_LENGTH:,}. "
             "Merge links that do not move against each other"
         )
 
@@ -126,7 +126,7 @@ def _check_joint(path: Path, name: str, joint: ElementTree.Element) -> None:
         finite_numbers(path, f"{where}: origin {key}", child_attribute(joint, "origin", key), (0.0,) * 3)
     text = child_attribute(joint, "axis", "xyz")
     axis = finite_numbers(path, f"{where}: axis xyz", text, (1.0, 0.0, 0.0))
-    if kind in _WITH_AXIS and not _NORMS[0] <= np.abs(axis).max() <= _NORMS[1]:
+    if kind in _WITH_AXIS and not _NORM_RANGE[0] <= np.abs(axis).max() <= _NORM_RANGE[1]:
         raise RobotFileError(path, f"{where}: axis xyz is {shown(text)}, expected a direction, such as 0 0 1")
 
 
@@ -141,12 +141,12 @@ def _names(path: Path, root: ElementTree.Element, tag: str) -> list[str]:
     names = [element.get("name") or "" for element in root.iterfind(tag)]
     if "" in names:
         raise RobotFileError(path, f"a <{tag}> has no name")
-    wrong = next((name for name in names if len(name) > _LONGEST_NAME or has_control_characters(name)), None)
+    wrong = next((n for n in names if len(n) > _MAX_NAME_LENGTH or has_control_characters(n)), None)
     if wrong is not None:
         raise RobotFileError(
             path,
-            f"{tag} {shown(wrong)}: its name has {len(wrong)} characters, expected at most {_LONGEST_NAME}, "
-            "no control characters among them",
+            f"{tag} {shown(wrong)}: its name has {len(wrong)} characters, expected at most "
+            f"{_MAX_NAME_LENGTH}, no control characters among them",
         )
     repeated = next((name for name, count in Counter(names).items() if count > 1), None)
     if repeated is not None:
@@ -155,5 +155,5 @@ def _names(path: Path, root: ElementTree.Element, tag: str) -> list[str]:
 
 
 def _listed(names: list[str]) -> str:
-    more = f", and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(shown(name) for name in names[:_SHOWN]) + more
+    more = f", and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+    return ", ".join(shown(name) for name in names[:_MAX_NAMES]) + more

@@ -27,10 +27,10 @@ __all__ = ["build_visuals", "resolve"]
 
 _GREY = (0.7, 0.7, 0.72, 1.0)
 _SCHEMES = ("package://", "model://")
-_SCALES = (1e-9, 1e9)  # of a mesh, in size; a mirror has a negative one
-_LARGEST = 1e6  # [m] of a shape
+_SCALE_RANGE = (1e-9, 1e9)  # of a mesh, in size; a mirror has a negative one
+_MAX_LENGTH = 1e6  # [m] of a shape
 _ROUND = {"sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-_SHOWN = 5  # missing meshes named in one warning
+_MAX_NAMES = 5  # missing meshes named in one warning
 
 
 def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) -> pin.GeometryModel:
@@ -56,8 +56,8 @@ def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) ->
             if shape is not None:
                 visuals.addGeometryObject(_object(urdf, model, link, number, visual, shape, materials))
     if missing:
-        named = "; ".join(f"link {link!r}: {file}" for file, link in missing[:_SHOWN])
-        more = f"; and {len(missing) - _SHOWN} more" if len(missing) > _SHOWN else ""
+        named = "; ".join(f"link {link!r}: {file}" for file, link in missing[:_MAX_NAMES])
+        more = f"; and {len(missing) - _MAX_NAMES} more" if len(missing) > _MAX_NAMES else ""
         warnings.warn(
             f"{urdf.path}: shown without its missing meshes ({named}{more})", MissingMeshWarning, stacklevel=2
         )
@@ -118,8 +118,8 @@ def _shape(
     if tag == "mesh":
         path = resolve(element.get("filename", ""), urdf.path.parent, package_dirs)
         scale = finite_numbers(urdf.path, f"{where}: mesh scale", element.get("scale"), (1.0, 1.0, 1.0))
-        if not np.all((np.abs(scale) >= _SCALES[0]) & (np.abs(scale) <= _SCALES[1])):
-            least, most = _SCALES
+        if not np.all((np.abs(scale) >= _SCALE_RANGE[0]) & (np.abs(scale) <= _SCALE_RANGE[1])):
+            least, most = _SCALE_RANGE
             raise RobotFileError(
                 urdf.path, f"{where}: mesh scale is {scale.tolist()}, expected {least:g} to {most:g} in size"
             )
@@ -136,8 +136,8 @@ def _shape(
 def _sizes(urdf: Urdf, what: str, text: str | None, count: int) -> Array:
     """Lengths that a picture can have [m]."""
     sizes = finite_numbers(urdf.path, what, text, (0.0,) * count)
-    if not np.all((sizes >= 0.0) & (sizes <= _LARGEST)):
-        raise RobotFileError(urdf.path, f"{what} is {shown(text)}, expected 0 to {_LARGEST:g} m")
+    if not np.all((sizes >= 0.0) & (sizes <= _MAX_LENGTH)):
+        raise RobotFileError(urdf.path, f"{what} is {shown(text)}, expected 0 to {_MAX_LENGTH:g} m")
     return sizes
 
 

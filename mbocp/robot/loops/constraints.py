@@ -36,7 +36,7 @@ __all__ = [
 Axis: TypeAlias = tuple[float, float, float]
 
 _Z: Axis = (0.0, 0.0, 1.0)
-_WHOLE = 1e-12  # a ratio this close to a whole number is one
+_INTEGER_TOLERANCE = 1e-12  # a ratio this close to a whole number is one
 
 
 @dataclass(frozen=True)
@@ -304,7 +304,8 @@ class Coupling:
         if not turns:
             return None
         small, large = min(turns), max(turns)
-        return small if abs(large / small - round(large / small)) < _WHOLE * large / small else None
+        ratio = large / small
+        return small if abs(ratio - round(ratio)) < _INTEGER_TOLERANCE * ratio else None
 
     @property
     def rows(self) -> tuple[Label, ...]:

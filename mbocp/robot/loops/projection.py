@@ -22,36 +22,48 @@ from mbocp.robot.large import working_data
 from mbocp.robot.loops.constraints import Weld
 from mbocp.robot.loops.mechanism import Mechanism
 
-__all__ = ["SLACK", "assemble", "assemble_velocity", "components", "follow", "gauss_newton", "violations"]
+__all__ = [
+    "REDUNDANT_ROW_TOLERANCE",
+    "assemble",
+    "assemble_velocity",
+    "components",
+    "follow",
+    "gauss_newton",
+    "violations",
+]
 
 _Residual: TypeAlias = Callable[[Mechanism, Array], tuple[Array, Callable[[], Array]]]
 
-SLACK = 1e-4  # [m, rad, m^2] what URDFs with six digits leave of rows that are implied by others
+REDUNDANT_ROW_TOLERANCE = 1e-4  # [m, rad, m^2] of rows that others imply: URDFs have six digits
 
-_CLOSED = 1e-10  # [m, rad, m^2] of the rows that are kept; 1e-15 is usual
+_CLOSURE_TOLERANCE = 1e-10  # [m, rad, m^2] of the rows that are kept; 1e-15 is usual
 _ROUND_OFF = 1e-15
-_ITERATIONS = 60  # quadratic at the end: six to ten are typical
-_STALLED, _SLOW = 4, 0.995  # so many iterations in a row that leave more than this share: a local minimum
-_LONGEST = 0.4  # [rad, m] step of one joint within an iteration
-_ATTEMPTS = 4  # the first from where the pose is, the others from around it
-_MASSLESS = 1e-6  # part of the largest inertia that every joint gets where some have none
-_RANK = 1e-9
-_NO_SLOPE = 1e-100  # a Jacobian whose squares are no numbers any more is as good as zero
-_STRIDE, _SHORTEST_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
-_LONG_STRIDE, _STRAIGHT, _MOST_BENT = 1.0, 0.1, 0.5  # where the way bends by less than a part of the step
-_KICKS = 4
-_ARRIVED = 1e-9  # [rad, m]
-_TURNED = 0.5  # [rad] rows of a weld that vanish with more than this between its frames are deceiving
+_MAX_ITERATIONS = 60  # quadratic at the end: six to ten are typical
+# At a local minimum: iterations in a row that leave more than this part of the residual.
+_MAX_STALLED, _STALL_RATIO = 4, 0.995
+_MAX_STEP = 0.4  # [rad, m] of one joint within an iteration
+_MAX_ATTEMPTS = 4  # the first from the given pose, the others from around it
+_REGULARISATION = 1e-6  # of the largest inertia: added to the diagonal of a singular mass matrix
+_RANK_TOLERANCE = 1e-9
+_MIN_SINGULAR_VALUE = 1e-100  # below, the square of a singular value underflows
+_STRIDE, _MIN_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
+_MAX_STRIDE = 1.0  # [rad, m] where the correction is below _STRAIGHT_RATIO of the step
+_STRAIGHT_RATIO, _MAX_BEND_RATIO = 0.1, 0.5  # correction by length of the step
+_MAX_KICKS = 4
+_ARRIVAL_TOLERANCE = 1e-9  # [rad, m]
+_MAX_WELD_ANGLE = 0.5  # [rad] beyond, the rows of a weld may vanish at another orientation (half turns)
 
 
-def assemble(robot: Mechanism, q: Array, fixed: Sequence[str] = (), allowed: float = _CLOSED) -> Array:
+def assemble(
+    robot: Mechanism, q: Array, fixed: Sequence[str] = (), allowed: float = _CLOSURE_TOLERANCE
+) -> Array:
     """Nearest configuration that closes the loops but for `allowed`, see `Robot.assemble`."""
     free = ~components(robot, fixed)
     if not robot.constraints:
         return q
     rng = np.random.default_rng(0)
     nearest = q
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(_MAX_ATTEMPTS):
         # [m, rad] away from where the Jacobian is singular
         offset = np.where(free, 0.1 * attempt * rng.standard_normal(robot.nv), 0.0)
         found = gauss_newton(robot, robot.integrate(q, offset), free, robot.kept_rows)
@@ -102,16 +114,16 @@ def follow(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_])
     """
     rng, kicks, step = np.random.default_rng(0), 0, _STRIDE
     nearest = q
-    while (left := _left(robot, q, target, wanted)).max(initial=0.0) > _ARRIVED:
+    while (left := _left(robot, q, target, wanted)).max(initial=0.0) > _ARRIVAL_TOLERANCE:
         found, bent = _stride(robot, q, target, wanted, step)
         if found is not None:
-            q, step = found, min(2.0 * step, _LONG_STRIDE if bent < _STRAIGHT else _STRIDE)
-        elif step > _SHORTEST_STRIDE:
+            q, step = found, min(2.0 * step, _MAX_STRIDE if bent < _STRAIGHT_RATIO else _STRIDE)
+        elif step > _MIN_STRIDE:
             step /= 4.0
         else:
             if left.max() < _left(robot, nearest, target, wanted).max():
                 nearest = q
-            if kicks == _KICKS:
+            if kicks == _MAX_KICKS:
                 return nearest
             q, step, kicks = _kicked(robot, nearest, rng), _STRIDE, kicks + 1
     placed = _with(robot, q, target, wanted)
@@ -125,7 +137,7 @@ def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequ
     Where frames of a weld are far from each other's orientation, first by the angle between them: the rows of
     the weld vanish at half turns, too.
     """
-    if any(angle > _TURNED for _, angle in _turns(robot, q)):
+    if any(angle > _MAX_WELD_ANGLE for _, angle in _turns(robot, q)):
         q = _reduced(robot, q, free, rows, _by_angle)
     return _reduced(robot, q, free, rows, _by_rows)
 
@@ -135,21 +147,21 @@ def _reduced(
 ) -> Array:
     chosen, damping, stalled = list(rows), 0.0, 0
     residual = what(robot, q)[0][chosen]
-    for _ in range(_ITERATIONS):
-        if np.abs(residual).max(initial=0.0) < _ROUND_OFF or stalled == _STALLED:
+    for _ in range(_MAX_ITERATIONS):
+        if np.abs(residual).max(initial=0.0) < _ROUND_OFF or stalled == _MAX_STALLED:
             break
         jacobian = what(robot, q)[1]()[chosen][:, free]
         step = np.zeros(robot.nv)
         step[free] = _shortest(_metric(robot, q)[np.ix_(free, free)], jacobian, -residual, damping)
-        step *= min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), _LONGEST))
+        step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max(initial=0.0)), _MAX_STEP))
         tried = robot.integrate(q, step)
         after = what(robot, tried)[0][chosen]
         with np.errstate(over="ignore", invalid="ignore"):  # squares of lengths beyond 1e154 m: no progress
             share = np.linalg.norm(after) / np.linalg.norm(residual)
         if share < 1.0:
-            stalled = stalled + 1 if share > _SLOW else 0
+            stalled = stalled + 1 if share > _STALL_RATIO else 0
             q, residual, damping = tried, after, damping / 10.0 if damping > 1e-8 else 0.0
-        elif np.abs(residual).max() < _CLOSED or damping > 1e3:
+        elif np.abs(residual).max() < _CLOSURE_TOLERANCE or damping > 1e3:
             break
         else:
             damping = max(10.0 * damping, 1e-4)
@@ -187,20 +199,22 @@ def _by_angle(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
     return residual, jacobian
 
 
-def violations(robot: Mechanism, q: Array, allowed: float = _CLOSED) -> list[tuple[str, float, str]]:
+def violations(
+    robot: Mechanism, q: Array, allowed: float = _CLOSURE_TOLERANCE
+) -> list[tuple[str, float, str]]:
     """Name, residual and unit of each row that q violates, the worst first.
 
     Redundant rows may be violated by what six digits in a URDF leave. A weld whose frames are turned against
     each other where its rows vanish (half turns) is violated by the angle.
     """
     residual = robot.closure_residual(q)
-    limits = np.where(np.isin(np.arange(residual.size), robot.kept_rows), allowed, SLACK)
+    limits = np.where(np.isin(np.arange(residual.size), robot.kept_rows), allowed, REDUNDANT_ROW_TOLERANCE)
     labels = robot.closure_labels
     found = [
         (labels[i].name, float(residual[i]), labels[i].unit)
         for i in np.flatnonzero(np.abs(residual) > limits)
     ]
-    found += [(weld.name, angle, "rad") for weld, angle in _turns(robot, q) if angle > _TURNED]
+    found += [(weld.name, angle, "rad") for weld, angle in _turns(robot, q) if angle > _MAX_WELD_ANGLE]
     return sorted(found, key=lambda row: -abs(row[1]))
 
 
@@ -223,11 +237,11 @@ def _stride(
     robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_], longest: float
 ) -> tuple[Array | None, float]:
     """Configuration a step nearer to the target, or None; and how much of the step the way bends aside."""
-    basis = null_space(robot.constraint_jacobian(q), _RANK)
+    basis = null_space(robot.constraint_jacobian(q), _RANK_TOLERANCE)
     missing = robot.difference(q, target)[wanted]
     ahead = basis @ np.linalg.lstsq(basis[wanted], missing, rcond=1e-6)[0]
     size = float(np.abs(ahead).max(initial=0.0))
-    if size < _ARRIVED:
+    if size < _ARRIVAL_TOLERANCE:
         return None, np.inf
     guess = robot.integrate(q, ahead * min(1.0, longest / size))
     found = gauss_newton(robot, guess, np.ones(robot.nv, dtype=np.bool_), robot.kept_rows)
@@ -236,12 +250,12 @@ def _stride(
     nearer = np.linalg.norm(after) < np.linalg.norm(missing) * (1.0 - 1e-6)
     # A correction as long as the step itself may be another assembly mode.
     bent = corrected / min(size, longest)
-    is_good = nearer and bent <= _MOST_BENT and not violations(robot, found)
+    is_good = nearer and bent <= _MAX_BEND_RATIO and not violations(robot, found)
     return found if is_good else None, bent
 
 
 def _kicked(robot: Mechanism, q: Array, rng: np.random.Generator) -> Array:
-    basis = null_space(robot.constraint_jacobian(q), _RANK)
+    basis = null_space(robot.constraint_jacobian(q), _RANK_TOLERANCE)
     away = basis @ rng.normal(scale=_STRIDE, size=basis.shape[1])
     found = gauss_newton(robot, robot.integrate(q, away), np.ones(robot.nv, dtype=np.bool_), robot.kept_rows)
     return q if violations(robot, found) else found
@@ -262,7 +276,7 @@ def _metric(robot: Mechanism, q: Array) -> Array:
     mass = robot.mass_matrix(q)
     if not kinematics.is_singular(mass):
         return mass
-    least = _MASSLESS * float(np.diag(mass).max(initial=0.0)) or 1.0
+    least = _REGULARISATION * float(np.diag(mass).max(initial=0.0)) or 1.0
     metric: Array = mass + least * np.eye(robot.nv)
     return metric
 
@@ -275,7 +289,7 @@ def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> 
     scaled = np.linalg.solve(root, jacobian.T).T  # J L^-T
     u, singular, vt = np.linalg.svd(scaled, full_matrices=False)
     largest = float(singular.max(initial=0.0))
-    used = singular > max(_RANK * largest, _NO_SLOPE)
+    used = singular > max(_RANK_TOLERANCE * largest, _MIN_SINGULAR_VALUE)
     inverse = np.zeros_like(singular)
     inverse[used] = singular[used] / (singular[used] ** 2 + damping * largest**2)
     step: Array = np.linalg.solve(root.T, vt.T @ (inverse * (u.T @ wanted)))

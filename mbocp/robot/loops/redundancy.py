@@ -1,4 +1,4 @@
-"""Which rows of the holonomic constraints say something, and which follow from the others.
+"""Redundant rows of the holonomic constraints: those that the other rows imply.
 
 A planar loop that a hinge closes in space has five rows of which two hold it; the other three hold anyway.
 With all five the multipliers are not unique and the equations singular. What is redundant is found by rank,
@@ -17,22 +17,22 @@ from mbocp._linear import null_space
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.loops.mechanism import Mechanism
-from mbocp.robot.loops.projection import SLACK, gauss_newton
+from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, gauss_newton
 
 __all__ = ["redundant_rows", "singular_closure", "singular_pose"]
 
 _log = logging.getLogger(__name__)
 
-_POSES = 5  # around the initial one
-_AROUND = 0.3  # [rad, m] typical distance of a joint from there
-_RANK = 1e-4  # relative: singular values below come from six digits in a URDF, or are as good as zero
-_CLEARLY = 1e-2  # smallest singular value of rows whose independence needs no further look
-_NEARLY = 0.99  # of the largest pivot
-_SAME = 0.5  # a choice of rows at another pose must be better by more than this to be preferred
-_NEAR_SINGULAR = 1e-3  # of the largest along the motion
-_LOW = 0.3  # of the largest along the motion; where it is above, it does not vanish until the next node
-_ALIKE = 0.7  # cosine of singular vectors that belong to each other
-_PART = 0.3  # of a row in a dependence
+_NUM_POSES = 5  # around the initial one
+_POSE_SPREAD = 0.3  # [rad, m] typical distance of a joint from its initial position
+_RANK_TOLERANCE = 1e-4  # relative: six digits in a URDF leave singular values up to this
+_MIN_INDEPENDENT_VALUE = 1e-2  # rows whose smallest singular value is larger are independent at every pose
+_PIVOT_TIE_RATIO = 0.99  # pivots above this part of the largest count as equal
+_SCORE_TIE_RATIO = 0.5  # rows chosen at another pose are preferred if their score is twice as high
+_SINGULAR_RATIO = 1e-3  # smallest singular value by its largest along the motion, at a singular pose
+_CROSSING_RATIO = 0.3  # above it, the smallest singular value does not vanish before the next node
+_MIN_VECTOR_COSINE = 0.7  # of singular vectors at two nodes that belong to the same singular value
+_MIN_ROW_SHARE = 0.3  # component of the singular vector from which a row is named
 
 
 def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
@@ -50,7 +50,7 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
         leave nothing that moves, naming them.
     """
     first = _scaled(robot, robot.closure_jacobian(robot.q0))
-    if len(first) < robot.nv and np.linalg.svd(first, compute_uv=False)[-1] > _CLEARLY:
+    if len(first) < robot.nv and np.linalg.svd(first, compute_uv=False)[-1] > _MIN_INDEPENDENT_VALUE:
         return ()
     jacobians = [_scaled(robot, robot.closure_jacobian(q)) for q in _poses(robot)]
     choices = [_independent(jacobian) for jacobian in jacobians]
@@ -59,7 +59,7 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
     best_score = _score(best, jacobians) if best else -1.0
     for choice in choices:
         score = _score(choice, jacobians) if len(choice) == rank else -1.0
-        if _SAME * score > best_score:
+        if _SCORE_TIE_RATIO * score > best_score:
             best, best_score = choice, score
     redundant = tuple(i for i in range(len(robot.closure_labels)) if i not in best)
     _check_constraints(robot, redundant, jacobians)
@@ -97,7 +97,7 @@ def singular_closure(robot: Mechanism, qs: Array) -> str:
     if not robot.nc or not len(qs) or not np.isfinite(qs).all():
         return ""
     residuals, jacobians = robot.closure_along(qs)
-    if np.abs(residuals[:, list(robot.kept_rows)]).max() > SLACK:
+    if np.abs(residuals[:, list(robot.kept_rows)]).max() > REDUNDANT_ROW_TOLERANCE:
         return ""  # no motion of this mechanism
     rows = _alike(robot, jacobians)
     kept = rows[:, list(robot.kept_rows)]
@@ -113,7 +113,7 @@ def singular_pose(robot: Mechanism, q: Array) -> str:
     rows = _alike(robot, jacobians)
     kept = rows[0, list(robot.kept_rows)]
     singular = np.linalg.svd(kept, compute_uv=False)
-    if singular[-1] < _NEAR_SINGULAR * singular[0]:
+    if singular[-1] < _SINGULAR_RATIO * singular[0]:
         return f"in this pose of robot {robot.name!r} {_dependence(robot, kept)}"
     return _left_out(robot, residuals, rows)
 
@@ -126,11 +126,11 @@ def _left_out(robot: Mechanism, residuals: Array, rows: Array) -> str:
     violated = np.abs(residuals[:, redundant])
     node, row = (int(i) for i in np.unravel_index(int(violated.argmax()), violated.shape))
     label = robot.closure_labels[redundant[row]]
-    if violated[node, row] > SLACK:
+    if violated[node, row] > REDUNDANT_ROW_TOLERANCE:
         words = f"is violated by {violated[node, row]:.2g} {label.unit}"
     else:
         sizes = np.linalg.svd(rows, compute_uv=False)
-        if sizes.shape[1] <= robot.nc or sizes[:, robot.nc].max() <= _CLEARLY:
+        if sizes.shape[1] <= robot.nc or sizes[:, robot.nc].max() <= _MIN_INDEPENDENT_VALUE:
             return ""
         node = int(sizes[:, robot.nc].argmax())
         kept = np.linalg.svd(rows[node, list(robot.kept_rows)], full_matrices=False)[2]
@@ -144,7 +144,7 @@ def _left_out(robot: Mechanism, residuals: Array, rows: Array) -> str:
 def _near_singular(robot: Mechanism, rows: Array, smallest: Array) -> str:
     node, largest = int(smallest.argmin()), float(smallest.max())
     where = f"near a singular configuration at node {node}"
-    if smallest[node] > _NEAR_SINGULAR * largest:
+    if smallest[node] > _SINGULAR_RATIO * largest:
         passed = _passed(rows, smallest)
         if passed is None:
             return ""
@@ -159,7 +159,7 @@ def _near_singular(robot: Mechanism, rows: Array, smallest: Array) -> str:
 
 def _passed(rows: Array, smallest: Array) -> int | None:
     """First node after which the smallest singular value would change its sign, if it had one."""
-    low = smallest < _LOW * smallest.max()
+    low = smallest < _CROSSING_RATIO * smallest.max()
     steps = np.flatnonzero(low[:-1] & low[1:])
     if not steps.size:
         return None
@@ -167,7 +167,7 @@ def _passed(rows: Array, smallest: Array) -> int | None:
     left, _, right = np.linalg.svd(rows[first:last], full_matrices=False)
     pairs = left[:, :, -1], right[:, -1]
     cosines = np.array([np.einsum("ni,ni->n", vectors[:-1], vectors[1:]) for vectors in pairs])
-    has_turned = (np.abs(cosines).min(axis=0) > _ALIKE) & (cosines.prod(axis=0) < 0.0)
+    has_turned = (np.abs(cosines).min(axis=0) > _MIN_VECTOR_COSINE) & (cosines.prod(axis=0) < 0.0)
     found = steps[has_turned[steps - first]]
     return int(found[0]) if found.size else None
 
@@ -175,7 +175,7 @@ def _passed(rows: Array, smallest: Array) -> int | None:
 def _dependence(robot: Mechanism, rows: Array) -> str:
     """Which of the kept rows depend on each other the most, in words."""
     weights = np.abs(np.linalg.svd(rows, full_matrices=False)[0][:, -1])
-    names = [robot.constraint_labels[i].name for i in np.flatnonzero(weights > _PART)]
+    names = [robot.constraint_labels[i].name for i in np.flatnonzero(weights > _MIN_ROW_SHARE)]
     if len(names) == 1:
         return f"the constraint {names[0]!r} holds nothing"
     return f"the constraints {_quoted(names)} depend on each other"
@@ -185,12 +185,12 @@ def _poses(robot: Mechanism) -> list[Array]:
     """The initial pose, and poses around it that close the loops."""
     rng = np.random.default_rng(0)
     everything = np.ones(robot.nv, dtype=np.bool_)
-    basis = null_space(_scaled(robot, robot.closure_jacobian(robot.q0)), _RANK)
+    basis = null_space(_scaled(robot, robot.closure_jacobian(robot.q0)), _RANK_TOLERANCE)
     found = [np.array(robot.q0)]
-    for _ in range(_POSES):
-        away = basis @ rng.normal(scale=_AROUND, size=basis.shape[1])
+    for _ in range(_NUM_POSES):
+        away = basis @ rng.normal(scale=_POSE_SPREAD, size=basis.shape[1])
         q = gauss_newton(robot, robot.integrate(robot.q0, away), everything, robot.kept_rows)
-        if np.abs(robot.closure_residual(q)).max() < SLACK:
+        if np.abs(robot.closure_residual(q)).max() < REDUNDANT_ROW_TOLERANCE:
             found.append(q)
     return found
 
@@ -213,8 +213,8 @@ def _lengths(robot: Mechanism, norms: Array) -> Array:
     """Lengths of rows, infinite for those that hold nothing but round-off."""
     units = np.array([label.unit for label in robot.closure_labels])
     floor = np.full(norms.size, 1e-12)
-    floor[units == "rad"] = _RANK
-    floor[units == "m"] = _RANK * norms[units == "m"].max(initial=0.0)
+    floor[units == "rad"] = _RANK_TOLERANCE
+    floor[units == "m"] = _RANK_TOLERANCE * norms[units == "m"].max(initial=0.0)
     lengths: Array = np.where(norms > np.maximum(floor, 1e-12), norms, np.inf)
     return lengths
 
@@ -224,9 +224,9 @@ def _independent(jacobian: Array) -> tuple[int, ...]:
     rest, chosen = np.array(jacobian), []
     for _ in range(min(jacobian.shape)):
         sizes = np.linalg.norm(rest, axis=1)
-        if sizes.max() < _RANK:
+        if sizes.max() < _RANK_TOLERANCE:
             break
-        row = int(np.argmax(sizes > _NEARLY * sizes.max()))
+        row = int(np.argmax(sizes > _PIVOT_TIE_RATIO * sizes.max()))
         chosen.append(row)
         direction = rest[row] / sizes[row]
         rest -= np.outer(rest @ direction, direction)

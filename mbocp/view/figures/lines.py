@@ -25,7 +25,7 @@ __all__ = ["FEW", "LinePanel", "line_panels"]
 
 FEW = 4  # curves whose names fit over a panel
 _ROUND_OFF = 1e-6  # relative, by which a solver may miss a limit that it keeps
-_MOST_STEPS = 60  # beyond, steps are too short to be seen, and dashes too long
+_MAX_STEPS = 60  # beyond, steps are too short to be seen, and dashes too long
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class LinePanel:
     def draw(self, axes: Axes, styles: Sequence[LineStyle]) -> list[Any]:
         """Draw the curves; the caller adds the legend, for which this returns the handles."""
         t, values, drawstyle = self.t, self.values, "default"
-        if self.step and len(values) <= _MOST_STEPS:
+        if self.step and len(values) <= _MAX_STEPS:
             values, drawstyle = (
                 np.vstack([values, values[-1:]]),
                 "steps-post",

@@ -39,8 +39,8 @@ __all__ = [
 ]
 
 
-_MOST_CONSTRAINTS = 6  # more would need a legend that is larger than the plot
-_MOST_MARKERS = 40  # more merge into a band
+_MAX_CONSTRAINTS = 6  # more would need a legend that is larger than the plot
+_MAX_MARKERS = 40  # more merge into a band
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ def _limit_panels(solution: Solution) -> list[LinePanel]:
 
 
 def _log_curve(axes: Axes, x: Array, y: Array, label: str, index: int, marker: str = "") -> None:
-    if len(x) > _MOST_MARKERS:
+    if len(x) > _MAX_MARKERS:
         marker = ""
     positive = np.where(np.isfinite(y) & (y > 0), y, np.nan)
     if np.isfinite(positive).any():
@@ -182,7 +182,7 @@ def cost_panel(solution: Solution) -> Panel:
 
     def draw(axes: Axes) -> None:
         cost = np.array([record.cost for record in solution.history], dtype=float)
-        marker = "o" if len(cost) <= _MOST_MARKERS else ""
+        marker = "o" if len(cost) <= _MAX_MARKERS else ""
         axes.plot(np.arange(len(cost)), cost, marker=marker, markersize=3.5, color=PALETTE[0])
         calm_limits(axes, cost)
         finish_axes(axes, title="Cost", ylabel="$J$", xlabel="iteration")
@@ -220,7 +220,7 @@ def momentum_panel(solution: Solution) -> LinePanel:
 def _violations(solution: Solution, violation: Array) -> list[tuple[str, Array]]:
     """Name and absolute value of each constraint of the robot, or of the worst where they are many."""
     count = violation.shape[1]
-    if count > _MOST_CONSTRAINTS:
+    if count > _MAX_CONSTRAINTS:
         return [(f"worst of {count}", np.abs(violation).max(axis=1))]
     # Natural coordinates have more constraints; those of the robot are the last.
     names = [column.name for column in solution.labels.lam[-count:]]

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["FramePaths", "frame_paths"]
 
 _HINGES = ("revolute", "continuous", "spherical")
-_ARROWS = 7
-_LAYERS = 0.25  # of the size: how thick a robot may be whose motion is drawn as flat
-_MOST_NODES = 2000  # more points do not make a finer picture
+_NUM_ARROWS = 7
+_FLATNESS_RATIO = 0.25  # of the size: how thick a robot may be whose motion is drawn as flat
+_MAX_NODES = 2000  # more points do not make a finer picture
 
 
 class FramePaths:
@@ -51,7 +51,7 @@ class FramePaths:
         # Axes to draw: all three, or those of the plane that the motion stays in, x-z before the others.
         # Links may lie in layers beside that plane.
         moved = np.ptp(paths, axis=1).max(axis=0) if paths.size else extent
-        is_flat = (moved < 1e-6 * self._size) & (extent < _LAYERS * self._size)
+        is_flat = (moved < 1e-6 * self._size) & (extent < _FLATNESS_RATIO * self._size)
         flat = [i for i in (1, 0, 2) if is_flat[i]]
         self.axes = tuple(i for i in range(3) if i not in flat[:1])
 
@@ -96,7 +96,7 @@ class FramePaths:
     def _draw_arrows(self, axes: Any, path: Array, color: str) -> None:
         """Draw a few arrows along the motion, evenly spaced along the path, of one length."""
         gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-        marks = np.linspace(0.0, gone[-1], _ARROWS + 2)[1:-1]
+        marks = np.linspace(0.0, gone[-1], _NUM_ARROWS + 2)[1:-1]
         inner = np.unique(np.searchsorted(gone, marks))
         inner = inner[(inner > 0) & (inner < len(path) - 1)]
         direction = path[inner + 1] - path[inner - 1]
@@ -160,7 +160,7 @@ def frame_paths(robot: Robot, qs: Array, frames: Sequence[str] | None = None) ->
     """
     names = list(frames) if frames is not None else list(robot.trace_frames)
     ids = [robot.frame_id(name) for name in names]
-    keep = np.unique(np.linspace(0, len(qs) - 1, min(len(qs), _MOST_NODES)).astype(int))
+    keep = np.unique(np.linspace(0, len(qs) - 1, min(len(qs), _MAX_NODES)).astype(int))
     model, data = robot.model, working_data(robot.model)
     paths = np.empty((len(ids), len(keep), 3))
     for n, q in enumerate(qs[keep]):

@@ -25,8 +25,8 @@ from mbocp.view.meshcat.viewer import Ext, meshcat
 
 __all__ = ["render_page"]
 
-_LONG_TEXT = 512  # characters; shorter strings stay in the JSON
-_LONG_LIST = 16  # numbers; a matrix stays in the JSON
+_MIN_SHARED_TEXT = 512  # characters; shorter strings stay in the JSON
+_MIN_SHARED_LIST = 16  # numbers; a matrix stays in the JSON
 _ARRAY_KIND = {0x12: "u1", 0x15: "i4", 0x16: "u4", 0x17: "f4"}  # meshcat's msgpack extensions
 
 
@@ -47,11 +47,11 @@ class _Store:
         if isinstance(value, str):
             return (
                 self._reference("text", value.encode())
-                if len(value) > _LONG_TEXT
+                if len(value) > _MIN_SHARED_TEXT
                 else self._stable_name(value)
             )
         if isinstance(value, Sequence):
-            if len(value) > _LONG_LIST and all(isinstance(x, float) for x in value):
+            if len(value) > _MIN_SHARED_LIST and all(isinstance(x, float) for x in value):
                 return self._reference("f4", np.asarray(value, dtype="<f4").tobytes())
             return [self.lighten(item) for item in value]
         return value

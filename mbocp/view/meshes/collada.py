@@ -20,8 +20,8 @@ from mbocp._arrays import Array
 from mbocp._files import is_file, read_bytes
 from mbocp._text import shown
 from mbocp.view.meshes.parts import (
+    MAX_TRIANGLES,
     MESH_LIMIT,
-    MOST_TRIANGLES,
     Indices,
     MeshPart,
     Surface,
@@ -32,9 +32,9 @@ from mbocp.view.meshes.parts import (
 __all__ = ["read_collada"]
 
 Node = ElementTree.Element
-_MOST_LEVELS = 64  # of nodes within each other
-_LARGEST = 1e15  # entry of a placement whose determinant is finite
-_MOST_NODES = 20_000  # each as often as others repeat it
+_MAX_LEVELS = 64  # of nodes within each other
+_MAX_ENTRY = 1e15  # entry of a placement whose determinant is finite
+_MAX_NODES = 20_000  # each as often as others repeat it
 
 
 def read_collada(path: Path) -> tuple[MeshPart, ...]:
@@ -79,8 +79,8 @@ class _Reader:
 
     def _node(self, node: Node, parent: Array, depth: int) -> Iterator[MeshPart]:
         self._visits += 1
-        if depth > _MOST_LEVELS or self._visits > _MOST_NODES:
-            raise ValueError(f"more than {_MOST_NODES} nodes, or {_MOST_LEVELS} within each other")
+        if depth > _MAX_LEVELS or self._visits > _MAX_NODES:
+            raise ValueError(f"more than {_MAX_NODES} nodes, or {_MAX_LEVELS} within each other")
         placement = parent @ _transform(node)
         for instance in node.findall("instance_geometry"):
             yield from self._geometry(self._target(instance), instance, placement)
@@ -105,8 +105,8 @@ class _Reader:
             if corners is None or len(corners) == 0:
                 continue
             self._triangles += len(corners) // 3
-            if self._triangles > MOST_TRIANGLES:
-                raise ValueError(f"more than {MOST_TRIANGLES} triangles")
+            if self._triangles > MAX_TRIANGLES:
+                raise ValueError(f"more than {MAX_TRIANGLES} triangles")
             symbol = primitive.get("material")
             material = self._target(bound.get(symbol), "target")
             if material is None and symbol:
@@ -123,8 +123,8 @@ class _Reader:
             raise ValueError("a corner has a negative number")
         rows, faces = distinct_rows(used)
         values = {name: streams[name][1][rows[:, k]] for k, name in enumerate(names)}
-        if not (np.abs(placement) <= _LARGEST).all():  # NaN, too
-            raise ValueError(f"a placement is not finite, or beyond {_LARGEST:g}")
+        if not (np.abs(placement) <= _MAX_ENTRY).all():  # NaN, too
+            raise ValueError(f"a placement is not finite, or beyond {_MAX_ENTRY:g}")
         linear = placement[:3, :3]
         normals = values.get("NORMAL")
         if normals is not None:

@@ -13,8 +13,8 @@ from mbocp._arrays import Array
 from mbocp._files import MEGABYTE
 
 __all__ = [
+    "MAX_TRIANGLES",
     "MESH_LIMIT",
-    "MOST_TRIANGLES",
     "Indices",
     "MeshPart",
     "Surface",
@@ -26,8 +26,8 @@ __all__ = [
 Indices = NDArray[np.int64]
 
 MESH_LIMIT = 64 * MEGABYTE  # of one mesh file [bytes]; the largest that we know has 29 MB
-MOST_TRIANGLES = 10_000_000  # of one mesh, each as often as the file's scene shows it
-_LARGEST = 1e9  # of a coordinate, in the mesh's own unit
+MAX_TRIANGLES = 10_000_000  # of one mesh, each as often as the file's scene shows it
+_MAX_COORDINATE = 1e9  # of a coordinate, in the mesh's own unit
 _GREY = (0.8, 0.8, 0.8)
 
 
@@ -78,8 +78,8 @@ def checked(parts: Sequence[MeshPart]) -> tuple[MeshPart, ...]:
 def _checked(part: MeshPart) -> MeshPart:
     if part.vertices.shape[1:] != (3,) or not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
         raise ValueError("a triangle refers to a corner that is not there")
-    if not np.all(np.abs(part.vertices) <= _LARGEST):
-        raise ValueError(f"a corner is not finite, or beyond {_LARGEST:g}")
+    if not np.all(np.abs(part.vertices) <= _MAX_COORDINATE):
+        raise ValueError(f"a corner is not finite, or beyond {_MAX_COORDINATE:g}")
     shape = len(part.vertices)
     normals, uvs, surface = part.normals, part.uvs, part.surface
     if normals is not None and (normals.shape != (shape, 3) or not np.isfinite(normals).all()):

@@ -18,8 +18,8 @@ from mbocp.view.meshes.parts import MESH_LIMIT, Indices, MeshPart, Surface, dist
 __all__ = ["read_wavefront"]
 
 _GREY = (0.8, 0.8, 0.8)
-_MOST_LIBRARIES = 100  # material files of one mesh
-_LARGEST_INDEX = 2**40
+_MAX_LIBRARIES = 100  # material files of one mesh
+_MAX_INDEX = 2**40
 
 
 @dataclass
@@ -54,7 +54,7 @@ def read_wavefront(path: Path) -> tuple[MeshPart, ...]:
         elif word == "mtllib":
             libraries[rest.strip()] = None
     surfaces: dict[str, Surface] = {}
-    for library in list(libraries)[:_MOST_LIBRARIES]:
+    for library in list(libraries)[:_MAX_LIBRARIES]:
         surfaces.update(_read_materials(path.parent / library))
     parts = tuple(_part(faces, values, surfaces.get(name)) for name, faces in groups.items())
     if not parts:
@@ -69,7 +69,7 @@ def _add_face(faces: _Faces, words: list[str], values: dict[str, list[list[float
         given = [int(text) if text else 0 for text in word.split("/")] + [0, 0]
         # Numbers count from one, negative ones back from the latest.
         v, vt, vn = (k - 1 if k >= 0 else size + k for k, size in zip(given, sizes, strict=False))
-        if max(v, vt, vn) >= _LARGEST_INDEX or min(v, vt, vn) < -_LARGEST_INDEX:
+        if max(v, vt, vn) >= _MAX_INDEX or min(v, vt, vn) < -_MAX_INDEX:
             raise ValueError(f"a face refers to {shortened(word)}, which is not there")
         faces.corners.append((v, vt, vn))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbocp._text import LONGEST_MESSAGE
+from mbocp._text import MAX_MESSAGE
 from mbocp.exceptions import (
     DimensionMismatch,
     InvalidValue,
@@ -256,7 +256,7 @@ WRONG = {
 def test_wrong_files_are_refused_with_file_and_key(tmp_path: Path, message: str) -> None:
     with pytest.raises(RobotFileError, match=message) as refused:
         load(tmp_path, WRONG[message])
-    assert len(str(refused.value)) <= LONGEST_MESSAGE
+    assert len(str(refused.value)) <= MAX_MESSAGE
     assert refused.value.path == tmp_path / "robot.toml"
     assert str(tmp_path / "robot.toml") in str(refused.value)
 
