@@ -14,6 +14,7 @@ import typer
 
 import mbocp
 from mbocp.cli.app import app
+from mbocp.problem.file.keys_page import key_rows, updated
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.solution.records import Status
@@ -82,6 +83,13 @@ def test_the_table_of_keys_is_complete() -> None:
         keys = next((t.model_fields for t in tables if hasattr(t, "model_fields")), None)
         for key in [name] if keys is None else [f"{name}.{key}" for key in keys]:
             assert key in documented, key
+
+
+def test_the_keys_of_terms_are_those_of_the_terms() -> None:
+    """`python -m mbocp.problem.file.keys_page docs/problem_files.md` writes them."""
+    page = text("docs/problem_files.md")
+    assert updated(page) == page
+    assert all(row in page for rows in key_rows().values() for row in rows)
 
 
 def all_commands() -> dict[str, Any]:

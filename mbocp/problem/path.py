@@ -82,6 +82,7 @@ class PathConstraint:
         for lo, hi in zip(self.lower, self.upper, strict=True):
             if not lo < hi or not (np.isfinite(lo) or np.isfinite(hi)):
                 raise InvalidValue(key, [float(lo), float(hi)], "a finite bound, the lower below the upper")
+        PATH_TERMS[self.kind].check(self, key)
 
     @property
     def rows(self) -> int:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from mbocp._arrays import Array
 from mbocp._files import parse_toml
 from mbocp.exceptions import InvalidValue, Unreadable
+from mbocp.terms import PATH_TERMS
 
 __all__ = ["integrator_of", "limits_of", "path_bounds_of"]
 
@@ -90,7 +91,8 @@ def path_bounds_of(problem_text: str) -> dict[str, tuple[float, float, str]]:
     problem = _parsed(problem_text)
     found: dict[str, tuple[float, float, str]] = {}
     for table in problem.path if problem is not None else ():
-        name, unit = str(table.get("name", "")), "m/s" if table.get("kind") == "speed" else "m"
+        kind = PATH_TERMS.get(str(table.get("kind")))
+        name, unit = str(table.get("name", "")), "" if kind is None else kind.unit
         pairs = {f"{name}.{axis}": table[axis] for axis in "xyz" if _pairs([table.get(axis)])}
         ends = [table.get("min", -np.inf), table.get("max", np.inf)]
         pairs |= {name: ends} if not pairs and _pairs([ends]) else {}

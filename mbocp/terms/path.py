@@ -20,7 +20,8 @@ import numpy as np
 from pydantic import Field
 
 from mbocp._arrays import Array
-from mbocp.exceptions import ProblemError
+from mbocp._text import shown
+from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Finite, Key, Range, Table
@@ -119,6 +120,13 @@ class PathTerm(ABC):
     def rows(self) -> int:
         """Number of inequalities."""
         return 1
+
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Refuse numbers that the kind has no use for."""
+        for name in cls.sizes:
+            if not np.isfinite(given.number(name)).all():
+                raise InvalidValue(f"{key}: {name}", shown(given.number(name).tolist()), "finite numbers")
 
     @classmethod
     def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
@@ -236,7 +244,7 @@ class Distance(_Squared):
         frame_b: Annotated[
             str | None,
             Key(
-                "string, 3 numbers",
+                "string or 3 numbers",
                 "m",
                 "one of the two",
                 'kind `"distance"`: from the origin of another frame, or from a point of the world',
@@ -244,9 +252,7 @@ class Distance(_Squared):
             ),
         ] = None
         point: Annotated[list[Finite] | None, Field(min_length=3, max_length=3)] = None
-        min: Annotated[
-            Bound, Key("number", "m, m/s", "none", "of a distance; `max` of a speed", ("max",))
-        ] = None
+        min: Annotated[Bound, Key("number", "m", "none", "of a distance", ("max",))] = None
         max: Bound = None
 
     @classmethod
@@ -293,7 +299,7 @@ class Speed(_Squared):
     class Keys(Table):
         """Keys."""
 
-        max: Bound = None
+        max: Annotated[Bound, Key("number", "m/s", "none", "`max` of a speed")] = None
 
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
