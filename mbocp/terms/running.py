@@ -15,7 +15,7 @@ from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Target, Weights
 from mbocp.terms.written import Control, Finite, Key, Table
 
-__all__ = ["ControlRate", "Effort", "Potential", "Tracking", "Velocity"]
+__all__ = ["Acceleration", "ControlRate", "Effort", "Potential", "Tracking", "Velocity"]
 
 
 @dataclass(frozen=True)
@@ -268,3 +268,33 @@ class ControlRate(Weighted):
         """Half the weighted square of the change."""
         change = at.control_change
         return ca.dot(p["control_rate"] * change, change) / 2
+
+
+@dataclass(frozen=True)
+class Acceleration(Weighted):
+    """Half the weighted square of the accelerations of the joints: the mean of a step, (v_n - v_{n-1}) / dt.
+
+    Explicit schemes take the acceleration at the beginning of the step.
+    """
+
+    key = "acceleration"
+    over = "v"
+
+    class Keys(Table):
+        """Keys."""
+
+        acceleration: Annotated[
+            Control,
+            Key(
+                "number >= 0, list, table",
+                "",
+                "0",
+                "diagonal weights on the accelerations of the joints: one for all, or one for each "
+                "component of v",
+            ),
+        ] = None
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Half the weighted square."""
+        a = at.joint_acceleration()
+        return ca.dot(p["acceleration"] * a, a) / 2
