@@ -26,7 +26,7 @@ from mbocp.robot import Label, Robot
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Finite, Key, Range, Table
 
-__all__ = ["PATH_TERMS", "Distance", "PathNumbers", "PathTerm", "Position", "Speed"]
+__all__ = ["PATH_TERMS", "Distance", "Orientation", "PathNumbers", "PathTerm", "Position", "Speed"]
 
 PATH_TERMS: dict[str, type[PathTerm]] = {}  # by kind, in the order in which they are documented
 _AXES = "xyz"
@@ -314,6 +314,81 @@ class Speed(_Squared):
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the speed [m^2/s^2]."""
         return ca.sumsqr(at.mechanics.frame_translation_jacobian(self.frame, at.q) @ at.v)
+
+
+@dataclass(frozen=True)
+class Orientation(PathTerm):
+    """Angle between an axis of the frame and a direction in the world, kept as its cosine."""
+
+    kind = "orientation"
+    unit = "rad"
+    sizes: ClassVar[Mapping[str, int]] = {"axis": 3, "direction": 3}
+
+    class Keys(Table):
+        """Keys."""
+
+        axis: Annotated[
+            Annotated[list[Finite] | None, Field(min_length=3, max_length=3)],
+            Key(
+                "3 numbers",
+                "",
+                "z",
+                'kind `"orientation"`: axis in the frame, and direction in the world '
+                "from which it is bent by an angle of at least `min` and at most `max`",
+                ("direction",),
+            ),
+        ] = None
+        direction: Annotated[list[Finite] | None, Field(min_length=3, max_length=3)] = None
+        min: Annotated[Bound, Key("number", "rad", "none", "of an orientation", ("max",))] = None
+        max: Bound = None
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """Axis, direction and bounds."""
+        along_z = [0.0, 0.0, 1.0]
+        vectors = {name: given.get(name, along_z) for name in cls.sizes}
+        return {**vectors, **one_bound(given, key, "min or max")}
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """Axis, direction and bounds."""
+        return {**{name: given.number(name) for name in cls.sizes}, **finite_bounds(given)}
+
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Refuse vectors without a direction, and angles that are none."""
+        super().check(given, key)
+        for name in cls.sizes:
+            if not given.number(name).any():
+                raise InvalidValue(f"{key}: {name}", [0.0, 0.0, 0.0], "a direction")
+        for name, value in finite_bounds(given).items():
+            if not 0.0 < value < np.pi:
+                raise InvalidValue(f"{key}: {name}", value, "an angle between 0 and pi [rad]")
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Cosine of the angle."""
+        axis = at.mechanics.frame_rotation(self.frame, at.q) @ p["axis"]
+        return ca.dot(p["direction"], axis) / ca.sqrt(ca.sumsqr(p["direction"]) * ca.sumsqr(p["axis"]))
+
+    @classmethod
+    def inner(cls, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Cosines, which fall where angles rise."""
+        lower, upper = bounds
+        return (
+            np.where(np.isfinite(upper), np.cos(np.where(np.isfinite(upper), upper, 0.0)), -np.inf),
+            np.where(np.isfinite(lower), np.cos(np.where(np.isfinite(lower), lower, 0.0)), np.inf),
+        )
+
+    @classmethod
+    def value(cls, h: Array) -> Array:
+        """Angle [rad]."""
+        angle: Array = np.arccos(np.clip(h, -1.0, 1.0))
+        return angle
+
+    @classmethod
+    def slope(cls, value: Array) -> Array:
+        """Derivative of the cosine."""
+        return -np.sin(value)
 
 
 def one_bound(given: Mapping[str, Any], key: str, names: str) -> dict[str, Any]:
