@@ -16,7 +16,7 @@ from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, put_into, show
 from mbocp.formulation import formulate
-from mbocp.guess import make_guess
+from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.solution import Solution

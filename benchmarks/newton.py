@@ -14,7 +14,7 @@ import numpy as np
 import mbocp
 from benchmarks.tables import Table
 from mbocp.formulation import formulate
-from mbocp.guess import guess_candidates, make_guess
+from mbocp.guesses import guess_candidates, make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, Iterate, NewtonState, SolverResult, run
 

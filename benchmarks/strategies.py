@@ -13,7 +13,7 @@ import mbocp
 from benchmarks.newton import Case, exponent, load, median_time
 from benchmarks.tables import Table
 from mbocp.formulation import formulate
-from mbocp.guess import iterate_from_solution
+from mbocp.guesses import iterate_from_solution
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import Iterate

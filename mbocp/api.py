@@ -16,17 +16,16 @@ import numpy as np
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.assemble import Trajectory, assemble
 from mbocp.exceptions import NotConverged, ProblemError
 from mbocp.formulation import Formulation, formulate
-from mbocp.guess import guess_candidates, iterate_from_solution, make_guess
-from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.formulation.trajectory import Trajectory, read_trajectory
+from mbocp.guesses import guess_candidates, iterate_from_solution, make_guess
+from mbocp.mechanics.diagnostics import largest_turn
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem, load_problem
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution import Solution
-from mbocp.solution.diagnostics import largest_turn
 from mbocp.solution.records import Labels
 from mbocp.solvers import IterationRecord, Methods, Outcome, Phase, SolverResult, Status, pursue
 from mbocp.solvers.reachability import dependent_end_rows
@@ -85,7 +84,7 @@ def solve(
         formulation, left_out = _formulated(problem, deadline)
     outcome, guess_used = _solve_programme(formulation, warm_start, callback, phases, deadline)
     with _timed(phases, "diagnostics"):
-        trajectory = assemble(formulation, outcome.result.iterate)
+        trajectory = read_trajectory(formulation, outcome.result.iterate)
         meanings = _meanings(problem.robot, trajectory.control_momentum_names)
         told = left_out + _singular(problem.robot, trajectory.qs)
     solution = _solution(
@@ -106,7 +105,7 @@ def solve(
 def _formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:
     """Formulation without end conditions that the dynamics meet by themselves, and which these are."""
     formulation = formulate(problem, deadline=deadline)
-    if problem.scheme not in EXPLICIT_SCHEMES or problem.goal.redundant == "keep":
+    if not formulation.end_rows_may_depend or problem.goal.redundant == "keep":
         return formulation, ""
     rows = dependent_end_rows(formulation.programme, np.vstack(formulation.end_rows))
     if not rows:
@@ -204,7 +203,7 @@ def _solution(
     return Solution(
         status=status,
         advice=advice
-        + _other_root(problem, result, trajectory.qs[-1])
+        + _other_root(formulation, result, trajectory.qs[-1])
         + _compiled_long(problem, result, phases)
         + told,
         solver=outcome.solver,
@@ -237,9 +236,9 @@ def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(words[name] for name in names)
 
 
-def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:
+def _other_root(formulation: Formulation, result: SolverResult, q_final: Array) -> str:
     """Warn where the end condition holds but the goal is not reached: it has other roots."""
-    goal = problem.goal
+    problem, goal = formulation.problem, formulation.problem.goal
     if result.status is not Status.CONVERGED or not goal.is_exact or not goal.q_active.any():
         return ""
     missing = problem.robot.difference(goal.q, q_final)[goal.q_active]
@@ -247,7 +246,7 @@ def _other_root(problem: Problem, result: SolverResult, q_final: Array) -> str:
     if distance <= _GOAL_REACHED:
         return ""
     turns = missing / (2.0 * np.pi)
-    if problem.coordinates == "natural" and np.abs(turns - turns.round()).max() <= _GOAL_REACHED:
+    if not formulation.counts_turns and np.abs(turns - turns.round()).max() <= _GOAL_REACHED:
         return (
             "; but whole turns away from goal.q: bodies do not know how often a joint has turned; start from "
             "a guess that turns as often, or take joint coordinates"

@@ -11,8 +11,8 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import DimensionMismatch, NotConverged, ProblemError
-from mbocp.guess import guess_candidates
-from mbocp.solution.diagnostics import largest_turn
+from mbocp.guesses import guess_candidates
+from mbocp.mechanics.diagnostics import largest_turn
 from mbocp.solvers import IterationRecord, Status
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -1,6 +1,6 @@
-"""Problem x integrator -> stagewise programme, and what its numbers mean."""
+"""Problem x integrator -> stagewise programme, and the way back from its numbers to motions."""
 
-from mbocp.formulation.base import Formulation
-from mbocp.formulation.build import formulate, transcribe
+from mbocp.formulation.base import Duals, Formulation, Motion
+from mbocp.formulation.formulate import formulate, transcribe
 
-__all__ = ["Formulation", "formulate", "transcribe"]
+__all__ = ["Duals", "Formulation", "Motion", "formulate", "transcribe"]

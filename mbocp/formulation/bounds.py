@@ -7,22 +7,26 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.layout import StateLayout
-from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 
-__all__ = ["state_bounds"]
+__all__ = ["free_speed_bounds", "state_bounds"]
 
 
-def state_bounds(problem: Problem, space: ConfigurationSpace | NaturalSpace, at: StateLayout) -> StateBounds:
+def state_bounds(
+    problem: Problem,
+    space: ConfigurationSpace | NaturalSpace,
+    at: StateLayout,
+    speeds: tuple[Array, Array],
+) -> StateBounds:
     """Limits and path constraints of a problem in terms of its programme.
 
-    Raises
-    ------
-    ProblemError
-        If a velocity is limited that is no unknown of the programme, because controls prescribe it.
+    Parameters
+    ----------
+    speeds : tuple of ndarray, shapes (ns,)
+        Lower and upper bounds of the speeds.
     """
     limits = problem.limits
     lower, upper = np.full(at.nx, -np.inf), np.full(at.nx, np.inf)
@@ -32,8 +36,7 @@ def state_bounds(problem: Problem, space: ConfigurationSpace | NaturalSpace, at:
         source = slice(part.at_q.start, part.at_q.start + plain)
         target = slice(part.at_z.start, part.at_z.start + plain)
         lower[target], upper[target] = limits.q_lower[source], limits.q_upper[source]
-    if not isinstance(space, NaturalSpace):  # whose bodies have no limits, see `mbocp.problem`
-        lower[at.s], upper[at.s] = _speed_bounds(problem)
+    lower[at.s], upper[at.s] = speeds
     sides = [constraint.inner_bounds for constraint in problem.path]
     return StateBounds(
         x_lower=lower,
@@ -45,10 +48,17 @@ def state_bounds(problem: Problem, space: ConfigurationSpace | NaturalSpace, at:
     )
 
 
-def _speed_bounds(problem: Problem) -> tuple[Array, Array]:
+def free_speed_bounds(problem: Problem) -> tuple[Array, Array]:
+    """Bounds of the speeds where controls may prescribe some of the velocities.
+
+    Raises
+    ------
+    ProblemError
+        If a velocity is limited that is no unknown of the programme, because controls prescribe it.
+    """
     robot, limits = problem.robot, problem.limits
     lower, upper = np.asarray(limits.v_lower), np.asarray(limits.v_upper)
-    if problem.scheme not in EXPLICIT_SCHEMES or not robot.drives:
+    if not robot.drives:
         return lower, upper
     for i in robot.driven:
         if np.isfinite(lower[i]) or np.isfinite(upper[i]):

@@ -1,19 +1,17 @@
-"""Problem and integrator become one stagewise programme, all that a solver sees."""
+"""From the pieces that a formulation chooses to the stagewise programme, compiled or from the cache."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Formulation
 from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.end import build_end_functions
-from mbocp.formulation.goal import EndRows, end_condition_rows, guarded_parts
+from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.natural import EndTarget, natural_coordinates, natural_end
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
     HAS_BEFORE,
@@ -23,80 +21,113 @@ from mbocp.formulation.parameters import (
     parameter_layout,
     path_parameters,
 )
-from mbocp.formulation.rows import row_describer
+from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.shape import Shape
-from mbocp.formulation.stage import build_functions, mechanics_for, state_layout
-from mbocp.formulation.start import start_state
-from mbocp.formulation.turning import turning_factors
-from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.formulation.stage import build_functions, mechanics_for
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalMechanics, NaturalSpace
+from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.problem.horizon import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import load_functions
 from mbocp.terms import ExactGoal, TerminalCost, TermNumbers, running_terms
 
-__all__ = ["formulate", "is_flat", "transcribe"]
+__all__ = ["Pieces", "build_programme", "check_size", "needs_plain_states", "shape_of"]
 
 
-def is_flat(problem: Problem) -> bool:
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """What a formulation chooses, and a programme is made of.
+
+    Attributes
+    ----------
+    problem : Problem
+    joints : ConfigurationSpace
+        Of the joints, which costs and goals speak of.
+    space : ConfigurationSpace or NaturalSpace
+        Of the states.
+    shape : Shape
+        What the stage functions depend on.
+    layout : StateLayout
+    num_algebraic : int
+        Unknowns of a step beside states and controls: multipliers of constraints.
+    groups : tuple of (int, int, tuple of int)
+        See `StageKind`.
+    end_rows : EndRows
+        Projections of the end condition, of the joints.
+    end : EndTarget
+        The end condition in the states' coordinates.
+    turning : ndarray, shape (ndx,)
+        See `StageKind`.
+    x_start : ndarray, shape (nx,)
+    speed_bounds : tuple of ndarray, shapes (ns,)
+        Lower and upper ones.
+    labels : RowLabels
+        Names for messages.
+    """
+
+    problem: Problem
+    joints: ConfigurationSpace
+    space: ConfigurationSpace | NaturalSpace
+    shape: Shape
+    layout: StateLayout
+    num_algebraic: int
+    groups: tuple[tuple[int, int, tuple[int, ...]], ...]
+    end_rows: EndRows
+    end: EndTarget
+    turning: Array
+    x_start: Array
+    speed_bounds: tuple[Array, Array]
+    labels: RowLabels
+
+
+def needs_plain_states(problem: Problem) -> bool:
     """Whether a state's coordinates are the unknowns, and not its tangent: see `StateLayout`."""
-    leaves_the_group = problem.scheme in EXPLICIT_SCHEMES and problem.lie != "munthe_kaas"
-    return leaves_the_group or problem.is_bounded or problem.solver.is_interior_point
+    return problem.is_bounded or problem.solver.is_interior_point
 
 
-def transcribe(
-    problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
-) -> StagewiseProgramme:
-    """Stagewise programme of a problem, all that a solver asks for; see `formulate`."""
-    return formulate(problem, without, deadline=deadline).programme
+def check_size(problem: Problem, shape: Shape, layout: StateLayout, num_algebraic: int) -> None:
+    """Refuse what would be too large, before anything is built.
+
+    Raises
+    ------
+    TooManyOperations
+        If the stage functions would be.
+    MemoryLimitExceeded
+        If the horizon has more steps than there is memory for.
+    """
+    check_operations(problem.robot.name, layout.nv, shape)
+    per_step = 2 * layout.ndx + num_algebraic + problem.robot.nu
+    check_horizon(problem.num_steps, per_step, by_others=problem.solver.is_interior_point)
 
 
-def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf) -> Formulation:
-    """Formulation of a problem with its stagewise programme, compiled or from the cache.
+def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseProgramme:
+    """Stagewise programme of what a formulation has chosen.
 
     Parameters
     ----------
-    problem : Problem
-    without : sequence of int
-        Rows of the end condition to leave out.
+    pieces : Pieces
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
 
     Raises
     ------
     TranscriptionError
-        If the stage functions would be too large, cannot be compiled, or not before the deadline.
-    MemoryLimitExceeded
-        If the horizon has more steps than there is memory for.
-    InconsistentStart
-        If the scheme cannot begin with the start velocity in steps of this length.
+        If the stage functions cannot be compiled, or not before the deadline.
+    ProblemError
+        If a velocity is limited that is no unknown of the programme.
     """
-    robot = problem.robot
-    natural = natural_coordinates(problem)
-    joints = ConfigurationSpace(robot.model, _rotations(problem)) if natural is None else natural.joint_space
-    space = joints if natural is None else NaturalSpace(natural, problem.q_start)
-    guarded = guarded_parts(problem, joints)
-    rows = end_condition_rows(robot, problem.goal, is_explicit=problem.scheme in EXPLICIT_SCHEMES)
-    rows = rows.without(without)
-    shape = _shape(problem, joints, rows, guarded, is_natural=natural is not None)
-    check_operations(robot.name, space.nv, shape)
-    at = state_layout(robot, space.nz, space.nv, shape)
-    sizes = Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv)
-    layout = parameter_layout(shape, sizes)
-    ny = 0 if shape.is_explicit else (robot.nc if natural is None else natural.nc)
-    check_horizon(problem.num_steps, 2 * at.ndx + ny + robot.nu, by_others=problem.solver.is_interior_point)
-    end = EndTarget(*rows, np.asarray(problem.goal.value))
-    if natural is not None:
-        end = natural_end(problem, natural, rows)
-    theta, rho, rho_terminal = _parameters(problem, shape, layout, space, joints, end)
-    programme = StagewiseProgramme(
+    problem, shape, at = pieces.problem, pieces.shape, pieces.layout
+    robot, space, joints = problem.robot, pieces.space, pieces.joints
+    layout = parameter_layout(shape, Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv))
+    theta, rho, rho_terminal = _parameters(pieces, layout)
+    bounds = state_bounds(problem, space, at, pieces.speed_bounds)
+    return StagewiseProgramme(
         num_steps=problem.num_steps,
-        kinds=(_kind(problem, space, at, ny, sum(layout.stage.values()), natural),),
+        kinds=(_kind(pieces, sum(layout.stage.values())),),
         stage_kind=(0,) * problem.num_steps,
         ng=shape.goal.rows,
-        num_guards=len(guarded),
+        num_guards=len(shape.guarded),
         functions=load_functions(
             shape.stage_text,
             lambda: build_functions(mechanics_for(robot, shape), shape),
@@ -113,38 +144,19 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
         rho_terminal=rho_terminal,
         theta_weights=layout.weighing(layout.theta),
         terminal_weights=layout.weighing(layout.terminal),
-        x_start=start_state(problem, space, at),
-        bounds=state_bounds(problem, space, at),
+        x_start=pieces.x_start,
+        bounds=bounds,
         is_explicit=shape.is_explicit,
         dt=problem.dt,
         control_weight=_control_weight(problem),
-        describe_row=row_describer(problem, space, at, rows),
+        describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
         path_names=tuple(label.name for constraint in problem.path for label in constraint.labels),
     )
-    return Formulation(
-        problem=problem,
-        programme=programme,
-        layout=at,
-        space=space,
-        end_rows=rows,
-        constraint_labels=robot.constraint_labels if natural is None else natural.constraint_labels,
-    )
 
 
-def _rotations(problem: Problem) -> str:
-    return problem.robot.rotations if problem.scheme in EXPLICIT_SCHEMES else "quaternion"
-
-
-def _kind(
-    problem: Problem,
-    space: ConfigurationSpace | NaturalSpace,
-    at: StateLayout,
-    ny: int,
-    nr: int,
-    natural: NaturalMechanics | None,
-) -> StageKind:
-    nu, dt = problem.robot.nu, problem.dt
-    has_groups = problem.scheme == "se1" and at.nr == 0
+def _kind(pieces: Pieces, nr: int) -> StageKind:
+    at, ny = pieces.layout, pieces.num_algebraic
+    nu, dt = pieces.problem.robot.nu, pieces.problem.dt
     return StageKind(
         nx=at.nx,
         ndx=at.ndx,
@@ -155,8 +167,8 @@ def _kind(
         scale_y=np.full(ny, 1 / dt),
         scale_m=np.concatenate([np.ones(at.ndx), np.full(ny, 1 / dt)]),
         scale_ru=np.full(nu, 1 / dt),
-        turning=turning_factors(problem.robot.model, space, at),
-        groups=natural.groups if natural is not None and has_groups else (),
+        turning=pieces.turning,
+        groups=pieces.groups,
     )
 
 
@@ -168,41 +180,40 @@ def _control_weight(problem: Problem) -> float:
     return problem.dt * (float(positive.min()) if positive.size else 1.0)
 
 
-def _shape(
+def shape_of(
     problem: Problem,
     joints: ConfigurationSpace,
     rows: EndRows,
-    guarded: tuple[int, ...],
     *,
-    is_natural: bool,
+    coordinates: str,
+    is_flat: bool,
+    guarded: tuple[int, ...] = (),
+    rotations: str = "quaternion",
+    lie: str = "",
+    substeps: int = 1,
 ) -> Shape:
+    """Shape of a problem: what it says itself, and what its formulation has chosen."""
     goal, nv = problem.goal, problem.robot.nv
-    is_explicit = problem.scheme in EXPLICIT_SCHEMES
+    is_natural = coordinates == "natural"
     given = TermNumbers(problem.cost, problem.robot, joints, problem.num_steps)
     return Shape(
         robot=problem.robot.fingerprint,
-        coordinates="natural" if is_natural else "joint",
+        coordinates=coordinates,
         scheme=problem.scheme,
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
         cost=running_terms(given),
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, is_natural=is_natural),
         path=tuple(constraint.term for constraint in problem.path),
-        rotations=_rotations(problem),
-        lie=problem.lie if is_explicit else "",
-        substeps=problem.substeps if is_explicit else 1,
-        is_flat=is_flat(problem) or is_natural or problem.robot.is_vector_space,
+        rotations=rotations,
+        lie=lie,
+        substeps=substeps,
+        is_flat=is_flat,
         guarded=guarded,
     )
 
 
-def _parameters(
-    problem: Problem,
-    shape: Shape,
-    layout: ParameterLayout,
-    space: ConfigurationSpace | NaturalSpace,
-    joints: ConfigurationSpace,
-    end: EndTarget,
-) -> tuple[Array, Array, Array]:
+def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, Array]:
+    problem, space, joints, end = pieces.problem, pieces.space, pieces.joints, pieces.end
     goal, robot, N, rates = problem.goal, problem.robot, problem.num_steps, problem.stabilisation
     given = TermNumbers(problem.cost, robot, joints, N)
     named: dict[str, Array] = {
@@ -210,7 +221,7 @@ def _parameters(
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
     rows: dict[str, Array] = {HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None]}
-    for term in shape.cost:
+    for term in pieces.shape.cost:
         named |= term.numbers(given)
         rows |= term.stage_numbers(given)
     for k, constraint in enumerate(problem.path):

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Goal, Problem
 from mbocp.robot import Robot
 
-__all__ = ["EndRows", "end_condition_rows", "guarded_parts"]
+__all__ = ["EndRows", "EndTarget", "end_condition_rows", "guarded_parts"]
 
 _RANK_TOLERANCE = (
     1e-9  # relative to the largest singular value: far above round-off, far below any real direction
@@ -45,7 +44,15 @@ class EndRows(NamedTuple):
         )
 
 
-def end_condition_rows(robot: Robot, goal: Goal, *, is_explicit: bool = False) -> EndRows:
+class EndTarget(NamedTuple):
+    """Projections and values of an exact end condition in the programme's coordinates."""
+
+    D_q: Array  # (ng_q, nv)
+    D_rate: Array  # (ng_rate, nv)
+    rate: Array  # (nv,) momentum or velocity
+
+
+def end_condition_rows(robot: Robot, goal: Goal, speeds: Callable[[Array], Array] | None = None) -> EndRows:
     r"""Projections D_q, D_rate of the exact end condition, eq. (14).
 
     Eq. (14) as printed asks for all of p = p_d and is rank-deficient on a constrained system: the discrete
@@ -58,8 +65,9 @@ def end_condition_rows(robot: Robot, goal: Goal, *, is_explicit: bool = False) -
         Gives the constraint Jacobian and the mass matrix at the goal.
     goal : Goal
         Which components are enforced.
-    is_explicit : bool
-        For an explicit scheme, whose speeds may be fewer than the velocities.
+    speeds : callable, optional
+        Configuration -> directions in which velocities can be, shape (nv, any), where these are fewer than
+        the constraints allow.
 
     Returns
     -------
@@ -68,16 +76,16 @@ def end_condition_rows(robot: Robot, goal: Goal, *, is_explicit: bool = False) -
     if goal.enforce not in ("exact", "both"):
         return EndRows(np.zeros((0, robot.nv)), np.zeros((0, robot.nv)))
     basis = tangent_space(robot, goal.q)
-    speeds = robot.speed_map(goal.q) if is_explicit and robot.drives else basis
-    moments = robot.mass_matrix(goal.q) @ speeds if goal.rate == "p" else speeds
-    return EndRows(_project(goal.q_active, basis, basis), _project(goal.rate_active, moments, speeds))
+    reachable = basis if speeds is None else speeds(goal.q)
+    moments = robot.mass_matrix(goal.q) @ reachable if goal.rate == "p" else reachable
+    return EndRows(_project(goal.q_active, basis, basis), _project(goal.rate_active, moments, reachable))
 
 
 def guarded_parts(problem: Problem, space: ConfigurationSpace) -> tuple[int, ...]:
     """Parts of the configuration space whose projected end condition has other roots, and is to have none."""
     goal = problem.goal
     keeps_inequalities = problem.is_bounded or problem.solver.is_interior_point
-    if not (goal.is_exact and goal.guard and problem.scheme in EXPLICIT_SCHEMES and keeps_inequalities):
+    if not (goal.is_exact and goal.guard and keeps_inequalities):
         return ()
     z = ca.SX.sym("z", space.nz)
     return tuple(

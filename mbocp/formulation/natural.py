@@ -1,39 +1,204 @@
-"""Problems in natural coordinates: what people say of joints, in terms of bodies."""
+"""Natural coordinates, points and directors of bodies, with the implicit schemes of the tau family."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
 from mbocp._arrays import Array
-from mbocp.formulation.goal import EndRows
-from mbocp.mechanics import NaturalMechanics, natural_mechanics
+from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.build import Pieces, build_programme, check_size, shape_of
+from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
+from mbocp.formulation.joint import boundary_duals, duals_of_momenta, stage_costs, weighed_components
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.stage import state_layout
+from mbocp.formulation.start import consistent_velocity
+from mbocp.integrators import TAU, evaluation_points
+from mbocp.mechanics import NaturalMechanics, NaturalSpace, natural_mechanics
+from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
+from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.problem import Problem
+from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
+from mbocp.robot import Label
 
-__all__ = ["EndTarget", "natural_coordinates", "natural_end"]
-
-
-class EndTarget(NamedTuple):
-    """Projections and values of an exact end condition in the programme's coordinates."""
-
-    D_q: Array  # (ng_q, nv)
-    D_rate: Array  # (ng_rate, nv)
-    rate: Array  # (nv,) momentum or velocity
+__all__ = ["NaturalFormulation"]
 
 
-def natural_coordinates(problem: Problem) -> NaturalMechanics | None:
-    """Mechanics of a problem in natural coordinates; None where these are the joints' own.
+@dataclass(frozen=True, eq=False)
+class NaturalFormulation:
+    """States are coordinates z of bodies and their rates w; constraints keep bodies rigid and joined.
 
-    Robots whose bodies only slide have the same equations in both.
+    What people say of joints is said in terms of bodies, and read back. Bodies have no limits, angles or
+    turns: a step of Newton's method bends the constraints, and the line search sees that.
     """
-    if problem.coordinates != "natural":
-        return None
-    mechanics = natural_mechanics(problem.robot)
-    return mechanics if mechanics.tree.turning else None
+
+    problem: Problem
+    programme: StagewiseProgramme
+    layout: StateLayout
+    space: NaturalSpace
+    end_rows: EndRows
+
+    end_rows_may_depend = False
+    counts_turns = False
+    keeps_adjoints = False
+    can_drift = True
+
+    @classmethod
+    def of(
+        cls, problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
+    ) -> NaturalFormulation:
+        """See `mbocp.formulation.formulate`."""
+        robot = problem.robot
+        mechanics = natural_mechanics(robot)
+        joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
+        rows = end_condition_rows(robot, problem.goal).without(without)
+        shape = shape_of(problem, joints, rows, coordinates="natural", is_flat=True)
+        at = state_layout(robot, space.nz, space.nv, shape)
+        check_size(problem, shape, at, mechanics.nc)
+        unbounded = np.full(at.ns, np.inf)
+        names = mechanics.coordinate_labels
+        pieces = Pieces(
+            problem=problem,
+            joints=joints,
+            space=space,
+            shape=shape,
+            layout=at,
+            num_algebraic=mechanics.nc,
+            groups=mechanics.groups if problem.scheme == "se1" and at.nr == 0 else (),
+            end_rows=rows,
+            end=_natural_end(problem, mechanics, rows),
+            turning=np.zeros(at.ndx),
+            x_start=_start_state(problem, space, at),
+            speed_bounds=(-unbounded, unbounded),
+            labels=RowLabels(names, "momentum balance", names, mechanics.constraint_labels),
+        )
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
+
+    @property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each holonomic constraint."""
+        return self.space.mechanics.constraint_labels
+
+    @property
+    def start_velocity(self) -> Array:
+        """Velocity of the joints with which the steps begin, shape (nv,)."""
+        return self.problem.v_start
+
+    @property
+    def tau(self) -> float:
+        """Where in a step the velocity is that its kinematics take."""
+        return TAU[self.problem.scheme]
+
+    def evaluation_points(self, qs: Array, vs: Array) -> tuple[Array, Array]:
+        """Configurations and velocities at which the forces of each step are taken."""
+        return evaluation_points(self.problem.robot, self.problem.scheme, qs, vs, self.problem.dt)
+
+    def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
+        """All bodies where the joints put them.
+
+        Velocities are those of the scheme's kinematics: for SE1 chords, (q_n - q_{n-1})/dt, which the joints'
+        velocities are not. The robot's constraints are few of the bodies': their multipliers are not used.
+        Those that are balance the momenta best, in the least-squares sense.
+        """
+        at, programme = self.layout, self.programme
+        xs = np.zeros((len(motion.qs), at.nx))
+        xs[:, at.z] = self.space.coordinates(motion.qs)
+        if self.tau == 1.0:
+            xs[1:, at.s] = np.diff(xs[:, at.z], axis=0) / self.problem.dt
+        else:
+            xs[:, at.s] = self.space.rates(motion.qs, motion.vs)
+        if at.nr:
+            xs[1:, at.r] = motion.us
+        xs[0] = programme.x_start
+        return zero_multipliers(programme, xs, _impulses(programme, at, xs, motion.us), motion.us)
+
+    def motion_of(self, iterate: Iterate) -> Motion:
+        """Motion of the joints that an iterate stands for."""
+        zs, ws = iterate.xs[:, self.layout.z], iterate.xs[:, self.layout.s]
+        return Motion(self.space.configurations(zs), self.space.velocities(zs, ws), iterate.us)
+
+    def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
+        """Multipliers and adjoints of an iterate and its motion."""
+        at, dt = self.layout, self.problem.dt
+        states = boundary_duals(self.programme, iterate)
+        costates = self.space.costates(iterate.xs[:, at.z], motion.vs, states[:, : at.nw + at.ns])
+        return Duals(
+            lams=iterate.ys / dt,
+            zetas=iterate.ms[:, at.ndx :] / dt**2,
+            states=states,
+            costates=costates,
+            mus=duals_of_momenta(self.problem, motion.qs, motion.vs, costates),
+        )
+
+    def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
+        """The mass matrix is constant; the kinematic row's dual is taken at tau, as in joint coordinates."""
+        at, dt, tau = self.layout, self.problem.dt, self.tau
+        ws, rows = iterate.xs[:, at.s], iterate.ms
+        velocity = tau * ws[1:] + (1.0 - tau) * ws[:-1]
+        along = tau * duals.states[:-1, : at.nw] + (1.0 - tau) * rows[:, : at.nw]
+        inertial = np.diff(ws, axis=0) / dt @ self.space.mechanics.mass_at(iterate.xs[0, at.z])
+        values = stage_costs(self.programme, iterate) / dt + np.einsum("ni,ni->n", along, velocity)
+        total: Array = values + np.einsum("ni,ni->n", rows[:, at.ds], inertial)
+        return total
+
+    def control_momenta(
+        self, iterate: Iterate, motion: Motion, duals: Duals
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Sums of q x mu^q + p x mu^p over all points and directors.
+
+        In the duals c of (z, w) it is c . (X z, X w) with the rotation X: exactly what a step keeps.
+        """
+        at, robot = self.layout, self.problem.robot
+        nodes, tracked = len(iterate.xs), weighed_components(self.problem)
+        if self.problem.path:
+            return np.zeros((nodes, 0)), ()
+        mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
+        kept = [s for s in find_symmetries(robot) if not s.touches(mask)]
+        zs, ws = iterate.xs[:, at.z], iterate.xs[:, at.s]
+        states = duals.states[:, : at.nw + at.ns]
+        columns = [np.einsum("ni,ni->n", states, self.space.generator(s, zs, ws)) for s in kept]
+        momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
+        return momenta, tuple(s.name for s in kept)
+
+    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
+        """Of any constraint, those of rigid bodies and joints included."""
+        mechanics, at = self.space.mechanics, self.layout
+        z, w = ca.SX.sym("z", mechanics.nq), ca.SX.sym("w", mechanics.nq)
+        rows = ca.densify(mechanics.constraints(z))
+        both = ca.Function("Phi", [z, w], [rows, ca.densify(ca.jtimes(rows, z, w))]).map(len(iterate.xs))
+        found = both(iterate.xs[:, at.z].T, iterate.xs[:, at.s].T)
+        position, velocity = (np.asarray(values).T for values in found)
+        return worst_violation(position, velocity, [label.name for label in mechanics.constraint_labels])
+
+    def drifts(self, xs: Array) -> Array:
+        """How far bodies are from rigid ones, shape (k,)."""
+        z = ca.SX.sym("z", self.space.nz)
+        defects = ca.Function("defects", [z], [ca.densify(self.space.defects(z))]).map(len(xs))
+        found: Array = np.abs(np.asarray(defects(xs[:, self.layout.z].T))).max(axis=0, initial=0.0)
+        return found
+
+    def velocity_multipliers(self, multipliers: Array) -> Array:
+        """Zeros: bodies have no limits."""
+        return np.zeros((len(multipliers), self.problem.robot.nv))
 
 
-def natural_end(problem: Problem, mechanics: NaturalMechanics, rows: EndRows) -> EndTarget:
+def _start_state(problem: Problem, space: NaturalSpace, at: StateLayout) -> Array:
+    q, v = problem.q_start, consistent_velocity(problem)
+    z = space.coordinates(q[None])[0]
+    w = space.rates(q[None], v[None])[0]
+    if TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
+        w = (space.coordinates(problem.robot.integrate(q, problem.dt * v)[None])[0] - z) / problem.dt
+    return np.concatenate([z, w, np.zeros(at.nr)])
+
+
+def _natural_end(problem: Problem, mechanics: NaturalMechanics, rows: EndRows) -> EndTarget:
     """End condition of bodies that is that of joints, to first order about the goal.
 
     With J the derivative of the coordinates z in the joints' motions at the goal, joints move by
@@ -48,3 +213,20 @@ def natural_end(problem: Problem, mechanics: NaturalMechanics, rows: EndRows) ->
     rate = J @ robot.velocity_from_momentum(goal.q, goal.value)
     momentum = mechanics.mass_at(mechanics.tree.coordinates(goal.q[None])[0]) @ rate
     return EndTarget(rows.D_q @ inverse, rows.D_rate @ J.T, momentum)
+
+
+def _impulses(programme: StagewiseProgramme, at: StateLayout, xs: Array, us: Array) -> Array:
+    """Impulses y that leave the least of the momentum rows, by normal equations, shape (N, ny)."""
+    N, ny = programme.num_steps, programme.kinds[0].ny
+    theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
+    step = programme.functions.function("jacobian").map(N)
+    c, _, derivatives, _ = step(xs[:-1].T, xs[1:].T, np.zeros((ny, N)), us.T, theta, rho.T)
+    rows = np.asarray(c)[at.ds].T
+    side_by_side = derivatives.sparse().tocsc()
+    width = side_by_side.shape[1] // N
+    columns = (np.arange(N)[:, None] * width + at.ndx + np.arange(ny)).ravel()
+    blocks = side_by_side[at.ds][:, columns].tocoo()
+    places = (blocks.row + blocks.col // ny * rows.shape[1], blocks.col)  # one below the other
+    push = sparse.csc_matrix((-blocks.data, places), shape=(rows.size, N * ny))  # G' of all steps
+    found: Array = spsolve(push.T @ push, push.T @ rows.ravel(), permc_spec="MMD_AT_PLUS_A")
+    return found.reshape(N, ny)

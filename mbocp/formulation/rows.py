@@ -3,34 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
-from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
+from mbocp.programme import StateBounds
 from mbocp.robot import Label
 
-__all__ = ["row_describer"]
+__all__ = ["RowLabels", "row_describer"]
+
+
+@dataclass(frozen=True)
+class RowLabels:
+    """Names of what the rows of a step speak of.
+
+    Attributes
+    ----------
+    positions : tuple of Label
+        Of the kinematic rows, where these are as many as tangent directions.
+    balance : str
+        What the rows after them are: a balance of momenta, or rates.
+    speeds : tuple of Label
+        Of these rows.
+    constraints : tuple of Label
+        Of the constraints' rows.
+    """
+
+    positions: tuple[Label, ...]
+    balance: str
+    speeds: tuple[Label, ...]
+    constraints: tuple[Label, ...] = ()
 
 
 def row_describer(
-    problem: Problem, space: ConfigurationSpace | NaturalSpace, at: StateLayout, rows: EndRows
+    problem: Problem,
+    space: ConfigurationSpace | NaturalSpace,
+    at: StateLayout,
+    rows: EndRows,
+    labels: RowLabels,
+    bounds: StateBounds,
 ) -> Callable[[int, int], str]:
     """(stage, row) -> words, see `StagewiseProgramme.describe_row`."""
     robot, dt, duration = problem.robot, problem.dt, problem.duration
-    is_explicit, of_end = problem.scheme in EXPLICIT_SCHEMES, rows.words(robot)
-    speeds = robot.speed_labels if is_explicit else robot.v_labels
-    balance = "rate" if is_explicit else "momentum balance"
-    positions, constraints = robot.v_labels, robot.constraint_labels
-    if isinstance(space, NaturalSpace):
-        natural = space.mechanics
-        positions = speeds = natural.coordinate_labels
-        constraints = natural.constraint_labels
-    limits = _limits(problem, space, at, speeds)
-    nc = 0 if is_explicit else len(constraints)
+    of_end, limits = rows.words(robot), _limits(problem, space, at, labels.speeds, bounds)
+    nc = len(labels.constraints)
 
     def describe(stage: int, row: int) -> str:
         if stage < 0:
@@ -41,24 +60,28 @@ def row_describer(
         if row >= at.ndx + nc:
             return f"{limits[row - at.ndx - nc]} {when}"
         if row < at.nw:
-            name = positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"
+            name = labels.positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"
             return f"kinematics of {name} {when}"
         if row < at.nw + at.ns:
-            return f"{balance} of {speeds[row - at.nw].name} {when}"
+            return f"{labels.balance} of {labels.speeds[row - at.nw].name} {when}"
         if row < at.ndx:
             return f"remembered control {robot.u_labels[row - at.nw - at.ns].name} {when}"
-        return f"constraint {constraints[row - at.ndx].name} {when}"
+        return f"constraint {labels.constraints[row - at.ndx].name} {when}"
 
     return describe
 
 
 def _limits(
-    problem: Problem, space: ConfigurationSpace | NaturalSpace, at: StateLayout, speeds: tuple[Label, ...]
+    problem: Problem,
+    space: ConfigurationSpace | NaturalSpace,
+    at: StateLayout,
+    speeds: tuple[Label, ...],
+    bounds: StateBounds,
 ) -> list[str]:
     """What the limits of a stage are, in their order."""
-    bounds, robot = state_bounds(problem, space, at), problem.robot
+    robot = problem.robot
     names = {at.s.start + i: f"velocity limit of {speeds[i].name}" for i in range(at.ns)}
-    for part in space.parts if isinstance(space, ConfigurationSpace) else ():
+    for part in space.parts:
         for i in range(min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)):
             label = robot.q_labels[part.at_q.start + i]
             names[part.at_z.start + i] = f"position limit of {label.name}"

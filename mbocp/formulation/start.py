@@ -1,4 +1,4 @@
-r"""The state from which the steps begin."""
+"""The velocity with which the steps begin."""
 
 from __future__ import annotations
 
@@ -7,24 +7,21 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
-from mbocp.formulation.layout import StateLayout
-from mbocp.integrators import EXPLICIT_SCHEMES, TAU
-from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalSpace
+from mbocp.integrators import TAU
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 
-__all__ = ["start_state"]
+__all__ = ["consistent_velocity"]
 
 _ITERATIONS = 30  # Newton's method is quadratic: four are typical
 _SMALL_STEP = 1e-12  # relative to the velocity: the next one would be round-off
 _FAR = 10.0  # times the wanted velocity: no small correction of it any more
 
 
-def start_state(problem: Problem, space: ConfigurationSpace | NaturalSpace, at: StateLayout) -> Array:
-    r"""State x_0 = (z_0, s_0, 0), shape (nx,), that fits the scheme.
+def consistent_velocity(problem: Problem) -> Array:
+    r"""Velocity v_0 that fits the scheme, shape (nv,).
 
-    It is the problem's start, but for SE2 on a constrained system. There the first step moves to
+    It is the problem's, but for SE2 on a constrained system. There the first step moves to
     :math:`q_1 = q_0 \exp(\Delta t\,v_0)` before any force can act, and a tangential velocity leaves the
     constraint. So v_0 gets the smallest correction in the norm of the mass matrix,
 
@@ -38,18 +35,9 @@ def start_state(problem: Problem, space: ConfigurationSpace | NaturalSpace, at: 
         If no such velocity is near: the steps are too long for the start velocity.
     """
     robot, q, v = problem.robot, problem.q_start, problem.v_start
-    remembered = np.zeros(at.nr)  # a control before the first; its cost has no weight
-    if problem.scheme in EXPLICIT_SCHEMES:
-        return np.concatenate([space.coordinates(q[None])[0], robot.speeds(q, v), remembered])
     if TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
-        v = _discrete_velocity(robot, q, v, problem.dt)
-    if isinstance(space, NaturalSpace):
-        z = space.coordinates(q[None])[0]
-        w = space.rates(q[None], v[None])[0]
-        if TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
-            w = (space.coordinates(robot.integrate(q, problem.dt * v)[None])[0] - z) / problem.dt
-        return np.concatenate([z, w, remembered])
-    return np.concatenate([q, v, remembered])
+        return _discrete_velocity(robot, q, v, problem.dt)
+    return v
 
 
 def _discrete_velocity(robot: Robot, q: Array, wanted: Array, dt: float) -> Array:

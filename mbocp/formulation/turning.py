@@ -8,20 +8,16 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalSpace
 
 __all__ = ["turning_factors"]
 
 
-def turning_factors(model: pin.Model, space: ConfigurationSpace | NaturalSpace, layout: StateLayout) -> Array:
+def turning_factors(model: pin.Model, space: ConfigurationSpace, layout: StateLayout) -> Array:
     """Angle [rad] by unit of each entry of a state's tangent, shape (ndx,); 0: not an angle.
 
-    The joints' own angles only. Attitudes of free-flyers and ball joints have none, and natural coordinates
-    have no angles: a step of Newton's method there bends the constraints, and the line search sees that.
+    The joints' own angles only. Attitudes of free-flyers and ball joints have none.
     """
     factors = np.zeros(layout.ndx)
-    if isinstance(space, NaturalSpace):
-        return factors
     turns = _turns(model)
     for part in space.parts:
         at = part.at_z if layout.is_flat else part.at_v

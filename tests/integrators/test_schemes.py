@@ -19,7 +19,7 @@ from mbocp.exceptions import InconsistentStart
 from mbocp.formulation import formulate, transcribe
 from mbocp.formulation.shape import Shape
 from mbocp.formulation.stage import build_functions
-from mbocp.guess import make_guess
+from mbocp.guesses import make_guess
 from mbocp.integrators import EULER_SCHEMES
 from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem

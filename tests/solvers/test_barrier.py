@@ -13,7 +13,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
-from mbocp.guess import make_guess
+from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import GlobalisedNewton, NewtonState

@@ -10,7 +10,7 @@ import pytest
 
 import mbocp
 from mbocp.formulation import formulate, transcribe
-from mbocp.guess import make_guess
+from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, NewtonState
 from mbocp.solvers.records import IterationRecord, Status

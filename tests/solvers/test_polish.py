@@ -11,7 +11,7 @@ import pytest
 
 import mbocp
 from mbocp.formulation import formulate
-from mbocp.guess import make_guess
+from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import Status
 from mbocp.solvers import Methods, pursue, strategy

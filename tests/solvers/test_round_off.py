@@ -11,7 +11,7 @@ import pytest
 
 import mbocp
 from mbocp.formulation import formulate, transcribe
-from mbocp.guess import make_guess
+from mbocp.guesses import make_guess
 from mbocp.solvers import GlobalisedNewton, NewtonState
 from mbocp.solvers.newton import is_resolved
 from mbocp.solvers.round_off import relative_increment, relative_residual, round_off

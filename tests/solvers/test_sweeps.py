@@ -10,7 +10,7 @@ import pytest
 
 import mbocp
 from mbocp.formulation import formulate
-from mbocp.guess import guess_candidates, make_guess
+from mbocp.guesses import guess_candidates, make_guess
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.sweep import Kept, Sweeps, begin
 

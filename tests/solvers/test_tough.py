@@ -21,7 +21,7 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import MbocpError
-from mbocp.formulation import build
+from mbocp.formulation import build, transcribe
 from mbocp.problem import Problem
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.solution import Solution, Status
@@ -118,7 +118,7 @@ def solve_spoilt(
     """Solve; None if it is refused, as when the guess's simulation meets what is wrong."""
     options = replace(problem.solver, time_limit=TIME_LIMIT, method=method, max_iterations=300)
     spoilt = problem.with_(solver=options)
-    build.transcribe(spoilt)  # compiled before the clock is looked at
+    transcribe(spoilt)  # compiled before the clock is looked at
     tough.spoil(mode, rate, seed)
     begun = time.perf_counter()
     try:

@@ -17,7 +17,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
 from mbocp.formulation.goal import end_condition_rows
-from mbocp.guess import guess_candidates, make_guess
+from mbocp.guesses import guess_candidates, make_guess
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import Iterate, Methods, Status, run

@@ -59,7 +59,9 @@ class SteppedProgramme:
     problem : Problem
         Its robot, horizon, cost and goal; what it says of the integrator does not matter.
     formulation : Formulation
-        With the stage functions made of this step.
+        What states and controls are.
+    programme : StagewiseProgramme
+        As for a solver, with stage functions made of this step.
     step : casadi.Function
         (state and control, length of a step, gains) -> state.
     method : Method
@@ -67,13 +69,9 @@ class SteppedProgramme:
 
     problem: Problem
     formulation: Formulation
+    programme: StagewiseProgramme
     step: ca.Function
     method: Method
-
-    @property
-    def programme(self) -> StagewiseProgramme:
-        """As for a solver."""
-        return self.formulation.programme
 
     def simulate(self, us: Array) -> Array:
         """States (z, s) at the ends of the intervals, from the start, shape (N + 1, nz + ns)."""
@@ -105,7 +103,7 @@ def stepped_programme(problem: Problem, method: Method) -> SteppedProgramme:
     serialised = {name: function.serialize() for name, function in made.items()}
     functions = CompiledFunctions(None, serialised, compiled_now=False)
     programme = replace(base.programme, functions=functions)
-    return SteppedProgramme(problem, replace(base, programme=programme), kernels.function("step"), method)
+    return SteppedProgramme(problem, base, programme, kernels.function("step"), method)
 
 
 def _kernels(robot: Robot, method: Method) -> CompiledFunctions:

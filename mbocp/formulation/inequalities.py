@@ -7,28 +7,17 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation import Formulation
-from mbocp.lie import ConfigurationSpace
+from mbocp.formulation.base import Formulation, Motion
 from mbocp.problem import Problem
-from mbocp.programme.iterate import BoundMultipliers
-from mbocp.robot import Robot
-from mbocp.solvers import Iterate
+from mbocp.programme import Iterate
 from mbocp.terms import PATH_TERMS
 
 __all__ = ["inequalities", "path_along"]
 
 
-def inequalities(formulation: Formulation, iterate: Iterate, qs: Array, vs: Array) -> dict[str, Any]:
-    """Fields of a solution that speak of inequalities, by name.
-
-    Parameters
-    ----------
-    qs : ndarray, shape (N + 1, nq)
-        Configurations [m, rad, quaternion xyzw].
-    vs : ndarray, shape (N + 1, nv)
-        Velocities [m/s, rad/s].
-    """
-    problem = formulation.problem
+def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Any]:
+    """Fields of a solution that speak of inequalities, by name."""
+    problem, qs, vs = formulation.problem, motion.qs, motion.vs
     path = path_along(problem, qs, vs)
     names = tuple(label.name for constraint in problem.path for label in constraint.labels)
     return {
@@ -63,14 +52,14 @@ def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -
 def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dict[str, Array]:
     problem = formulation.problem
     robot, N = problem.robot, problem.num_steps
-    lam_qs, lam_vs = np.zeros((N + 1, robot.nq)), np.zeros((N + 1, robot.nv))
+    lam_qs = np.zeros((N + 1, robot.nq))
     bounds = iterate.bounds
     if bounds is None:
         nh = path.shape[1]
         return {
             "lam_us": np.zeros((N, robot.nu)),
             "lam_qs": lam_qs,
-            "lam_vs": lam_vs,
+            "lam_vs": np.zeros((N + 1, robot.nv)),
             "lam_path": np.zeros((N, nh)),
         }
     for part in formulation.space.parts:
@@ -79,8 +68,7 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
         lam_qs[:, part.at_q.start : part.at_q.start + plain] = bounds.xs[
             :, part.at_z.start : part.at_z.start + plain
         ]
-    if isinstance(formulation.space, ConfigurationSpace):
-        _put_velocities(lam_vs, bounds, formulation, robot)
+    lam_vs = formulation.velocity_multipliers(bounds.xs)
     factors = [
         PATH_TERMS[c.kind].slope(values)
         for c, values in zip(problem.path, _columns(problem, path), strict=True)
@@ -93,12 +81,3 @@ def _columns(problem: Problem, path: Array) -> list[Array]:
     """The columns of each path constraint."""
     ends = np.cumsum([constraint.rows for constraint in problem.path])
     return np.split(path, ends[:-1], axis=1) if problem.path else []
-
-
-def _put_velocities(lam_vs: Array, bounds: BoundMultipliers, formulation: Formulation, robot: Robot) -> None:
-    programme = formulation.programme
-    free = (
-        [i for i in range(robot.nv) if i not in set(robot.driven)] if programme.is_explicit else slice(None)
-    )
-    num_free = robot.nv - len(robot.driven) if programme.is_explicit else robot.nv
-    lam_vs[:, free] = bounds.xs[:, formulation.layout.s][:, :num_free]

@@ -8,8 +8,8 @@ import pytest
 
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
+from mbocp.mechanics.diagnostics import constraint_violation, control_momenta, manifold_drift
 from mbocp.robot import Robot, load_robot
-from mbocp.solution.diagnostics import constraint_violation, control_momenta, manifold_drift
 from tests.mechanics.models import spherical_pendulum
 
 FLYING = ["translation along x", "translation along y", "translation along z", "rotation about z"]

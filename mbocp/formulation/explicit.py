@@ -1,0 +1,212 @@
+"""Joint coordinates with explicit Runge-Kutta schemes, and with drives, whose controls are velocities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.bounds import free_speed_bounds
+from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, shape_of
+from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows, guarded_parts
+from mbocp.formulation.joint import (
+    boundary_duals,
+    defects_of,
+    duals_of_momenta,
+    momenta_of_symmetries,
+    stage_costs,
+    tangent_duals,
+)
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.stage import state_layout
+from mbocp.formulation.turning import turning_factors
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
+from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.problem import Problem
+from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
+from mbocp.robot import Label
+from mbocp.robot.drives import control_velocity_maps, speed_maps
+
+__all__ = ["ExplicitFormulation"]
+
+
+@dataclass(frozen=True, eq=False)
+class ExplicitFormulation:
+    """States are coordinates and speeds; a step gives the next state. Schemes may leave the groups.
+
+    Speeds s are the velocities v, unless controls prescribe some of them: v = V(q) s + U(q) u then.
+    """
+
+    problem: Problem
+    programme: StagewiseProgramme
+    layout: StateLayout
+    space: ConfigurationSpace
+    end_rows: EndRows
+
+    end_rows_may_depend = True
+    counts_turns = True
+    keeps_adjoints = False
+    tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
+
+    @classmethod
+    def of(
+        cls, problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
+    ) -> ExplicitFormulation:
+        """See `mbocp.formulation.formulate`."""
+        robot = problem.robot
+        space = ConfigurationSpace(robot.model, robot.rotations)
+        guarded = guarded_parts(problem, space)
+        speeds = robot.speed_map if robot.drives else None
+        rows = end_condition_rows(robot, problem.goal, speeds).without(without)
+        leaves_the_group = problem.lie != "munthe_kaas"
+        shape = shape_of(
+            problem,
+            space,
+            rows,
+            coordinates="joint",
+            is_flat=leaves_the_group or needs_plain_states(problem) or robot.is_vector_space,
+            guarded=guarded,
+            rotations=robot.rotations,
+            lie=problem.lie,
+            substeps=problem.substeps,
+        )
+        at = state_layout(robot, space.nz, space.nv, shape)
+        check_size(problem, shape, at, 0)
+        q, v = problem.q_start, problem.v_start
+        pieces = Pieces(
+            problem=problem,
+            joints=space,
+            space=space,
+            shape=shape,
+            layout=at,
+            num_algebraic=0,
+            groups=(),
+            end_rows=rows,
+            end=EndTarget(*rows, np.asarray(problem.goal.value)),
+            turning=turning_factors(robot.model, space, at),
+            x_start=np.concatenate([space.coordinates(q[None])[0], robot.speeds(q, v), np.zeros(at.nr)]),
+            speed_bounds=free_speed_bounds(problem),
+            labels=RowLabels(robot.v_labels, "rate", robot.speed_labels),
+        )
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
+
+    @property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each holonomic constraint."""
+        return self.problem.robot.constraint_labels
+
+    @property
+    def can_drift(self) -> bool:
+        """Whether configurations can leave their group."""
+        return not self.space.is_vector
+
+    @property
+    def start_velocity(self) -> Array:
+        """Velocity of the joints with which the steps begin, shape (nv,)."""
+        return self.problem.v_start
+
+    def evaluation_points(self, qs: Array, vs: Array) -> tuple[Array, Array]:
+        """Where each step begins."""
+        return qs[:-1], vs[:-1]
+
+    def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
+        """Where speeds are fewer than velocities, those nearest to them; multipliers are no unknowns."""
+        at, robot = self.layout, self.problem.robot
+        xs = np.zeros((len(motion.qs), at.nx))
+        xs[:, at.z] = self.space.coordinates(motion.qs)
+        if robot.drives:
+            # The columns of V are unit vectors on different components: V' takes the nearest speeds.
+            xs[:, at.s] = np.einsum("nij,ni->nj", speed_maps(robot, motion.qs), motion.vs)
+        else:
+            xs[:, at.s] = motion.vs
+        if at.nr:
+            xs[1:, at.r] = motion.us
+        xs[0] = self.programme.x_start
+        return zero_multipliers(self.programme, xs, np.zeros((len(motion.us), 0)), motion.us)
+
+    def motion_of(self, iterate: Iterate) -> Motion:
+        """Motion of the joints that an iterate stands for."""
+        at, robot, us = self.layout, self.problem.robot, iterate.us
+        zs, speeds = iterate.xs[:, at.z], iterate.xs[:, at.s]
+        qs = self.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
+        if not robot.drives:
+            return Motion(qs, speeds, us)
+        # Velocities that a control prescribes are the ones after the node.
+        prescribed = np.einsum("nij,nj->ni", control_velocity_maps(robot, qs), np.vstack([us, us[-1:]]))
+        velocities: Array = np.einsum("nij,nj->ni", speed_maps(robot, qs), speeds) + prescribed
+        return Motion(qs, velocities, us)
+
+    def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
+        """With drives the adjoints are duals of (q, v): there is no momentum that belongs to all of them."""
+        problem, robot, at, dt = self.problem, self.problem.robot, self.layout, self.problem.dt
+        qs, vs = motion.qs, motion.vs
+        states = boundary_duals(self.programme, iterate)
+        costates = self._velocity_duals(tangent_duals(self.space, at, iterate.xs[:, at.z], states), qs)
+        lams, zetas = iterate.ys / dt, iterate.ms[:, at.ndx :] / dt**2
+        if robot.nc:
+            lams, zetas = self._projected_multipliers(motion), np.zeros((len(motion.us), robot.nc))
+        mus = costates if robot.drives else duals_of_momenta(problem, qs, vs, costates)
+        return Duals(lams, zetas, states, costates, mus)
+
+    def _velocity_duals(self, duals: Array, qs: Array) -> Array:
+        """Duals of (q, v); where speeds are fewer than velocities, those of least norm.
+
+        The columns of V are unit vectors on different components: V itself is the pseudo-inverse of V'.
+        """
+        robot = self.problem.robot
+        if not robot.drives:
+            return duals
+        nv, maps = robot.nv, speed_maps(robot, qs)
+        return np.hstack([duals[:, :nv], np.einsum("nij,nj->ni", maps, duals[:, nv:])])
+
+    def _projected_multipliers(self, motion: Motion) -> Array:
+        """Multipliers of the constraints at the beginning of each step, from the projected accelerations."""
+        problem, robot = self.problem, self.problem.robot
+        mechanics = ForwardMechanics(robot)
+        q, v, u = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("u", robot.nu)
+        lam = mechanics.multipliers(q, v, u, ca.SX(problem.stabilisation.gamma_constraint))
+        function = ca.Function("multipliers", [q, v, u], [ca.densify(lam)]).map(len(motion.us))
+        found: Array = np.asarray(function(motion.qs[:-1].T, motion.vs[:-1].T, motion.us.T)).T
+        return found
+
+    def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
+        """With the step's own increment for f and the adjoint after it, to first order in dt."""
+        at, dt = self.layout, self.problem.dt
+        turned = np.array([pin.difference(self.problem.robot.model, a, b) for a, b in pairwise(motion.qs)])
+        moved = np.hstack([turned, np.diff(iterate.xs[:, at.s], axis=0)])
+        rows = tangent_duals(self.space, at, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+        values: Array = np.einsum("ni,ni->n", rows, moved) / dt
+        return values + stage_costs(self.programme, iterate) / dt
+
+    def control_momenta(
+        self, iterate: Iterate, motion: Motion, duals: Duals
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Control momenta of the problem's symmetries, and their names."""
+        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
+
+    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
+        """Largest violation of the robot's constraints."""
+        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
+
+    def drifts(self, xs: Array) -> Array:
+        """Largest defect of the configurations of states, shape (k,)."""
+        found = np.abs(np.asarray(defects_of(self.space).map(len(xs))(xs[:, self.layout.z].T)))
+        drifts: Array = found.max(axis=0, initial=0.0)
+        return drifts
+
+    def velocity_multipliers(self, multipliers: Array) -> Array:
+        """Those of the velocities that no control prescribes; they come first among the speeds."""
+        robot, speeds = self.problem.robot, multipliers[:, self.layout.s]
+        free = [i for i in range(robot.nv) if i not in set(robot.driven)]
+        found = np.zeros((len(speeds), robot.nv))
+        found[:, free] = speeds[:, : len(free)]
+        return found

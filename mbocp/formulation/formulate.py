@@ -1,0 +1,54 @@
+"""Which formulation a problem asks for: the one place where coordinates and schemes are looked at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from mbocp.formulation.base import Formulation
+from mbocp.formulation.explicit import ExplicitFormulation
+from mbocp.formulation.implicit import ImplicitFormulation
+from mbocp.formulation.natural import NaturalFormulation
+from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.mechanics import natural_mechanics
+from mbocp.problem import Problem
+from mbocp.programme import StagewiseProgramme
+
+__all__ = ["formulate", "transcribe"]
+
+
+def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf) -> Formulation:
+    """Formulation of a problem with its stagewise programme, compiled or from the cache.
+
+    Parameters
+    ----------
+    problem : Problem
+    without : sequence of int
+        Rows of the end condition to leave out.
+    deadline : float
+        Time of `time.perf_counter` at which compiling is given up.
+
+    Raises
+    ------
+    TranscriptionError
+        If the stage functions would be too large, cannot be compiled, or not before the deadline.
+    MemoryLimitExceeded
+        If the horizon has more steps than there is memory for.
+    InconsistentStart
+        If the scheme cannot begin with the start velocity in steps of this length.
+    ProblemError
+        If a velocity is limited that is no unknown, because controls prescribe it.
+    """
+    if problem.scheme in EXPLICIT_SCHEMES:
+        return ExplicitFormulation.of(problem, without, deadline=deadline)
+    # Robots whose bodies only slide have the same equations in both coordinates.
+    if problem.coordinates == "natural" and natural_mechanics(problem.robot).tree.turning:
+        return NaturalFormulation.of(problem, without, deadline=deadline)
+    return ImplicitFormulation.of(problem, without, deadline=deadline)
+
+
+def transcribe(
+    problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
+) -> StagewiseProgramme:
+    """Stagewise programme of a problem, all that a solver asks for; see `formulate`."""
+    return formulate(problem, without, deadline=deadline).programme

@@ -1,0 +1,199 @@
+"""Joint coordinates on their Lie groups with the implicit schemes of the tau family."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, shape_of
+from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
+from mbocp.formulation.joint import (
+    boundary_duals,
+    defects_of,
+    duals_of_momenta,
+    momenta_of,
+    momenta_of_symmetries,
+    stage_costs,
+    tangent_duals,
+)
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.stage import state_layout
+from mbocp.formulation.start import consistent_velocity
+from mbocp.formulation.turning import turning_factors
+from mbocp.integrators import TAU, evaluation_points
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import dual_of_momentum
+from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
+from mbocp.problem import Problem
+from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
+from mbocp.robot import Label
+
+__all__ = ["ImplicitFormulation"]
+
+
+@dataclass(frozen=True, eq=False)
+class ImplicitFormulation:
+    """States are (q, v) of the joints; steps are equations that hold between two of them."""
+
+    problem: Problem
+    programme: StagewiseProgramme
+    layout: StateLayout
+    space: ConfigurationSpace
+    end_rows: EndRows
+
+    end_rows_may_depend = False
+    counts_turns = True
+
+    @classmethod
+    def of(
+        cls, problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
+    ) -> ImplicitFormulation:
+        """See `mbocp.formulation.formulate`."""
+        robot = problem.robot
+        space = ConfigurationSpace(robot.model, "quaternion")
+        rows = end_condition_rows(robot, problem.goal).without(without)
+        is_flat = needs_plain_states(problem) or robot.is_vector_space
+        shape = shape_of(problem, space, rows, coordinates="joint", is_flat=is_flat)
+        at = state_layout(robot, space.nz, space.nv, shape)
+        check_size(problem, shape, at, robot.nc)
+        start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr)]
+        pieces = Pieces(
+            problem=problem,
+            joints=space,
+            space=space,
+            shape=shape,
+            layout=at,
+            num_algebraic=robot.nc,
+            groups=(),
+            end_rows=rows,
+            end=EndTarget(*rows, np.asarray(problem.goal.value)),
+            turning=turning_factors(robot.model, space, at),
+            x_start=np.concatenate(start),
+            speed_bounds=(np.asarray(problem.limits.v_lower), np.asarray(problem.limits.v_upper)),
+            labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, robot.constraint_labels),
+        )
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
+
+    @property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each holonomic constraint."""
+        return self.problem.robot.constraint_labels
+
+    @property
+    def keeps_adjoints(self) -> bool:
+        """Whether rows are in tangent spaces, as a solution's adjoints are."""
+        return not self.layout.is_flat or self.problem.robot.is_vector_space
+
+    @property
+    def can_drift(self) -> bool:
+        """Whether configurations can leave their group."""
+        return not self.space.is_vector
+
+    @property
+    def start_velocity(self) -> Array:
+        """Velocity of the joints with which the steps begin, shape (nv,)."""
+        return self.programme.x_start[self.layout.s]
+
+    @property
+    def tau(self) -> float:
+        """Where in a step the velocity is that its kinematics take."""
+        return TAU[self.problem.scheme]
+
+    def evaluation_points(self, qs: Array, vs: Array) -> tuple[Array, Array]:
+        """Configurations and velocities at which the forces of each step are taken."""
+        return evaluation_points(self.problem.robot, self.problem.scheme, qs, vs, self.problem.dt)
+
+    def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
+        """Iterate at a motion; adjoints are zero."""
+        at = self.layout
+        xs = np.zeros((len(motion.qs), at.nx))
+        xs[:, at.z], xs[:, at.s] = self.space.coordinates(motion.qs), motion.vs
+        if at.nr:
+            xs[1:, at.r] = motion.us
+        xs[0] = self.programme.x_start
+        return zero_multipliers(self.programme, xs, self.problem.dt * lams, motion.us)
+
+    def motion_of(self, iterate: Iterate) -> Motion:
+        """Motion of the joints that an iterate stands for."""
+        at = self.layout
+        zs = iterate.xs[:, at.z]
+        qs = self.space.configurations(zs) if at.is_flat else zs
+        return Motion(qs, iterate.xs[:, at.s], iterate.us)
+
+    def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
+        """Multipliers and adjoints of an iterate and its motion."""
+        problem, dt = self.problem, self.problem.dt
+        states = boundary_duals(self.programme, iterate)
+        costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
+        return Duals(
+            lams=iterate.ys / dt,
+            zetas=iterate.ms[:, self.layout.ndx :] / dt**2,
+            states=states,
+            costates=costates,
+            mus=self._adjoints(iterate, motion, costates)
+            if problem.scheme == "se1"
+            else duals_of_momenta(problem, motion.qs, motion.vs, costates),
+        )
+
+    def _adjoints(self, iterate: Iterate, motion: Motion, costates: Array) -> Array:
+        """mu_0 ... mu_N of SE1: the multipliers of the steps' rows (Box 1); the last follows from the end.
+
+        For a constant mass matrix they and the boundary duals in (q, p) are the adjoint of Box 1 and of
+        Appendix B.
+        """
+        end = dual_of_momentum(self.problem.robot, motion.qs[-1], motion.vs[-1], costates[-1])
+        return np.vstack([self._row_duals(iterate), end])
+
+    def _row_duals(self, iterate: Iterate) -> Array:
+        """Multipliers of the kinematic and momentum rows as duals of tangent vectors, shape (N, 2 nv)."""
+        at = self.layout
+        return tangent_duals(self.space, at, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+
+    def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
+        """H at (y_tau, mu_{1 - tau}, u) of every step, eq. (11) and Appendix B.
+
+        In (q, v) and its duals mu . f is c_q . v + mu_p . M a; for constant M, mu_q . v + mu_p . dp/dt.
+        The momentum row's multiplier is mu_p at 1 - tau; c_q is the boundary dual before the step and the
+        kinematic row's multiplier after it, before the constraint at the node acts on it.
+        """
+        problem, tau = self.problem, self.tau
+        robot, nv = problem.robot, problem.robot.nv
+        q_taus, v_taus = self.evaluation_points(motion.qs, motion.vs)
+        rows = self._row_duals(iterate)
+        along = tau * duals.costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
+        inertial = momenta_of(robot, q_taus, np.diff(motion.vs, axis=0) / problem.dt)
+        hamiltonians: Array = (
+            stage_costs(self.programme, iterate) / problem.dt
+            + np.einsum("ni,ni->n", along, v_taus)
+            + np.einsum("ni,ni->n", rows[:, nv:], inertial)
+        )
+        if robot.nc:
+            residuals = np.array([robot.constraint_residual(q) for q in motion.qs[1:]])
+            hamiltonians += np.einsum("ni,ni->n", duals.zetas, residuals)
+        return hamiltonians
+
+    def control_momenta(
+        self, iterate: Iterate, motion: Motion, duals: Duals
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Control momenta of the problem's symmetries, and their names."""
+        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
+
+    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
+        """Largest violation of the robot's constraints."""
+        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
+
+    def drifts(self, xs: Array) -> Array:
+        """Largest defect of the configurations of states, shape (k,)."""
+        found = np.abs(np.asarray(defects_of(self.space).map(len(xs))(xs[:, self.layout.z].T)))
+        drifts: Array = found.max(axis=0, initial=0.0)
+        return drifts
+
+    def velocity_multipliers(self, multipliers: Array) -> Array:
+        """Multipliers of limits of velocities from those of states."""
+        return multipliers[:, self.layout.s]

@@ -1,0 +1,112 @@
+"""What implicit and explicit schemes in joint coordinates have in common when an iterate is read."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation.layout import StateLayout
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import dual_of_momentum
+from mbocp.mechanics.diagnostics import control_momenta
+from mbocp.problem import Problem
+from mbocp.programme import Iterate, StagewiseProgramme
+from mbocp.programme.kernel import kernel_programme
+from mbocp.robot import Robot
+from mbocp.robot.kinematics import mass_matrices
+from mbocp.terms import TermNumbers, running_terms
+
+__all__ = [
+    "boundary_duals",
+    "defects_of",
+    "duals_of_momenta",
+    "momenta_of",
+    "momenta_of_symmetries",
+    "stage_costs",
+    "tangent_duals",
+    "weighed_components",
+]
+
+_KEPT = 16  # functions of configuration spaces
+
+
+def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
+    """Derivatives of the Lagrangian of what follows each node in its state, shape (N + 1, ndx)."""
+    native = kernel_programme(programme)
+    iterate.load_into(native)
+    native.evaluate()
+    costates: Array = native.costates.reshape(programme.num_steps + 1, -1)
+    return costates
+
+
+def stage_costs(programme: StagewiseProgramme, iterate: Iterate) -> Array:
+    """Running cost of every step, from the stage functions, shape (N,)."""
+    N = programme.num_steps
+    arguments = (iterate.xs[:-1], iterate.xs[1:], iterate.ys, iterate.us)
+    theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
+    values = programme.functions.function("values").map(N)
+    costs: Array = np.asarray(values(*(a.T for a in arguments), theta, rho.T)[1]).ravel()
+    return costs
+
+
+def tangent_duals(space: ConfigurationSpace, at: StateLayout, zs: Array, duals: Array) -> Array:
+    """Duals of the coordinates as duals of tangent vectors; those of remembered controls are left out."""
+    along = duals[:, : at.nw]
+    if at.is_flat and not space.is_vector:
+        along = np.asarray(_pull_back(space).map(len(zs))(zs.T, along.T)).T
+    return np.hstack([along, duals[:, at.ds]])
+
+
+@lru_cache(maxsize=_KEPT)
+def _pull_back(space: ConfigurationSpace) -> ca.Function:
+    """From coordinates and their dual to the dual of the tangent vector."""
+    z, c, v = ca.SX.sym("z", space.nz), ca.SX.sym("c", space.nz), ca.SX.sym("v", space.nv)
+    return ca.Function("pulled", [z, c], [ca.gradient(ca.dot(c, space.rate(z, v)), v)])
+
+
+def duals_of_momenta(problem: Problem, qs: Array, vs: Array, costates: Array) -> Array:
+    """Duals of (q, p) from those of (q, v), shape (N + 1, 2 nv)."""
+    nodes = zip(qs, vs, costates, strict=True)
+    return np.array([dual_of_momentum(problem.robot, q, v, c) for q, v, c in nodes])
+
+
+def momenta_of(robot: Robot, qs: Array, vs: Array) -> Array:
+    """M(q) v of each row, once a solve on Pinocchio's own algorithm."""
+    momenta: Array = np.einsum("nij,nj->ni", mass_matrices(robot.model, qs), vs)
+    return momenta
+
+
+def momenta_of_symmetries(
+    problem: Problem, qs: Array, vs: Array, costates: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """Control momenta; none where drives or path constraints are, whose symmetries are not looked for."""
+    if problem.robot.drives or problem.path:
+        return np.zeros((len(qs), 0)), ()
+    return control_momenta(problem.robot, qs, vs, costates, tracked=weighed_components(problem))
+
+
+def weighed_components(problem: Problem) -> Array | None:
+    """Components of (q, p) that the running cost looks at; one on velocities counts as one on momenta."""
+    robot, nv = problem.robot, problem.robot.nv
+    given = TermNumbers(problem.cost, robot, ConfigurationSpace(robot.model), problem.num_steps)
+    weights = np.zeros(2 * nv)
+    for term in running_terms(given):
+        weights += term.touches(given)
+    limits = problem.limits
+    for side in (limits.v_lower, limits.v_upper):
+        weights[nv:] += np.isfinite(side)
+    bounded = np.isfinite(limits.q_lower) | np.isfinite(limits.q_upper)
+    for joint in problem.robot.joint_names:
+        if bounded[problem.robot.configuration_indices(joint)].any():
+            weights[:nv][problem.robot.velocity_indices(joint)] += 1.0
+    return weights if weights.any() else None
+
+
+@lru_cache(maxsize=_KEPT)
+def defects_of(space: ConfigurationSpace) -> ca.Function:
+    """Coordinates -> what vanishes where they are a configuration."""
+    z = ca.SX.sym("z", space.nz)
+    return ca.Function("defects", [z], [ca.densify(space.defects(z))])

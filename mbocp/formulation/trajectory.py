@@ -1,0 +1,95 @@
+"""From a solver's iterate to trajectories in the paper's scaling, and what they prove about themselves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation.base import Formulation
+from mbocp.formulation.inequalities import inequalities
+from mbocp.formulation.joint import momenta_of
+from mbocp.programme import Iterate
+from mbocp.programme.kernel import kernel_programme
+
+__all__ = ["Trajectory", "read_trajectory"]
+
+_SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
+_SWEEP_ITERATIONS = 50
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Trajectories of a solution; see `mbocp.solution.Solution` for shapes and units."""
+
+    t: Array
+    qs: Array
+    vs: Array
+    ps: Array
+    us: Array
+    lams: Array
+    mus: Array
+    zetas: Array
+    eta: Array
+    control_hamiltonians: Array
+    control_momenta: Array
+    control_momentum_names: tuple[str, ...]
+    constraint_violation: float
+    velocity_violation: float
+    manifold_drifts: Array
+    manifold_drift: float
+    manifold_drift_resimulated: float
+    lam_us: Array
+    lam_qs: Array
+    lam_vs: Array
+    lam_path: Array
+    path_names: tuple[str, ...]
+    limit_violation: float
+
+    def fields(self) -> dict[str, Any]:
+        """Fields by name, not copied."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+
+def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
+    """Trajectories, multipliers, control Hamiltonian and control momentum of an iterate."""
+    problem = formulation.problem
+    motion = formulation.motion_of(iterate)
+    duals = formulation.duals_of(iterate, motion)
+    momenta, names = formulation.control_momenta(iterate, motion, duals)
+    drifts, violation = formulation.drifts(iterate.xs), formulation.violation(iterate, motion)
+    return Trajectory(
+        t=np.arange(problem.num_steps + 1, dtype=np.float64) * problem.dt,
+        qs=motion.qs,
+        vs=motion.vs,
+        ps=momenta_of(problem.robot, motion.qs, motion.vs),
+        us=iterate.us,
+        lams=duals.lams,
+        mus=duals.mus,
+        zetas=duals.zetas,
+        eta=iterate.eta,
+        control_hamiltonians=formulation.hamiltonians(iterate, motion, duals),
+        control_momenta=momenta,
+        control_momentum_names=names,
+        constraint_violation=violation.position,
+        velocity_violation=violation.velocity,
+        manifold_drifts=drifts,
+        manifold_drift=float(drifts.max(initial=0.0)),
+        manifold_drift_resimulated=_resimulated_drift(formulation, iterate),
+        **inequalities(formulation, iterate, motion),
+    )
+
+
+def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:
+    """Largest drift of the forward simulation with the iterate's controls; NaN if it cannot be made."""
+    if not formulation.can_drift:
+        return 0.0
+    native = kernel_programme(formulation.programme)
+    iterate.load_into(native)
+    sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS)
+    if not sweep.ok:
+        return math.nan
+    return float(formulation.drifts(native.x.reshape(iterate.xs.shape)).max(initial=0.0))

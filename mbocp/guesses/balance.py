@@ -1,0 +1,39 @@
+"""Controls and multipliers that balance the inverse dynamics of a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.mechanisms.closed_path import constraint_jacobians
+from mbocp.robot import Robot
+from mbocp.robot.large import working_data
+
+__all__ = ["balance", "balances", "required_force"]
+
+
+def required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Generalised force that actuators and constraints have to supply for a motion, shape (nv,)."""
+    force: Array = pin.rnea(robot.model, working_data(robot.model), q, v, a)
+    return force - robot.force_elements(q, v) if robot.has_forces else force
+
+
+def balances(robot: Robot, qs: Array, vs: Array, accelerations: Array) -> tuple[Array, Array]:
+    """Controls and multipliers that balance the inverse dynamics best along a motion."""
+    motion = zip(qs, vs, accelerations, strict=True)
+    if robot.nc or robot.has_forces or robot.actuation.frame_actuators:
+        rows = constraint_jacobians(robot, qs)
+        balanced = [balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
+        return np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
+    data, columns = working_data(robot.model), robot.actuation_matrix(qs[0])  # the same everywhere
+    forces = np.array([pin.rnea(robot.model, data, *at).copy() for at in motion])
+    us: Array = np.linalg.lstsq(columns, forces.T, rcond=None)[0].T
+    return np.ascontiguousarray(us), np.zeros((len(qs), 0))
+
+
+def balance(robot: Robot, q: Array, v: Array, a: Array, dPhi_dq: Array) -> tuple[Array, Array]:
+    """Controls and multipliers that balance the inverse dynamics best, in the least-squares sense."""
+    columns = np.hstack([robot.actuation_matrix(q), -dPhi_dq.T])
+    found = np.linalg.lstsq(columns, required_force(robot, q, v, a), rcond=None)[0]
+    return found[: robot.nu], found[robot.nu :]

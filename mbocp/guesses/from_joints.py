@@ -1,0 +1,39 @@
+"""A guess in natural coordinates: the optimum in joint coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mbocp.exceptions import ProblemError
+from mbocp.formulation import Formulation, formulate
+from mbocp.guesses.kinds import guess_candidates, plain_guess
+from mbocp.problem import Guess
+from mbocp.programme import Iterate
+from mbocp.solvers import Methods, SolverResult, Status, pursue
+
+__all__ = ["from_joints"]
+
+
+def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
+    """Optimum in joint coordinates, in natural ones; or what comes nearest to it."""
+    problem = formulation.problem
+    best: SolverResult | None = None
+    joint = problem.with_(coordinates="joint", guess=Guess(), solver=replace(problem.solver, method="auto"))
+    stepwise = formulate(joint)
+    methods = Methods.of(joint.solver, stepwise.programme, has_inequalities=joint.is_bounded)
+    taken = 0
+    for kind in guess_candidates(joint):
+        result = pursue(methods, stepwise.programme, plain_guess(kind, stepwise)[0]).result
+        if result.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        taken += sum(not record.is_guess for record in result.history)
+        if best is None or result.record.residual < best.record.residual:
+            best = result
+        if result.status is Status.CONVERGED:
+            break
+    if best is None:
+        raise ProblemError("no guess could be made in joint coordinates; give guess.kind")
+    motion = stepwise.motion_of(best.iterate)
+    iterate = formulation.iterate_of(motion, best.iterate.ys / problem.dt)
+    what = "optimum" if best.status is Status.CONVERGED else f"best iterate ({best.status})"
+    return iterate, f"{what} in joint coordinates after {taken} iterations, mapped to bodies"

@@ -1,0 +1,98 @@
+"""A guess from a solution of the same robot: a warm start."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import DimensionMismatch
+from mbocp.formulation import Formulation, Motion
+from mbocp.mechanics import dual_of_velocity
+from mbocp.programme import BoundMultipliers, Iterate
+from mbocp.solution import Solution
+
+__all__ = ["iterate_from_solution"]
+
+
+def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
+    """Iterate from a solution with any number of steps, interpolated in time on the manifold.
+
+    Raises
+    ------
+    DimensionMismatch
+        If the solution belongs to a robot of other dimensions.
+    """
+    problem, programme = formulation.problem, formulation.programme
+    robot, N, dt = problem.robot, problem.num_steps, programme.dt
+    got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], saved.lams.shape[1])
+    if saved.coordinates == "natural":  # whose multipliers belong to other constraints
+        got = (*got[:3], robot.nc)
+    if got != (robot.nq, robot.nv, robot.nu, robot.nc):
+        raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, robot.nc))
+    nodes = np.linspace(0.0, saved.num_steps, N + 1)
+    left = np.minimum(nodes.astype(int), saved.num_steps - 1)
+    share = nodes - left
+    qs = np.array(
+        [
+            pin.interpolate(robot.model, saved.qs[i], saved.qs[i + 1], s)
+            for i, s in zip(left, share, strict=True)
+        ]
+    )
+    vs = _between(saved.vs, left, share)
+    middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
+    us = saved.us[middle]
+    is_natural = saved.coordinates == "natural"
+    lams = np.zeros((N, robot.nc)) if is_natural else saved.lams[middle]
+    iterate = formulation.iterate_of(Motion(qs, vs, us), lams)
+    if is_natural or not formulation.keeps_adjoints:
+        return iterate
+    mus = _row_multipliers(saved, formulation, left, share)
+    return replace(
+        iterate,
+        ms=np.hstack([mus, np.zeros((N, formulation.layout.nr)), dt**2 * saved.zetas[middle]]),
+        eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
+        bounds=_bound_multipliers(saved, formulation, left, share, middle),
+    )
+
+
+def _bound_multipliers(
+    saved: Solution, formulation: Formulation, left: Any, share: Array, middle: Any
+) -> BoundMultipliers | None:
+    """Multipliers of limits where states are (q, v); those of path constraints and guards begin anew."""
+    programme = formulation.programme
+    if not (saved.lam_us.any() or saved.lam_qs.any() or saved.lam_vs.any()):
+        return None
+    lam_xs = _between(np.hstack([saved.lam_qs, saved.lam_vs]), left, share)
+    N, at = programme.num_steps, formulation.layout
+    return BoundMultipliers(
+        xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr))]),
+        us=saved.lam_us[middle],
+        path=np.zeros((N, programme.bounds.nh)),
+        guard=np.zeros(programme.num_guards),
+    )
+
+
+def _row_multipliers(saved: Solution, formulation: Formulation, left: Any, share: Array) -> Array:
+    """Multipliers of kinematic and momentum rows from the adjoints of a solution by any scheme.
+
+    The kinematic row's is the dual of q at one end of the step, the momentum row's that of p at 1 - tau (to
+    first order in dt where the mass matrix varies, which the first Newton step mends).
+    """
+    robot, tau = formulation.problem.robot, formulation.tau
+    nv = robot.nv
+    duals_q, duals_p = saved.mus[:, :nv].copy(), saved.mus[:, nv:]
+    # SE1 reports multipliers of rows already, but for the last node.
+    for n in range(saved.num_steps + 1) if saved.scheme in ("se2", "midpoint") else [-1]:
+        duals_q[n] = dual_of_velocity(robot, saved.qs[n], saved.vs[n], saved.mus[n])[:nv]
+    duals_q, duals_p = _between(duals_q, left, share), _between(duals_p, left, share)
+    along_q = duals_q[:-1] if tau == 1.0 else duals_q[1:]
+    return np.hstack([along_q, tau * duals_p[:-1] + (1.0 - tau) * duals_p[1:]])
+
+
+def _between(values: Array, left: Any, share: Array) -> Array:
+    out: Array = values[left] + share[:, None] * (values[left + 1] - values[left])
+    return out

@@ -1,0 +1,52 @@
+"""Which guesses suit a problem, and those that need nothing but the problem."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbocp.formulation import Formulation
+from mbocp.guesses.hold import can_hold, hold
+from mbocp.guesses.line import at_rest, driven_line, is_whole, line
+from mbocp.guesses.simulated import simulated
+from mbocp.problem import Problem
+from mbocp.programme import Iterate
+
+__all__ = ["guess_candidates", "plain_guess"]
+
+
+def guess_candidates(problem: Problem) -> tuple[str, ...]:
+    """Kinds of guess to try in turn: the one that was asked for, or those that suit the problem.
+
+    A goal that is given in full is approached on the straight line, with the controls that this takes. A
+    robot that can hold still at its start may begin by doing so. Zero control and a forward simulation
+    always satisfies the dynamics.
+    """
+    if problem.guess.kind != "auto":
+        return (problem.guess.kind,)
+    if problem.coordinates == "natural":  # far from a solution Newton's method gets on badly there
+        return ("joint", *guess_candidates(problem.with_(coordinates="joint")))
+    kinds = ["line"] if is_whole(problem) else []
+    if can_hold(problem):
+        kinds.append("hold")
+    return (*kinds, "control")
+
+
+def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
+    """Iterate of one of the kinds "control", "line", "at_rest", "hold", and words that say what was taken.
+
+    Raises
+    ------
+    ProblemError
+        If the forward simulation with a constant control fails.
+    """
+    problem = formulation.problem
+    if kind == "control":
+        u = np.zeros(problem.robot.nu) if problem.guess.u is None else problem.guess.u
+        return simulated(formulation, u), f"forward simulation with u = {np.array2string(u, precision=4)}"
+    if kind == "at_rest":
+        return at_rest(formulation), "straight line in the configuration space, nothing moves"
+    if kind == "hold":
+        return hold(formulation), "hold the start, gravity compensated"
+    if problem.robot.drives:
+        return driven_line(formulation), "straight line in the configuration space"
+    return line(formulation), "straight line in the configuration space, inverse dynamics"

@@ -1,0 +1,112 @@
+"""Guesses on the straight line from start to goal in the configuration space."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.formulation import Formulation, Motion
+from mbocp.guesses.balance import balances
+from mbocp.mechanisms.closed_path import closed_way
+from mbocp.mechanisms.consistency import project_on_constraints, tangent_space
+from mbocp.problem import Problem
+from mbocp.programme import Iterate
+from mbocp.robot import Robot
+
+__all__ = ["at_rest", "driven_line", "is_whole", "line"]
+
+_NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `driven_line`
+_SAYS_ENOUGH = 1e-6  # part that written joints have in every motion that the constraints allow
+
+
+def is_whole(problem: Problem) -> bool:
+    """Whether the goal says all of the end configuration, or enough for the constraints to say the rest."""
+    active = problem.goal.q_active
+    if active.all() or not active.any():
+        return bool(active.all())
+    allowed = tangent_space(problem.robot, problem.goal.q)
+    singular = np.linalg.svd(allowed[active], compute_uv=False)
+    return len(singular) >= allowed.shape[1] and bool(
+        singular[: allowed.shape[1]].min(initial=1.0) > _SAYS_ENOUGH
+    )
+
+
+def line(formulation: Formulation) -> Iterate:
+    """Straight line from start to goal, with the controls that this takes."""
+    problem = formulation.problem
+    qs, vs = _line_states(formulation)
+    accelerations = np.diff(vs, axis=0) / problem.dt
+    us, lams = balances(problem.robot, *formulation.evaluation_points(qs, vs), accelerations)
+    return formulation.iterate_of(Motion(qs, vs, us), lams)
+
+
+def driven_line(formulation: Formulation) -> Iterate:
+    """Configurations on the line at a steady rate, with the velocities that go with it.
+
+    Where controls prescribe velocities, a line is seldom a motion. A little of every drive's speed and
+    control breaks the symmetry of tasks whose goal is where they start.
+    """
+    problem = formulation.problem
+    robot, N, dt = problem.robot, problem.num_steps, problem.dt
+    qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
+    rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dt for n in range(N)])
+    us = np.zeros((N, robot.nu))
+    us[:, robot.nu - len(robot.drives) :] = _NUDGE
+    iterate = formulation.iterate_of(Motion(qs, np.vstack([rate, rate[-1]]), us), np.zeros((N, robot.nc)))
+    xs = np.array(iterate.xs)
+    num_free = robot.nv - len(robot.driven)
+    xs[1:, formulation.layout.s][:, num_free:] += _NUDGE
+    return replace(iterate, xs=xs)
+
+
+def at_rest(formulation: Formulation) -> Iterate:
+    """Configurations on the line, every velocity and control zero: agrees with no kinematics, on purpose."""
+    problem = formulation.problem
+    robot, N = problem.robot, problem.num_steps
+    qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
+    still, us = np.zeros((N + 1, robot.nv)), np.zeros((N, robot.nu))
+    return formulation.iterate_of(Motion(qs, still, us), np.zeros((N, robot.nc)))
+
+
+def _straight(problem: Problem, shares: Array) -> Array:
+    """Configurations between start and goal, shares of the way from one to the other."""
+    return _on_the_way(problem.robot, problem.q_start, problem.goal.q, shares)
+
+
+def _on_the_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array:
+    """Configurations on the straight line, or as near to it as closed loops allow."""
+    every = np.arange(robot.nv)
+    if robot.nc:
+        way = closed_way(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
+        if way is not None:
+            return way
+    qs = np.array([pin.interpolate(robot.model, q_start, q_goal, s) for s in shares])
+    return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs
+
+
+def _line_states(formulation: Formulation) -> tuple[Array, Array]:
+    """Nodes on the straight line from start to goal, with velocities that the scheme's kinematics ask for."""
+    problem = formulation.problem
+    robot, N, dt = problem.robot, problem.num_steps, problem.dt
+    tau, v_start = formulation.tau, formulation.start_velocity
+    model, q_start = robot.model, problem.q_start
+    s = np.linspace(0.0, 1.0, N + 1)
+    if tau == 0.0:  # the first step goes where the start velocity says, whatever the controls
+        s = np.append(0.0, np.linspace(0.0, 1.0, N))
+        q_start = pin.integrate(model, q_start, dt * v_start)
+    blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
+    qs = _on_the_way(robot, q_start, problem.goal.q, blend)
+    qs[0] = problem.q_start
+    steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)])
+    if tau == 1.0:
+        return qs, np.vstack([v_start, steps])
+    if tau == 0.0:
+        return qs, np.vstack([v_start, steps[1:], np.zeros(robot.nv)])
+    vs = np.zeros((N + 1, robot.nv))
+    for n in range(N):  # from rest: beginning with the start velocity they would swing about the line's
+        vs[n + 1] = 2 * steps[n] - vs[n]
+    vs[0] = v_start
+    return qs, vs

@@ -1,0 +1,41 @@
+"""Guesses of every kind."""
+
+from __future__ import annotations
+
+from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
+from mbocp.formulation import Formulation
+from mbocp.guesses.from_joints import from_joints
+from mbocp.guesses.from_solution import iterate_from_solution
+from mbocp.guesses.kinds import plain_guess
+from mbocp.programme import Iterate
+from mbocp.solution import Solution
+
+__all__ = ["make_guess"]
+
+
+def make_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
+    """Iterate of the given kind, and words that say what was taken.
+
+    Raises
+    ------
+    ProblemError
+        If the forward simulation with a constant control fails, or a saved solution does not fit.
+    """
+    if kind == "joint":
+        return from_joints(formulation)
+    if kind == "solution":
+        return _from_file(formulation)
+    return plain_guess(kind, formulation)
+
+
+def _from_file(formulation: Formulation) -> tuple[Iterate, str]:
+    problem = formulation.problem
+    if problem.guess.path is None:
+        raise ProblemError('guess.kind = "solution" needs guess.file')
+    saved = Solution.load(problem.guess.path)
+    try:
+        return iterate_from_solution(saved, formulation), f"saved solution {problem.guess.path.name}"
+    except DimensionMismatch as error:
+        raise ResultFileError(
+            problem.guess.path, f"does not fit robot {problem.robot.name!r}: {error}"
+        ) from error

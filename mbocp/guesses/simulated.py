@@ -1,0 +1,34 @@
+"""A guess by forward simulation: it always satisfies the dynamics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
+from mbocp.formulation import Formulation
+from mbocp.programme import Iterate
+from mbocp.programme.kernel import kernel_programme
+
+__all__ = ["simulated"]
+
+_SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
+_SWEEP_ITERATIONS = 50
+
+
+def simulated(formulation: Formulation, u: Array) -> Iterate:
+    """Constant control and forward simulation, the paper's guess (section 6)."""
+    problem, programme = formulation.problem, formulation.programme
+    native = kernel_programme(programme)
+    native.u = np.tile(u, problem.num_steps)
+    xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
+    xs[0] = programme.x_start
+    native.x = xs.ravel()
+    sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS)
+    if not sweep.ok:
+        when = (sweep.failed_stage + 1) * problem.dt
+        raise ProblemError(
+            f"guess: the forward simulation with constant control fails in the step to t = {when:g} s "
+            f"(residual {sweep.residual:.1e}); take more steps, another guess.u, or another guess.kind"
+        )
+    return Iterate.read_from(native, programme)
