@@ -22,12 +22,12 @@ from mbocp.solvers.run import SolverResult
 
 __all__ = ["cost_factor", "in_own_unit", "in_users_unit", "record_in_users_unit", "weighed"]
 
-_TINY = 1e-5  # cost: ten thousand tolerances of the default
+_MIN_COST = 1e-5  # cost: ten thousand tolerances of the default
 
 
 def cost_factor(cost: float) -> float:
     """What to multiply a cost with: a power of two, exact in both directions; 1 unless it is tiny."""
-    if not 0.0 < abs(cost) < _TINY:  # NaN, too
+    if not 0.0 < abs(cost) < _MIN_COST:  # NaN, too
         return 1.0
     return float(2.0 ** min(-math.floor(math.log2(abs(cost))), 1000))
 

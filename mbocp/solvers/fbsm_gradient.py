@@ -31,7 +31,7 @@ from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.multiplier import EndCondition
 from mbocp.solvers.records import Status
-from mbocp.solvers.sweep import Kept, Sweeps, begin
+from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
 
 __all__ = ["FBSMGradient", "GradientState", "Switch"]
 
@@ -175,7 +175,7 @@ class FBSMGradient:
         native = kernel_programme(programme)
         iterate.load_into(native)
         native.eta = np.zeros(programme.ng)
-        sweeps, outcome = begin(native, programme, loop=self.loop, auxiliary=self.auxiliary)
+        sweeps, outcome = init_sweeps(native, programme, loop=self.loop, auxiliary=self.auxiliary)
         if outcome.evaluation is None:
             none = np.zeros(0)
             nowhere = EndCondition(none, none, none)

@@ -23,16 +23,16 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.multiplier import end_multiplier
-from mbocp.solvers.newton import NewtonState, advanced, end_of, factorise, fresh
+from mbocp.solvers.newton import NewtonState, check_termination, factorise, new_state, next_state
 from mbocp.solvers.records import Status
-from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
-from mbocp.solvers.sweep import Kept, Sweeps, begin
+from mbocp.solvers.shift import MAX_SHIFT, larger_shift, next_shift
+from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
 
 __all__ = ["FBSMNewton"]
 
 _HALVINGS = 10  # i_max of Algorithm 2
-_LEAST_SHIFT = 1e-3
-_LARGEST_DENSE = 6000  # unknowns (eta, u) up to which a dense K is assembled: 288 MB
+_MIN_SHIFT = 1e-3
+_MAX_DENSE_UNKNOWNS = 6000  # unknowns (eta, u) up to which a dense K is assembled: 288 MB
 _DIFFERENCE = 1.5e-8  # relative step of the forward differences
 
 
@@ -85,21 +85,21 @@ class FBSMNewton:
         """
         iterate.check(programme)
         size = iterate.eta.size + iterate.us.size
-        if self.hessian != "structured" and size > _LARGEST_DENSE:
+        if self.hessian != "structured" and size > _MAX_DENSE_UNKNOWNS:
             raise SolverError(
                 f'solver.hessian = "{self.hessian}" takes a dense matrix of {size} x {size} entries, '
-                f'more than {_LARGEST_DENSE} x {_LARGEST_DENSE}; use "structured" or fewer steps'
+                f'more than {_MAX_DENSE_UNKNOWNS} x {_MAX_DENSE_UNKNOWNS}; use "structured" or fewer steps'
             )
         native = kernel_programme(programme)
         iterate.load_into(native)
-        sweeps, outcome = begin(native, programme, loop=self.loop, auxiliary=self.auxiliary)
+        sweeps, outcome = init_sweeps(native, programme, loop=self.loop, auxiliary=self.auxiliary)
         evaluation = outcome.evaluation
         if evaluation is None:
-            state = fresh(programme, native, native.evaluate())
+            state = new_state(programme, native, native.evaluate())
             return replace(state, failure=Status.SWEEP_FAILED, failed_stage=outcome.failed_stage)
         if self.globalised and not iterate.eta.any():
             evaluation = end_multiplier(native, sweeps)
-        return replace(fresh(programme, native, evaluation), sweeps=sweeps)
+        return replace(new_state(programme, native, evaluation), sweeps=sweeps)
 
     def step(self, state: NewtonState) -> NewtonState:
         """One accepted step."""
@@ -116,7 +116,7 @@ class FBSMNewton:
                 )
                 taken = None if step is None else self._search(state, kept, step, direction.slope, shift)
                 if step is not None and taken is not None:
-                    return advanced(
+                    return next_state(
                         state,
                         taken.evaluation,
                         float(np.linalg.norm(step)),
@@ -127,15 +127,15 @@ class FBSMNewton:
                         filter=state.filter if taken.keeps_filter else state.filter.grown(state.evaluation),
                         at_minimum=is_minimum and shift == 0.0,
                     )
-            shift = larger_shift(shift, _LEAST_SHIFT)
-            if shift > LARGEST_SHIFT or not self.globalised:
+            shift = larger_shift(shift, _MIN_SHIFT)
+            if shift > MAX_SHIFT or not self.globalised:
                 stuck = Status.LINE_SEARCH_FAILED if self.globalised else Status.SWEEP_FAILED
                 failure = stuck if factorisation.ok else Status.SINGULAR
                 return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
 
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance."""
-        return end_of(state, self.tolerance, self.max_iterations)
+        return check_termination(state, self.tolerance, self.max_iterations)
 
     def _omega_step(self, state: NewtonState, shift: float, kept: Kept) -> Array | None:
         """Step in (eta, u): the structured one that the kernel holds, or a solution with the dense K."""
@@ -199,7 +199,7 @@ class FBSMNewton:
         if not self.globalised:
             return 0.0
         contraction = taken.evaluation.residual / state.evaluation.residual
-        return next_shift(shift, taken.length, contraction, _LEAST_SHIFT)
+        return next_shift(shift, taken.length, contraction, _MIN_SHIFT)
 
 
 @dataclass(frozen=True)

@@ -19,21 +19,28 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.filter import Filter
-from mbocp.solvers.newton import NewtonState, fresh, start
+from mbocp.solvers.newton import NewtonState, new_state, start
 
-__all__ = ["begin", "largest_product", "lowered", "multipliers_of", "resumed", "why_limits_cannot_be_kept"]
+__all__ = [
+    "init_barrier",
+    "largest_product",
+    "multipliers_of",
+    "resumed",
+    "update_barrier",
+    "why_limits_cannot_be_kept",
+]
 
-_FIRST = 0.1  # of the guess's cost, for what mu comes to over all limits ...
-_LEAST, _MOST = 1e-5, 1.0  # ... within these
+_BARRIER_BY_COST = 0.1  # of the guess's cost, for what mu comes to over all limits ...
+_MIN_BARRIER, _MAX_BARRIER = 1e-5, 1.0  # ... within these
 _MARGIN = 0.1  # first distance of a slack from its bounds, relative to them and to their gap
-_WARM, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
+_WARM_FACTOR, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
 _SETTLED = 30.0  # defect of the barrier problem, by mu, below which mu falls ...
 _FACTOR, _POWER = 0.1, 1.7  # ... to the smaller of mu by this factor and to this power
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
 
 
-def begin(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
+def init_barrier(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
     """State at an iterate, evaluated, and with a barrier if there are limits.
 
     Raises
@@ -44,18 +51,18 @@ def begin(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
     if not _has_limits(programme):
         return start(programme, iterate)
     native = _loaded(programme, iterate)
-    native.start_limits(_LEAST, _MARGIN)
-    barrier = _FIRST * abs(native.evaluate().cost) / native.num_limits
-    barrier = min(max(barrier, _LEAST), _MOST) if math.isfinite(barrier) else _MOST
+    native.start_limits(_MIN_BARRIER, _MARGIN)
+    barrier = _BARRIER_BY_COST * abs(native.evaluate().cost) / native.num_limits
+    barrier = min(max(barrier, _MIN_BARRIER), _MAX_BARRIER) if math.isfinite(barrier) else _MAX_BARRIER
     if iterate.bounds is None:
         native.start_limits(barrier, _MARGIN)
     else:
-        barrier *= _WARM
+        barrier *= _WARM_FACTOR
         native.start_limits(barrier, _WARM_MARGIN)
         rows = _rows_of(iterate.bounds, programme)
         native.z_lower = np.maximum(native.z_lower, -rows)
         native.z_upper = np.maximum(native.z_upper, rows)
-    return replace(fresh(programme, native, native.evaluate()), barrier=barrier)
+    return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
 
 
 def resumed(
@@ -83,7 +90,7 @@ def resumed(
         _centre(native, programme, barrier)
     else:
         _drop_idle(native, programme)
-    return replace(fresh(programme, native, native.evaluate()), barrier=barrier)
+    return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
 
 
 def largest_product(native: Any, programme: StagewiseProgramme) -> float:
@@ -156,7 +163,7 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     return None
 
 
-def lowered(state: NewtonState, tolerance: float) -> NewtonState:
+def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
     """State with the barrier parameter as small as the iterate deserves, and a filter that knows of it."""
     last = _last_barrier(state.native, tolerance)
     barrier, evaluation = state.barrier, state.evaluation

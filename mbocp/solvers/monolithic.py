@@ -42,38 +42,38 @@ import numpy as np
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
-from mbocp.solvers.limits import begin, lowered, resumed
+from mbocp.solvers.limits import init_barrier, resumed, update_barrier
 from mbocp.solvers.multiplier import end_multiplier
 from mbocp.solvers.newton import (
     Direction,
     NewtonState,
     Reference,
-    advanced,
-    end_of,
+    check_termination,
     factorise,
     is_resolved,
+    next_state,
     start,
 )
 from mbocp.solvers.records import Status
 from mbocp.solvers.round_off import has_a_say
-from mbocp.solvers.shift import LARGEST_SHIFT, larger_shift, next_shift
+from mbocp.solvers.shift import MAX_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
 
-_SHORTEST_STEP = 0.02  # below it a larger shift is tried first ...
+_MIN_STEP = 0.02  # below it a larger shift is tried first ...
 _PATIENCE = 3  # ... this many times; then
 _RESTARTS = 2
-_LEAST_SHIFT = 1e-6  # of the Hessian: a larger one makes many short steps along flat valleys
-_LARGEST_TURN = 1.0  # of a joint in one iteration [rad]: beyond, its linearisation has little to do with it
+_MIN_SHIFT = 1e-6  # of the Hessian: a larger one makes many short steps along flat valleys
+_MAX_TURN = 1.0  # of a joint in one iteration [rad]: beyond, its linearisation has little to do with it
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
 _PROMISING = 0.5  # of the residual: a relaxed step that leaves no more may be followed by another
 _PAUSE = 10  # steps after a run that led nowhere, before the next
 _RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
-_LARGEST_ADJOINT = 1e8  # of a backward sweep that is worth starting from
-_STILL = 0.5  # Newton's method far above round-off makes residual and increment smaller than this part
+_MAX_ADJOINT = 1e8  # of a backward sweep that is worth starting from
+_STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
 _RESOLVED = 1e-2  # of the tolerance, for the residual, ...
 _NOISE = 1e3  # ... and times the tolerance, for increments that do not shrink any more
 _FEASIBLE = 1e-9  # violation below which there is nothing to be relaxed about
@@ -110,7 +110,7 @@ class PureNewton:
             return replace(state, failure=Status.DIVERGED)
         native.move(1.0)
         native.accept(1.0)
-        return advanced(
+        return next_state(
             state,
             native.evaluate(),
             direction.increment,
@@ -121,7 +121,7 @@ class PureNewton:
 
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance, or below what round-off allows."""
-        status = end_of(state, self.tolerance, self.max_iterations)
+        status = check_termination(state, self.tolerance, self.max_iterations)
         is_there = state.failure is None and _is_resolved(state, self.tolerance)
         return Status.CONVERGED if is_there else status
 
@@ -152,21 +152,19 @@ class GlobalisedNewton:
         """State at an iterate."""
         if self.is_polish:
             return resumed(programme, iterate, self.tolerance, is_centred=True)
-        return begin(programme, iterate)
+        return init_barrier(programme, iterate)
 
     def step(self, state: NewtonState) -> NewtonState:
         """One accepted step, with the smallest shift found that allows one; or a relaxed step."""
         if state.barrier:
-            state = lowered(state, self.tolerance)
+            state = update_barrier(state, self.tolerance)
         if state.reference is not None:
             return self._relaxed(state)
         shift, attempts = state.shift, 0
         while True:
             factorisation, augmentation, direction = self._direction(state, shift)
             if direction is not None:
-                found = _search(
-                    state, direction, _SHORTEST_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP
-                )
+                found = _search(state, direction, _MIN_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP)
                 is_short = found is None or found[0] < _RELAXED_STEP
                 swept = _with_adjoint(state) if is_short else None
                 if swept is not None:
@@ -185,8 +183,8 @@ class GlobalisedNewton:
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return replace(state, increment=direction.increment)  # round-off hides any decrease
             attempts += 1
-            shift = larger_shift(shift, _LEAST_SHIFT)
-            if shift > LARGEST_SHIFT:
+            shift = larger_shift(shift, _MIN_SHIFT)
+            if shift > MAX_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 if direction is not None and state.restarts < _RESTARTS:
                     return self.step(self._restarted(state))
@@ -194,14 +192,14 @@ class GlobalisedNewton:
         length, by_cost = found
         state.native.accept(length * direction.longest, direction.longest_dual)
         evaluation = state.native.evaluate()
-        return advanced(
+        return next_state(
             state,
             evaluation,
             direction.increment,
             length * direction.longest,
             augmentation=augmentation,
             regularisation=shift,
-            shift=next_shift(shift, length, evaluation.residual / state.evaluation.residual, _LEAST_SHIFT),
+            shift=next_shift(shift, length, evaluation.residual / state.evaluation.residual, _MIN_SHIFT),
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),
             at_minimum=shift == 0.0,
@@ -216,7 +214,7 @@ class GlobalisedNewton:
         Where steps are short and constraints are many, the multipliers' increments stay above the tolerance
         though the residual is as small as it gets.
         """
-        status = end_of(state, self.tolerance, self.max_iterations)
+        status = check_termination(state, self.tolerance, self.max_iterations)
         is_noise = (
             state.still > 1
             and state.evaluation.residual <= _RESOLVED * self.tolerance
@@ -232,7 +230,7 @@ class GlobalisedNewton:
         found = state.native.solve() if admissible else None
         if found is None or not found.finite:
             return factorisation, augmentation, None
-        return factorisation, augmentation, Direction.of(state, found, _LARGEST_TURN)
+        return factorisation, augmentation, Direction.of(state, found, _MAX_TURN)
 
     def _restarted(self, state: NewtonState) -> NewtonState:
         """The same motion with multipliers that know nothing of the way there."""
@@ -261,7 +259,7 @@ class GlobalisedNewton:
         if swept is not None and swept.violation < _RESTORATION * state.evaluation.violation:
             evaluation = native.evaluate()
             if state.filter.accepts_after_relaxation(state.evaluation, evaluation):
-                return advanced(
+                return next_state(
                     state,
                     evaluation,
                     math.inf,
@@ -281,22 +279,22 @@ class GlobalisedNewton:
         reference, native, shift = state.reference, state.native, state.shift
         assert reference is not None  # for the type checker: `step` comes here only with one
         _, augmentation, direction = self._direction(state, shift)
-        while direction is None and shift <= LARGEST_SHIFT:
-            shift = larger_shift(shift, _LEAST_SHIFT)
+        while direction is None and shift <= MAX_SHIFT:
+            shift = larger_shift(shift, _MIN_SHIFT)
             _, augmentation, direction = self._direction(state, shift)
         if direction is not None:
             native.move(direction.longest)
             native.accept(direction.longest, direction.longest_dual)
             evaluation = native.evaluate()
             promising = evaluation.residual < _PROMISING * state.evaluation.residual
-            after = advanced(
+            after = next_state(
                 state,
                 evaluation,
                 direction.increment,
                 direction.longest,
                 augmentation=augmentation,
                 regularisation=shift,
-                shift=next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual, _LEAST_SHIFT),
+                shift=next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual, _MIN_SHIFT),
                 reference=replace(reference, steps_left=max(reference.steps_left - 1, 1 if promising else 0)),
                 at_minimum=shift == 0.0,
             )
@@ -322,7 +320,7 @@ def _is_resolved(state: NewtonState, tolerance: float) -> bool:
 
 def _stillness(state: NewtonState, evaluation: Any, increment: float) -> int:
     before = state.evaluation.residual
-    is_still = evaluation.residual > _STILL * before and increment > _STILL * state.increment
+    is_still = evaluation.residual > _STALL_RATIO * before and increment > _STALL_RATIO * state.increment
     return state.still + 1 if is_still else 0
 
 
@@ -339,7 +337,7 @@ def _with_adjoint(state: NewtonState) -> NewtonState | None:
     evaluation = native.gradient()
     if evaluation.finite:
         evaluation = end_multiplier(native, Sweeps())
-    if evaluation.finite and 0.0 < np.abs(native.m).max() < _LARGEST_ADJOINT:
+    if evaluation.finite and 0.0 < np.abs(native.m).max() < _MAX_ADJOINT:
         return replace(state, evaluation=native.evaluate())
     kept.restore(native)
     native.evaluate()
@@ -362,7 +360,7 @@ def _search(state: NewtonState, direction: Any, shortest: float) -> tuple[float,
         accepted, by_cost = verdict(trial, length)
         if not accepted and length == 1.0 and trial.finite and trial.violation >= before.violation:
             # The corrected direction replaces the plain one in the kernel ...
-            corrected = Direction.of(state, native.correct(longest), _LARGEST_TURN)
+            corrected = Direction.of(state, native.correct(longest), _MAX_TURN)
             accepted, by_cost = verdict(native.trial(min(longest, corrected.longest)), 1.0)
             if not accepted:
                 native.solve()  # ... which has to be had again when that does not help

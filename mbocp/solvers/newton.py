@@ -20,16 +20,16 @@ __all__ = [
     "Direction",
     "NewtonState",
     "Reference",
-    "advanced",
-    "end_of",
+    "check_termination",
     "factorise",
-    "fresh",
     "is_resolved",
+    "new_state",
+    "next_state",
     "start",
 ]
 
-_LEAST_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
-_MOST_AUGMENTATION = 1e12
+_MIN_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
+_MAX_AUGMENTATION = 1e12
 
 
 @dataclass(frozen=True)
@@ -149,10 +149,10 @@ def start(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
     iterate.check(programme)
     native = kernel_programme(programme)
     iterate.load_into(native)
-    return fresh(programme, native, native.evaluate())
+    return new_state(programme, native, native.evaluate())
 
 
-def fresh(programme: StagewiseProgramme, native: Any, evaluation: Any) -> NewtonState:
+def new_state(programme: StagewiseProgramme, native: Any, evaluation: Any) -> NewtonState:
     """State at the iterate that the kernel programme holds."""
     weight = programme.control_weight / programme.dt
     return NewtonState(
@@ -174,12 +174,8 @@ def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Any, float]:
     while True:
         result = state.native.factorise(shift, augmentation)
         end_is_singular = result.bad_stage == state.native.num_stages
-        ill_conditioned = result.ok and result.end_condition < _LEAST_END_CONDITION
-        if (
-            not (end_is_singular or ill_conditioned)
-            or augmentation == 0
-            or augmentation >= _MOST_AUGMENTATION
-        ):
+        ill_conditioned = result.ok and result.end_condition < _MIN_END_CONDITION
+        if not (end_is_singular or ill_conditioned) or augmentation == 0 or augmentation >= _MAX_AUGMENTATION:
             return result, augmentation
         augmentation *= 100.0
 
@@ -192,7 +188,7 @@ def _largest_turn(state: NewtonState) -> float:
     return float(np.max(largest * state.kind.turning))
 
 
-def advanced(
+def next_state(
     state: NewtonState, evaluation: Any, increment: float, step_length: float, **changes: Any
 ) -> NewtonState:
     """State after a step."""
@@ -219,7 +215,7 @@ def is_resolved(state: NewtonState, tolerance: float) -> bool:
     )
 
 
-def end_of(state: NewtonState, tolerance: float, max_iterations: int) -> Status | None:
+def check_termination(state: NewtonState, tolerance: float, max_iterations: int) -> Status | None:
     """Converged when residual and increment are both below the tolerance, as in section 5.1."""
     if state.failure is not None:
         return state.failure

@@ -19,7 +19,7 @@ from mbocp.solvers.monolithic import GlobalisedNewton
 from mbocp.solvers.newton import NewtonState
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.round_off import has_a_say, relative_residual
-from mbocp.solvers.run import SolverResult, Watch
+from mbocp.solvers.run import SolverResult, StopTest
 
 __all__ = ["Judged", "can_be_polished", "meets", "polisher"]
 
@@ -88,7 +88,7 @@ def polisher(tolerance: float, control_weight: float, most: int) -> GlobalisedNe
     )
 
 
-def meets(tolerance: float) -> Watch:
+def meets(tolerance: float) -> StopTest:
     """End a run as soon as its last residual meets the tolerance: increments need not."""
 
     def is_there(history: Sequence[IterationRecord]) -> bool:

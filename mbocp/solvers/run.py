@@ -14,13 +14,13 @@ from mbocp.solvers.limits import multipliers_of
 from mbocp.solvers.protocol import Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Status
 
-__all__ = ["Callback", "SolverResult", "Watch", "run"]
+__all__ = ["Callback", "SolverResult", "StopTest", "run"]
 
 _KEEP_EVERY = 10  # iterations: how often a better iterate is copied, in case that the last one is worse
 _HOLDS = 1e-6  # violation of steps and end condition beside which a larger residual is one of stationarity
 
 Callback = Callable[[IterationRecord], object]
-Watch = Callable[[Sequence[IterationRecord]], bool]
+StopTest = Callable[[Sequence[IterationRecord]], bool]
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,13 @@ def run(
     callback: Callback | None = None,
     phase: str = "",
     first: int = 0,
-    watch: Watch | None = None,
+    should_stop: StopTest | None = None,
     deadline: float = math.inf,
 ) -> SolverResult:
     """Iterate until the solver ends or somebody presses Ctrl-C; the callback sees every record.
 
-    `first` is the number of iterations before this run, where the records go on counting. `watch` sees the
-    records so far, and ends a run that it has no more hope in as stagnated. `deadline` is the time of
+    `first` is the number of iterations before this run, where the records go on counting. `should_stop` gets
+    the records so far; a run that it stops has stagnated. `deadline` is the time of
     `time.perf_counter` at which no further iteration begins.
 
     Without convergence the iterate with the smallest residual is returned, unless the last one is it.
@@ -92,7 +92,7 @@ def run(
                 best, best_record = _iterate(state, programme), record
             if callback:
                 callback(record)
-            if watch and watch(history) and solver.terminate(state) is None:
+            if should_stop and should_stop(history) and solver.terminate(state) is None:
                 status = Status.STAGNATED
                 break
     except KeyboardInterrupt:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["LARGEST_SHIFT", "larger_shift", "next_shift"]
+__all__ = ["MAX_SHIFT", "larger_shift", "next_shift"]
 
-LARGEST_SHIFT = 1e10
+MAX_SHIFT = 1e10
 
 _GROWTH, _SHRINKAGE = 8.0, 5.0
 _GOOD_STEP = 0.2  # step length after which the shift shrinks

@@ -25,7 +25,7 @@ from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.polish import Judged, can_be_polished, meets, polisher
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import IterationRecord, Phase, Status
-from mbocp.solvers.run import Callback, SolverResult, Watch, run
+from mbocp.solvers.run import Callback, SolverResult, StopTest, run
 
 __all__ = ["Methods", "Outcome", "pursue"]
 
@@ -182,7 +182,7 @@ class _Runs:
         return sum(phase.iterations for phase in self.phases)
 
     def run(
-        self, solver: Solver[Any], name: str, iterate: Iterate, *, watch: Watch | None = None
+        self, solver: Solver[Any], name: str, iterate: Iterate, *, should_stop: StopTest | None = None
     ) -> SolverResult:
         """Run one phase; Ctrl-C before its first iterate ends it with what the phase before came to."""
         clock = time.perf_counter()
@@ -194,7 +194,7 @@ class _Runs:
                 self.callback,
                 name + self.label,
                 first=self.first,
-                watch=watch,
+                should_stop=should_stop,
                 deadline=self.deadline,
             )
         except KeyboardInterrupt:
@@ -325,7 +325,7 @@ def _auto_within_limits(methods: Methods, iterate: Iterate, runs: _Runs) -> Outc
     told, begun = "", None
     if why_limits_cannot_be_kept(runs.programme) is None:
         solver = methods.solver("monolithic")
-        begun = runs.run(solver, "monolithic", iterate, watch=_has_stalled)
+        begun = runs.run(solver, "monolithic", iterate, should_stop=_has_stalled)
         spent = methods.budget is not None and runs.taken >= methods.budget
         if spent or begun.status in (Status.CONVERGED, *_STOPPED):
             return runs.outcome(begun, f"auto: {solver.name}")
@@ -364,7 +364,7 @@ def _polished(methods: Methods, judged: Judged, title: str, runs: _Runs) -> tupl
     """Newton's method from where an interior-point solver ended; the better of the two."""
     found, most = judged.result, methods.within(runs.taken).newton_iterations
     newton = polisher(methods.tolerance, methods.control_weight, most)
-    polished = runs.run(newton, "polish", found.iterate, watch=meets(methods.tolerance))
+    polished = runs.run(newton, "polish", found.iterate, should_stop=meets(methods.tolerance))
     if polished.status is Status.CONVERGED or polished.record.residual <= methods.tolerance:
         return _converged(polished), title
     better = polished if polished.record.residual < found.record.residual else found
@@ -435,7 +435,7 @@ def _auto(methods: Methods, iterate: Iterate, runs: _Runs) -> Outcome:
         switch = Switch(0.0, 0.0, _GRADIENT_STEPS) if name == "fbsm_bb" else None
         solver = methods.within(runs.taken).solver(name, switch)
         results.append(
-            runs.run(solver, name, start, watch=_has_stalled if is_watched and switch is None else None)
+            runs.run(solver, name, start, should_stop=_has_stalled if is_watched and switch is None else None)
         )
         told.append(f"{name} {_ended(results[-1])}")
 

@@ -25,7 +25,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
 
-__all__ = ["Kept", "Sweep", "Sweeps", "begin"]
+__all__ = ["Kept", "Sweep", "Sweeps", "init_sweeps"]
 
 _TOLERANCE = 1e-13  # of a step's equations in the programme's scaling: round-off
 _ITERATIONS = 50
@@ -105,7 +105,9 @@ class Kept:
         native.slack, native.z_lower, native.z_upper = self.limits
 
 
-def begin(native: Any, programme: StagewiseProgramme, *, loop: str, auxiliary: bool) -> tuple[Sweeps, Sweep]:
+def init_sweeps(
+    native: Any, programme: StagewiseProgramme, *, loop: str, auxiliary: bool
+) -> tuple[Sweeps, Sweep]:
     """Make the first sweep, and with it decide between open and closed loop.
 
     Parameters

@@ -17,7 +17,7 @@ from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.limits import lowered
+from mbocp.solvers.limits import update_barrier
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -141,7 +141,7 @@ def test_the_barrier_falls_and_ends_below_the_tolerance() -> None:
     assert all(after <= before for before, after in pairwise(barriers))
     assert state.evaluation.complementarity <= 0.2 * solver.tolerance
     assert state.evaluation.residual <= solver.tolerance
-    assert lowered(state, solver.tolerance) is state
+    assert update_barrier(state, solver.tolerance) is state
 
 
 def test_a_guess_outside_its_limits_is_no_obstacle() -> None:

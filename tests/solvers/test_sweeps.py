@@ -12,7 +12,7 @@ import mbocp
 from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
 from mbocp.programme.kernel import kernel_programme
-from mbocp.solvers.sweep import Kept, Sweeps, begin
+from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SYSTEMS = (
@@ -192,7 +192,7 @@ def test_a_closed_sweep_stays_where_an_open_one_explodes() -> None:
     native.gradient()
     assert np.abs(native.end_sensitivity()).max() > 1e20
     iterate.load_into(native)
-    sweeps, outcome = begin(native, programme, loop="auto", auxiliary=False)
+    sweeps, outcome = init_sweeps(native, programme, loop="auto", auxiliary=False)
     assert sweeps.feedback
     assert outcome.evaluation is not None
     assert np.abs(native.end_sensitivity(True)).max() < 1e5
@@ -200,7 +200,7 @@ def test_a_closed_sweep_stays_where_an_open_one_explodes() -> None:
 
 def test_the_loop_stays_open_where_it_can() -> None:
     held = Held("paper/elastic_pendulum", 50)
-    sweeps, outcome = begin(held.native, held.programme, loop="auto", auxiliary=False)
+    sweeps, outcome = init_sweeps(held.native, held.programme, loop="auto", auxiliary=False)
     assert not sweeps.feedback
     assert outcome.evaluation is not None
 

@@ -25,10 +25,10 @@ from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, parameters
+from mbocp.solvers.nlp.iteration_callback import IterationCallback
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.nlp.log import IterationLog, whole_lines
-from mbocp.solvers.nlp.watch import Watch
-from mbocp.solvers.nlp.words import advice_of, status_of
+from mbocp.solvers.nlp.status_messages import advice_of, status_of
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.run import Callback, SolverResult
 
@@ -36,7 +36,7 @@ __all__ = ["InteriorPoint"]
 
 _FATROP_RELAXES = 1e-8  # relative to a bound, absolute below one
 _THROWN = "exception was raised in the solver"
-_KEPT = 12  # solvers of different shapes kept in memory; a study with every formulation has six
+_MAX_SOLVERS = 12  # solvers of different shapes kept in memory; a study with every formulation has six
 
 
 @dataclass(frozen=True)
@@ -76,21 +76,21 @@ class InteriorPoint:
     ) -> SolverResult:
         """Solve from an iterate; its multipliers are not used."""
         compiled = _compiled(_Key.of(self, programme))
-        lay, watch = compiled.layout, compiled.watch
+        lay, iteration_callback = compiled.layout, compiled.iteration_callback
         log = IterationLog(phase or self.name, first, callback)
         bounds = _bounds(programme, lay)
         inner = _tightened(bounds) if self.name == "fatrop" else bounds
         clock = time.perf_counter()
-        watch.begin(self.time_limit)
+        iteration_callback.start(self.time_limit)
         p = parameters(programme)
         w0, solver = _packed(iterate, lay), compiled.solver()
-        with _interruptible(watch, log), contextlib.redirect_stdout(log), whole_lines():
+        with _interruptible(iteration_callback, log), contextlib.redirect_stdout(log), whole_lines():
             try:
                 found: dict[str, Any] | None = solver(x0=w0, p=p, **inner)
             except (
                 RuntimeError
             ) as error:  # fatrop throws where numbers are not finite, and if it is ended there
-                if not watch.reason and _THROWN not in str(error):
+                if not iteration_callback.reason and _THROWN not in str(error):
                     raise
                 found = None
         if log.failure is not None and not isinstance(log.failure, KeyboardInterrupt):
@@ -98,10 +98,10 @@ class InteriorPoint:
         w, lam_g = w0, np.zeros(lay.num_rows)
         if found is not None:
             w, lam_g = np.array(found["x"]).ravel(), np.array(found["lam_g"]).ravel()
-        if watch.reason or found is None:
-            w = watch.last if watch.last is not None else w0
+        if iteration_callback.reason or found is None:
+            w = iteration_callback.last if iteration_callback.last is not None else w0
         record, lam_x = compiled.record(w, p, lam_g, bounds)
-        has_left = found is None and not watch.reason
+        has_left = found is None and not iteration_callback.reason
         if not (math.isfinite(record.residual) and math.isfinite(record.cost)):
             has_left = True  # the finite numbers, whatever the solver says; what it began with is better
             w, lam_g = w0, np.zeros(lay.num_rows)
@@ -118,8 +118,8 @@ class InteriorPoint:
             phase=phase or self.name,
         )
         stats = solver.stats() if found is not None else {}
-        status = status_of(self.name, stats, watch.reason, self.max_iterations)
-        if has_left and not watch.reason:
+        status = status_of(self.name, stats, iteration_callback.reason, self.max_iterations)
+        if has_left and not iteration_callback.reason:
             status = Status.DIVERGED
         violations = compiled.violations(w, p, bounds)
         words = advice_of(status, stats, programme, lay, violations, taken, record.residual)
@@ -183,17 +183,17 @@ class _Compiled:
     def __init__(self, key: _Key) -> None:
         self.layout = key.layout
         functions = NlpFunctions(key.programme, key.layout)
-        self.functions, self.watch = functions, Watch(key.layout.num_unknowns)
+        self.functions, self.iteration_callback = functions, IterationCallback(key.layout.num_unknowns)
         is_ipopt = key.name == "ipopt"
         w, p = ca.MX.sym("x", functions.f.numel_in(0)), ca.MX.sym("p", functions.f.numel_in(1))
         rows, jacobian = functions.jac_g(w, p)
-        watched = all_or_none(ca.MX(jacobian.sparsity(), jacobian.nz[:] + self.watch(w)))
+        guarded = all_or_none(ca.MX(jacobian.sparsity(), jacobian.nz[:] + self.iteration_callback(w)))
         self.gradient = functions.gradient(has_cost=False)
         cache = {
             "nlp_f": functions.f,
             "nlp_g": functions.g,
             "nlp_grad_f": functions.gradient(has_cost=True) if is_ipopt else self.gradient,
-            "nlp_jac_g": ca.Function("nlp_jac_g", [w, p], [rows, watched], ["x", "p"], ["g", "jac_g_x"]),
+            "nlp_jac_g": ca.Function("nlp_jac_g", [w, p], [rows, guarded], ["x", "p"], ["g", "jac_g_x"]),
             "nlp_hess_l": functions.hessian(is_upper=is_ipopt),
             "nlp_grad": functions.first_order(),
         }
@@ -255,7 +255,7 @@ def _missed(values: Array, bounds: dict[str, Array], letter: str) -> Array:
     return missed
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_MAX_SOLVERS)
 def _compiled(key: _Key) -> _Compiled:
     return _Compiled(key)
 
@@ -345,10 +345,10 @@ def _unpacked(w: Array, lam_g: Array, lam_x: Array, lay: NlpLayout) -> Iterate:
 
 
 @contextlib.contextmanager
-def _interruptible(watch: Watch, log: IterationLog) -> Iterator[None]:
+def _interruptible(iteration_callback: IterationCallback, log: IterationLog) -> Iterator[None]:
     """Let Ctrl-C, or what the callback raises, end the solver in its next iteration, with what it has."""
     pressed: list[int] = []
-    watch.is_wanted = lambda: not pressed and log.failure is None
+    iteration_callback.is_wanted = lambda: not pressed and log.failure is None
     is_main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number)) if is_main else None
     try:
@@ -356,4 +356,4 @@ def _interruptible(watch: Watch, log: IterationLog) -> Iterator[None]:
     finally:
         if is_main:
             signal.signal(signal.SIGINT, before)
-        watch.is_wanted = lambda: True
+        iteration_callback.is_wanted = lambda: True

@@ -14,7 +14,7 @@ from mbocp.solvers.records import Status
 
 __all__ = ["advice_of", "status_of"]
 
-_NEAR = 1e-5  # residual below which a solver that stalls has found what it was looking for
+_ACCEPTABLE_RESIDUAL = 1e-5  # residual below which a solver that stalls has found what it was looking for
 
 _IPOPT = {
     "Solve_Succeeded": Status.CONVERGED,
@@ -73,7 +73,7 @@ def advice_of(
     }
     if status is Status.CONVERGED:
         return texts[status]
-    if status is Status.LINE_SEARCH_FAILED and residual < _NEAR:
+    if status is Status.LINE_SEARCH_FAILED and residual < _ACCEPTABLE_RESIDUAL:
         return (
             f"near a solution, but no step makes progress any more after {iterations} "
             f'(residual {residual:.1e}); raise solver.tolerance, or take the other of "ipopt" and "fatrop"'

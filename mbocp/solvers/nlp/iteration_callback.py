@@ -1,4 +1,4 @@
-"""A look at the unknowns in every iteration: time limit, Ctrl-C, and the last iterate."""
+"""Callback of an interior-point solver in every iteration: time limit, Ctrl-C, and the last iterate."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["Watch"]
+__all__ = ["IterationCallback"]
 
 
-class Watch(ca.Callback):
-    """Zero, as a function of the unknowns; not a number once the solve shall end.
+class IterationCallback(ca.Callback):
+    """A function of the unknowns that is zero, and NaN once the solve must end.
 
-    It belongs into the Jacobian, which is evaluated once an iteration, at its iterate, and without which no
-    solver goes on. What is thrown from here instead would be taken for a failed trial step.
+    It is added to the Jacobian, which every solver evaluates once an iteration at its iterate and cannot go
+    on without. Solvers would take an exception raised here for a failed trial step.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class Watch(ca.Callback):
         self.reason = ""
         self.is_wanted: Callable[[], bool] = lambda: True
         self._size, self._deadline = size, math.inf
-        self.construct("watch", {})
+        self.construct("iteration_callback", {})
 
-    def begin(self, time_limit: float | None) -> None:
+    def start(self, time_limit: float | None) -> None:
         """Start the clock."""
         self.last, self.reason = None, ""
         self._deadline = math.inf if time_limit is None else time.monotonic() + time_limit
