@@ -26,52 +26,83 @@ class Kind:
         scale_y: Array,
         scale_m: Array,
         scale_ru: Array,
-        groups: Sequence[tuple[int, int, Sequence[int]]] = (),
+        groups: Sequence[tuple[int, int, Sequence[int]]] = [],
     ) -> None: ...
 
 class Terminal:
     def __init__(self, *, ng: int, values: StageFunction, complete: StageFunction) -> None: ...
 
 class Evaluation:
-    cost: float
-    residual: float
-    primal: float
-    dual: float
-    violation: float
-    worst: float
-    worst_stage: int
-    worst_row: int
-    finite: bool
-    objective: float
-    barrier_error: float
-    complementarity: float
+    @property
+    def cost(self) -> float: ...
+    @property
+    def residual(self) -> float: ...
+    @property
+    def primal(self) -> float: ...
+    @property
+    def dual(self) -> float: ...
+    @property
+    def violation(self) -> float: ...
+    @property
+    def worst(self) -> float: ...
+    @property
+    def worst_stage(self) -> int: ...
+    @property
+    def worst_row(self) -> int: ...
+    @property
+    def finite(self) -> bool: ...
+    @property
+    def objective(self) -> float: ...
+    @property
+    def barrier_error(self) -> float: ...
+    @property
+    def complementarity(self) -> float: ...
 
 class Factorisation:
-    negative: int
-    smallest_pivot: float
-    end_condition: float
-    ok: bool
-    bad_stage: int
+    @property
+    def negative(self) -> int: ...
+    @property
+    def smallest_pivot(self) -> float: ...
+    @property
+    def end_condition(self) -> float: ...
+    @property
+    def ok(self) -> bool: ...
+    @property
+    def bad_stage(self) -> int: ...
 
 class Direction:
-    increment: float
-    slope: float
-    longest: float
-    longest_dual: float
-    curvature: float
-    linear_residual: float
-    finite: bool
+    @property
+    def increment(self) -> float: ...
+    @property
+    def slope(self) -> float: ...
+    @property
+    def longest(self) -> float: ...
+    @property
+    def longest_dual(self) -> float: ...
+    @property
+    def curvature(self) -> float: ...
+    @property
+    def linear_residual(self) -> float: ...
+    @property
+    def finite(self) -> bool: ...
 
 class Trial:
-    objective: float
-    violation: float
-    finite: bool
+    @property
+    def objective(self) -> float: ...
+    @property
+    def violation(self) -> float: ...
+    @property
+    def finite(self) -> bool: ...
 
 class Sweep:
-    ok: bool
-    failed_stage: int
-    iterations: int
-    residual: float
+    @property
+    def ok(self) -> bool: ...
+    @property
+    def failed_stage(self) -> int: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def residual(self) -> float: ...
 
 class Programme:
     x: Array

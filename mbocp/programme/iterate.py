@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.programme.stagewise import StagewiseProgramme
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Programme as KernelProgramme
 
 __all__ = ["BoundMultipliers", "Iterate", "zero_multipliers"]
 
@@ -86,14 +89,14 @@ class Iterate:
             if got != shape:
                 raise DimensionMismatch(f"iterate.{name}", got=got, expected=shape)
 
-    def load_into(self, native: Any) -> None:
+    def load_into(self, native: KernelProgramme) -> None:
         """Write the iterate into a kernel programme."""
         native.x, native.y, native.u = self.xs.ravel(), self.ys.ravel(), self.us.ravel()
         native.m, native.eta = self.ms.ravel(), self.eta
 
     @classmethod
     def read_from(
-        cls, native: Any, programme: StagewiseProgramme, bounds: BoundMultipliers | None = None
+        cls, native: KernelProgramme, programme: StagewiseProgramme, bounds: BoundMultipliers | None = None
     ) -> Iterate:
         """Copy the iterate of a kernel programme, without the multipliers of its limits."""
         N, kind = programme.num_steps, programme.kinds[0]

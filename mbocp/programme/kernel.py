@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -11,11 +11,53 @@ from mbocp.exceptions import NativeMismatch
 from mbocp.programme.compilation import CompiledFunctions, has_avx2
 from mbocp.programme.stagewise import StagewiseProgramme
 
-__all__ = ["kernel", "kernel_programme", "nlp_helpers"]
+if TYPE_CHECKING:  # the modules may be missing, and the kernel is one of two builds with the same names
+    from mbocp._native._kernel import (
+        Kind,
+        StageFunction,
+        Terminal,
+    )
+    from mbocp._native._kernel import Programme as KernelProgramme
+
+__all__ = ["Kernel", "NlpHelpers", "kernel", "kernel_programme", "nlp_helpers"]
+
+
+class Kernel(Protocol):
+    """What both builds of the kernel offer."""
+
+    @property
+    def __name__(self) -> str:
+        """Of the module."""
+
+    @property
+    def StageFunction(self) -> type[StageFunction]:
+        """A compiled or interpreted function of a stage."""
+
+    @property
+    def Kind(self) -> type[Kind]:
+        """Functions and sizes of one kind of stage."""
+
+    @property
+    def Terminal(self) -> type[Terminal]:
+        """Functions of the end."""
+
+    @property
+    def Programme(self) -> type[KernelProgramme]:
+        """The programme with its iterate."""
+
+
+class NlpHelpers(Protocol):
+    """What helps interior-point solvers."""
+
+    def begin_whole_lines(self) -> None:
+        """Pass on what CasADi prints in whole lines only."""
+
+    def end_whole_lines(self) -> None:
+        """Pass it on as it comes again."""
 
 
 @cache
-def kernel() -> Any:
+def kernel() -> Kernel:
     """The kernel module: the AVX2 build where the processor has it, else the portable one."""
     try:
         from mbocp._native import _kernel
@@ -33,7 +75,7 @@ def kernel() -> Any:
 
 
 @cache
-def nlp_helpers() -> Any:
+def nlp_helpers() -> NlpHelpers:
     """The module that helps interior-point solvers."""
     try:
         from mbocp._native import _nlp
@@ -44,14 +86,14 @@ def nlp_helpers() -> Any:
     return _nlp
 
 
-def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False) -> Any:
+def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False) -> KernelProgramme:
     """Kernel programme with the functions and parameters of `programme`; the iterate is all zeros.
 
     Its bounds and guards are part of it with `has_limits`, and have room between them then.
     """
     native = kernel()
 
-    def function(name: str) -> Any:
+    def function(name: str) -> StageFunction:
         of_end = name.startswith("terminal")
         return _stage_function(native, programme.end_functions if of_end else programme.functions, name)
 
@@ -96,7 +138,7 @@ def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False)
     return made
 
 
-def _stage_function(native: Any, functions: CompiledFunctions, name: str) -> Any:
+def _stage_function(native: Kernel, functions: CompiledFunctions, name: str) -> StageFunction:
     if functions.library is not None:
         return native.StageFunction.from_library(str(functions.library), name)
     return native.StageFunction.from_string(functions.serialised[name])

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,8 +30,13 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.multiplier import EndCondition
+from mbocp.solvers.protocol import Measures
 from mbocp.solvers.records import Status
 from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Evaluation
+    from mbocp._native._kernel import Programme as KernelProgramme
 
 __all__ = ["FBSMGradient", "GradientState", "Switch"]
 
@@ -91,8 +96,8 @@ class GradientState:
         Smallest residual and merit so far, and the iteration that last lowered one of them.
     """
 
-    native: Any
-    evaluation: Any
+    native: KernelProgramme
+    evaluation: Measures
     gradient: Array
     plain: Array
     end: EndCondition
@@ -129,7 +134,7 @@ class _Residual:
     finite: bool
 
     @classmethod
-    def of(cls, evaluation: Any, gradient: Array) -> _Residual:
+    def of(cls, evaluation: Evaluation, gradient: Array) -> _Residual:
         """Replace the norm of grad_u H."""
         named = {key: getattr(evaluation, key) for key in cls.__dataclass_fields__}
         dual = float(np.linalg.norm(gradient))
@@ -251,7 +256,7 @@ class FBSMGradient:
             return Status.STAGNATED
         return Status.MAX_ITERATIONS if state.iteration >= self.max_iterations else None
 
-    def _at(self, native: Any, evaluation: Any, sweeps: Sweeps) -> GradientState:
+    def _at(self, native: KernelProgramme, evaluation: Evaluation, sweeps: Sweeps) -> GradientState:
         """State at a swept iterate, with the eta that suits its controls."""
         end = EndCondition.of(native, feedback=sweeps.feedback)
         gradient, eta = native.control_gradient, native.eta

@@ -12,7 +12,7 @@ equation are left, eq. (31). The step :math:`c = -K^{-1} r_u`, :math:`K = \nabla
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -27,6 +27,10 @@ from mbocp.solvers.newton import NewtonState, check_termination, factorise, new_
 from mbocp.solvers.records import Status
 from mbocp.solvers.shift import MAX_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Evaluation
+    from mbocp._native._kernel import Programme as KernelProgramme
 
 __all__ = ["FBSMNewton"]
 
@@ -192,7 +196,8 @@ class FBSMNewton:
             length *= 0.5
         kept.restore(native)
         if float(np.linalg.norm(step)) <= self.tolerance and before.residual <= self.tolerance:
-            return _Taken(sweeps.run(native).evaluation, 0.0)  # round-off hides any decrease
+            again = sweeps.run(native).evaluation  # round-off hides any decrease
+            return None if again is None else _Taken(again, 0.0)
         return None
 
     def _next_shift(self, state: NewtonState, shift: float, taken: _Taken) -> float:
@@ -206,17 +211,17 @@ class FBSMNewton:
 class _Taken:
     """An accepted step: the swept evaluation, the step length, and whether the filter stays as it is."""
 
-    evaluation: Any
+    evaluation: Evaluation
     length: float
     keeps_filter: bool = True
 
 
-def _reduced_residual(native: Any) -> Array:
+def _reduced_residual(native: KernelProgramme) -> Array:
     """Derivative of the Lagrangian in (eta, u) after an open sweep: r_u with its control rows times dt."""
     return np.concatenate([native.end_condition, native.control_gradient / native.control_scale])
 
 
-def _differences(native: Any, kept: Kept, rhs: Array, *, auxiliary: bool) -> Array:
+def _differences(native: KernelProgramme, kept: Kept, rhs: Array, *, auxiliary: bool) -> Array:
     """K by forward differences of the reduced residual, one pair of open sweeps a column."""
     K = np.empty((rhs.size, rhs.size))
     ng, omega = kept.eta.size, np.concatenate([kept.eta, kept.u])

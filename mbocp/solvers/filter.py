@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Evaluation, Trial
 
 __all__ = ["Filter"]
 
@@ -40,7 +43,9 @@ class Filter:
         scale = max(1.0, violation)
         return cls(most_violation=10.0 * scale, least_violation=1e-4 * scale)
 
-    def accepts(self, before: Any, trial: Any, slope: float, length: float) -> tuple[bool, bool]:
+    def accepts(
+        self, before: Evaluation, trial: Trial | Evaluation, slope: float, length: float
+    ) -> tuple[bool, bool]:
         """Whether a trial is accepted, and whether for the decrease of its cost (else the filter grows).
 
         Parameters
@@ -66,7 +71,7 @@ class Filter:
             or (both_feasible and trial.objective <= before.objective + 10 * slack)
         ), False
 
-    def accepts_after_relaxation(self, reference: Any, trial: Any) -> bool:
+    def accepts_after_relaxation(self, reference: Evaluation, trial: Trial | Evaluation) -> bool:
         """Whether relaxed steps made progress: closer to feasible than where they began."""
         return bool(
             trial.finite
@@ -76,7 +81,7 @@ class Filter:
             )
         )
 
-    def grown(self, before: Any) -> Filter:
+    def grown(self, before: Evaluation) -> Filter:
         """Filter that also forbids going back to `before`."""
         corner = ((1 - _MARGIN) * before.violation, before.objective - _MARGIN * before.violation)
         return Filter((*self.entries, corner), self.most_violation, self.least_violation)

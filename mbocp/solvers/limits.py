@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.newton import NewtonState, new_state, start
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Programme as KernelProgramme
 
 __all__ = [
     "init_barrier",
@@ -93,7 +96,7 @@ def resumed(
     return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
 
 
-def largest_product(native: Any, programme: StagewiseProgramme) -> float:
+def largest_product(native: KernelProgramme, programme: StagewiseProgramme) -> float:
     """Of the multipliers of limits and the distances from them."""
     if not native.num_limits:
         return 0.0
@@ -103,14 +106,14 @@ def largest_product(native: Any, programme: StagewiseProgramme) -> float:
     return float(max(np.abs(of_lower).max(), np.abs(of_upper).max()))
 
 
-def _drop_idle(native: Any, programme: StagewiseProgramme) -> None:
+def _drop_idle(native: KernelProgramme, programme: StagewiseProgramme) -> None:
     """Leave out multipliers whose limit is farther than 1: less is left over without them."""
     lower, upper = _sides(programme)
     native.z_lower = np.where(native.slack - lower > 1.0, 0.0, native.z_lower)
     native.z_upper = np.where(upper - native.slack > 1.0, 0.0, native.z_upper)
 
 
-def _centre(native: Any, programme: StagewiseProgramme, barrier: float) -> None:
+def _centre(native: KernelProgramme, programme: StagewiseProgramme, barrier: float) -> None:
     """Raise multipliers to the root of mu at most, and distances, until no product of them is below mu."""
     lower, upper = _sides(programme)
     slack, room = native.slack, 0.5 * (upper - lower)
@@ -140,7 +143,7 @@ def _has_limits(programme: StagewiseProgramme) -> bool:
     return bool(programme.num_guards) or not programme.bounds.is_empty
 
 
-def _loaded(programme: StagewiseProgramme, iterate: Iterate) -> Any:
+def _loaded(programme: StagewiseProgramme, iterate: Iterate) -> KernelProgramme:
     """Kernel programme with its limits at an iterate."""
     iterate.check(programme)
     reason = why_limits_cannot_be_kept(programme)
@@ -151,7 +154,7 @@ def _loaded(programme: StagewiseProgramme, iterate: Iterate) -> Any:
     return native
 
 
-def _last_barrier(native: Any, tolerance: float) -> float:
+def _last_barrier(native: KernelProgramme, tolerance: float) -> float:
     return _SHARE * tolerance / math.sqrt(max(1, native.num_limits))
 
 
@@ -188,7 +191,7 @@ def _rows_of(bounds: BoundMultipliers, programme: StagewiseProgramme) -> Array:
     return np.concatenate([of_steps.ravel(), bounds.guard])
 
 
-def multipliers_of(native: Any, programme: StagewiseProgramme) -> BoundMultipliers:
+def multipliers_of(native: KernelProgramme, programme: StagewiseProgramme) -> BoundMultipliers:
     """Multipliers of the limits that a kernel programme holds."""
     bounds, kind, N = programme.bounds, programme.kinds[0], programme.num_steps
     found, x, u = native.limit_multipliers, bounds.limited_x, bounds.limited_u

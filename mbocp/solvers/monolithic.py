@@ -35,7 +35,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -58,6 +58,9 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.round_off import has_a_say
 from mbocp.solvers.shift import MAX_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Evaluation, Factorisation, Trial
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
 
@@ -223,7 +226,7 @@ class GlobalisedNewton:
         is_there = is_noise or _is_resolved(state, self.tolerance)
         return Status.CONVERGED if is_there and state.failure is None else status
 
-    def _direction(self, state: NewtonState, shift: float) -> tuple[Any, float, Any]:
+    def _direction(self, state: NewtonState, shift: float) -> tuple[Factorisation, float, Direction | None]:
         """Factorisation, augmentation and direction; no direction where the inertia is not a minimum's."""
         factorisation, augmentation = factorise(state, shift * self.control_weight)
         admissible = factorisation.ok and factorisation.negative == len(state.native.eta)
@@ -318,7 +321,7 @@ def _is_resolved(state: NewtonState, tolerance: float) -> bool:
     return is_resolved(state, tolerance) and has_a_say(state.native, state.evaluation)
 
 
-def _stillness(state: NewtonState, evaluation: Any, increment: float) -> int:
+def _stillness(state: NewtonState, evaluation: Evaluation, increment: float) -> int:
     before = state.evaluation.residual
     is_still = evaluation.residual > _STALL_RATIO * before and increment > _STALL_RATIO * state.increment
     return state.still + 1 if is_still else 0
@@ -344,14 +347,14 @@ def _with_adjoint(state: NewtonState) -> NewtonState | None:
     return None
 
 
-def _search(state: NewtonState, direction: Any, shortest: float) -> tuple[float, bool] | None:
+def _search(state: NewtonState, direction: Direction, shortest: float) -> tuple[float, bool] | None:
     """Step length that the filter accepts and whether for its cost, or None; the kernel has moved.
 
     The length is relative to the longest step that limits allow.
     """
     native, before, longest = state.native, state.evaluation, direction.longest
 
-    def verdict(trial: Any, length: float) -> tuple[bool, bool]:
+    def verdict(trial: Trial, length: float) -> tuple[bool, bool]:
         return state.filter.accepts(before, trial, direction.slope, length * longest)
 
     length = 1.0

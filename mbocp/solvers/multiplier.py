@@ -8,12 +8,16 @@ is linear in eta: :math:`\nabla_u H = h + G^T\eta`. The eta for which it is smal
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.solvers.sweep import Sweeps
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Evaluation
+    from mbocp._native._kernel import Programme as KernelProgramme
 
 __all__ = ["EndCondition", "end_multiplier"]
 
@@ -39,7 +43,7 @@ class EndCondition:
     weight: Array
 
     @classmethod
-    def of(cls, native: Any, *, feedback: bool = False) -> EndCondition:
+    def of(cls, native: KernelProgramme, *, feedback: bool = False) -> EndCondition:
         """At the last `gradient` of the kernel programme, in open or closed loop as that was."""
         scale, g = native.control_scale, native.end_condition
         return cls(g, native.end_sensitivity(feedback).reshape(g.size, scale.size) * scale, 1.0 / scale)
@@ -65,7 +69,7 @@ def _least_squares(A: Array, b: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, b, rcond=_RANK)[0], dtype=np.float64)
 
 
-def end_multiplier(native: Any, sweeps: Sweeps) -> Any:
+def end_multiplier(native: KernelProgramme, sweeps: Sweeps) -> Evaluation:
     """Put the best eta into a swept kernel programme; returns the evaluation with it."""
     if len(native.eta):
         end = EndCondition.of(native, feedback=sweeps.feedback)

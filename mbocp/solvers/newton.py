@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,11 @@ from mbocp.solvers.filter import Filter
 from mbocp.solvers.records import Status
 from mbocp.solvers.round_off import relative_increment, relative_residual, round_off
 from mbocp.solvers.sweep import Kept, Sweeps
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Direction as KernelDirection
+    from mbocp._native._kernel import Evaluation, Factorisation
+    from mbocp._native._kernel import Programme as KernelProgramme
 
 __all__ = [
     "Direction",
@@ -45,7 +50,7 @@ class Reference:
     """
 
     iterate: Kept
-    evaluation: Any
+    evaluation: Evaluation
     steps_left: int
 
     @classmethod
@@ -74,7 +79,7 @@ class Direction:
     longest_dual: float
 
     @classmethod
-    def of(cls, state: NewtonState, found: Any, largest_turn: float) -> Direction:
+    def of(cls, state: NewtonState, found: KernelDirection, largest_turn: float) -> Direction:
         """The kernel's direction, of which no more is taken than turns a joint by `largest_turn` [rad]."""
         turn = _largest_turn(state)
         longest = min(found.longest, largest_turn / turn) if turn > 0.0 else found.longest
@@ -123,8 +128,8 @@ class NewtonState:
         How a staggered solver sweeps.
     """
 
-    native: Any
-    evaluation: Any
+    native: KernelProgramme
+    evaluation: Evaluation
     iteration: int = 0
     increment: float = math.inf
     step_length: float = math.nan
@@ -152,7 +157,7 @@ def start(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
     return new_state(programme, native, native.evaluate())
 
 
-def new_state(programme: StagewiseProgramme, native: Any, evaluation: Any) -> NewtonState:
+def new_state(programme: StagewiseProgramme, native: KernelProgramme, evaluation: Evaluation) -> NewtonState:
     """State at the iterate that the kernel programme holds."""
     weight = programme.control_weight / programme.dt
     return NewtonState(
@@ -165,7 +170,7 @@ def new_state(programme: StagewiseProgramme, native: Any, evaluation: Any) -> Ne
     )
 
 
-def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Any, float]:
+def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Factorisation, float]:
     """Factorisation with the end condition augmented as far as its conditioning asks for, and that weight.
 
     `shift` is added to the Hessian's diagonal in the states.
@@ -189,7 +194,7 @@ def _largest_turn(state: NewtonState) -> float:
 
 
 def next_state(
-    state: NewtonState, evaluation: Any, increment: float, step_length: float, **changes: Any
+    state: NewtonState, evaluation: Evaluation, increment: float, step_length: float, **changes: Any
 ) -> NewtonState:
     """State after a step."""
     return replace(

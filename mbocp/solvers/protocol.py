@@ -2,24 +2,71 @@
 
 from __future__ import annotations
 
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.records import Status
 
-__all__ = ["Solver", "SolverState"]
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Programme as KernelProgramme
+
+__all__ = ["Measures", "Norms", "Solver", "SolverState"]
+
+
+class Norms(Protocol):
+    """How far the optimality conditions are from being satisfied."""
+
+    @property
+    def residual(self) -> float:
+        """Norm of both."""
+
+    @property
+    def primal(self) -> float:
+        """Of constraints and end condition."""
+
+    @property
+    def dual(self) -> float:
+        """Of the stationarity conditions."""
+
+
+class Measures(Norms, Protocol):
+    """What is measured at an iterate, in the reported scaling."""
+
+    @property
+    def cost(self) -> float:
+        """Of the trajectory."""
+
+    @property
+    def violation(self) -> float:
+        """Of the constraints, l1, in the programme's scaling."""
+
+    @property
+    def worst(self) -> float:
+        """Largest defect of a row."""
+
+    @property
+    def worst_stage(self) -> int:
+        """Where that is; -1: the end condition."""
+
+    @property
+    def worst_row(self) -> int:
+        """Which row of it; beyond a stage's own: its limits."""
+
+    @property
+    def finite(self) -> bool:
+        """Whether all of it is."""
 
 
 class SolverState(Protocol):
     """Where a solver stands."""
 
     @property
-    def native(self) -> Any:
+    def native(self) -> KernelProgramme:
         """Kernel programme that holds the iterate."""
 
     @property
-    def evaluation(self) -> Any:
+    def evaluation(self) -> Measures:
         """Residuals and cost at the iterate."""
 
     @property

@@ -19,14 +19,18 @@ too.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._linear import norm
 from mbocp.programme import StageKind
+from mbocp.solvers.protocol import Norms
 from mbocp.solvers.sweep import Kept
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Programme as KernelProgramme
 
 __all__ = ["has_a_say", "relative_increment", "relative_residual", "round_off"]
 
@@ -34,20 +38,20 @@ _ROUND_OFF = 8.0 * 2.0**-52
 _OF_GRADIENT = 1e-4  # of the cost: what may be left of stationarity, however large multipliers are
 
 
-def round_off(native: Any, kind: StageKind) -> tuple[float, float]:
+def round_off(native: KernelProgramme, kind: StageKind) -> tuple[float, float]:
     """What round-off may leave of the primal and of the dual part of the residual."""
     m = native.m.reshape(-1, kind.scale_m.size) * kind.scale_m
     bounds = native.limit_multipliers if native.num_limits else np.zeros(0)
     return _ROUND_OFF * _norm(native.x, native.u), _ROUND_OFF * _norm(m.ravel(), native.eta, bounds)
 
 
-def relative_residual(native: Any, kind: StageKind, evaluation: Any, tolerance: float) -> float:
+def relative_residual(native: KernelProgramme, kind: StageKind, evaluation: Norms, tolerance: float) -> float:
     """The residual, each part in units of its round-off by `tolerance` where that is above the tolerance."""
     primal, dual = (max(1.0, size / tolerance) for size in round_off(native, kind))
     return math.hypot(evaluation.primal / primal, evaluation.dual / dual)
 
 
-def has_a_say(native: Any, evaluation: Any) -> bool:
+def has_a_say(native: KernelProgramme, evaluation: Norms) -> bool:
     """Whether what is left of stationarity is small beside the gradient of the cost."""
     kept = Kept.of(native)
     native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
@@ -58,7 +62,7 @@ def has_a_say(native: Any, evaluation: Any) -> bool:
     return bool(evaluation.dual <= _OF_GRADIENT * gradient)
 
 
-def relative_increment(native: Any) -> float:
+def relative_increment(native: KernelProgramme) -> float:
     """The last direction, each kind of unknowns relative to its own norm where that is above one."""
     pairs = (
         ((native.dx,), (native.x,)),

@@ -18,12 +18,16 @@ where :math:`\nabla_u H = 0`. So both have the same solutions; in closed loop th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Evaluation
+    from mbocp._native._kernel import Programme as KernelProgramme
 
 __all__ = ["Kept", "Sweep", "Sweeps", "init_sweeps"]
 
@@ -47,7 +51,7 @@ class Sweep:
         Step in which the forward sweep failed; -1 if it did not.
     """
 
-    evaluation: Any
+    evaluation: Evaluation | None
     failed_stage: int = -1
 
 
@@ -66,7 +70,7 @@ class Sweeps:
     auxiliary: bool = False
     feedback: bool = False
 
-    def run(self, native: Any) -> Sweep:
+    def run(self, native: KernelProgramme) -> Sweep:
         """State and adjoint for the controls and eta that `native` holds; its x, y and m are replaced.
 
         Each step starts from the state and the impulses that `native` holds.
@@ -77,7 +81,7 @@ class Sweeps:
         evaluation = self.backward(native)
         return Sweep(evaluation if evaluation.finite else None)
 
-    def backward(self, native: Any) -> Any:
+    def backward(self, native: KernelProgramme) -> Evaluation:
         """Adjoint alone; the evaluation that goes with it."""
         return native.gradient(self.auxiliary, self.feedback)
 
@@ -94,19 +98,19 @@ class Kept:
     limits: tuple[Array, Array, Array]  # slacks, multipliers of lower and of upper bounds
 
     @classmethod
-    def of(cls, native: Any) -> Kept:
+    def of(cls, native: KernelProgramme) -> Kept:
         """Remember the iterate."""
         limits = (native.slack, native.z_lower, native.z_upper)
         return cls(native.x, native.y, native.u, native.m, native.eta, limits)
 
-    def restore(self, native: Any) -> None:
+    def restore(self, native: KernelProgramme) -> None:
         """Put it back."""
         native.x, native.y, native.u, native.m, native.eta = self.x, self.y, self.u, self.m, self.eta
         native.slack, native.z_lower, native.z_upper = self.limits
 
 
 def init_sweeps(
-    native: Any, programme: StagewiseProgramme, *, loop: str, auxiliary: bool
+    native: KernelProgramme, programme: StagewiseProgramme, *, loop: str, auxiliary: bool
 ) -> tuple[Sweeps, Sweep]:
     """Make the first sweep, and with it decide between open and closed loop.
 
@@ -151,7 +155,7 @@ def init_sweeps(
     return opened, outcome
 
 
-def _find_gains(native: Any, programme: StagewiseProgramme) -> bool:
+def _find_gains(native: KernelProgramme, programme: StagewiseProgramme) -> bool:
     """Gains that hold the guess's states, from the Hessian of the cost alone with a weight on the states."""
     native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
     if not native.evaluate().finite:
@@ -161,7 +165,7 @@ def _find_gains(native: Any, programme: StagewiseProgramme) -> bool:
     return bool(native.factorise(_GAIN_WEIGHT * weight, augmentation).ok)
 
 
-def _sensitivity(native: Any, sweeps: Sweeps) -> float:
+def _sensitivity(native: KernelProgramme, sweeps: Sweeps) -> float:
     """Size of what a control does to the cost and to the end condition."""
     G = native.end_sensitivity(sweeps.feedback) * np.tile(native.control_scale, len(native.eta))
     return float(np.hypot(np.linalg.norm(G), np.linalg.norm(native.control_gradient)))
