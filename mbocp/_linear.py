@@ -10,6 +10,8 @@ from mbocp._arrays import Array
 
 __all__ = ["norm", "null_space"]
 
+_SMALL = 1e-150  # squares of what is smaller lose their digits
+
 
 def null_space(matrix: Array, tolerance: float) -> Array:
     """Return an orthonormal basis of the null space, as columns.
@@ -41,4 +43,5 @@ def norm(vector: Array) -> float:
     """
     with np.errstate(over="ignore"):
         size = float(np.linalg.norm(vector))
-    return math.hypot(*vector.tolist()) if math.isinf(size) else size
+    has_no_squares = math.isinf(size) or (size < _SMALL and vector.any())
+    return math.hypot(*vector.tolist()) if has_no_squares else size

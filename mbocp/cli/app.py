@@ -259,7 +259,8 @@ def study(
 ) -> None:
     """Solve many problems: a grid, a random sample or a list of changes to one.
 
-    Exit status: 0 all tasks have a row, converged or not, 2 bad input, 130 interrupted (--resume goes on).
+    Exit status: 0 all tasks converged, 1 some did not (each has a row), 2 bad input, 130 interrupted
+    (--resume goes on).
     """
     from mbocp.cli.study import How, Shown, run, summarise
     from mbocp.exceptions import StudyError

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import typer
 
 from mbocp.cli import signals
 from mbocp.cli.solve import IMAGES, PAGES, check_output
-from mbocp.exceptions import InvalidValue, ResultFileError
+from mbocp.exceptions import InvalidValue, ReplayError, ResultFileError, RobotError
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -42,10 +43,12 @@ def replay_result(
         robot.frame_id(frame)
     t, qs, title = solution.t, solution.qs, solution.problem_name or robot.name
     if path is not None:
-        write_replay(robot, t, qs, path, trace=trace, title=title, speed=speed)
+        with _named(result, "cannot be drawn"):
+            write_replay(robot, t, qs, path, trace=trace, title=title, speed=speed)
         _tell(f"replay: {path}", quiet)
     if live:
-        open_replay(robot, t, qs, trace=trace, title=title, speed=speed)
+        with _named(result, "cannot be drawn"):
+            open_replay(robot, t, qs, trace=trace, title=title, speed=speed)
 
 
 def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
@@ -56,7 +59,8 @@ def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
 
     signals.leave_in_order()
     solution, robot = _load(result)
-    plot_solution(solution, path, robot=robot)
+    with _named(result, "cannot be drawn"):
+        plot_solution(solution, path, robot=robot)
     _tell(f"plot: {path}", quiet)
 
 
@@ -83,7 +87,8 @@ def _load(result: Path) -> tuple[Solution, Robot]:
     solution = Solution.load(result)
     if not solution.robot_spec:
         raise ResultFileError(result, "does not say which robot it is about, which this needs")
-    robot = robot_from_spec(solution.robot_spec)
+    with _named(result, "its robot cannot be loaded"):
+        robot = robot_from_spec(solution.robot_spec)
     has, needed = (robot.nq, robot.nv), (solution.qs.shape[1], solution.nv)
     if has != needed:
         raise ResultFileError(
@@ -92,6 +97,15 @@ def _load(result: Path) -> tuple[Solution, Robot]:
             f"nv = {needed[1]}, the robot nq = {has[0]} and nv = {has[1]}; solve again, or bring it back",
         )
     return solution, robot
+
+
+@contextmanager
+def _named(result: Path, what: str) -> Iterator[None]:
+    """Name the file where its robot is gone, or its numbers diverged or are too large to be drawn."""
+    try:
+        yield
+    except (InvalidValue, RobotError, ReplayError) as error:
+        raise ResultFileError(result, f"{what}: {error}") from error
 
 
 def _tell(line: str, quiet: bool) -> None:

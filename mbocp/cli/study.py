@@ -72,7 +72,10 @@ class Shown:
 
 
 def run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
-    """Run a study and sum it up; Ctrl-C ends with the command that goes on."""
+    """Run a study and sum it up; Ctrl-C ends with the command that goes on.
+
+    As of `mbocp solve`, the exit status is 1 if not all of them converged.
+    """
     if table is None:
         raise StudyError("say with -o FILE.jsonl where the rows go")
     check_output(table, "-o", TABLES)
@@ -102,6 +105,8 @@ def run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
         _say_how_to_go_on(file, table, how)
         raise typer.Exit(signals.status_of_signal() or INTERRUPTED) from None
     _show(result, table, shown)
+    if result.not_converged:
+        raise typer.Exit(1)
 
 
 def summarise(table: Path, shown: Shown) -> None:
@@ -182,7 +187,7 @@ def _show(result: StudyResult, table: Path, shown: Shown) -> None:
         written.append(("plot", result.plot(shown.plot, shown.by)))
     if shown.as_json:
         facts: dict[str, Any] = {"name": result.name, "file": str(table), "tasks": result.num_tasks}
-        facts |= {"done": len(result), **summary.to_dict()}
+        facts |= {"done": len(result), "not_converged": result.not_converged, **summary.to_dict()}
         typer.echo(json.dumps(facts, indent=2, allow_nan=False))
     elif not shown.quiet:
         _print(result, summary, [("rows", table), *written])
@@ -197,6 +202,11 @@ def _print(result: StudyResult, summary: Summary, written: Sequence[tuple[str, P
     if summary.goal_distance is not None:
         notes += f"; a success ends within {summary.goal_distance:g} of the goal"
     console.print(Text(notes, style="dim"))
+    if ends := result.not_converged:
+        words = ", ".join(f"{status} {count}" for status, count in ends.items())
+        console.print(
+            Text(f"{sum(ends.values())} of {len(result)} tasks did not converge: {words}", "yellow")
+        )
     for kind, path in written:
         console.print(Text.assemble((f"{kind}  ", "bold"), str(path)), soft_wrap=True)
 

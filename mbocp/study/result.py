@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,6 +77,12 @@ class StudyResult:
         """Indices of the tasks without a row."""
         done = {row["index"] for row in self.rows}
         return tuple(index for index in range(self.num_tasks) if index not in done)
+
+    @property
+    def not_converged(self) -> dict[str, int]:
+        """How the tasks ended that did not converge, and how many of each kind, the most frequent first."""
+        ends = Counter(str(row.get("status", "")) for row in self.rows if not row.get("converged", False))
+        return dict(ends.most_common())
 
     @property
     def columns(self) -> tuple[str, ...]:

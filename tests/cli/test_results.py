@@ -13,7 +13,8 @@ import pytest
 import mbocp
 import mbocp.view.replay
 from mbocp.solution import Solution
-from tests.solution.fabricated import humanoid, limited
+from tests.solution.fabricated import humanoid, limited, pendulum
+from tests.solution.test_atomic import full_disk
 
 from .conftest import Run
 
@@ -42,6 +43,40 @@ def test_a_motion_too_far_away_to_be_drawn(folder: Path, run: Run, result: Path)
     done = run("replay", "far.h5")
     assert done.exit_code == 2
     assert "expected numbers up to 1e+09" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["plot", "replay"])
+def test_a_motion_that_is_none_cannot_be_drawn(folder: Path, run: Run, command: str) -> None:
+    """The line names the file."""
+    spec = dict(mbocp.load_robot("rigid_pendulum").spec)
+    nothing = np.full((101, 3), np.nan)
+    pendulum(status="diverged", qs=nothing, robot_spec=spec).save(folder / "diverged.h5")
+    done = run(command, "diverged.h5")
+    assert done.exit_code == 2
+    words = " ".join(done.stderr.split())
+    assert words.startswith("error: diverged.h5: cannot be drawn: ")
+    assert "expected" in words
+    assert [path.suffix for path in folder.iterdir() if "diverged" in path.name] == [".h5"]
+
+
+@pytest.mark.parametrize("command", ["plot", "replay"])
+def test_a_robot_that_is_gone(folder: Path, run: Run, command: str) -> None:
+    pendulum(robot_spec={"name": "elsewhere/robot.toml"}).save(folder / "lonely.h5")
+    done = run(command, "lonely.h5")
+    assert done.exit_code == 2
+    assert " ".join(done.stderr.split()).startswith("error: lonely.h5: its robot cannot be loaded: ")
+
+
+def test_a_full_disk(folder: Path, run: Run, result: Path) -> None:
+    for command, name in (("plot", result.with_suffix(".png")), ("replay", result.with_suffix(".html"))):
+        name.write_text("old")
+        with full_disk(1000):
+            done = run(command, str(result))
+        assert (done.exit_code, done.stdout) == (2, "")
+        assert "cannot be written: File too large" in " ".join(done.stderr.split())
+        assert done.stderr.count("error: ") == 1
+        assert name.read_text() == "old"
+        name.unlink()
 
 
 def test_info_of_a_result_with_limits(folder: Path, run: Run) -> None:

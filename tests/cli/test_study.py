@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from mbocp.study import StudyResult
+from tests.solution.test_atomic import full_disk
 
 from .conftest import Run
 
@@ -78,6 +79,42 @@ def test_rows_summary_and_pictures(study: Path, run: Run) -> None:
     quiet = run("study", "--summary", "rows.jsonl", "--plot", "bars.png", "-q")
     assert (quiet.stdout, quiet.stderr) == ("", "")
     assert (study / "bars.png").exists()
+
+
+def test_rows_that_did_not_converge_are_1(study: Path, run: Run) -> None:
+    """Six steps turn the pendulum too far in each; one iteration is too few."""
+    (study / "pendulum.toml").write_text(
+        'robot = "double_pendulum"\nhorizon = { duration = 2, steps = 6 }\ngoal = { q = [2, 0.5], v = 0 }\n'
+    )
+    iterations = "[grid]\n'solver.max_iterations' = [1, 100]\n"
+    (study / "study.toml").write_text('problem = "pendulum.toml"\n' + iterations)
+    done = run("study", "study.toml", "-o", "rows.jsonl")
+    assert done.exit_code == 1, done.stderr
+    ends = StudyResult.load(study / "rows.jsonl").not_converged
+    assert ends == {"max_iterations": 1, "under_resolved": 1}
+    assert "2 of 2 tasks did not converge: max_iterations 1, under_resolved 1" in done.stdout
+    assert run("study", "study.toml", "-o", "rows.jsonl", "--resume", "-q").exit_code == 1
+    summed = run("study", "--summary", "rows.jsonl", "--json")
+    assert summed.exit_code == 0
+    assert json.loads(summed.stdout)["not_converged"] == ends
+
+
+def test_a_full_disk_is_2(study: Path, run: Run) -> None:
+    with full_disk(800):
+        failed = run("study", "study.toml", "-o", "rows.jsonl", "--workers", "1")
+    assert failed.exit_code == 2
+    assert failed.stderr.count("error: ") == 1
+    assert "rows.jsonl: cannot be written: File too large" in " ".join(failed.stderr.split())
+    done = run("study", "study.toml", "-o", "rows.jsonl", "--resume", "-q")
+    assert done.exit_code == 0, done.stderr
+    for option, name in (("--csv", "rows.csv"), ("--plot", "bars.png")):
+        (study / name).write_text("old")
+        with full_disk(500):
+            failed = run("study", "--summary", "rows.jsonl", option, name)
+        assert (failed.exit_code, failed.stdout) == (2, "")
+        assert failed.stderr.count("error: ") == 1
+        assert f"{name}: cannot be written: File too large" in " ".join(failed.stderr.split())
+        assert (study / name).read_text() == "old"
 
 
 def test_a_file_that_is_not_finished(study: Path, run: Run) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import is_file, read_bytes
+from mbocp._linear import norm
 from mbocp._text import shown
 from mbocp.view.meshes.parts import (
     MAX_TRIANGLES,
@@ -249,6 +250,6 @@ def _transform(node: Node) -> Array:
 
 
 def _turn(axis: Array, angle: float) -> Array:
-    x, y, z = axis / max(float(np.linalg.norm(axis)), 1e-300)
+    x, y, z = axis / max(norm(axis), 1e-300)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K)

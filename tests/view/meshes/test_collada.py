@@ -107,8 +107,10 @@ def test_unit_counts_and_up_axis_does_not(read):
     assert part.vertices.max(axis=0) == pytest.approx([0.001, 0.001, 0.0])
 
 
-def test_node_transformations_multiply_in_order(read):
-    steps = "<translate>0 0 5</translate><rotate>0 0 1 90</rotate><scale>2 1 1</scale>"
+@pytest.mark.parametrize("length", ["1", "1e-200", "1e200", "1e308"])
+def test_node_transformations_multiply_in_order(read, length):
+    """An axis has a direction, however long it is."""
+    steps = f"<translate>0 0 5</translate><rotate>0 0 {length} 90</rotate><scale>2 1 1</scale>"
     (part,) = read(collada(TRIANGLES, nodes=steps))
     assert part.vertices.min(axis=0) == pytest.approx([-1.0, 0.0, 5.0])
     assert part.vertices.max(axis=0) == pytest.approx([0.0, 2.0, 5.0])
