@@ -18,6 +18,7 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.exceptions import NotConverged, ProblemError
 from mbocp.formulation import Formulation, formulate
+from mbocp.formulation.end_reached import end_missed
 from mbocp.formulation.trajectory import Trajectory, read_trajectory
 from mbocp.guesses import guess_candidates, iterate_from_solution, make_guess
 from mbocp.mechanics.diagnostics import largest_turn
@@ -33,7 +34,6 @@ from mbocp.solvers.reachability import dependent_end_rows
 __all__ = ["solve"]
 
 _LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size has lost all accuracy
-_GOAL_REACHED = 1e-6  # tangent-space distance beyond which a "met" projected end condition is another root
 
 
 def solve(
@@ -160,6 +160,7 @@ def _solve_programme(
             first=sum(not record.is_guess for record in history),
             label="" if attempt == 0 else f" (guess: {kind})",
         )
+        outcome = _with_end(formulation, outcome)
         history += outcome.result.history
         phases += outcome.phases
         result = outcome.result
@@ -175,13 +176,27 @@ def _solve_programme(
     return replace(outcome, result=replace(outcome.result, history=tuple(history))), words
 
 
+def _with_end(formulation: Formulation, outcome: Outcome) -> Outcome:
+    """Outcome that says so where it ends beside the goal; at another root it has not converged."""
+    result = outcome.result
+    if result.status is not Status.CONVERGED:
+        return outcome
+    missed = end_missed(formulation, formulation.motion_of(result.iterate).qs)
+    if missed is None:
+        return outcome
+    status = Status.OTHER_ROOT if missed.is_other_root else result.status
+    return replace(outcome, result=replace(result, status=status, advice=f"{result.advice}; {missed.words}"))
+
+
 def _interrupted(outcome: Outcome) -> Outcome:
     """Outcome of an earlier guess, returned because a later one was interrupted."""
     return replace(outcome, result=outcome.result.interrupted())
 
 
 def _is_better(new: SolverResult, old: SolverResult) -> bool:
-    """Whether one of two results that have not converged says more; `infeasible` says most."""
+    """Whether one of two results that have not converged says more: another root, then `infeasible`."""
+    if Status.OTHER_ROOT in (new.status, old.status):
+        return old.status is not Status.OTHER_ROOT
     if old.status is Status.INFEASIBLE:
         return False
     return new.record.residual < old.record.residual
@@ -202,10 +217,7 @@ def _solution(
     status, advice = _resolution(problem, result, trajectory.qs, trajectory.vs)
     return Solution(
         status=status,
-        advice=advice
-        + _other_root(formulation, result, trajectory.qs[-1])
-        + _compiled_long(problem, result, phases)
-        + told,
+        advice=advice + _compiled_long(problem, result, phases) + told,
         solver=outcome.solver,
         iterations=sum(p.iterations for p in phases),
         cost=last.cost,
@@ -234,27 +246,6 @@ def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
         return ()
     words = {s.name: momentum_name(s, robot) for s in find_symmetries(robot)}
     return tuple(words[name] for name in names)
-
-
-def _other_root(formulation: Formulation, result: SolverResult, q_final: Array) -> str:
-    """Warn where the end condition holds but the goal is not reached: it has other roots."""
-    problem, goal = formulation.problem, formulation.problem.goal
-    if result.status is not Status.CONVERGED or not goal.is_exact or not goal.q_active.any():
-        return ""
-    missing = problem.robot.difference(goal.q, q_final)[goal.q_active]
-    distance = float(np.linalg.norm(missing))
-    if distance <= _GOAL_REACHED:
-        return ""
-    turns = missing / (2.0 * np.pi)
-    if not formulation.counts_turns and np.abs(turns - turns.round()).max() <= _GOAL_REACHED:
-        return (
-            "; but whole turns away from goal.q: bodies do not know how often a joint has turned; start from "
-            "a guess that turns as often, or take joint coordinates"
-        )
-    return (
-        f"; but the end is {distance:.3g} off goal.q: the end condition, projected onto the constraints, "
-        "has another root there; start from another guess"
-    )
 
 
 def _compiled_long(problem: Problem, result: SolverResult, phases: list[Phase]) -> str:

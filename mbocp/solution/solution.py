@@ -215,7 +215,7 @@ class Solution:
 
     @property
     def is_stationary(self) -> bool:
-        """Whether the tolerances were met, be it by a motion that the steps do not resolve."""
+        """Whether the tolerances were met, even if steps do not resolve the motion or it ends elsewhere."""
         return self.status.is_stationary
 
     @property

@@ -14,6 +14,7 @@ class Status(str, Enum):
 
     CONVERGED = "converged"
     UNDER_RESOLVED = "under_resolved"  # of a solution: no solver looks at the motion
+    OTHER_ROOT = "other_root"  # likewise: of the end condition
     MAX_ITERATIONS = "max_iterations"
     LINE_SEARCH_FAILED = "line_search_failed"
     SINGULAR = "singular"
@@ -31,7 +32,7 @@ class Status(str, Enum):
     @property
     def is_stationary(self) -> bool:
         """Whether the optimality conditions hold to the tolerance."""
-        return self in (Status.CONVERGED, Status.UNDER_RESOLVED)
+        return self in (Status.CONVERGED, Status.UNDER_RESOLVED, Status.OTHER_ROOT)
 
 
 @dataclass(frozen=True)
