@@ -18,7 +18,7 @@ import mbocp
 from benchmarks.newton import EXAMPLES
 from mbocp import Problem, Robot
 
-__all__ = ["CLASSES", "Make", "random_problems"]
+__all__ = ["CLASSES", "Make", "random_problems", "rest_to_rest"]
 
 Rng = np.random.Generator
 Make = Callable[[Rng], Problem]
@@ -30,6 +30,21 @@ def random_problems(name: str, number: int, seed: int) -> Iterator[Problem]:
     """`number` problems of a class; the i-th does not depend on how many there are."""
     for i in range(number):
         yield CLASSES[name](np.random.default_rng([seed, sorted(CLASSES).index(name), i]))
+
+
+def rest_to_rest(
+    robot: Robot, duration: float, steps: int, start: Any, goal: Any, velocity: float, **tables: Any
+) -> Problem:
+    """From rest at `start` to rest at `goal`, by little effort and, as far as they weigh, low velocities."""
+    return Problem.create(
+        robot,
+        duration,
+        steps,
+        start={"q": start},
+        goal={"q": goal, "v": np.zeros(robot.nv)},
+        cost={"effort": 1.0, "velocity": velocity},
+        **tables,
+    )
 
 
 @cache
@@ -101,16 +116,7 @@ class _RestToRest:
         duration, steps = float(rng.uniform(*self.durations)), int(rng.integers(30, 151))
         velocity = float(rng.choice(self.velocities))
         limits = _random_limits(rng, robot, q0, q1, duration) if rng.random() < self.limited else {}
-        return Problem.create(
-            robot,
-            duration,
-            steps,
-            start={"q": q0},
-            goal={"q": q1, "v": np.zeros(robot.nv)},
-            cost={"effort": 1.0, "velocity": velocity},
-            **({"limits": limits} if limits else {}),
-            **self.options,
-        )
+        return rest_to_rest(robot, duration, steps, q0, q1, velocity, limits=limits or None, **self.options)
 
 
 def _drone(rng: Rng) -> Problem:
@@ -133,15 +139,8 @@ def _drone(rng: Rng) -> Problem:
             limits["velocity"] = (
                 rng.uniform(2.0, 5.0) * np.repeat([speeds[:3].max(), speeds[3:].max()], 3) + 0.5
             )
-    return Problem.create(
-        robot,
-        duration,
-        steps,
-        start={"q": q0},
-        goal={"q": goal, "v": np.zeros(6)},
-        cost={"effort": 1.0, "velocity": float(rng.choice([0.0, 1.0, 10.0, 100.0]))},
-        **({"limits": limits} if limits else {}),
-    )
+    velocity = float(rng.choice([0.0, 1.0, 10.0, 100.0]))
+    return rest_to_rest(robot, duration, steps, q0, goal, velocity, limits=limits or None)
 
 
 def _legged(rng: Rng) -> Problem:
@@ -221,18 +220,11 @@ def _path(rng: Rng) -> Problem:
         ends.append(data.oMf[model.getFrameId("tool0")].translation.copy())
     speed = np.abs(q1 - q0).max() / problem.duration * rng.uniform(1.2, 3.0)
     top = max(e[2] for e in ends) + rng.uniform(0.05, 0.5)
-    return Problem.create(
-        robot,
-        problem.duration,
-        problem.num_steps,
-        start={"q": q0},
-        goal={"q": q1, "v": np.zeros(robot.nv)},
-        cost={"effort": 1.0, "velocity": 100.0},
-        path=[
-            {"frame": "tool0", "kind": "position", "z": [-5.0, float(top)]},
-            {"frame": "tool0", "kind": "speed", "max": float(speed)},
-        ],
-    )
+    bounds = [
+        {"frame": "tool0", "kind": "position", "z": [-5.0, float(top)]},
+        {"frame": "tool0", "kind": "speed", "max": float(speed)},
+    ]
+    return rest_to_rest(robot, problem.duration, problem.num_steps, q0, q1, 100.0, path=bounds)
 
 
 def _paper(rng: Rng) -> Problem:

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from statistics import median
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +14,7 @@ import pinocchio as pin
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
+from benchmarks.random_tasks import rest_to_rest
 from benchmarks.strategies import METHODS, seconds_of
 from benchmarks.tables import Table, show
 
@@ -41,35 +41,22 @@ def tasks(number: int = 12) -> Iterator[tuple[str, str, mbocp.Problem]]:
     for name in _ROBOTS:
         yield "examples", name, mbocp.load_problem(EXAMPLES / f"{name}.toml")
     rng, drone = np.random.default_rng(7), mbocp.load_problem(EXAMPLES / "free_flyer/drone_flip.toml").robot
+    arm, pendulum = (mbocp.load_robot(name, damping=False) for name in ("ur5", "double_pendulum"))
     for velocity in (1.0, 0.0):
         for i in range(number):
             q0, q1 = rng.uniform(-2.0, 2.0, (2, 6))
             yield (
                 "random UR5" + ("" if velocity else ", effort only"),
                 f"{i}",
-                _rest_to_rest("ur5", float(rng.uniform(1.0, 3.0)), 60, q0, q1, velocity),
+                rest_to_rest(arm, float(rng.uniform(1.0, 3.0)), 60, q0, q1, velocity),
             )
     for i in range(number):
         q0, q1 = rng.uniform(-np.pi, np.pi, (2, 2))
-        yield "random double pendulum", f"{i}", _rest_to_rest("double_pendulum", 2.0, 80, q0, q1, 0.0)
+        yield "random double pendulum", f"{i}", rest_to_rest(pendulum, 2.0, 80, q0, q1, 0.0)
     for i in range(number):
         tangent = np.concatenate([rng.uniform(-1.0, 1.0, 3), rng.uniform(-1.5, 1.5, 3)])
         goal = pin.integrate(drone.model, drone.q0, tangent)
-        yield "random drone", f"{i}", _rest_to_rest(drone, 1.5, 60, drone.q0, goal, 1.0)
-
-
-def _rest_to_rest(
-    robot: Any, duration: float, steps: int, start: Any, goal: Any, velocity: float
-) -> mbocp.Problem:
-    robot = mbocp.load_robot(robot, damping=False) if isinstance(robot, str) else robot
-    return mbocp.Problem.create(
-        robot,
-        duration,
-        steps,
-        start={"q": start},
-        goal={"q": goal, "v": np.zeros(robot.nv)},
-        cost={"effort": 1.0, "velocity": velocity},
-    )
+        yield "random drone", f"{i}", rest_to_rest(drone, 1.5, 60, drone.q0, goal, 1.0)
 
 
 def success_table(number: int = 12, methods: Sequence[str] = METHODS) -> Table:

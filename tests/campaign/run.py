@@ -50,7 +50,7 @@ def run_task(name: str, seed: int, folder: Path) -> dict[str, Any]:
         row |= _solved(task)
     except MbocpError as error:
         row |= {"status": "refused", "advice": str(error)[:300]}
-    except Exception:
+    except Exception:  # a crash is a row of the campaign, too, and what it looks for: the others go on
         row |= {"status": "crash", "advice": traceback.format_exc()[-1500:]}
     return row
 

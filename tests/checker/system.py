@@ -73,6 +73,7 @@ class System:
         if self.kept is None:
             self.kept = np.arange(self.num_rows)
 
+    # The sizes stand in `mbocp.robot`, too: a checker that took them from there would believe what it checks.
     @property
     def nq(self) -> int:
         return int(self.model.nq)
