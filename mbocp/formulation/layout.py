@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalMechanics
+from mbocp.mechanics import Mechanics
 
 __all__ = ["StateLayout", "StateSpace"]
 
@@ -83,7 +82,7 @@ class StateSpace:
     """Symbolic maps of states."""
 
     layout: StateLayout
-    configurations: ConfigurationSpace | NaturalMechanics
+    configurations: Mechanics
 
     def retract(self, x: ca.SX, dx: ca.SX) -> ca.SX:
         """State moved along a tangent."""

@@ -40,7 +40,7 @@ from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains
 from mbocp.integrators.runge_kutta import State as StepState
-from mbocp.mechanics import JointMechanics, Mechanics, NaturalMechanics, natural_mechanics
+from mbocp.mechanics import JointMechanics, Mechanics, natural_mechanics
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot
 from mbocp.terms import Point
@@ -72,7 +72,7 @@ def state_layout(robot: Robot, nz: int, nv: int, shape: Shape) -> StateLayout:
 def state_space(mechanics: Mechanics, shape: Shape) -> StateSpace:
     """Maps of the states of a shape."""
     at = state_layout(mechanics.robot, mechanics.nq, mechanics.nv, shape)
-    return StateSpace(at, mechanics if isinstance(mechanics, NaturalMechanics) else mechanics.space)
+    return StateSpace(at, mechanics)
 
 
 def build_functions(mechanics: Mechanics, shape: Shape) -> dict[str, ca.Function]:

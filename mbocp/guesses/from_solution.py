@@ -28,9 +28,9 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     """
     problem, programme = formulation.problem, formulation.programme
     robot, N, dt = problem.robot, problem.num_steps, programme.dt
-    got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], saved.lams.shape[1])
-    if saved.coordinates == "natural":  # whose multipliers belong to other constraints
-        got = (*got[:3], robot.nc)
+    is_natural = saved.coordinates == "natural"  # then multipliers belong to other constraints
+    nc = robot.nc if is_natural else saved.lams.shape[1]
+    got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], nc)
     if got != (robot.nq, robot.nv, robot.nu, robot.nc):
         raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, robot.nc))
     nodes = np.linspace(0.0, saved.num_steps, N + 1)
@@ -45,7 +45,6 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     vs = _between(saved.vs, left, share)
     middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
     us = saved.us[middle]
-    is_natural = saved.coordinates == "natural"
     lams = np.zeros((N, robot.nc)) if is_natural else saved.lams[middle]
     iterate = formulation.iterate_of(Motion(qs, vs, us), lams)
     if is_natural or not formulation.keeps_adjoints:

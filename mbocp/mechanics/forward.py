@@ -48,6 +48,13 @@ class ForwardMechanics(JointMechanics):
         self._at_drives = self.nu - len(robot.drives)  # where the drives' controls begin in u
         self.ns = len(self._free) + len(self._accelerated)
 
+    def end_difference(self, goal: ca.SX, q: ca.SX) -> ca.SX:
+        """What an end condition holds at zero, Eq. (37) of [Manara2017]_, shape (nv,).
+
+        Explicit schemes may leave the groups: null-space projected, the difference is smooth everywhere.
+        """
+        return self.space.projection(goal, q)
+
     def velocity(self, q: ca.SX, s: ca.SX, u: ca.SX) -> ca.SX:
         """Velocity v = V(q) s + U(q) u, shape (nv,)."""
         if not self.robot.drives:

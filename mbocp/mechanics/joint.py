@@ -6,7 +6,7 @@ equations are the paper's (1)-(3) with p = M(q) v; the inverse-dynamics form nee
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -56,6 +56,34 @@ class JointMechanics:
     def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
         """Tangent vector at `q0` that leads to `q1`, shape (nv,)."""
         return self.space.difference(q0, q1)
+
+    def end_difference(self, goal: ca.SX, q: ca.SX) -> ca.SX:
+        """What an end condition holds at zero: the tangent vector from the goal, shape (nv,)."""
+        return self.difference(goal, q)
+
+    @property
+    def joint_space(self) -> ConfigurationSpace:
+        """What costs compare configurations of the joints in: the space of q itself."""
+        return self.space
+
+    def joint_velocity(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Velocities of the joints, v itself, shape (nv,) [rad/s, m/s]."""
+        return v
+
+    def joint_momentum(self, q: ca.SX, p: ca.SX) -> ca.SX:
+        """Canonical momenta of the joints, p itself, shape (nv,)."""
+        return p
+
+    def joint_difference(self, goal: ca.SX, q: ca.SX, parts: Sequence[int] | None = None) -> ca.SX:
+        """Tangent vector of the joints from `goal` to q, shape (nv,).
+
+        Parameters
+        ----------
+        goal, q : casadi.SX
+        parts : sequence of int, optional
+            Which parts of the space are compared; the others get zeros.
+        """
+        return self.difference(goal, q) if parts is None else self.space.partial_difference(goal, q, parts)
 
     def tangent_map(self, q: ca.SX) -> ca.SX:
         """Derivative of q's coordinates along the tangent space, shape (nq, nv)."""

@@ -12,7 +12,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.terms.cost import CostTerm, CostWeights, Reader
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Weights
@@ -58,9 +57,8 @@ class ExactGoal:
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Rows that are zero at the goal."""
         mechanics, nv = at.mechanics, at.mechanics.nv
-        away = mechanics.space.projection if isinstance(mechanics, ForwardMechanics) else mechanics.difference
         return ca.vertcat(
-            ca.reshape(p["D_q"], self.ng_q, nv) @ away(p["q"], at.q),
+            ca.reshape(p["D_q"], self.ng_q, nv) @ mechanics.end_difference(p["q"], at.q),
             ca.reshape(p["D_rate"], self.ng_rate, nv) @ self.rate_error(at, p),
         )
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbocp.exceptions import TranscriptionError
-from mbocp.mechanics import Mechanics, NaturalMechanics
+from mbocp.mechanics import Mechanics
 
 __all__ = ["Point", "Sizes"]
 
@@ -26,10 +26,7 @@ class Sizes(NamedTuple):
     @classmethod
     def of(cls, mechanics: Mechanics) -> Sizes:
         """Sizes of a robot in its coordinates."""
-        if isinstance(mechanics, NaturalMechanics):
-            joints = (mechanics.joint_space.nz, mechanics.robot.nv)
-        else:
-            joints = (mechanics.nq, mechanics.nv)
+        joints = (mechanics.joint_space.nz, mechanics.robot.nv)
         return cls(mechanics.nq, mechanics.nv, mechanics.nu, *joints)
 
 
@@ -69,16 +66,11 @@ class Point:
 
     def joint_velocity(self) -> ca.SX:
         """Velocities of the joints, shape (robot.nv,) [m/s, rad/s]."""
-        if isinstance(self.mechanics, NaturalMechanics):
-            return self.mechanics.joint_velocity(self.q, self.v)
-        return self.v
+        return self.mechanics.joint_velocity(self.q, self.v)
 
     def joint_momentum(self) -> ca.SX:
         """Canonical momenta of the joints, shape (robot.nv,) [kg m/s, N m s]."""
-        momentum = self.mechanics.momentum(self.q, self.v)
-        if isinstance(self.mechanics, NaturalMechanics):
-            return self.mechanics.joint_momentum(self.q, momentum)
-        return momentum
+        return self.mechanics.joint_momentum(self.q, self.mechanics.momentum(self.q, self.v))
 
     def joint_acceleration(self) -> ca.SX:
         """Accelerations of the joints, shape (robot.nv,) [m/s^2, rad/s^2]."""
@@ -91,11 +83,7 @@ class Point:
 
         A logarithm has no derivative at a half-turn, so that parts without a weight are not compared.
         """
-        if isinstance(self.mechanics, NaturalMechanics):
-            return self.mechanics.joint_difference(goal, self.q, parts)
-        if parts is None:
-            return self.mechanics.difference(goal, self.q)
-        return self.mechanics.space.partial_difference(goal, self.q, parts)
+        return self.mechanics.joint_difference(goal, self.q, parts)
 
     @staticmethod
     def _there(value: ca.SX | None, what: str) -> ca.SX:

@@ -82,6 +82,10 @@ class NaturalKinematics:
         """What leads from q0 to q1."""
         return q1 - q0
 
+    def end_difference(self, goal: ca.SX, q: ca.SX) -> ca.SX:
+        """What an end condition holds at zero: what leads from the goal to q."""
+        return self.difference(goal, q)
+
     def derivative(self, function: Callable[[ca.SX], ca.SX], q: ca.SX) -> ca.SX:
         """Derivative of `function` at q, which may be any expression."""
         at = ca.SX.sym("q", self.nq)
