@@ -57,12 +57,6 @@ ALONE = {
 
 # Modules that import each other, some of them for types alone: this list can only become shorter.
 CIRCLES = [
-    [
-        "mbocp.problem.file.build",
-        "mbocp.problem.file.changes",
-        "mbocp.problem.file.write",
-        "mbocp.problem.problem",
-    ],
     ["mbocp.solution.export", "mbocp.solution.limits", "mbocp.solution.solution", "mbocp.solution.stored"],
 ]
 

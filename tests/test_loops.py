@@ -10,7 +10,7 @@ import pytest
 
 import mbocp
 from benchmarks.loops import simulate
-from mbocp.mechanisms.closed_path import closed_way
+from mbocp.mechanisms.closed_path import closed_path
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 
@@ -115,7 +115,7 @@ def test_bodies_do_not_know_how_often_a_joint_has_turned() -> None:
 def test_the_guess_turns_the_crank_with_the_loop_closed() -> None:
     problem = example("four_bar", 100)
     robot, shares = problem.robot, np.linspace(0.0, 1.0, 41)
-    way = closed_way(robot, problem.q_start, problem.goal.q, shares)
+    way = closed_path(robot, problem.q_start, problem.goal.q, shares)
     assert way is not None
     crank = way[:, robot.configuration_indices("crank")].ravel()
     np.testing.assert_allclose(crank, 1.0 + 2.0 * np.pi * shares, atol=1e-9)

@@ -10,7 +10,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, Motion
 from mbocp.guesses.balance import balances
-from mbocp.mechanisms.closed_path import closed_way
+from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints, tangent_space
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
@@ -80,7 +80,7 @@ def _on_the_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> A
     """Configurations on the straight line, or as near to it as closed loops allow."""
     every = np.arange(robot.nv)
     if robot.nc:
-        way = closed_way(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
+        way = closed_path(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
         if way is not None:
             return way
     qs = np.array([pin.interpolate(robot.model, q_start, q_goal, s) for s in shares])

@@ -13,7 +13,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
 
-__all__ = ["MAX_PATH_LENGTH", "closed_way", "constraint_jacobians", "driving_joints", "path_towards"]
+__all__ = ["MAX_PATH_LENGTH", "closed_path", "constraint_jacobians", "driving_joints", "path_towards"]
 
 MAX_PATH_LENGTH = 300.0  # [rad, m] 48 turns, which take a second or two
 
@@ -24,7 +24,7 @@ _MAX_NEWTON_STEPS = 12  # quadratic: three are typical
 _MIN_INDEPENDENCE = 0.05  # part of each motion along the constraints that a driving joint makes
 
 
-def closed_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array | None:
+def closed_path(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array | None:
     """Configurations from start to goal, the loops closed at each.
 
     The joints that drive the mechanism, those with motors first, move on a straight line; the others follow.

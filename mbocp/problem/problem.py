@@ -27,6 +27,8 @@ from mbocp.problem.consistency import check_end_conditions, check_goal_rate
 from mbocp.problem.coordinates import check_coordinates
 from mbocp.problem.cost import Cost
 from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
+from mbocp.problem.file.changes import changed
+from mbocp.problem.file.read import from_tables
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator, check_unused
@@ -234,8 +236,6 @@ class Problem:
         >>> goal = {"q": [0.5, -1, 1, 0, 0.5, 0], "v": [0] * 6}
         >>> problem = Problem.create("ur5", 1.0, 100, goal=goal)  # doctest: +SKIP
         """
-        from mbocp.problem.file.build import problem_from_tables  # build needs this class
-
         tables = {
             "start": start,
             "goal": goal,
@@ -251,7 +251,7 @@ class Problem:
             "integrator": {**(integrator or {}), **({"scheme": scheme} if scheme else {})},
             **{key: table for key, table in tables.items() if table is not None},
         }
-        return problem_from_tables(document, robot=robot, name=name)
+        return from_tables(cls, document, robot=robot, name=name)
 
     def with_(self, **changes: Any) -> Problem:
         """Return a copy with some fields changed, validated again.
@@ -267,8 +267,6 @@ class Problem:
         ProblemError
             If there is no such field or word, or a value is of the wrong kind.
         """
-        from mbocp.problem.file.changes import changed  # it needs this class
-
         return changed(self, changes)
 
     def _check_start(self) -> None:

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from mbocp._files import parse_toml
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
-from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.overrides import plain
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.read import from_tables
+from mbocp.problem.file.tables import ProblemFields, tables_of, to_toml
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
 from mbocp.problem.options import SolverOptions
-from mbocp.problem.problem import Problem
 
 __all__ = ["changed"]
+
+P = TypeVar("P", bound=ProblemFields)
 
 _TABLES = ("start", "goal", "cost", "limits", "guess", "integrator", "solver")
 _VALUES = {"goal": Goal, "cost": Cost, "limits": Bounds, "guess": Guess, "solver": SolverOptions}
 _RATES = {"v": "p", "p": "v"}  # of start and goal: one takes the place of the other
 
 
-def changed(problem: Problem, changes: Mapping[str, Any]) -> Problem:
+def changed(problem: P, changes: Mapping[str, Any]) -> P:
     """Return the problem with `changes`: fields of `Problem`, or words of `Problem.create`.
 
     Raises
@@ -38,7 +39,7 @@ def changed(problem: Problem, changes: Mapping[str, Any]) -> Problem:
     if "steps" in values:
         values["num_steps"] = values.pop("steps")
     tables = {name: values.pop(name) for name in list(values) if _is_table(name, values[name])}
-    known = [field.name for field in fields(Problem)]
+    known = [field.name for field in fields(problem)]
     for name, value in values.items():
         if name in _VALUES and not isinstance(value, _VALUES[name]):
             raise ProblemError(f"{name}: got {shown(value)}, expected a table, or a {_VALUES[name].__name__}")
@@ -58,9 +59,9 @@ def _is_table(name: str, value: Any) -> bool:
     return name in _TABLES and isinstance(value, Mapping)
 
 
-def _with_tables(problem: Problem, tables: Mapping[str, Any]) -> Problem:
+def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
     """Write the problem down, put keys into its tables, and read it again."""
-    document = parse_toml(problem_to_toml(problem))
+    document = parse_toml(to_toml(tables_of(problem)))
     for name, value in tables.items():
         table = plain(value)
         if name in ("path", "guess"):  # a list, and a kind with what belongs to it
@@ -70,6 +71,11 @@ def _with_tables(problem: Problem, tables: Mapping[str, Any]) -> Problem:
         if name in ("start", "goal"):
             old = {key: entry for key, entry in old.items() if _RATES.get(key) not in table}
         document[name] = {**old, **table}
-    return problem_from_tables(
-        document, robot=problem.robot, source=problem.source, label=problem.name, name=problem.name
+    return from_tables(
+        type(problem),
+        document,
+        robot=problem.robot,
+        source=problem.source,
+        label=problem.name,
+        name=problem.name,
     )

@@ -2,119 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any
-
-import numpy as np
-
-from mbocp._arrays import Array, BoolArray
-from mbocp.integrators import EXPLICIT_SCHEMES
-from mbocp.problem.cost import Cost
-from mbocp.problem.file.named_values import joint_values
-from mbocp.problem.file.path_table import path_tables
-from mbocp.problem.goal import Goal
-from mbocp.problem.guess import Guess
-from mbocp.problem.limits import LIMITS, Bounds
+from mbocp.problem.file.tables import tables_of, to_toml
 from mbocp.problem.problem import Problem
-from mbocp.robot import Robot
-from mbocp.terms import COST_TERMS
 
-__all__ = ["problem_to_toml", "to_toml"]
+__all__ = ["problem_to_toml"]
 
 
 def problem_to_toml(problem: Problem) -> str:
-    """Return a problem file that loads as the same problem.
-
-    Everything is written out: overrides and defaults are resolved, a target file becomes numbers, and paths
-    are absolute.
-    """
-    robot = problem.robot
-    return to_toml(
-        {
-            "coordinates": problem.coordinates,
-            "path": path_tables(robot, problem.path) or None,
-            "robot": dict(robot.spec),
-            "horizon": {"duration": problem.duration, "steps": problem.num_steps},
-            "start": {"q": problem.q_start, "v": problem.v_start},
-            "goal": _goal(problem.goal, robot, problem.scheme in EXPLICIT_SCHEMES),
-            "cost": _cost(problem.cost),
-            "guess": _guess(problem.guess),
-            "limits": _limits(problem.limits),
-            "integrator": _integrator(problem),
-            "solver": asdict(problem.solver),
-        }
-    )
-
-
-def to_toml(document: Mapping[str, Any]) -> str:
-    """Return `document` as TOML: plain keys first, then one `[table]` after the other; None is left out."""
-    plain = [(key, value) for key, value in document.items() if not isinstance(value, Mapping)]
-    lines = [f"{_key(key)} = {_value(value)}" for key, value in plain if value is not None]
-    for name, table in document.items():
-        if isinstance(table, Mapping) and table:
-            lines += ["", f"[{_key(name)}]"]
-            lines += [f"{_key(key)} = {_value(value)}" for key, value in table.items() if value is not None]
-    return "\n".join(lines).lstrip("\n") + "\n"
-
-
-def _goal(goal: Goal, robot: Robot, is_explicit: bool) -> dict[str, Any]:
-    table: dict[str, Any] = {"enforce": goal.enforce}
-    if is_explicit:
-        table |= {"guard": goal.guard, "redundant": goal.redundant}
-    for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
-        if active.any():
-            table[key] = _written(robot, value, active)
-    return table
-
-
-def _written(robot: Robot, value: Array, active: BoolArray) -> Any:
-    return value if active.all() else joint_values(robot, value, active)
-
-
-def _cost(cost: Cost) -> dict[str, Any]:
-    table: dict[str, Any] = {}
-    for term in COST_TERMS:
-        table |= term.write(cost)
-    return table
-
-
-def _limits(limits: Bounds) -> dict[str, Any]:
-    return {
-        key.removeprefix("limits."): np.column_stack(
-            [getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")]
-        )
-        for letter, key in LIMITS.items()
-        if limits.finite(letter).any()
-    }
-
-
-def _integrator(problem: Problem) -> dict[str, Any]:
-    if problem.scheme not in EXPLICIT_SCHEMES:
-        return {"scheme": problem.scheme}
-    words = {"scheme": problem.scheme, "lie": problem.lie, "substeps": problem.substeps}
-    return words | asdict(problem.stabilisation)
-
-
-def _guess(guess: Guess) -> dict[str, Any]:
-    return {"kind": guess.kind, "u": guess.u, "file": str(guess.path.resolve()) if guess.path else None}
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (int, float)):
-        return repr(value)
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_value(entry) for entry in value) + "]"
-    return json.dumps(str(value), ensure_ascii=False)
+    """Return a problem file that loads as the same problem, see `mbocp.problem.file.tables.tables_of`."""
+    return to_toml(tables_of(problem))

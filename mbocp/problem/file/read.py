@@ -1,0 +1,316 @@
+"""From the tables of a problem file, or the arguments of `Problem.create`, to the fields of a `Problem`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from mbocp._arrays import Array, BoolArray
+from mbocp._files import is_file
+from mbocp._text import shown
+from mbocp.exceptions import ProblemError
+from mbocp.mechanisms.completion import assembled, assembled_velocity
+from mbocp.problem._checks import MAX_POSITION, check_size
+from mbocp.problem.cost import Cost, further_terms
+from mbocp.problem.drives import without_driven_velocities
+from mbocp.problem.file.limits_table import bounds_from
+from mbocp.problem.file.messages import in_file, located, schema_error
+from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
+from mbocp.problem.file.overrides import plain
+from mbocp.problem.file.path_table import path_from
+from mbocp.problem.file.schema import (
+    GoalTable,
+    GuessTable,
+    IntegratorTable,
+    ProblemTable,
+    RobotTable,
+    StartTable,
+    WeightsTable,
+)
+from mbocp.problem.file.target import read_target
+from mbocp.problem.goal import Goal
+from mbocp.problem.guess import Guess
+from mbocp.problem.horizon import check_horizon
+from mbocp.problem.integration import Stabilisation
+from mbocp.problem.options import SolverOptions
+from mbocp.robot import Robot, robot_from_spec
+from mbocp.terms import COST_TERMS
+
+__all__ = ["from_tables"]
+
+P = TypeVar("P")
+
+
+def from_tables(
+    make: Callable[..., P],
+    document: Mapping[str, Any],
+    *,
+    robot: Robot | str | Path | Mapping[str, Any] | None = None,
+    source: Path | None = None,
+    label: str = "problem",
+    name: str = "",
+) -> P:
+    """Validate the tables and make the problem.
+
+    Parameters
+    ----------
+    make : callable
+        `Problem`, which takes its fields by keyword. `Problem` itself reads tables by this function, so it is
+        an argument here and no import.
+    document : mapping
+        The parsed file.
+    robot : Robot, str, Path or mapping, optional
+        Takes the place of the key `robot`.
+    source : Path, optional
+        The file; relative paths are relative to its folder.
+    label : str
+        What errors call the file.
+    name : str
+        Name of the problem; default: the stem of the file.
+    """
+    document = dict(plain(document))
+    if robot is not None:
+        document["robot"] = "" if isinstance(robot, Robot) else plain(robot)
+    try:
+        table = ProblemTable.model_validate(document)
+    except ValidationError as error:
+        raise schema_error(label, ProblemTable, error) from error
+    folder = source.parent if source is not None else Path()
+    with in_file(label):
+        loaded = (
+            robot if isinstance(robot, Robot) else _robot(table.robot, folder if source is not None else None)
+        )
+        name = name or (source.stem if source else "problem")
+        return make(**_fields(table, loaded, folder, source, name))
+
+
+def _fields(
+    table: ProblemTable, robot: Robot, folder: Path, source: Path | None, name: str
+) -> dict[str, Any]:
+    duration, num_steps = table.horizon.duration, table.horizon.steps
+    check_horizon(num_steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
+    q_start, v_start = _start(table.start, robot)
+    goal = _goal(table.goal, robot, q_start)
+    return {
+        "cost": _cost(table.cost, _CostReader(robot, goal, folder, duration, num_steps)),
+        "duration": duration,
+        "num_steps": num_steps,
+        "robot": robot,
+        "coordinates": table.coordinates,
+        "scheme": table.integrator.scheme,
+        "lie": table.integrator.lie,
+        "substeps": table.integrator.substeps,
+        "stabilisation": _stabilisation(table.integrator),
+        "goal": goal,
+        "limits": bounds_from(robot, table.limits.effort, table.limits.velocity, table.limits.position),
+        "path": path_from(robot, table.path),
+        "q_start": q_start,
+        "v_start": v_start,
+        "guess": _guess(table.guess, robot, folder),
+        "solver": SolverOptions(**table.solver.model_dump()),
+        "source": source,
+        "name": name,
+    }
+
+
+def _robot(table: RobotTable, folder: Path | None) -> Robot:
+    with located("robot"):
+        return robot_from_spec(table.model_dump(exclude_none=True), base=folder)
+
+
+def _stabilisation(table: IntegratorTable) -> Stabilisation:
+    return Stabilisation(
+        gamma_quaternion=table.gamma_quaternion,
+        gamma_dcm=table.gamma_dcm,
+        gamma_constraint=table.gamma_constraint,
+    )
+
+
+def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
+    q: Array = np.array(robot.q0)
+    if table.q is not None:
+        with located("start.q"):
+            q, written = configuration_from(robot, table.q, robot.q0, "start.q")
+            q = np.array(robot.normalise(q, name="start.q"))
+            check_size("start.q", q, robot.q_labels, MAX_POSITION)
+            q = assembled(robot, q, written, assemble=table.assemble, base=robot.q0, key="start.q")
+    if table.v is not None and table.p is not None:
+        raise ProblemError("start: give v or p, not both")
+    if table.p is not None:
+        p, _ = _tangent(robot, table.p, "start.p")
+        v = np.array(robot.velocity_from_momentum(q, p))
+        return q, np.array(robot.assemble_velocity(q, v)) if table.assemble else v
+    if table.v is None:
+        return q, np.zeros(robot.nv)
+    v, active = _tangent(robot, table.v, "start.v")
+    return q, assembled_velocity(robot, q, v, active, assemble=table.assemble)
+
+
+def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
+    q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
+    value, rate_active = np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
+    if table.q is not None:
+        with located("goal.q"):
+            q, q_active = configuration_from(robot, table.q, q_start, "goal.q")
+            q = np.array(robot.normalise(q, name="goal.q"))
+            check_size("goal.q", q, robot.q_labels, MAX_POSITION)
+            if table.assemble:
+                q = assembled(robot, q, q_active, assemble=True, base=q_start, key="goal.q")
+    if table.v is not None and table.p is not None:
+        raise ProblemError("goal: give v or p, not both")
+    rate = "v" if table.v is not None else "p"
+    written = table.v if table.v is not None else table.p
+    if written is not None:
+        value, rate_active = _tangent(robot, written, f"goal.{rate}")
+    if table.assemble and rate == "v" and rate_active.all():
+        value = assembled_velocity(robot, q, value, rate_active, assemble=True)
+    given = table.q is not None or written is not None
+    enforce = table.enforce if table.enforce is not None else ("exact" if given else "none")
+    goal = Goal(
+        q=q,
+        q_active=q_active,
+        rate=rate,  # type: ignore[arg-type]
+        value=value,
+        rate_active=rate_active,
+        enforce=enforce,  # type: ignore[arg-type]  # checked by the class
+        guard=table.guard,
+        redundant=table.redundant,  # type: ignore[arg-type]
+    )
+    return without_driven_velocities(robot, goal)
+
+
+def _tangent(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
+    if isinstance(written, float):  # 0 for all
+        return np.zeros(robot.nv), np.ones(robot.nv, dtype=np.bool_)
+    with located(key):
+        return tangent_from(robot, written, key)
+
+
+@dataclass(frozen=True)
+class _CostReader:
+    """From what `[cost]` says to arrays, see `mbocp.terms.Reader`."""
+
+    robot: Robot
+    goal: Goal
+    folder: Path
+    duration: float
+    num_steps: int
+
+    def on_controls(self, written: Any, key: str) -> Any:
+        if isinstance(written, float):
+            return written  # one for all; errors name no control then
+        with located(key):
+            return control_from(self.robot, written, key)
+
+    def on_velocities(self, written: Any, key: str) -> Array:
+        if written is None:
+            return np.zeros(self.robot.nv)
+        with located(key):
+            return weights_from(self.robot, written, key)
+
+    def targets(self, target: Any, target_file: str | None) -> tuple[Array, Array, BoolArray]:
+        robot, goal = self.robot, self.goal
+        target_q, given_q = goal.q, goal.q_active
+        target_p, given_p = _goal_momentum(robot, goal)
+        if target is not None and target_file is not None:
+            raise ProblemError("cost: give target or target_file, not both")
+        if target is not None:
+            target_q, given_q = _target_rows(robot, target.q, "q", goal.q)
+            target_p, given_p = _target_rows(robot, target.p, "p", np.zeros(robot.nv))
+        elif target_file is not None:
+            path = self.folder / target_file
+            target_q, target_p = read_target(path, robot, self.duration, self.num_steps)
+            given_q = given_p = np.ones(robot.nv, dtype=np.bool_)
+        return target_q, target_p, np.concatenate([given_q, given_p])
+
+    def goal_says(self) -> BoolArray:
+        return np.concatenate([self.goal.q_active, self.goal.rate_active])
+
+    def on_states(self, written: WeightsTable | None, default: BoolArray, key: str) -> Array:
+        return _weights(self.robot, written, default, key)
+
+    def check_weighed(self, weights: Array, given: BoolArray, key: str, source: str) -> None:
+        _check_targets(self.robot, weights, given, key, source)
+
+
+def _cost(table: Any, reader: _CostReader) -> Cost:
+    values: dict[str, Any] = {}
+    for term in COST_TERMS:
+        values |= term.read(table, reader)
+    further = {key: values.pop(key) for key in further_terms()}
+    return Cost(**values, further=further)
+
+
+def _goal_momentum(robot: Robot, goal: Goal) -> tuple[Array, BoolArray]:
+    """Return the momentum at the goal, and which components of it the goal determines."""
+    if goal.rate == "p":
+        return goal.value, goal.rate_active
+    if goal.q_active.all() and goal.rate_active.all():
+        return np.array(robot.momentum(goal.q, goal.value)), goal.rate_active
+    at_rest = goal.rate_active.all() and not goal.value.any()  # then p = 0, whatever q
+    return np.zeros(robot.nv), np.full(robot.nv, at_rest)
+
+
+def _target_rows(robot: Robot, written: Any, letter: str, base: Array) -> tuple[Array, BoolArray]:
+    """Return a target, one row or one for each step, and which directions of it were written."""
+    key = f"cost.target.{letter}"
+    if written is None:
+        return base, np.zeros(robot.nv, dtype=np.bool_)
+    is_trajectory = isinstance(written, list) and written and isinstance(written[0], list)
+    rows, active = [], np.ones(robot.nv, dtype=np.bool_)
+    with located(key):
+        for row in written if is_trajectory else [written]:
+            if letter == "q":
+                q, active = configuration_from(robot, row, base, key)
+                rows.append(robot.normalise(q, name=key))
+            else:
+                p, active = tangent_from(robot, row, key)
+                rows.append(p)
+    return (np.array(rows) if is_trajectory else np.array(rows[0])), active
+
+
+def _weights(robot: Robot, table: WeightsTable | None, default: BoolArray, key: str) -> Array:
+    if table is None:
+        return np.asarray(default, dtype=np.float64)
+    with located(key):
+        if table.qp is not None:
+            return np.array(table.qp)
+        parts = [
+            weights_from(robot, part, f"{key}.{letter}") if part is not None else np.zeros(robot.nv)
+            for letter, part in (("q", table.q), ("p", table.p))
+        ]
+        return np.concatenate(parts)
+
+
+def _check_targets(robot: Robot, weights: Array, given: BoolArray, key: str, source: str) -> None:
+    """Refuse a weight on something that no target says."""
+    if weights.shape != given.shape:
+        return  # the class says what is wrong with the length
+    missing = np.flatnonzero((weights != 0.0) & ~given)
+    if missing.size:
+        index = int(missing[0])
+        labels = [*robot.v_labels, *robot.p_labels]
+        part = "q" if index < robot.nv else "p"
+        raise ProblemError(
+            f"{key}[{index}]: got {weights[index]:g} on {part} of {labels[index].name!r}, but {source} does "
+            f"not say {part} there; add it, or set the weight to 0"
+        )
+    if not weights.any():
+        raise ProblemError(f"{key}: all weights are 0, expected at least one above 0")
+
+
+def _guess(table: GuessTable, robot: Robot, folder: Path) -> Guess:
+    """Make the guess; a `kind` that is written leaves the other kinds' keys unused (`--set guess.kind=`)."""
+    kind = table.kind
+    if kind is None:
+        kind = "control" if table.u is not None else "solution" if table.file is not None else "auto"
+    u = control_from(robot, table.u, "guess.u") if table.u is not None and kind == "control" else None
+    path = folder / table.file if table.file is not None and kind == "solution" else None
+    if path is not None and not is_file(path):
+        raise ProblemError(f"guess.file: no such file {shown(str(path))}")
+    return Guess(kind=kind, u=u, path=path)  # type: ignore[arg-type]  # checked by the class
