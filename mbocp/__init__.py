@@ -14,12 +14,12 @@ TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all t
 if TYPE_CHECKING:
     from typing import Any
 
-    from mbocp.api import solve as solve
     from mbocp.problem import Problem as Problem
     from mbocp.problem import load_problem as load_problem
     from mbocp.robot import Robot as Robot
     from mbocp.robot import load_robot as load_robot
     from mbocp.solution import Solution as Solution
+    from mbocp.solving import solve as solve
 
 __version__ = "0.1.0"
 
@@ -29,7 +29,7 @@ _HOME = {
     "Solution": "mbocp.solution",
     "load_problem": "mbocp.problem",
     "load_robot": "mbocp.robot",
-    "solve": "mbocp.api",
+    "solve": "mbocp.solving",
 }
 
 __all__ = ["Problem", "Robot", "Solution", "__version__", "load_problem", "load_robot", "solve"]

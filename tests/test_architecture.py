@@ -37,7 +37,7 @@ LAYERS = (
     "solution",
     "view",
     "guesses",
-    "api",
+    "solving",
     "study",
     "papers",
     "cli",

@@ -122,8 +122,8 @@ def run(
 
 def _import(outputs: Outputs) -> None:
     """Import what takes time, and is better not interrupted, before there is anything to lose."""
-    import mbocp.api
     import mbocp.cli.summary
+    import mbocp.solving
 
     if outputs.replay is not None:
         import mbocp.view.replay

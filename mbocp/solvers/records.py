@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["IterationRecord", "Phase", "Status"]
+__all__ = ["IterationRecord", "Phase", "Status", "timed"]
 
 
 class Status(str, Enum):
@@ -51,6 +54,14 @@ class Phase:
     name: str
     iterations: int
     wall_time_s: float
+
+
+@contextmanager
+def timed(phases: list[Phase], name: str) -> Iterator[None]:
+    """Add a phase without iterations: what is done in a `with` block."""
+    clock = time.perf_counter()
+    yield
+    phases.append(Phase(name, 0, time.perf_counter() - clock))
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mbocp.api import solve
 from mbocp.exceptions import CompilationTimeout
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.robot import Robot
 from mbocp.solution import Solution
+from mbocp.solving import solve
 from mbocp.study.rows import ERROR, TIMEOUT, failure_row, solution_row, solver_seconds
 
 __all__ = ["Job", "Solve", "make_problem", "rehearse", "run_task"]

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mbocp.api import solve
 from mbocp.cli import main as command_line
 from mbocp.cli.summary import solution_rows
 from mbocp.problem import load_problem
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import describe, load_robot
 from mbocp.solution import Solution
+from mbocp.solving import solve
 from mbocp.storage.seal import SEAL_SIZE, is_sealed, sealed
 from mbocp.study import Study, StudyResult
 from mbocp.study.task import make_problem

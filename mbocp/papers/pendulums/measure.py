@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from mbocp.api import solve
 from mbocp.exceptions import MbocpError
 from mbocp.papers.pendulums.cases import Form, paper_problem, strategy_settings
 from mbocp.papers.pendulums.data import Strategy
 from mbocp.problem import Problem
 from mbocp.solution import Solution, Status
+from mbocp.solving import solve
 from mbocp.study.rows import NO_SOLVER, solver_seconds
 
 __all__ = ["Run", "finite", "measure", "run_strategy", "solved"]

@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.api import solve
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
 from mbocp.papers.so3.data import formulation
@@ -18,6 +17,7 @@ from mbocp.papers.so3.experiment import task_problem
 from mbocp.problem import Problem
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solution import Solution
+from mbocp.solving import solve
 
 __all__ = [
     "Motion",

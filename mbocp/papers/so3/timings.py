@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from statistics import fmean, median
 from typing import Any
 
-from mbocp.api import solve
 from mbocp.papers.layout import Column, PaperTable, Section
 from mbocp.papers.so3.data import FORMULATIONS, Formulation, Task, lattice
 from mbocp.papers.so3.experiment import SOLVERS, task_problem
 from mbocp.papers.so3.request import Request, Say
 from mbocp.solution import Solution
+from mbocp.solving import solve
 from mbocp.study.rows import solver_seconds
 
 __all__ = ["IterationTime", "iteration_time", "one_core", "timing_table"]

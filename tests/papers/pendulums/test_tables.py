@@ -10,7 +10,6 @@ from functools import cache
 import pytest
 from rich.console import Console
 
-from mbocp.api import solve
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.papers.layout import WIDTH, milliseconds, ratio
 from mbocp.papers.pendulums import convergence
@@ -20,6 +19,7 @@ from mbocp.papers.pendulums.data import COMPARISONS, STRATEGIES
 from mbocp.papers.pendulums.measure import run_strategy
 from mbocp.papers.pendulums.norms import newton_history
 from mbocp.papers.pendulums.tables import TITLES, make_table
+from mbocp.solving import solve
 
 
 def printed(table) -> str:

@@ -1,0 +1,128 @@
+"""From what a solver has come to, to a solution: trajectories, status, advice, provenance."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+
+from mbocp import __version__
+from mbocp._arrays import Array
+from mbocp.formulation import Formulation
+from mbocp.formulation.trajectory import read_trajectory
+from mbocp.mechanics.diagnostics import largest_turn
+from mbocp.mechanics.symmetries import find_symmetries, momentum_name
+from mbocp.problem import Problem
+from mbocp.problem.file.write import problem_to_toml
+from mbocp.robot import Robot, singular_closure
+from mbocp.solution.records import Labels
+from mbocp.solution.solution import Solution
+from mbocp.solvers import Outcome, Phase, SolverResult, Status
+from mbocp.solvers.records import timed
+
+__all__ = ["read_solution"]
+
+_LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size has lost all accuracy
+
+
+def read_solution(
+    formulation: Formulation,
+    outcome: Outcome,
+    phases: list[Phase],
+    *,
+    guess_used: str,
+    left_out: str,
+    begun: float,
+) -> Solution:
+    """Solution of a formulation from what its solver has come to.
+
+    Parameters
+    ----------
+    formulation : Formulation
+    outcome : Outcome
+    phases : list of Phase
+        Of the solve; reading is added to them.
+    guess_used, left_out : str
+        Words for the guess, and for rows of the end condition that were left out.
+    begun : float
+        Time of `time.perf_counter` at which the solve began.
+    """
+    problem, result = formulation.problem, outcome.result
+    last = result.record
+    with timed(phases, "diagnostics"):
+        trajectory = read_trajectory(formulation, result.iterate)
+        meanings = _meanings(problem.robot, trajectory.control_momentum_names)
+        told = left_out + _singular(problem.robot, trajectory.qs)
+    status, advice = _resolution(problem, result, trajectory.qs, trajectory.vs)
+    return Solution(
+        status=status,
+        advice=advice + _compiled_long(problem, result, phases) + told,
+        solver=outcome.solver,
+        iterations=sum(p.iterations for p in phases),
+        cost=last.cost,
+        residual=last.residual,
+        increment=last.increment,
+        unknowns=formulation.programme.num_unknowns,
+        wall_time_s=time.perf_counter() - begun,
+        phases=tuple(phases),
+        history=result.history,
+        problem_name=problem.name,
+        robot_name=problem.robot.name,
+        robot_spec=dict(problem.robot.spec),
+        problem_text=problem_to_toml(problem),
+        guess_used=guess_used,
+        options=asdict(problem.solver),
+        versions=dict(_versions()),
+        labels=Labels.of_robot(problem.robot, formulation.constraint_labels),
+        control_momentum_meanings=meanings,
+        **trajectory.fields(),
+    )
+
+
+def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
+    """What the control momenta of the named symmetries are, in words."""
+    if not names:
+        return ()
+    words = {s.name: momentum_name(s, robot) for s in find_symmetries(robot)}
+    return tuple(words[name] for name in names)
+
+
+def _compiled_long(problem: Problem, result: SolverResult, phases: list[Phase]) -> str:
+    """Say where compiling took most of the time that a solve had."""
+    limit = problem.solver.time_limit
+    seconds = sum(phase.wall_time_s for phase in phases if phase.name == "compile")
+    if limit is None or result.status is not Status.TIME_LIMIT or seconds < limit / 2:
+        return ""
+    return f"; compiling took {seconds:.1f} s of it, which the next run of this shape is spared"
+
+
+def _singular(robot: Robot, qs: Array) -> str:
+    """Say where the constraints of a mechanism lose their rank on the way."""
+    words = singular_closure(robot, qs)
+    return f"; {words}" if words else ""
+
+
+def _resolution(problem: Problem, result: SolverResult, qs: Array, vs: Array) -> tuple[Status, str]:
+    """Status and advice of a result, which is no motion where a joint turns too far in one step."""
+    name, turn = largest_turn(problem.robot, qs, vs, problem.dt, problem.substeps)
+    if not turn > _LARGEST_TURN:
+        return result.status, result.advice
+    words = f"{name} turns by {turn:.1f} rad in one step, which is no motion any more"
+    remedy = "take more steps, or give cost.velocity a weight"
+    if result.status is not Status.CONVERGED:
+        return result.status, f"{result.advice}; {words}: {remedy}"
+    return Status.UNDER_RESOLVED, f"{words}: {remedy}; the optimality conditions hold: {result.advice}"
+
+
+@cache
+def _versions() -> Mapping[str, str]:
+    found = {"mbocp": __version__, "python": platform.python_version()}
+    for name in ("pin", "casadi", "numpy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # a Pinocchio from elsewhere than the registry has no such record
+            found[name] = "unknown"
+    return found

@@ -1,0 +1,93 @@
+"""The top-level `solve`: load -> formulate -> guess -> solve -> read back, each phase timed.
+
+The module is not called `solve`: importing it would put it into the place of the function `mbocp.solve`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mbocp.exceptions import NotConverged
+from mbocp.formulation import Formulation, formulate
+from mbocp.guesses.attempts import solve_from_guesses
+from mbocp.problem import Problem, load_problem
+from mbocp.solution import Solution
+from mbocp.solution.reading import read_solution
+from mbocp.solvers import IterationRecord, Phase
+from mbocp.solvers.reachability import dependent_end_rows
+from mbocp.solvers.records import timed
+
+__all__ = ["solve"]
+
+
+def solve(
+    problem: Problem | str | Path,
+    *,
+    solver: str | None = None,
+    warm_start: Solution | None = None,
+    callback: Callable[[IterationRecord], object] | None = None,
+    check: bool = False,
+) -> Solution:
+    """Solve an optimal control problem.
+
+    Parameters
+    ----------
+    problem : Problem, str or Path
+        The problem, or the path of a problem file.
+    solver : str, optional
+        Stands for `problem.solver.method`.
+    warm_start : Solution, optional
+        Start from this solution, of any number of steps, instead of the problem's guess.
+    callback : callable, optional
+        Called with every `IterationRecord`.
+    check : bool
+        Raise unless converged.
+
+    Returns
+    -------
+    Solution
+        Converged or not: its `status` and `advice` tell. Ctrl-C ends the solve with the best iterate.
+
+    Raises
+    ------
+    MbocpError
+        If the problem is not well posed, or its functions cannot be compiled, or not within
+        `problem.solver.time_limit`.
+    NotConverged
+        With `check`: carries the solution.
+    """
+    if not isinstance(problem, Problem):
+        problem = load_problem(problem)
+    if solver is not None:
+        problem = problem.with_(solver=replace(problem.solver, method=solver))
+    begun = time.perf_counter()
+    phases: list[Phase] = []
+    limit = problem.solver.time_limit
+    deadline = math.inf if limit is None else begun + limit
+    with timed(phases, "compile"):
+        formulation, left_out = _formulated(problem, deadline)
+    outcome, guess_used = solve_from_guesses(formulation, warm_start, callback, phases, deadline)
+    solution = read_solution(
+        formulation, outcome, phases, guess_used=guess_used, left_out=left_out, begun=begun
+    )
+    if check and not solution.converged:
+        raise NotConverged(solution)
+    return solution
+
+
+def _formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:
+    """Formulation without end conditions that the dynamics meet by themselves, and which these are."""
+    formulation = formulate(problem, deadline=deadline)
+    if not formulation.end_rows_may_depend or problem.goal.redundant == "keep":
+        return formulation, ""
+    rows = dependent_end_rows(formulation.programme, np.vstack(formulation.end_rows))
+    if not rows:
+        return formulation, ""
+    names = ", ".join(formulation.programme.describe_row(-1, row) for row in rows)
+    return formulate(problem, rows, deadline=deadline), f"; left out, since the dynamics imply it: {names}"
