@@ -22,7 +22,7 @@ from mbocp.formulation.parameters import (
     path_parameters,
 )
 from mbocp.formulation.rows import RowLabels, row_describer
-from mbocp.formulation.shape import Shape
+from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions, mechanics_for
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
@@ -32,7 +32,7 @@ from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import load_functions
 from mbocp.terms import ExactGoal, TerminalCost, TermNumbers, running_terms
 
-__all__ = ["Pieces", "build_programme", "check_size", "needs_plain_states", "shape_of"]
+__all__ = ["Pieces", "build_programme", "check_size", "needs_plain_states", "signature_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Pieces:
         Of the joints, which costs and goals speak of.
     space : ConfigurationSpace or NaturalSpace
         Of the states.
-    shape : Shape
+    signature : FunctionSignature
         What the stage functions depend on.
     layout : StateLayout
     num_algebraic : int
@@ -69,7 +69,7 @@ class Pieces:
     problem: Problem
     joints: ConfigurationSpace
     space: ConfigurationSpace | NaturalSpace
-    shape: Shape
+    signature: FunctionSignature
     layout: StateLayout
     num_algebraic: int
     groups: tuple[tuple[int, int, tuple[int, ...]], ...]
@@ -86,7 +86,9 @@ def needs_plain_states(problem: Problem) -> bool:
     return problem.is_bounded or problem.solver.is_interior_point
 
 
-def check_size(problem: Problem, shape: Shape, layout: StateLayout, num_algebraic: int) -> None:
+def check_size(
+    problem: Problem, signature: FunctionSignature, layout: StateLayout, num_algebraic: int
+) -> None:
     """Refuse what would be too large, before anything is built.
 
     Raises
@@ -96,7 +98,7 @@ def check_size(problem: Problem, shape: Shape, layout: StateLayout, num_algebrai
     MemoryLimitExceeded
         If the horizon has more steps than there is memory for.
     """
-    check_operations(problem.robot.name, layout.nv, shape)
+    check_operations(problem.robot.name, layout.nv, signature)
     per_step = 2 * layout.ndx + num_algebraic + problem.robot.nu
     check_horizon(problem.num_steps, per_step, by_others=problem.solver.is_interior_point)
 
@@ -117,25 +119,25 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     ProblemError
         If a velocity is limited that is no unknown of the programme.
     """
-    problem, shape, at = pieces.problem, pieces.shape, pieces.layout
+    problem, signature, at = pieces.problem, pieces.signature, pieces.layout
     robot, space, joints = problem.robot, pieces.space, pieces.joints
-    layout = parameter_layout(shape, Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv))
+    layout = parameter_layout(signature, Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv))
     theta, rho, rho_terminal = _parameters(pieces, layout)
     bounds = state_bounds(problem, space, at, pieces.speed_bounds)
     return StagewiseProgramme(
         num_steps=problem.num_steps,
         kinds=(_kind(pieces, sum(layout.stage.values())),),
         stage_kind=(0,) * problem.num_steps,
-        ng=shape.goal.rows,
-        num_guards=len(shape.guarded),
+        ng=signature.goal.rows,
+        num_guards=len(signature.guarded),
         functions=load_functions(
-            shape.stage_text,
-            lambda: build_functions(mechanics_for(robot, shape), shape),
+            signature.stage_text,
+            lambda: build_functions(mechanics_for(robot, signature), signature),
             deadline=deadline,
         ),
         end_functions=load_functions(
-            "end " + shape.end_text,
-            lambda: build_end_functions(mechanics_for(robot, shape), shape),
+            "end " + signature.end_text,
+            lambda: build_end_functions(mechanics_for(robot, signature), signature),
             of_end=True,
             deadline=deadline,
         ),
@@ -146,7 +148,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         terminal_weights=layout.weighing(layout.terminal),
         x_start=pieces.x_start,
         bounds=bounds,
-        is_explicit=shape.is_explicit,
+        is_explicit=signature.is_explicit,
         dt=problem.dt,
         control_weight=_control_weight(problem),
         describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
@@ -180,7 +182,7 @@ def _control_weight(problem: Problem) -> float:
     return problem.dt * (float(positive.min()) if positive.size else 1.0)
 
 
-def shape_of(
+def signature_of(
     problem: Problem,
     joints: ConfigurationSpace,
     rows: EndRows,
@@ -191,12 +193,12 @@ def shape_of(
     rotations: str = "quaternion",
     lie: str = "",
     substeps: int = 1,
-) -> Shape:
-    """Shape of a problem: what it says itself, and what its formulation has chosen."""
+) -> FunctionSignature:
+    """FunctionSignature of a problem: what it says itself, and what its formulation has chosen."""
     goal, nv = problem.goal, problem.robot.nv
     is_natural = coordinates == "natural"
     given = TermNumbers(problem.cost, problem.robot, joints, problem.num_steps)
-    return Shape(
+    return FunctionSignature(
         robot=problem.robot.fingerprint,
         coordinates=coordinates,
         scheme=problem.scheme,
@@ -221,7 +223,7 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
     rows: dict[str, Array] = {HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None]}
-    for term in pieces.shape.cost:
+    for term in pieces.signature.cost:
         named |= term.numbers(given)
         rows |= term.stage_numbers(given)
     for k, constraint in enumerate(problem.path):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 
 from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
-from mbocp.formulation.shape import Shape
+from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import at_zero_tangents, state_space
 from mbocp.mechanics import JointMechanics, Mechanics
 from mbocp.mechanics.forward import ForwardMechanics
@@ -18,12 +18,12 @@ from mbocp.terms import Point
 __all__ = ["build_end_functions"]
 
 
-def build_end_functions(mechanics: Mechanics, shape: Shape) -> dict[str, ca.Function]:
+def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[str, ca.Function]:
     """Terminal cost, eq. (9), and end condition, eq. (14), with the projection D as a parameter."""
-    layout = parameter_layout(shape, Sizes.of(mechanics)).terminal
-    space = state_space(mechanics, shape)
+    layout = parameter_layout(signature, Sizes.of(mechanics)).terminal
+    space = state_space(mechanics, signature)
     at = space.layout
-    x, eta = ca.SX.sym("x", at.nx), ca.SX.sym("eta", shape.goal.rows)
+    x, eta = ca.SX.sym("x", at.nx), ca.SX.sym("eta", signature.goal.rows)
     rho = ca.SX.sym("rho", sum(layout.values()))
     d = x if at.is_flat else ca.SX.sym("d", at.ndx)
     moved = x if at.is_flat else space.retract(x, d)
@@ -35,8 +35,10 @@ def build_end_functions(mechanics: Mechanics, shape: Shape) -> dict[str, ca.Func
         else mechanics.velocity(q, s, ca.SX.zeros(mechanics.nu))
     )
     point = Point(mechanics, q, v)
-    g = shape.goal.expression(point, goal)
-    psi = ca.SX(0) if shape.terminal is None else shape.terminal.expression(point, shape.goal, goal)
+    g = signature.goal.expression(point, goal)
+    psi = (
+        ca.SX(0) if signature.terminal is None else signature.terminal.expression(point, signature.goal, goal)
+    )
     hessian, _ = ca.hessian(psi + ca.dot(eta, g), d)
     derivatives = [psi, ca.densify(g), ca.jacobian(g, d), ca.jacobian(psi, d), ca.triu(hessian)]
     derivatives = at_zero_tangents(space, [x], derivatives, [eta, rho], [d])
@@ -44,16 +46,16 @@ def build_end_functions(mechanics: Mechanics, shape: Shape) -> dict[str, ca.Func
         "terminal_values": ca.Function("terminal_values", [x, rho], ca.cse(derivatives[:2])),
         "terminal_complete": ca.Function("terminal_complete", [x, eta, rho], ca.cse(derivatives)),
     }
-    if shape.guarded and isinstance(mechanics, JointMechanics):
-        found["guard"] = _guard(mechanics, shape, x, x[at.z], goal["q"], rho)
+    if signature.guarded and isinstance(mechanics, JointMechanics):
+        found["guard"] = _guard(mechanics, signature, x, x[at.z], goal["q"], rho)
     return found
 
 
 def _guard(
-    mechanics: JointMechanics, shape: Shape, x: ca.SX, q: ca.SX, goal: ca.SX, rho: ca.SX
+    mechanics: JointMechanics, signature: FunctionSignature, x: ca.SX, q: ca.SX, goal: ca.SX, rho: ca.SX
 ) -> ca.Function:
     parts = mechanics.space.parts
-    wanted = [parts[i] for i in shape.guarded]
+    wanted = [parts[i] for i in signature.guarded]
     h = ca.vertcat(*[value for part, value in mechanics.space.guards(goal, q) if part in wanted])
     m = ca.SX.sym("m", h.numel())
     hessian, _ = ca.hessian(ca.dot(m, h), x)

@@ -14,7 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.bounds import free_speed_bounds
-from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, shape_of
+from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows, guarded_parts
 from mbocp.formulation.joint import (
     boundary_duals,
@@ -68,7 +68,7 @@ class ExplicitFormulation:
         speeds = robot.speed_map if robot.drives else None
         rows = end_condition_rows(robot, problem.goal, speeds).without(without)
         leaves_the_group = problem.lie != "munthe_kaas"
-        shape = shape_of(
+        signature = signature_of(
             problem,
             space,
             rows,
@@ -79,14 +79,14 @@ class ExplicitFormulation:
             lie=problem.lie,
             substeps=problem.substeps,
         )
-        at = state_layout(robot, space.nz, space.nv, shape)
-        check_size(problem, shape, at, 0)
+        at = state_layout(robot, space.nz, space.nv, signature)
+        check_size(problem, signature, at, 0)
         q, v = problem.q_start, problem.v_start
         pieces = Pieces(
             problem=problem,
             joints=space,
             space=space,
-            shape=shape,
+            signature=signature,
             layout=at,
             num_algebraic=0,
             groups=(),

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
-from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, shape_of
+from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.joint import (
     boundary_duals,
@@ -59,15 +59,15 @@ class ImplicitFormulation:
         space = ConfigurationSpace(robot.model, "quaternion")
         rows = end_condition_rows(robot, problem.goal).without(without)
         is_flat = needs_plain_states(problem) or robot.is_vector_space
-        shape = shape_of(problem, space, rows, coordinates="joint", is_flat=is_flat)
-        at = state_layout(robot, space.nz, space.nv, shape)
-        check_size(problem, shape, at, robot.nc)
+        signature = signature_of(problem, space, rows, coordinates="joint", is_flat=is_flat)
+        at = state_layout(robot, space.nz, space.nv, signature)
+        check_size(problem, signature, at, robot.nc)
         start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr)]
         pieces = Pieces(
             problem=problem,
             joints=space,
             space=space,
-            shape=shape,
+            signature=signature,
             layout=at,
             num_algebraic=robot.nc,
             groups=(),

@@ -53,7 +53,7 @@ def stage_costs(programme: StagewiseProgramme, iterate: Iterate) -> Array:
 
 
 def tangent_duals(space: ConfigurationSpace, at: StateLayout, zs: Array, duals: Array) -> Array:
-    """Duals of the coordinates as duals of tangent vectors; those of remembered controls are left out."""
+    """Duals of the coordinates as duals of tangent vectors; those of previous controls are left out."""
     along = duals[:, : at.nw]
     if at.is_flat and not space.is_vector:
         along = np.asarray(_pull_back(space).map(len(zs))(zs.T, along.T)).T

@@ -1,4 +1,4 @@
-"""Where the pieces of a state are: coordinates of the configuration, speeds, remembered controls."""
+"""Where the pieces of a state are: coordinates of the configuration, speeds, previous controls."""
 
 from __future__ import annotations
 

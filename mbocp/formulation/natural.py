@@ -13,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
-from mbocp.formulation.build import Pieces, build_programme, check_size, shape_of
+from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.joint import boundary_duals, duals_of_momenta, stage_costs, weighed_components
 from mbocp.formulation.layout import StateLayout
@@ -59,16 +59,16 @@ class NaturalFormulation:
         mechanics = natural_mechanics(robot)
         joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
         rows = end_condition_rows(robot, problem.goal).without(without)
-        shape = shape_of(problem, joints, rows, coordinates="natural", is_flat=True)
-        at = state_layout(robot, space.nz, space.nv, shape)
-        check_size(problem, shape, at, mechanics.nc)
+        signature = signature_of(problem, joints, rows, coordinates="natural", is_flat=True)
+        at = state_layout(robot, space.nz, space.nv, signature)
+        check_size(problem, signature, at, mechanics.nc)
         unbounded = np.full(at.ns, np.inf)
         names = mechanics.coordinate_labels
         pieces = Pieces(
             problem=problem,
             joints=joints,
             space=space,
-            shape=shape,
+            signature=signature,
             layout=at,
             num_algebraic=mechanics.nc,
             groups=mechanics.groups if problem.scheme == "se1" and at.nr == 0 else (),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from mbocp._environment import number_from
 from mbocp.exceptions import TooManyOperations
-from mbocp.formulation.shape import Shape
+from mbocp.formulation.signature import FunctionSignature
 from mbocp.integrators.tableaux import TABLEAUX
 
 __all__ = ["check_operations", "estimated_operations"]
@@ -21,8 +21,8 @@ _LIMIT = 10e6
 _IMPLICIT, _EXPLICIT, _NATURAL = 525, 3000, 400
 
 
-def check_operations(robot: str, nv: int, shape: Shape) -> None:
-    """Refuse a shape whose functions would be too large.
+def check_operations(robot: str, nv: int, signature: FunctionSignature) -> None:
+    """Refuse a signature whose functions would be too large.
 
     Parameters
     ----------
@@ -30,29 +30,29 @@ def check_operations(robot: str, nv: int, shape: Shape) -> None:
         Its name, for the message.
     nv : int
         Velocities: of the joints, or of the bodies in natural coordinates.
-    shape : Shape
+    signature : FunctionSignature
 
     Raises
     ------
     TooManyOperations
     """
-    operations, limit = estimated_operations(nv, shape), _limit()
+    operations, limit = estimated_operations(nv, signature), _limit()
     if operations <= limit:
         return
     remedy = "Lock joints"
-    if shape.substeps > 1:
-        remedy = f"Take fewer integrator.substeps than {shape.substeps} and more horizon.steps"
-    elif not shape.is_natural and not shape.is_explicit:
+    if signature.substeps > 1:
+        remedy = f"Take fewer integrator.substeps than {signature.substeps} and more horizon.steps"
+    elif not signature.is_natural and not signature.is_explicit:
         remedy = 'Take coordinates = "natural", or lock joints'
     raise TooManyOperations(robot, nv, operations, limit, remedy)
 
 
-def estimated_operations(nv: int, shape: Shape) -> float:
+def estimated_operations(nv: int, signature: FunctionSignature) -> float:
     """Operations of a step with its derivatives, to within a factor of ten or so."""
-    if shape.is_natural:
+    if signature.is_natural:
         return float(_NATURAL * nv)
-    if shape.is_explicit:
-        return float(_EXPLICIT * nv**2 * len(TABLEAUX[shape.scheme].b)) * min(shape.substeps, 10**100)
+    if signature.is_explicit:
+        return float(_EXPLICIT * nv**2 * len(TABLEAUX[signature.scheme].b)) * min(signature.substeps, 10**100)
     return float(_IMPLICIT * nv**2)
 
 

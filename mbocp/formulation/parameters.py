@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
-from mbocp.formulation.shape import Shape
+from mbocp.formulation.signature import FunctionSignature
 from mbocp.terms import Sizes
 
 __all__ = [
@@ -47,24 +47,24 @@ class ParameterLayout:
         return np.concatenate([np.full(size, name in self.weights) for name, size in sizes.items()])
 
 
-def parameter_layout(shape: Shape, sizes: Sizes) -> ParameterLayout:
-    """Parameters that the stage functions of `shape` take."""
+def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLayout:
+    """Parameters that the stage functions of `signature` take."""
     theta: dict[str, int] = {"dt": 1}
     stage: dict[str, int] = {}
-    for term in shape.cost:
+    for term in signature.cost:
         _add(theta, term.parameters(sizes))
         _add(stage, term.stage_parameters(sizes))
-    if shape.couples_steps:
+    if signature.couples_steps:
         stage[HAS_BEFORE] = 1
-    if shape.is_explicit:
+    if signature.is_explicit:
         theta["gains"] = 3
-    for k, constraint in enumerate(shape.path):
+    for k, constraint in enumerate(signature.path):
         _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})
-    terminal = shape.goal.parameters(sizes)
-    weights = {name for term in shape.cost for name in term.weights}
-    if shape.terminal is not None:
-        _add(terminal, shape.terminal.parameters(sizes))
-        weights.update(shape.terminal.weights)
+    terminal = signature.goal.parameters(sizes)
+    weights = {name for term in signature.cost for name in term.weights}
+    if signature.terminal is not None:
+        _add(terminal, signature.terminal.parameters(sizes))
+        weights.update(signature.terminal.weights)
     return ParameterLayout(theta, stage, terminal, frozenset(weights))
 
 

@@ -65,7 +65,7 @@ def row_describer(
         if row < at.nw + at.ns:
             return f"{labels.balance} of {labels.speeds[row - at.nw].name} {when}"
         if row < at.ndx:
-            return f"remembered control {robot.u_labels[row - at.nw - at.ns].name} {when}"
+            return f"previous control {robot.u_labels[row - at.nw - at.ns].name} {when}"
         return f"constraint {labels.constraints[row - at.ndx].name} {when}"
 
     return describe

@@ -1,8 +1,8 @@
-"""Stage functions of a problem's shape, with exact first and second derivatives.
+"""Stage functions of a problem's signature, with exact first and second derivatives.
 
 A state is x = (z, s, r): coordinates of the configuration, speeds, and the controls of the step before where
 their rate costs something. Derivatives are taken along the retraction x -> (z exp(dq), s + ds, r + dr) at
-dx = 0, so that every Newton update stays on the joints' Lie group; or, where the shape is flat, in the
+dx = 0, so that every Newton update stays on the joints' Lie group; or, where the signature is flat, in the
 coordinates themselves.
 
 Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
@@ -14,7 +14,7 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - path      (x1, m, u, theta)               -> h, dh_dx1, upper Hessian of m'h in x1; with path constraints
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
-The rows of c are kinematics, momentum balance (or speeds), remembered controls, constraints.
+The rows of c are kinematics, momentum balance (or speeds), previous controls, constraints.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from mbocp.formulation.parameters import (
     path_parameters,
     pieces,
 )
-from mbocp.formulation.shape import Shape
+from mbocp.formulation.signature import FunctionSignature
 from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains
@@ -54,32 +54,32 @@ __all__ = [
 ]
 
 
-def mechanics_for(robot: Robot, shape: Shape) -> Mechanics:
-    """Equations of motion in the form that the shape's coordinates and scheme ask for."""
-    if shape.is_natural:
+def mechanics_for(robot: Robot, signature: FunctionSignature) -> Mechanics:
+    """Equations of motion in the form that the signature's coordinates and scheme ask for."""
+    if signature.is_natural:
         return natural_mechanics(robot)
-    return ForwardMechanics(robot, shape.rotations) if shape.is_explicit else JointMechanics(robot)
+    return ForwardMechanics(robot, signature.rotations) if signature.is_explicit else JointMechanics(robot)
 
 
-def state_layout(robot: Robot, nz: int, nv: int, shape: Shape) -> StateLayout:
-    """Pieces of the states of a shape; a configuration has `nz` coordinates and `nv` directions."""
-    ns = robot.num_speeds if shape.is_explicit else nv
-    nr = robot.nu if shape.remembers_controls else 0
-    is_flat = shape.is_flat or shape.is_natural or robot.is_vector_space
+def state_layout(robot: Robot, nz: int, nv: int, signature: FunctionSignature) -> StateLayout:
+    """Pieces of the states of a signature; a configuration has `nz` coordinates and `nv` directions."""
+    ns = robot.num_speeds if signature.is_explicit else nv
+    nr = robot.nu if signature.has_previous_controls else 0
+    is_flat = signature.is_flat or signature.is_natural or robot.is_vector_space
     return StateLayout(nz=nz, nv=nv, ns=ns, nr=nr, is_flat=is_flat)
 
 
-def state_space(mechanics: Mechanics, shape: Shape) -> StateSpace:
-    """Maps of the states of a shape."""
-    at = state_layout(mechanics.robot, mechanics.nq, mechanics.nv, shape)
+def state_space(mechanics: Mechanics, signature: FunctionSignature) -> StateSpace:
+    """Maps of the states of a signature."""
+    at = state_layout(mechanics.robot, mechanics.nq, mechanics.nv, signature)
     return StateSpace(at, mechanics)
 
 
-def build_functions(mechanics: Mechanics, shape: Shape) -> dict[str, ca.Function]:
-    """All functions of a stage of `shape` as CasADi functions, by name."""
-    layout = parameter_layout(shape, Sizes.of(mechanics))
-    space = state_space(mechanics, shape)
-    functions = _Stage(mechanics, shape, layout, space).functions()
+def build_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[str, ca.Function]:
+    """All functions of a stage of `signature` as CasADi functions, by name."""
+    layout = parameter_layout(signature, Sizes.of(mechanics))
+    space = state_space(mechanics, signature)
+    functions = _Stage(mechanics, signature, layout, space).functions()
     nx, ndx = space.layout.nx, space.layout.ndx
     x, dx, moved = ca.SX.sym("x", nx), ca.SX.sym("dx", ndx), ca.SX.sym("x_moved", nx)
     functions["retract"] = ca.Function("retract", [x, dx], [ca.densify(space.retract(x, dx))])
@@ -107,7 +107,7 @@ class _Stage:
     """The pieces of a step in symbols, and the functions made of them."""
 
     mechanics: Mechanics
-    shape: Shape
+    signature: FunctionSignature
     layout: ParameterLayout
     space: StateSpace
 
@@ -130,12 +130,12 @@ class _Stage:
     @property
     def _num_algebraic(self) -> int:
         """Multipliers that are unknowns of a step: explicit schemes project the accelerations instead."""
-        return 0 if self.shape.is_explicit else self.mechanics.nc
+        return 0 if self.signature.is_explicit else self.mechanics.nc
 
     def functions(self) -> dict[str, ca.Function]:
         """By name."""
-        found = self._explicit() if self.shape.is_explicit else self._implicit()
-        if self.shape.path:
+        found = self._explicit() if self.signature.is_explicit else self._implicit()
+        if self.signature.path:
             found["path"] = self._path()
         return found
 
@@ -143,11 +143,11 @@ class _Stage:
         at, dt, mechanics = self.space.layout, self.of_horizon["dt"], self.mechanics
         before = State(self.at0[at.z], self.at0[at.s])
         after = State(self.at1[at.z], self.at1[at.s])
-        point = evaluation_point(mechanics, self.shape.scheme, before, after, dt)
+        point = evaluation_point(mechanics, self.signature.scheme, before, after, dt)
         rows = step_rows(
-            mechanics, self.shape.scheme, before, after, point, self.y, self.u, dt, is_flat=at.is_flat
+            mechanics, self.signature.scheme, before, after, point, self.y, self.u, dt, is_flat=at.is_flat
         )
-        c = ca.densify(ca.vertcat(rows.kinematic, rows.momentum, self._remembered(), rows.constraint))
+        c = ca.densify(ca.vertcat(rows.kinematic, rows.momentum, self._previous_controls(), rows.constraint))
         acceleration = partial(_mean_acceleration, mechanics, before, after, dt)
         cost = self._running_cost(self._point(point.q, point.v, acceleration))
         z = ca.vertcat(self.d1, self.y, self.d0, self.u)
@@ -165,15 +165,15 @@ class _Stage:
         root = chain.root()
         d1, d0, u = root[: at.ndx], root[at.ndx : 2 * at.ndx], root[2 * at.ndx :]
         before, after = self._states(chain, d0, self.x0), self._states(chain, d1, self.x1)
-        step = ExplicitStep(mechanics, self.shape.scheme, self.shape.lie, self.shape.substeps)
+        step = ExplicitStep(mechanics, self.signature.scheme, self.signature.lie, self.signature.substeps)
         reached = step(chain, before, u, self.of_horizon["dt"], Gains(gains[0], gains[1], gains[2]))
         if at.is_flat:
             kinematic = reached.z - after.z
         else:
             (kinematic,) = chain.apply(_differences(mechanics), [after.z, reached.z])
         pieces = [kinematic, reached.s - after.s]
-        if self.shape.remembers_controls:
-            pieces.append(u - self._remembered_of(d1, self.x1))
+        if self.signature.has_previous_controls:
+            pieces.append(u - self._previous_controls_of(d1, self.x1))
         c = Affine.join(pieces)
         q, s = self.at0[at.z], self.at0[at.s]
         acceleration = partial(_rate_of_speeds, mechanics, q, s, self.u, gains[2])
@@ -197,23 +197,27 @@ class _Stage:
         (z,) = chain.apply(_retraction(self.mechanics), [d[: at.nw]], [x[at.z]])
         return StepState(z, d[at.ds] + x[at.s])
 
-    def _remembered_of(self, d: Affine, x: ca.SX) -> Affine:
+    def _previous_controls_of(self, d: Affine, x: ca.SX) -> Affine:
         at = self.space.layout
         return d[at.dr] if at.is_flat else d[at.dr] + x[at.r]
 
-    def _remembered(self) -> ca.SX:
-        return self.u - self.at1[self.space.layout.r] if self.shape.remembers_controls else ca.SX.zeros(0, 1)
+    def _previous_controls(self) -> ca.SX:
+        return (
+            self.u - self.at1[self.space.layout.r]
+            if self.signature.has_previous_controls
+            else ca.SX.zeros(0, 1)
+        )
 
     def _point(self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX]) -> Point:
         """Where the running cost is evaluated."""
-        change = self.u - self.at0[self.space.layout.r] if self.shape.remembers_controls else None
+        change = self.u - self.at0[self.space.layout.r] if self.signature.has_previous_controls else None
         return Point(self.mechanics, q, v, self.u, change, acceleration)
 
     def _running_cost(self, at: Point) -> ca.SX:
         """Eq. (8) times the step length, eq. (18), and what couples steps, Eq. (33) of [Manara2017]_."""
         given, dt = {**self.of_horizon, **self.of_stage}, self.of_horizon["dt"]
         cost = between = ca.SX(0)
-        for term in self.shape.cost:
+        for term in self.signature.cost:
             for addend in term.addends(at, given):
                 if term.couples_steps:
                     between += given[HAS_BEFORE] * addend / dt
@@ -226,7 +230,7 @@ class _Stage:
     ) -> dict[str, ca.Function]:
         derivatives = [c, cost, dc_dz, dl_dz, ca.triu(hessian)]
         others = [self.y, self.u, self.m, self.theta, self.rho]
-        if not self.shape.is_explicit:
+        if not self.signature.is_explicit:
             derivatives = at_zero_tangents(
                 self.space, [self.x0, self.x1], derivatives, others, [self.d0, self.d1]
             )
@@ -245,7 +249,7 @@ class _Stage:
         q, s = self.x1[at.z], self.x1[at.s]
         v = mechanics.velocity(q, s, self.u) if isinstance(mechanics, ForwardMechanics) else s
         at_node, rows = Point(mechanics, q, v), []
-        for k, term in enumerate(self.shape.path):
+        for k, term in enumerate(self.signature.path):
             rows.append(
                 term.expression(at_node, {n: self.of_horizon[path_parameters(k, n)] for n in term.sizes})
             )

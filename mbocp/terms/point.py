@@ -42,7 +42,7 @@ class Point:
     u : casadi.SX or None
         Control [N, N m]; there is none at the end.
     change : casadi.SX or None
-        Of the controls since the step before, where they are remembered.
+        Of the controls since the step before, where the state has the previous controls.
     acceleration : callable or None
         Gives the accelerations of the joints, shape (robot.nv,) [m/s^2, rad/s^2].
     """

@@ -9,7 +9,7 @@ import pytest
 
 from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.parameters import Sizes, parameter_layout
-from mbocp.formulation.shape import Shape
+from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
@@ -52,7 +52,7 @@ class Stage:
     def __init__(self, name: str, scheme: str) -> None:
         robot = towed_body() if name == "towed body" else load_robot(name)
         self.robot, nv, nq = robot, robot.nv, robot.nq
-        shape = Shape(
+        signature = FunctionSignature(
             robot.fingerprint,
             "joint",
             scheme,
@@ -61,8 +61,8 @@ class Stage:
             TerminalCost(q=True, p=True, rate="p", parts=None, is_natural=False),
         )
         mechanics = JointMechanics(robot)
-        self.functions = build_functions(mechanics, shape) | build_end_functions(mechanics, shape)
-        layout = parameter_layout(shape, Sizes(nq, nv, robot.nu, nq, nv))
+        self.functions = build_functions(mechanics, signature) | build_end_functions(mechanics, signature)
+        layout = parameter_layout(signature, Sizes(nq, nv, robot.nu, nq, nv))
         rng = np.random.default_rng(7)
         self.x0, self.x1 = self.random_state(rng), self.random_state(rng)
         # Close states: the logarithm of a far rotation is nowhere smooth enough for a finite difference.

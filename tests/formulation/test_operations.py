@@ -78,6 +78,6 @@ def test_the_estimate_is_of_the_right_size(
     monkeypatch.setattr(build, "check_operations", remember)
     monkeypatch.setattr(build, "load_functions", lambda *_, **__: None)
     transcribe(problem)
-    _, nv, shape = shapes[0]
-    found = build_functions(mechanics_for(problem.robot, shape), shape)["complete"].n_instructions()
-    assert found / 3 < estimated_operations(nv, shape) < 15 * found
+    _, nv, signature = shapes[0]
+    found = build_functions(mechanics_for(problem.robot, signature), signature)["complete"].n_instructions()
+    assert found / 3 < estimated_operations(nv, signature) < 15 * found

@@ -11,7 +11,7 @@ import pytest
 
 from mbocp._arrays import Array
 from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
-from mbocp.formulation.shape import Shape
+from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions, state_space
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
@@ -132,10 +132,12 @@ STEPS = [
 
 
 @cache
-def shape_of(name: str, rotations: str, scheme: str, lie: str, substeps: int, is_flat: bool) -> Shape:
+def signature_of(
+    name: str, rotations: str, scheme: str, lie: str, substeps: int, is_flat: bool
+) -> FunctionSignature:
     robot = robot_named(name)
     cost = (Effort(), Tracking(q=True, p=False), Velocity(), Potential())
-    return Shape(
+    return FunctionSignature(
         robot=robot.fingerprint,
         coordinates="joint",
         scheme=scheme,
@@ -153,10 +155,10 @@ def test_stage_derivatives_are_those_of_the_whole_graph(
     name: str, rotations: str, scheme: str, lie: str, substeps: int, is_flat: bool
 ) -> None:
     robot, mechanics = robot_named(name), mechanics_of(name, rotations)
-    shape = shape_of(name, rotations, scheme, lie, substeps, is_flat)
-    functions = build_functions(mechanics, shape)
-    space = state_space(mechanics, shape)
-    at, layout = space.layout, parameter_layout(shape, Sizes.of(mechanics))
+    signature = signature_of(name, rotations, scheme, lie, substeps, is_flat)
+    functions = build_functions(mechanics, signature)
+    space = state_space(mechanics, signature)
+    at, layout = space.layout, parameter_layout(signature, Sizes.of(mechanics))
     d0, d1 = ca.SX.sym("d0", at.ndx), ca.SX.sym("d1", at.ndx)
     x0, x1, u = ca.SX.sym("x0", at.nx), ca.SX.sym("x1", at.nx), ca.SX.sym("u", robot.nu)
     theta, m = ca.SX.sym("theta", sum(layout.theta.values())), ca.SX.sym("m", at.ndx)

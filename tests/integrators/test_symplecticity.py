@@ -17,7 +17,7 @@ import pytest
 import mbocp
 from mbocp._arrays import Array
 from mbocp.formulation.parameters import Sizes, parameter_layout
-from mbocp.formulation.shape import Shape
+from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.integrators import EULER_SCHEMES, TAU
 from mbocp.mechanics import JointMechanics
@@ -219,9 +219,9 @@ class StageMap:
     def __init__(self, robot: Robot, scheme: str) -> None:
         nv, nq = robot.nv, robot.nq
         cost = (Effort(), Tracking(q=True, p=True), Velocity())
-        shape = Shape("", "joint", scheme, ExactGoal("p", 0, 0), cost)
-        self.robot, self.functions = robot, build_functions(JointMechanics(robot), shape)
-        layout, rng = parameter_layout(shape, Sizes(nq, nv, robot.nu, nq, nv)), np.random.default_rng(11)
+        signature = FunctionSignature("", "joint", scheme, ExactGoal("p", 0, 0), cost)
+        self.robot, self.functions = robot, build_functions(JointMechanics(robot), signature)
+        layout, rng = parameter_layout(signature, Sizes(nq, nv, robot.nu, nq, nv)), np.random.default_rng(11)
         self.theta = rng.uniform(0.2, 1.0, sum(layout.theta.values()))
         self.theta[0] = self.dt = 0.05  # [s]
         q = robot.q0 if robot.nc else robot.integrate(robot.q0, 0.3 * rng.standard_normal(nv))

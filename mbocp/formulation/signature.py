@@ -1,7 +1,7 @@
-"""The shape of a problem: all that decides the stage functions, and nothing that is only a number.
+"""The signature of a problem: all that decides the stage functions, and nothing that is only a number.
 
-Two problems of the same shape share their compiled functions; start, goal, weights, target, bounds and step
-length are parameters.
+Two problems of the same signature share their compiled functions; start, goal, weights, target, bounds and
+step length are parameters.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.terms import Effort, ExactGoal, PathTerm, RunningTerm, TerminalCost
 
-__all__ = ["Shape"]
+__all__ = ["FunctionSignature"]
 
 
 @dataclass(frozen=True)
-class Shape:
+class FunctionSignature:
     """What the stage functions depend on.
 
     Attributes
@@ -69,7 +69,7 @@ class Shape:
         return any(term.couples_steps for term in self.cost)
 
     @property
-    def remembers_controls(self) -> bool:
+    def has_previous_controls(self) -> bool:
         """Whether a state holds the controls of the step before."""
         return self.couples_steps
 
@@ -108,7 +108,7 @@ class Shape:
             "coordinates": self.coordinates,
             "rotations": self.rotations,
             "is_flat": self.is_flat,
-            "remembers_controls": self.remembers_controls,
+            "has_previous_controls": self.has_previous_controls,
         }
 
 
