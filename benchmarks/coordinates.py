@@ -20,7 +20,7 @@ from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.solution import Solution
-from mbocp.solvers import Methods, pursue
+from mbocp.solvers import SolverSettings, Start, run_strategy
 
 __all__ = ["chain_table", "convergence_table", "iteration_table"]
 
@@ -89,11 +89,11 @@ def _iteration(problem: Problem, kind: str = "") -> tuple[float, int, float]:
     programme = formulation.programme
     kind = kind or ("joint" if problem.coordinates == "natural" else "line")
     iterate, _ = make_guess(kind, formulation)
-    methods = Methods.of(problem.solver, programme)
+    settings = SolverSettings.of(problem.solver, programme)
     times, count = [], 0
     for _ in range(_ROUNDS):
         clock = time.perf_counter()
-        outcome = pursue(methods, programme, iterate)
+        outcome = run_strategy(settings, Start(programme, iterate))
         times.append(time.perf_counter() - clock)
         count = sum(phase.iterations for phase in outcome.phases)
     best = median(times)

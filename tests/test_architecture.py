@@ -19,6 +19,7 @@ LAYERS = (
     "_environment",
     "_files",
     "_arrays",
+    "_checks",
     "_linear",
     "_memory",
     "_native",
@@ -51,7 +52,7 @@ ALONE = {
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
     "programme": {"exceptions", "_arrays", "_environment", "_native"},
-    "solvers": {"exceptions", "_arrays", "_linear", "_native", "programme"},
+    "solvers": {"exceptions", "_arrays", "_checks", "_linear", "_native", "programme"},
     "exceptions": {"_text"},
 }
 

@@ -14,7 +14,16 @@ from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import guess_candidates
 from mbocp.guesses.make import make_guess
 from mbocp.solution import Solution
-from mbocp.solvers import IterationRecord, Methods, Outcome, Phase, SolverResult, Status, pursue
+from mbocp.solvers import (
+    IterationRecord,
+    Outcome,
+    Phase,
+    SolverResult,
+    SolverSettings,
+    Start,
+    Status,
+    run_strategy,
+)
 from mbocp.solvers.records import timed
 
 __all__ = ["solve_from_guesses"]
@@ -29,7 +38,8 @@ def solve_from_guesses(
 ) -> tuple[Outcome, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails."""
     problem, programme = formulation.problem, formulation.programme
-    methods, best = Methods.of(problem.solver, programme, has_inequalities=problem.is_bounded), None
+    settings = SolverSettings.of(problem.solver, programme, has_inequalities=problem.is_bounded)
+    best: tuple[Outcome, str] | None = None
     history: list[IterationRecord] = []
     kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
     for attempt, kind in enumerate(kinds):
@@ -51,14 +61,14 @@ def solve_from_guesses(
             break
         is_doubtful = best is not None and best[0].result.status is Status.INFEASIBLE
         left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
-        outcome = pursue(
-            replace(methods, time_limit=left, is_doubtful=is_doubtful),
+        start = Start(
             programme,
             iterate,
             callback,
             first=sum(not record.is_guess for record in history),
             label="" if attempt == 0 else f" (guess: {kind})",
         )
+        outcome = run_strategy(replace(settings, time_limit=left, is_doubtful=is_doubtful), start)
         outcome = _with_end(formulation, outcome)
         history += outcome.result.history
         phases += outcome.phases

@@ -9,7 +9,7 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.kinds import guess_candidates, plain_guess
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
-from mbocp.solvers import Methods, SolverResult, Status, pursue
+from mbocp.solvers import SolverResult, SolverSettings, Start, Status, run_strategy
 
 __all__ = ["from_joints"]
 
@@ -20,10 +20,11 @@ def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
     best: SolverResult | None = None
     joint = problem.with_(coordinates="joint", guess=Guess(), solver=replace(problem.solver, method="auto"))
     stepwise = formulate(joint)
-    methods = Methods.of(joint.solver, stepwise.programme, has_inequalities=joint.is_bounded)
+    settings = SolverSettings.of(joint.solver, stepwise.programme, has_inequalities=joint.is_bounded)
     taken = 0
     for kind in guess_candidates(joint):
-        result = pursue(methods, stepwise.programme, plain_guess(kind, stepwise)[0]).result
+        start = Start(stepwise.programme, plain_guess(kind, stepwise)[0])
+        result = run_strategy(settings, start).result
         if result.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         taken += sum(not record.is_guess for record in result.history)

@@ -7,9 +7,9 @@ from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import Bounds
-from mbocp.problem.options import SolverOptions
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem, ProblemWarning
+from mbocp.solvers.options import SolverOptions
 
 __all__ = [
     "Bounds",

@@ -33,10 +33,10 @@ from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator, check_unused
 from mbocp.problem.limits import Bounds, check_limits
-from mbocp.problem.options import BOUNDED_METHODS, SolverOptions
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
+from mbocp.solvers.options import BOUNDED_METHODS, SolverOptions
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 

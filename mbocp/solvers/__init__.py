@@ -5,29 +5,37 @@ from mbocp.solvers.fbsm_gradient import FBSMGradient, GradientState, Switch
 from mbocp.solvers.fbsm_newton import FBSMNewton
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.newton import NewtonState
+from mbocp.solvers.options import SolverOptions
+from mbocp.solvers.phases import Outcome, Start
 from mbocp.solvers.protocol import Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Phase, Status
+from mbocp.solvers.registry import SOLVERS, make_solver
 from mbocp.solvers.run import SolverResult, run
-from mbocp.solvers.strategy import Methods, Outcome, pursue
+from mbocp.solvers.settings import SolverSettings
+from mbocp.solvers.strategy import run_strategy
 
 __all__ = [
+    "SOLVERS",
     "FBSMGradient",
     "FBSMNewton",
     "GlobalisedNewton",
     "GradientState",
     "Iterate",
     "IterationRecord",
-    "Methods",
     "NewtonState",
     "Outcome",
     "Phase",
     "PureNewton",
     "Solver",
+    "SolverOptions",
     "SolverResult",
+    "SolverSettings",
     "SolverState",
+    "Start",
     "Status",
     "Switch",
-    "pursue",
+    "make_solver",
     "run",
+    "run_strategy",
     "zero_multipliers",
 ]

@@ -17,10 +17,20 @@ import numpy as np
 from mbocp._arrays import frozen_array
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
+from mbocp.solvers.phases import Start
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.run import SolverResult
+from mbocp.solvers.settings import SolverSettings
 
-__all__ = ["cost_factor", "in_own_unit", "in_users_unit", "record_in_users_unit", "weighed"]
+__all__ = [
+    "cost_factor",
+    "in_own_unit",
+    "in_users_unit",
+    "record_in_users_unit",
+    "settings_in_own_unit",
+    "start_in_own_unit",
+    "weighed",
+]
 
 _MIN_COST = 1e-5  # cost: ten thousand tolerances of the default
 
@@ -39,6 +49,27 @@ def weighed(programme: StagewiseProgramme, factor: float) -> StagewiseProgramme:
         theta=frozen_array(np.where(programme.theta_weights, factor, 1.0) * programme.theta),
         rho_terminal=frozen_array(np.where(programme.terminal_weights, factor, 1.0) * programme.rho_terminal),
         control_weight=factor * programme.control_weight,
+    )
+
+
+def settings_in_own_unit(settings: SolverSettings, factor: float) -> SolverSettings:
+    """Settings for the multiplied cost."""
+    return replace(settings, control_weight=factor * settings.control_weight)
+
+
+def start_in_own_unit(start: Start, factor: float) -> Start:
+    """Start with the cost multiplied; what the callback sees is as the user weighed it."""
+    callback = start.callback
+
+    def told(record: IterationRecord) -> object:
+        return callback(record_in_users_unit(record, factor)) if callback is not None else None
+
+    return Start(
+        weighed(start.programme, factor),
+        in_own_unit(start.iterate, factor),
+        told,
+        start.first,
+        f" (cost times {factor:.0e}){start.label}",
     )
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from mbocp.exceptions import SingularSystem
-from mbocp.problem.options import METHODS
 from mbocp.solution import Solution, Status
+from mbocp.solvers.options import METHODS
 
 from .conftest import FakeSolver, Run
 

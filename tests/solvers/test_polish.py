@@ -14,7 +14,7 @@ from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import Status
-from mbocp.solvers import Methods, pursue, strategy
+from mbocp.solvers import SolverSettings, Start, interior, run_strategy
 from mbocp.solvers.limits import resumed
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.polish import Judged
@@ -37,8 +37,9 @@ def result_of(problem: Problem) -> tuple[Any, SolverResult]:
     """Programme, and what the monolithic solver comes to."""
     formulation = formulate(problem)
     programme, (iterate, _) = formulation.programme, make_guess("line", formulation)
-    methods = Methods.of(problem.solver, programme, has_inequalities=True)
-    return programme, pursue(replace(methods, method="monolithic"), programme, iterate).result
+    options = replace(problem.solver, method="monolithic")
+    settings = SolverSettings.of(options, programme, has_inequalities=True)
+    return programme, run_strategy(settings, Start(programme, iterate)).result
 
 
 @pytest.fixture
@@ -75,8 +76,8 @@ def test_what_is_no_solution_yet_is_solved_from_there(method: str) -> None:
 
 @pytest.mark.usefixtures("claims")
 def test_what_newton_cannot_finish_is_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
-    polisher = strategy.polisher
-    monkeypatch.setattr(strategy, "polisher", lambda *a: replace(polisher(*a), max_iterations=1))
+    polisher = interior.polisher
+    monkeypatch.setattr(interior, "polisher", lambda *a: replace(polisher(*a), max_iterations=1))
     s = mbocp.solve(load(), solver="ipopt")
     assert s.status is Status.STAGNATED
     assert s.residual > TOLERANCE

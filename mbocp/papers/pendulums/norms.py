@@ -20,7 +20,7 @@ from mbocp.formulation.goal import end_condition_rows
 from mbocp.guesses import guess_candidates, make_guess
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers import Iterate, Methods, Status, run
+from mbocp.solvers import Iterate, SolverSettings, Status, make_solver, run
 
 __all__ = ["History", "Norms", "newton_history"]
 
@@ -95,13 +95,13 @@ def newton_history(problem: Problem) -> History:
     programme = formulation.programme
     iterate, _ = make_guess(guess_candidates(problem)[0], formulation)
     *first, last = problem.solver.method.split("+")
-    methods = Methods.of(problem.solver, programme)
+    settings = SolverSettings.of(problem.solver, programme)
     counts = []
     for name in first:
-        result = run(methods.solver(name, methods.switch), programme, iterate)
+        result = run(make_solver(name, settings, settings.switch), programme, iterate)
         iterate = result.iterate
         counts.append(result.history[-1].iteration)
-    solver = methods.solver(last)
+    solver = make_solver(last, settings)
     history = _steps(problem, programme, solver, iterate, is_staggered=last == "fbsm_newton")
     return replace(history, iterations=(*counts, *history.iterations))
 

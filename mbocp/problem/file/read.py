@@ -37,8 +37,8 @@ from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.horizon import check_horizon
 from mbocp.problem.integration import Stabilisation
-from mbocp.problem.options import SolverOptions
 from mbocp.robot import Robot, robot_from_spec
+from mbocp.solvers.options import SolverOptions
 from mbocp.terms import COST_TERMS
 
 __all__ = ["from_tables"]

@@ -20,9 +20,9 @@ from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import LIMITS, Bounds
-from mbocp.problem.options import SolverOptions
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
+from mbocp.solvers.options import SolverOptions
 from mbocp.terms import COST_TERMS
 
 __all__ = ["ProblemFields", "tables_of", "to_toml"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from mbocp._checks import check_choice, check_integer, check_number, check_positive
 from mbocp.exceptions import InvalidValue
-from mbocp.problem._checks import check_choice, check_integer, check_number, check_positive
 
 __all__ = [
     "ADJOINTS",

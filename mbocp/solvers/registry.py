@@ -1,0 +1,83 @@
+"""The solvers by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from mbocp._checks import check_choice
+from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
+from mbocp.solvers.fbsm_newton import FBSMNewton
+from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
+from mbocp.solvers.protocol import Solver
+from mbocp.solvers.settings import SolverSettings
+
+__all__ = ["INTERIOR_POINT", "SOLVERS", "make_solver"]
+
+INTERIOR_POINT = ("ipopt", "fatrop")  # solvers of others, see `mbocp.solvers.nlp`; they run as a whole
+
+Maker = Callable[[SolverSettings, Switch | None], Solver[Any]]
+
+
+def _monolithic(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
+    options = settings.options
+    if options.globalisation == "none":
+        return PureNewton(options.tolerance, options.newton_iterations)
+    words = "barrier, " if settings.has_inequalities else ""
+    return GlobalisedNewton(
+        options.tolerance,
+        options.newton_iterations,
+        control_weight=settings.control_weight,
+        name=f"monolithic (Newton, {words}inertia correction, filter line search)",
+    )
+
+
+def _fbsm_newton(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
+    options = settings.options
+    is_global = options.globalisation == "default"
+    return FBSMNewton(
+        options.tolerance,
+        options.newton_iterations,
+        control_weight=settings.control_weight,
+        globalised=is_global,
+        hessian=options.hessian,
+        auxiliary=options.adjoint == "auxiliary",
+        loop=options.loop if is_global else "open",
+    )
+
+
+def _fbsm_bb(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
+    options = settings.options
+    return FBSMGradient(
+        options.tolerance,
+        options.gradient_iterations,
+        theta_max=options.theta_max,
+        auxiliary=options.adjoint == "auxiliary",
+        loop=options.loop,
+        switch=switch,
+    )
+
+
+SOLVERS: Mapping[str, Maker] = MappingProxyType(
+    {"monolithic": _monolithic, "fbsm_newton": _fbsm_newton, "fbsm_bb": _fbsm_bb}
+)
+
+
+def make_solver(name: str, settings: SolverSettings, switch: Switch | None = None) -> Solver[Any]:
+    """Solver of one phase.
+
+    Parameters
+    ----------
+    name : str
+        Of `SOLVERS`.
+    settings : SolverSettings
+    switch : Switch, optional
+        Of the gradient phase of a hybrid.
+
+    Raises
+    ------
+    InvalidValue
+        If there is no solver of that name; lists those that there are.
+    """
+    return SOLVERS[check_choice("solver.method", name, SOLVERS)](settings, switch)

@@ -1,0 +1,77 @@
+"""What a strategy knows about how to solve: the user's options, and what follows from the programme."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from mbocp.programme import StagewiseProgramme
+from mbocp.solvers.fbsm_gradient import Switch
+from mbocp.solvers.options import SolverOptions
+
+__all__ = ["SolverSettings"]
+
+_INTERIOR_ITERATIONS = 1000
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """The options of a problem, for one programme.
+
+    Attributes
+    ----------
+    options : SolverOptions
+    control_weight : float
+        Unit of the Hessian's shift, see `StagewiseProgramme`.
+    has_inequalities : bool
+        Whether there are limits, path constraints or guards.
+    is_doubtful : bool
+        Whether IPOPT has found the problem infeasible from another guess: `auto` does not ask it again.
+    time_limit : float or None
+        What is left of the options' [s].
+    """
+
+    options: SolverOptions
+    control_weight: float
+    has_inequalities: bool = False
+    is_doubtful: bool = False
+    time_limit: float | None = None
+
+    @classmethod
+    def of(
+        cls, options: SolverOptions, programme: StagewiseProgramme, *, has_inequalities: bool = False
+    ) -> SolverSettings:
+        """Settings with the options of a problem."""
+        return cls(
+            options,
+            programme.control_weight,
+            has_inequalities=has_inequalities,
+            time_limit=options.time_limit,
+        )
+
+    @property
+    def tolerance(self) -> float:
+        """Of residual and increment, of all methods."""
+        return self.options.tolerance
+
+    @property
+    def switch(self) -> Switch:
+        """When a hybrid goes over to Newton's method."""
+        o = self.options
+        return Switch(o.switch_residual, o.switch_cost, o.switch_iterations)
+
+    def is_spent(self, taken: int) -> bool:
+        """Whether so many iterations use up the limit of all phases together."""
+        limit = self.options.max_iterations
+        return limit is not None and taken >= limit
+
+    def within(self, taken: int) -> SolverSettings:
+        """Settings with what so many iterations leave of their limit, one at least."""
+        limit = self.options.max_iterations
+        if limit is None:
+            return self
+        return replace(self, options=replace(self.options, max_iterations=max(1, limit - taken)))
+
+    def interior_iterations(self, taken: int) -> int:
+        """Limit of an interior-point method after so many iterations of others."""
+        limit = self.options.max_iterations
+        return _INTERIOR_ITERATIONS if limit is None else limit - taken
