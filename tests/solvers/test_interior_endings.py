@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -20,6 +21,8 @@ from mbocp.cli.app import app
 from mbocp.cli.progress import Progress
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
+from mbocp.solvers.nlp.functions import calm_or_none
+from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.nlp.log import IterationLog
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -265,3 +268,34 @@ def test_an_iterate_beyond_all_squares_is_told_without_an_overflow() -> None:
     solution = mbocp.solve(problem)
     assert not solution.converged
     check_honest(solution)
+
+
+@pytest.mark.parametrize(("duration", "steps"), [(1.0, 6), (1.0, 14), (3.0, 20), (1000.0, 6)])
+def test_explicit_steps_that_are_far_too_long_do_not_hold_fatrop_for_ever(
+    duration: float, steps: int
+) -> None:
+    """Its loop over ever larger shifts asks no function, looks at no clock and hears no Ctrl-C."""
+    goal = {"q": [1.0, 0.5], "v": 0}
+    problem = Problem.create(
+        "double_pendulum", duration, steps, goal=goal, scheme="rk4", solver={"method": "fatrop"}
+    )
+    solution = mbocp.solve(problem)
+    assert solution.status is Status.DIVERGED
+    assert "take more steps" in solution.advice
+    check_honest(solution)
+
+
+def test_the_growth_of_a_step_does_not_depend_on_units() -> None:
+    draw = np.random.default_rng(0)
+    N, nx = 3, 4
+    layout = NlpLayout(N, nx, 2, 0, 0, 0, 0, is_explicit=True, is_lifted=False)
+    for size, is_calm in ((10.0, True), (1e4, False)):
+        units = 10.0 ** draw.uniform(-6, 6, nx)
+        turn = np.linalg.qr(draw.standard_normal((nx, nx)))[0]
+        jacobian = np.zeros((layout.num_rows, layout.num_unknowns))
+        for step, values in enumerate(([1, 1, 1, 1], [1, -1, 1, -1], [size, -size, 1, 1])):
+            block = turn @ np.diag(np.array(values, dtype=float)) @ turn.T
+            jacobian[np.ix_(layout.steps[step], layout.xs[step])] = -block * np.divide.outer(units, units)
+        symbol = ca.MX.sym("J", ca.DM(jacobian).sparsity())
+        watched = ca.Function("f", [symbol], [calm_or_none(symbol, layout)])(ca.DM(jacobian))
+        assert np.isfinite(np.array(watched)[jacobian != 0.0]).all() == is_calm

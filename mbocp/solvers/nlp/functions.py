@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.nlp.layout import Index, NlpLayout
 
-__all__ = ["NlpFunctions", "all_or_none", "finite_or_zero", "parameters"]
+__all__ = ["NlpFunctions", "all_or_none", "calm_or_none", "finite_or_zero", "parameters"]
 
 
 _INPUTS = ["x", "p", "lam_f", "lam_g"]  # of functions of the Lagrangian
@@ -257,6 +258,48 @@ class NlpFunctions:
 def all_or_none(matrix: ca.MX) -> ca.MX:
     """The matrix; with one entry that is not finite, none of them is a number."""
     return ca.MX(matrix.sparsity(), matrix.nz[:] + ca.if_else(_is_finite(matrix), 0.0, np.nan))
+
+
+# Of an explicit step: how much it multiplies the distance of two motions. A motion that is resolved is far
+# below; fatrop's loop is endless from 250 on in the worst case that is known, where round-off takes the
+# curvature at any shift.
+_MOST_GROWTH = 100.0
+
+
+def calm_or_none(jacobian: ca.MX, layout: NlpLayout) -> ca.MX:
+    r"""The Jacobian; none of it is a number if an explicit step multiplies distances by more than a hundred.
+
+    The measure is one of the eigenvalues of :math:`A = \partial x_{n+1} / \partial x_n`, whatever the units:
+
+    .. math:: \max\left(\tfrac{|\mathrm{tr} A|}{n_x}, \sqrt{\tfrac{|\mathrm{tr} A^2|}{n_x}}\right)
+    """
+    rows, columns = layout.gaps[:, : layout.nx, None], layout.xs[:-1, None, :]
+    values = ca.vertcat(0.0, jacobian.nz[:])
+
+    def entries(i: Index, j: Index) -> ca.MX:
+        """Of many places, one row for each step."""
+        places = _places(jacobian.sparsity(), *np.broadcast_arrays(i, j))
+        return ca.reshape(values[places.ravel().tolist()], places.shape[1], places.shape[0]).T
+
+    N, nx = layout.num_steps, layout.nx
+    i, j = (grid.ravel() for grid in np.indices((nx, nx)))
+    every = np.arange(N)[:, None]
+    A = entries(rows[every, i, 0], columns[every, 0, j])
+    transposed = entries(rows[every, j, 0], columns[every, 0, i])
+    diagonal = entries(rows[:, :, 0], columns[:, 0, :])
+    growth = ca.fmax(ca.fabs(ca.sum2(diagonal)) / nx, ca.sqrt(ca.fabs(ca.sum2(A * transposed)) / nx))
+    is_calm = ca.mmax(growth) <= _MOST_GROWTH
+    return ca.MX(jacobian.sparsity(), jacobian.nz[:] + ca.if_else(is_calm, 0.0, np.nan))
+
+
+def _places(sparsity: ca.Sparsity, rows: Index, columns: Index) -> Index:
+    """Numbers of the nonzeros at some places, from one on; zero where there is none."""
+    numbers = sparse.csc_matrix(
+        (np.arange(1, sparsity.nnz() + 1), np.array(sparsity.row()), np.array(sparsity.colind())),
+        shape=sparsity.shape,
+    )
+    found: Index = np.asarray(numbers.tocsr()[rows.ravel(), columns.ravel()]).reshape(rows.shape)
+    return found
 
 
 def finite_or_zero(matrix: ca.MX) -> ca.MX:

@@ -24,7 +24,7 @@ from mbocp._arrays import Array
 from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, parameters
+from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, calm_or_none, parameters
 from mbocp.solvers.nlp.iteration_callback import IterationCallback
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.nlp.log import IterationLog, whole_lines
@@ -188,6 +188,8 @@ class _Compiled:
         w, p = ca.MX.sym("x", functions.f.numel_in(0)), ca.MX.sym("p", functions.f.numel_in(1))
         rows, jacobian = functions.jac_g(w, p)
         guarded = all_or_none(ca.MX(jacobian.sparsity(), jacobian.nz[:] + self.iteration_callback(w)))
+        if not is_ipopt and key.layout.is_explicit:
+            guarded = calm_or_none(guarded, key.layout)
         self.gradient = functions.gradient(has_cost=False)
         cache = {
             "nlp_f": functions.f,

@@ -67,7 +67,8 @@ def advice_of(
         Status.LINE_SEARCH_FAILED: f"no step makes progress any more after {iterations}; the goal may be out "
         "of reach within the limits; try a longer duration, wider limits, another guess, or the other of "
         '"ipopt" and "fatrop"',
-        Status.DIVERGED: "the iterates left the finite numbers; take more steps or another guess",
+        Status.DIVERGED: "the iterates left the finite numbers, or steps that keep errors small; take "
+        "more steps or another guess",
         Status.SINGULAR: "the linear system cannot be solved; look for constraints that depend on each other",
         Status.INTERRUPTED: f"interrupted after {iterations}; the last iterate",
     }
