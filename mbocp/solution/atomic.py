@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import math
 import os
 import re
 import secrets
@@ -53,6 +54,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         If the folder does not exist, `path` is no file, or the disk refuses; other errors pass through.
     """
     target = _target(path)
+    _sweep(target.parent, None)  # first, so that writers which are killed one after another leave one file
     try:
         temporary, handle = _temporary(target.parent)
     except OSError as error:
@@ -112,15 +114,16 @@ def _temporary(folder: Path) -> tuple[Path, int]:
         os.close(handle)  # somebody swept it up before it was locked: once more
 
 
-def _sweep(folder: Path, newest: Path) -> None:
-    """Remove what killed writers left in a folder; `newest` tells the time, by the clock of the disk."""
+def _sweep(folder: Path, newest: Path | None) -> None:
+    """Remove what killed writers left in a folder.
+
+    `newest` tells the time, by the clock of the disk; without it, only files go of which locks tell.
+    """
     with contextlib.suppress(OSError):
-        now = newest.stat().st_mtime
+        now, own = (newest.stat().st_mtime, newest.name) if newest else (-math.inf, "")
         with os.scandir(folder) as entries:
             for entry in entries:
-                if entry.name != newest.name and (
-                    _OURS.fullmatch(entry.name) or _EARLIER.fullmatch(entry.name)
-                ):
+                if entry.name != own and (_OURS.fullmatch(entry.name) or _EARLIER.fullmatch(entry.name)):
                     with contextlib.suppress(OSError):  # swept up by another process
                         _remove_if_left(Path(entry.path), now)
 

@@ -174,6 +174,22 @@ def test_what_killed_writers_left_is_removed(tmp_path: Path) -> None:
     assert set(tmp_path.iterdir()) == {path, elsewhere, just_now, *foreign}
 
 
+def test_writers_that_are_killed_one_after_another_leave_one_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As soon as their file is there, before they look at what others left."""
+
+    def killed(folder: Path) -> tuple[Path, int]:
+        leave(folder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(atomic, "_temporary", killed)
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            replace_file(tmp_path / "x", b"")
+    assert len(list(tmp_path.iterdir())) == 1
+
+
 def test_what_is_being_written_stays(tmp_path: Path) -> None:
     with atomic_path(tmp_path / "a") as first:
         first.write_text("first")
