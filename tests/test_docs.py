@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import subprocess
 import sys
@@ -147,3 +148,19 @@ def test_the_python_example_of_the_readme_runs(tmp_path: Path) -> None:
 
 def test_the_picture_is_small() -> None:
     assert (ROOT / "docs/images/ur5_reach.png").stat().st_size < 150_000
+
+
+def test_the_functions_of_the_architecture_exist() -> None:
+    names = re.findall(r"`(mbocp(?:\.\w+)+)`", text("docs/architecture.md"))
+    assert len(names) > 9
+    for name in names:
+        home, _, function = name.rpartition(".")
+        assert hasattr(importlib.import_module(home), function), name
+
+
+def test_the_files_of_the_architecture_exist() -> None:
+    places = re.findall(r"`((?:\w+/)+(?:\w+\.py)?)`", text("docs/architecture.md"))
+    assert len(places) > 20
+    for place in places:
+        found = (ROOT / place).exists() or any((ROOT / "mbocp").rglob(place.rstrip("/")))
+        assert found, place
