@@ -55,7 +55,7 @@ class NlpLayout:
     @classmethod
     def of(cls, programme: StagewiseProgramme, *, wants_gaps: bool) -> NlpLayout:
         """Layout of a programme; `wants_gaps`: every step as a gap."""
-        kind = programme.kinds[0]
+        kind, is_explicit = programme.kinds[0], programme.is_explicit
         return cls(
             num_steps=programme.num_steps,
             nx=kind.nx,
@@ -64,8 +64,8 @@ class NlpLayout:
             ng=programme.ng,
             num_guards=programme.num_guards,
             nh=programme.bounds.nh,
-            is_explicit=programme.is_explicit,
-            is_lifted=wants_gaps and not programme.is_explicit,
+            is_explicit=is_explicit,
+            is_lifted=wants_gaps and not is_explicit,
         )
 
     @property
