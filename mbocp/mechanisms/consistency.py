@@ -21,8 +21,8 @@ __all__ = [
     "tangent_space",
 ]
 
-# A start typed with nine digits is accepted; one that is off by what a person can measure is not. The first
-# step of the mechanics removes what is left.
+# A start with nine digits is accepted, a measurable violation is not. The first step of the mechanics removes
+# the rest.
 CONSISTENCY_TOLERANCE = 1e-8  # [m, rad, m^2 for a rod, and their rates]
 RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero
 

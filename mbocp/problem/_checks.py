@@ -30,7 +30,7 @@ __all__ = [
     "check_size",
 ]
 
-MAX_POSITION = 1e9  # [m, rad] as of what is drawn; a float beside it is exact to 1e-7
+MAX_POSITION = 1e9  # [m, rad] as in replays; a float of this size is exact to 1e-7
 MAX_RATE = 1e15  # [m/s, rad/s, kg m/s, N m s] as of the numbers of a robot; products of several have numbers
 
 

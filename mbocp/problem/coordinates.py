@@ -1,4 +1,4 @@
-"""What natural coordinates cannot do."""
+"""Checks of problems in natural coordinates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["check_coordinates"]
 
 
 def check_coordinates(robot: Robot, coordinates: str, scheme: str, limits: Bounds) -> None:
-    """Refuse what cannot be written in natural coordinates, by name.
+    """Refuse, by name, options that natural coordinates do not have.
 
     Raises
     ------

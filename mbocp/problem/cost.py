@@ -1,4 +1,4 @@
-"""What is minimised: the weights and the target of the running and of the terminal cost."""
+"""The cost: weights and target of the running and of the terminal cost."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def without_driven_velocities(robot: Robot, goal: Goal) -> Goal:
     Raises
     ------
     ProblemError
-        If one of them is asked to be anything but zero, or the goal speaks of momenta.
+        If the goal gives one of them that is not zero, or gives momenta.
     """
     if not robot.drives or not goal.rate_active.any():
         return goal

@@ -1,4 +1,4 @@
-"""Where the motion shall end, and how strictly."""
+"""The goal: the end of the motion, and how strictly it is enforced."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How time is discretised: what each scheme takes, and which robots it suits."""
+"""Discretisation of time: the options of each scheme, and the robots that it can integrate."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Stabilisation:
 def check_integrator(
     robot: Robot, scheme: str, lie: str, substeps: int, stabilisation: Stabilisation
 ) -> None:
-    """Refuse what the scheme does not use, and robots that it cannot integrate."""
+    """Refuse options that the scheme does not use, and robots that it cannot integrate."""
     check_choice("integrator.scheme", scheme, SCHEMES)
     check_choice("integrator.lie", lie, LIE_METHODS)
     check_integer("integrator.substeps", substeps, minimum=1)

@@ -70,7 +70,7 @@ class Bounds:
         return cls().completed(robot)
 
     def completed(self, robot: Robot) -> Bounds:
-        """Return the same with infinite bounds for what was left out, checked against `robot`."""
+        """Return the same with infinite bounds where none were given, checked against `robot`."""
         sides: dict[str, Array] = {}
         for letter, size in (("u", robot.nu), ("v", robot.nv), ("q", robot.nq)):
             for side, infinity in (("lower", -np.inf), ("upper", np.inf)):
@@ -133,7 +133,7 @@ def check_limits(robot: Robot, bounds: Bounds, q_start: Array, v_start: Array, g
 
 
 def _ends(robot: Robot, goal: Goal) -> Iterator[tuple[str, str, Array, BoolArray, Sequence[Label]]]:
-    """What an exact goal says about q and v."""
+    """Components of q and v that an exact goal fixes."""
     if not goal.is_exact:
         return
     yield "goal", "q", goal.q, _configuration_mask(robot, goal.q_active), robot.q_labels

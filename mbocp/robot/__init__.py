@@ -1,4 +1,4 @@
-"""Robots: loading, and what the rest of mbocp sees of them.
+"""Robots: loading, and the interface to the rest of mbocp.
 
 `load_robot` makes a `Robot` from a name, a URDF or a robot.toml. Numeric Pinocchio, and the equations of the
 holonomic constraints; the symbolic functions of the same model come from `mbocp.symbolic`.

@@ -1,4 +1,4 @@
-"""Numeric kinematics and forces on a `pin.Model`: what `Robot` offers, and what tests compare with."""
+"""Numeric kinematics and forces of a `pin.Model`: `Robot` offers them, and tests compare with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""Robots of many joints: Pinocchio's working memory, and what is done without it.
+r"""Robots of many joints: Pinocchio's working memory, and algorithms without it.
 
 Pinocchio's `Data` holds four arrays of nv^3 numbers for second derivatives, whether they are asked for or
 not: 32 MB for a hundred joints, 4 GB for five hundred. Its algorithms need it all the same. So a `Data` is

@@ -27,7 +27,7 @@ _ROTATIONS = ("quaternion", "dcm")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotModel:
-    """What a multibody system consists of: joints and inertias, actuation, constraints, force elements.
+    """Data of a multibody system: joints and inertias, actuation, constraints, force elements.
 
     Parameters
     ----------

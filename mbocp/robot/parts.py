@@ -1,4 +1,4 @@
-"""What a robot consists of beside its multibody model: actuation, forces, limits, labels.
+"""Parts of a robot beside its multibody model: actuation, forces, limits, labels.
 
 All of it is data. A frame is an index into `pin.Model.frames`; frame 0 is the universe, called "world".
 """

@@ -25,7 +25,7 @@ FRICTION_SPEED = 0.1  # [rad/s, m/s]
 
 @dataclass(frozen=True)
 class JointResistance:
-    r"""What one joint loses by moving, see this module.
+    r"""Damping and friction of one joint, see this module.
 
     Parameters
     ----------

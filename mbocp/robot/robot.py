@@ -24,7 +24,7 @@ from mbocp.robot.warnings import NormalisationWarning
 __all__ = ["Robot"]
 
 _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
-_ROUND_OFF = 1e-9  # a norm this close to 1 is mended without a word
+_ROUND_OFF = 1e-9  # a norm this close to 1 is normalised without a warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)

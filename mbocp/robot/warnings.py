@@ -1,4 +1,4 @@
-"""Warnings about a robot: something was mended or left out, and the work goes on."""
+"""Warnings about a robot: something was corrected or left out."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class InitialPoseWarning(UserWarning):
 
 
 class IgnoredKeysWarning(UserWarning):
-    """A robot.yaml says something that mbocp does not know, and that is left out."""
+    """A robot.yaml has keys that mbocp does not know; they are left out."""
 
 
 class ImpossibleInertiaWarning(UserWarning):
@@ -33,4 +33,4 @@ class ImpossibleInertiaWarning(UserWarning):
 
 
 class NotModelledWarning(UserWarning):
-    """The URDF says something about forces or motions that mbocp does not know, and that is left out."""
+    """A URDF has tags about forces or motions that mbocp does not know; they are left out."""

@@ -33,7 +33,7 @@ __all__ = [
     "why_limits_cannot_be_kept",
 ]
 
-_BARRIER_BY_COST = 0.1  # of the guess's cost, for what mu comes to over all limits ...
+_BARRIER_BY_COST = 0.1  # initial sum of mu over all limits, by the cost of the guess ...
 _MIN_BARRIER, _MAX_BARRIER = 1e-5, 1.0  # ... within these
 _MARGIN = 0.1  # first distance of a slack from its bounds, relative to them and to their gap
 _WARM_FACTOR, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
@@ -49,7 +49,7 @@ def init_barrier(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState
     Raises
     ------
     ProblemError
-        If there are limits that the barrier does not get along with.
+        If there are limits that the barrier cannot keep.
     """
     if not _has_limits(programme):
         return start(programme, iterate)
@@ -80,7 +80,7 @@ def resumed(
     Raises
     ------
     ProblemError
-        If there are limits that the barrier does not get along with.
+        If there are limits that the barrier cannot keep.
     """
     if not _has_limits(programme):
         return start(programme, iterate)
@@ -159,7 +159,7 @@ def _last_barrier(native: KernelProgramme, tolerance: float) -> float:
 
 
 def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
-    """Words for what the barrier does not get along with, or None."""
+    """Message about limits that the barrier cannot keep, or None."""
     bounds = programme.bounds
     if programme.kinds[0].groups and (bounds.nh or bounds.limited_x.size or programme.num_guards):
         return "keeps no path constraints in natural coordinates"
@@ -167,7 +167,7 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
 
 
 def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
-    """State with the barrier parameter as small as the iterate deserves, and a filter that knows of it."""
+    """State with the smallest barrier parameter that the iterate allows; a new one starts a new filter."""
     last = _last_barrier(state.native, tolerance)
     barrier, evaluation = state.barrier, state.evaluation
     while barrier > last and evaluation.barrier_error <= _SETTLED * barrier:

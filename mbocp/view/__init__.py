@@ -1,4 +1,4 @@
-"""What a person sees: plots and replays.
+"""Plots and replays of a solution.
 
 `plots` and `replay` are the fronts; behind them stand `figures` (matplotlib) and `meshcat` with `meshes`.
 """

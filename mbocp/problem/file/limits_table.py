@@ -83,7 +83,7 @@ def _position(robot: Robot, written: Any) -> _Sides:
 
 
 def _sides(robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str, slice]) -> _Sides:
-    """Lower and upper bounds from what was written."""
+    """Lower and upper bounds from the values in a file."""
     size = len(own[0])
     if written is True:
         if not any(np.isfinite(side).any() for side in own):

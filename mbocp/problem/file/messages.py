@@ -1,4 +1,4 @@
-"""From foreign and inner errors to one that names file, key, what was got and what is allowed."""
+"""Errors of a problem file: they name the file and key, the value, and the allowed values."""
 
 from __future__ import annotations
 

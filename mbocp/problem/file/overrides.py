@@ -108,7 +108,7 @@ def _put(document: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Turn NumPy arrays and tuples into what a TOML file could hold."""
+    """Turn NumPy arrays and tuples into values of a TOML file."""
     if isinstance(value, Mapping):
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):

@@ -193,7 +193,7 @@ def _tangent(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
 
 @dataclass(frozen=True)
 class _CostReader:
-    """From what `[cost]` says to arrays, see `mbocp.terms.Reader`."""
+    """From the values of `[cost]` to arrays, see `mbocp.terms.Reader`."""
 
     robot: Robot
     goal: Goal
@@ -288,7 +288,7 @@ def _weights(robot: Robot, table: WeightsTable | None, default: BoolArray, key: 
 
 
 def _check_targets(robot: Robot, weights: Array, given: BoolArray, key: str, source: str) -> None:
-    """Refuse a weight on something that no target says."""
+    """Refuse a weight on a component that has no target."""
     if weights.shape != given.shape:
         return  # the class says what is wrong with the length
     missing = np.flatnonzero((weights != 0.0) & ~given)

@@ -1,4 +1,4 @@
-"""The smallest problem file for a robot, shown to who gives a robot where a problem is expected."""
+"""The smallest problem file for a robot, shown where a robot is given in place of a problem."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _DISPLACEMENT = 0.5  # [rad, m]
 
 
 def is_robot_file(path: Path) -> bool:
-    """Whether a file's name says that it is a robot."""
+    """Whether a file is a robot, by its name."""
     return path.suffix.lower() in _ROBOTS
 
 
@@ -26,7 +26,7 @@ def smallest_problem(path: Path) -> str:
     """Lines of a problem file that moves the joints of the robot in `path`, from its initial pose to rest."""
     try:
         goal = _goal(load_robot(path))
-    except MbocpError:  # what is wrong with the robot will be said when the problem is loaded
+    except MbocpError:  # faults of the robot are reported when the problem is loaded
         goal = "JOINT = 0.5"
     return "\n".join(
         (

@@ -53,7 +53,7 @@ Limit: TypeAlias = float | list[float]
 
 
 def _rate(value: Any) -> Vector | Named | float:
-    """Velocities or momenta; 0 says that all of them are."""
+    """Velocities or momenta; 0 means that all are zero."""
     if is_number(value) and value == 0:
         return 0.0
     if is_number(value):
@@ -120,7 +120,7 @@ Ranges = Annotated[Any, BeforeValidator(_ranges)]
 
 
 class RobotTable(Table):
-    """Which robot, and how it is loaded: what `mbocp.robot.robot_from_spec` takes."""
+    """The robot and the options for loading it, as `mbocp.robot.robot_from_spec` takes them."""
 
     name: str
     free_flyer: bool | None = None
@@ -170,7 +170,7 @@ CostTable = merged(
 
 
 class LimitsTable(Table):
-    """Bounds that hold along the motion; what is left out is not bounded."""
+    """Bounds along the motion; components that are left out have none."""
 
     effort: Limits = None
     velocity: Limits = None
@@ -178,7 +178,7 @@ class LimitsTable(Table):
 
 
 class PathHead(Table):
-    """What every path constraint says of itself."""
+    """Keys that every path constraint has."""
 
     name: str | None = None
     kind: str

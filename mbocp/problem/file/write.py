@@ -1,4 +1,4 @@
-"""A `Problem` as the text of a problem file: what a result keeps, so that it says what was solved."""
+"""A `Problem` as the text of a problem file: a result keeps it."""
 
 from __future__ import annotations
 

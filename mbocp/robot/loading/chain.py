@@ -68,7 +68,7 @@ _TIP = """  <link name="tip"/>
 
 
 def num_links(name: str) -> int | None:
-    """Number of links of the chain that a name stands for; None if it is no name of a chain.
+    """Number of links of the chain with this name; None if the name is not that of a chain.
 
     Raises
     ------

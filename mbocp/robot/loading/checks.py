@@ -58,7 +58,7 @@ def check_mechanics(robot: Robot) -> None:
         Naming the joints that move impossible inertias.
     """
     jacobian = robot.constraint_jacobian(robot.q0)
-    free = list(robot.undriven)  # what drives move needs no mass
+    free = list(robot.undriven)  # components that drives move need no mass
     mass = robot.mass_matrix(robot.q0)[np.ix_(free, free)]
     if jacobian.shape[0] == 0:
         _check_definite(robot, free)

@@ -1,4 +1,4 @@
-"""Whether drives are well posed: what they move, and what their accelerations act on."""
+"""Checks of drives: the directions in which they move, and the components on which they act."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SEED = 20170
 
 
 def check_drives(robot: Robot) -> None:
-    """Check at random configurations that drives move what they say, and nothing that they must not.
+    """Check at random configurations that drives move their frames, and act on no other component.
 
     Raises
     ------

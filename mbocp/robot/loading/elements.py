@@ -1,4 +1,4 @@
-"""From the tables of a robot.toml and a model to actuation, constraints, forces, limits and what is drawn."""
+"""From the tables of a robot.toml and a model to actuation, constraints, forces, limits and connectors."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class _Columns:
 
 @dataclass(frozen=True)
 class Assembly:
-    """Everything that is said by name, made into indices of one model.
+    """Tables that name joints and frames, resolved to indices of one model.
 
     Parameters
     ----------
@@ -264,11 +264,11 @@ class Assembly:
     def connectors(
         self, elements: Iterable[Constraint | QuarticSpring | SpringDamper]
     ) -> tuple[Connector, ...]:
-        """What a replay draws between frames: the [[visual]] tables, else a rod or coil for each pair."""
+        """Connectors in a replay: those of the [[visual]] tables, else a rod or coil for each pair."""
         shown: dict[tuple[int, ...], Connector | None] = {}
         for pair in elements:
             if not isinstance(pair, Rod | QuarticSpring | SpringDamper):
-                continue  # what closes a loop joins frames that are at one place, or shows itself
+                continue  # frames of a closed loop are at one place, or the constraint is visible anyway
             kind = "rod" if isinstance(pair, Rod) else "spring"
             radius, color = _LOOKS[kind]
             shown[_key(pair.frame_a, pair.frame_b)] = Connector(
@@ -379,7 +379,7 @@ def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, float]]:
 
 
 def _limit(value: float) -> float:
-    """A limit of a URDF: zero stands for "not given" in many of them."""
+    """A limit of a URDF: many write zero where none is given."""
     return float(value) if 0.0 < value < _NO_LIMIT else np.inf
 
 

@@ -54,7 +54,7 @@ _BASE_NQ = 7  # numbers of a free-flyer's configuration
 
 @dataclass(frozen=True, eq=False)
 class _Body:
-    """A model before locking, and what belongs to it."""
+    """A model before locking, with its visuals, pose and tables."""
 
     model: pin.Model
     visuals: pin.GeometryModel
@@ -263,7 +263,7 @@ def _body_of(
     file: Path,
     follow: bool,
 ) -> _Body:
-    """What belongs to a model that a URDF gave."""
+    """Model, visuals and tables from a URDF."""
     tied = followers(urdf.path, urdf.root) if follow else ()
     return _Body(model, visuals, pin.neutral(model), urdf.path, name, table, file, tied)
 
@@ -334,7 +334,7 @@ def _assemble(
 
 
 def _losses(table: RobotTable, damping: bool | None, friction: str | None, speed: float | None) -> Losses:
-    """What is said of the losses: options before robot.toml before defaults."""
+    """Losses: options take precedence over robot.toml, and robot.toml over defaults."""
     said = ((damping, table.damping, True), (speed, table.friction_speed, FRICTION_SPEED))
     acts, scale = (next(value for value in values if value is not None) for values in said)
     return Losses(bool(acts), table.friction if friction is None else friction, float(scale))

@@ -1,4 +1,4 @@
-"""Mimic joints of a URDF: whom they follow in the end, and what is said of them that Pinocchio drops."""
+"""Mimic joints of a URDF: their first leaders, and the damping and friction that Pinocchio drops."""
 
 from __future__ import annotations
 

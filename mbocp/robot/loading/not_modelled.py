@@ -1,4 +1,4 @@
-"""What a URDF says about forces and motions, and mbocp leaves out: told once, by name.
+"""Tags of a URDF about forces and motions that mbocp leaves out: one warning names them.
 
 Contacts (<collision>), controllers (<safety_controller>, <transmission>), sensors and colours change nothing
 about the equations of motion of a mechanism in free motion, and are not told.

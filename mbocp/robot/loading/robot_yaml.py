@@ -36,7 +36,7 @@ _JOINT_TYPES = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in _AXES for b in
 
 
 class RobotYaml(BaseModel):
-    """What a robot.yaml says."""
+    """Content of a robot.yaml."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -54,7 +54,7 @@ class RobotYaml(BaseModel):
         return pairs
 
     def table(self, urdf: Urdf) -> RobotTable:
-        """The loops and motors, as a robot.toml would say them."""
+        """Loops and motors as the tables of a robot.toml."""
         kinds = self.type or ["6d"] * len(self.closed_loop)
         names = _names(self.closed_loop)
         loops: list[ConstraintTable] = [
@@ -138,7 +138,7 @@ def _check_lengths(path: Path, found: RobotYaml) -> None:
 
 
 def _names(pairs: list[tuple[str, str]]) -> list[str]:
-    """What two frames have in common, if that tells the loops apart; else loop_1, loop_2, ..."""
+    """Common part of the names of two frames, if it differs from loop to loop; else loop_1, loop_2, ..."""
     common = [_beginning(*pair).rstrip("_-. ") for pair in pairs]
     telling = all(common) and len(set(common)) == len(common)
     return common if telling else [f"loop_{number}" for number in range(1, len(pairs) + 1)]

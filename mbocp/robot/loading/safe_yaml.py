@@ -42,8 +42,8 @@ def parse_yaml(text: str) -> Any:
 
 
 def _check_size(text: str) -> None:
-    """Count what the text stands for, and stop at the limits."""
-    anchors: dict[str, int] = {}  # nodes that an anchor stands for
+    """Count the nodes, those of aliases each time, and stop at the limits."""
+    anchors: dict[str, int] = {}  # nodes of each anchor
     open_: list[
         tuple[str | None, int]
     ] = []  # lists and tables that have not ended: anchor, nodes before them

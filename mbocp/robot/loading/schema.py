@@ -1,4 +1,4 @@
-"""robot.toml: what a URDF cannot say. The whole schema; docs/robots.md explains each key."""
+"""Schema of robot.toml, which adds to a URDF; docs/robots.md explains each key."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ __all__ = [
     "read_robot_toml",
 ]
 
-_MAX_VALUE = 1e15  # of what enters the equations, as in a URDF
-_MIN_DIRECTION = 1e-15  # largest component of what is a direction
+_MAX_VALUE = 1e15  # of numbers in the equations, as in a URDF
+_MIN_DIRECTION = 1e-15  # largest component of a direction
 Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]
 PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_MAX_VALUE)]
 Vector3: TypeAlias = tuple[Number, Number, Number]

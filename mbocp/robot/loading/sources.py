@@ -39,7 +39,7 @@ _FILES: dict[_Kind, str] = {"toml": TOML, "yaml": YAML}  # the first of them in 
 
 @dataclass(frozen=True)
 class Source:
-    """What a name or path stands for: a file, a chain, or a loader of example-robot-data.
+    """Source of a robot: a file, a chain, or a loader of example-robot-data.
 
     `address` is the name or absolute path that leads here again from any folder.
     """
@@ -61,7 +61,7 @@ class RobotEntry:
 
 
 def find_source(spec: str | Path, base: Path | None = None) -> Source:
-    """Find what `spec` stands for.
+    """Find the source that `spec` names.
 
     Parameters
     ----------

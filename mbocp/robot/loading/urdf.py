@@ -97,7 +97,7 @@ def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
             if free_flyer:
                 return pin.buildModelFromXML(text, pin.JointModelFreeFlyer(), ROOT_JOINT, mimic)
             return pin.buildModelFromXML(text, mimic)
-    except Exception as error:  # whatever Pinocchio and urdfdom throw across the language border
+    except Exception as error:  # any exception of Pinocchio or urdfdom
         lines = [*"".join(noise).split("\n"), str(error).rpartition("message:")[2]]
         said = " ".join(" ".join(dict.fromkeys(lines)).split())
         hint = "; mimic = false makes them joints of their own" if mimic and "imic" in said else ""
@@ -119,7 +119,7 @@ def _refuse_late_leaders(urdf: Urdf, found: Sequence[Follower], free_flyer: bool
 
 @contextlib.contextmanager
 def captured_stderr(into: list[str]) -> Iterator[None]:
-    """Catch what C++ libraries write to stderr, so that it can be told in context."""
+    """Catch what C++ libraries write to stderr, for use in a message."""
     with _stderr_lock, tempfile.TemporaryFile() as file:
         sys.stderr.flush()
         saved = os.dup(2)

@@ -1,4 +1,4 @@
-"""Masses and inertias of a URDF: what is no number is refused, what no body can have is told by name."""
+"""Masses and inertias of a URDF: only numbers are accepted, impossible inertias cause a warning."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mbocp.robot.warnings import ImpossibleInertiaWarning
 __all__ = ["Inertial", "read_inertials", "tell_impossible_inertias", "total_mass"]
 
 _ROUND_OFF = 1e-9  # [kg m^2]; exporters print a zero moment of inertia as a tiny negative number
-_PRINT_TOLERANCE = 0.02  # of a link's largest moment: what few printed digits may be off by
+_PRINT_TOLERANCE = 0.02  # of a link's largest moment: error of numbers with few digits
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _PLACES = (("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
 _MAX_NAMES = 5  # links named in one warning
@@ -86,7 +86,7 @@ def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.M
 
 
 def _faults(joint: int, model: pin.Model, inertials: tuple[Inertial, ...]) -> list[str]:
-    """What is wrong with the links of a body, or with the body as a whole."""
+    """Faults of the inertias of a body's links, or of the body as a whole."""
     links = {f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY}
     told = [
         f"link {shown(inertial.link)}: {words}"
@@ -133,7 +133,7 @@ def _inertial(model: pin.Model, joint: int) -> Inertial:
 
 
 def _fault(inertial: Inertial) -> str:
-    """What is wrong with an inertia; an empty text if nothing is."""
+    """Fault of an inertia; an empty text if there is none."""
     inertia = inertial.inertia
     size = float(np.abs(inertia).max())
     tolerance = max(_ROUND_OFF, _PRINT_TOLERANCE * size)

@@ -1,4 +1,4 @@
-"""Numbers in a URDF's attributes, and how a message names what they belong to."""
+"""Numbers in a URDF's attributes, and the names of their elements in messages."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mbocp.exceptions import RobotFileError
 
 __all__ = ["LARGEST", "child_attribute", "finite_number", "finite_numbers"]
 
-LARGEST = 1e15  # of a length or mass; squares and products of what a robot has stay finite
-# What C's strtod reads and Python's float, too: no underscores, no digits of other scripts.
+LARGEST = 1e15  # of a length or mass; squares and products of a robot's numbers stay finite
+# Numbers that both C's strtod and Python's float read: no underscores, no digits of other scripts.
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 

@@ -1,4 +1,4 @@
-"""Whether a URDF's links and joints are one tree; Pinocchio leaves out what does not hang on the root."""
+"""Check that a URDF's links and joints are one tree; Pinocchio drops links without a path to the root."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot looks like: shapes of the URDF and the paths of its meshes; no mesh is read.
+"""Visuals of a robot: shapes of the URDF and the paths of its meshes; no mesh is read.
 
 Pinocchio's own builder loads every mesh (seconds for some robots) and stops at the first missing one.
 """

@@ -1,4 +1,4 @@
-"""What closing loops needs to know of a robot."""
+"""The interface of a robot to the functions that close its loops."""
 
 from __future__ import annotations
 

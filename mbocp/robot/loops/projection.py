@@ -93,24 +93,24 @@ def assemble_velocity(robot: Mechanism, q: Array, v: Array, held: NDArray[np.boo
 
 
 def follow(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
-    """Go from `q` towards `target` in small steps, the loops closed all the way.
+    """Continuation from `q` towards `target` in small steps, the loops closed at each.
 
-    Each step goes along the constraints, as straight to the target as they allow; where none gets nearer, a
-    few small kicks are tried.
+    A step goes along the constraints in the direction nearest to the target. Where no step gets nearer, a few
+    random kicks are tried.
 
     Parameters
     ----------
     q : ndarray, shape (nq,)
-        A configuration that closes the loops.
+        Configuration that closes the loops.
     target : ndarray, shape (nq,)
-        Where the wanted components go.
+        Configuration with the wanted components.
     wanted : ndarray of bool, shape (nv,)
-        Velocity components of whole joints that shall arrive; the others are found.
+        Velocity components of whole joints that have a target; the others follow.
 
     Returns
     -------
     q : ndarray, shape (nq,)
-        Where it arrives: at the target if it can, else as near to it as this way leads.
+        At the target if the continuation arrives, else the nearest configuration of its path.
     """
     rng, kicks, step = np.random.default_rng(0), 0, _STRIDE
     nearest = q
@@ -132,7 +132,7 @@ def follow(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_])
 
 
 def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequence[int]) -> Array:
-    """Reduce the residual of some rows in the free velocity components as far as it goes.
+    """Reduce the residual of some rows as far as possible, by the free velocity components.
 
     Where frames of a weld are far from each other's orientation, first by the angle between them: the rows of
     the weld vanish at half turns, too.
@@ -169,7 +169,7 @@ def _reduced(
 
 
 def _by_rows(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
-    """Residual of all rows, and what computes its Jacobian."""
+    """Residual of all rows, and a function that computes its Jacobian."""
     return robot.closure_residual(q), lambda: robot.closure_jacobian(q)
 
 
@@ -229,14 +229,14 @@ def _turns(robot: Mechanism, q: Array) -> list[tuple[Weld, float]]:
 
 
 def _left(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
-    """What is missing of the wanted components."""
+    """Distance of each wanted component from its target [rad, m]."""
     return np.abs(robot.difference(q, target)[wanted])
 
 
 def _stride(
     robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_], longest: float
 ) -> tuple[Array | None, float]:
-    """Configuration a step nearer to the target, or None; and how much of the step the way bends aside."""
+    """Configuration a step nearer to the target, or None; and the correction by the length of the step."""
     basis = null_space(robot.constraint_jacobian(q), _RANK_TOLERANCE)
     missing = robot.difference(q, target)[wanted]
     ahead = basis @ np.linalg.lstsq(basis[wanted], missing, rcond=1e-6)[0]

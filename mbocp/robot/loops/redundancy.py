@@ -79,7 +79,7 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
 
 
 def singular_closure(robot: Mechanism, qs: Array) -> str:
-    """Words about where a motion comes to a pose at which the kept constraints depend on each other.
+    """Message about a pose of a motion at which the kept constraints depend on each other.
 
     There their multipliers are not unique, and the mechanism may change its assembly mode. A singular pose
     between two nodes shows as the singular vectors of the smallest value changing their sign.
@@ -92,7 +92,7 @@ def singular_closure(robot: Mechanism, qs: Array) -> str:
     Returns
     -------
     words : str
-        Empty where there is nothing to tell.
+        Empty if there is no such pose.
     """
     if not robot.nc or not len(qs) or not np.isfinite(qs).all():
         return ""
@@ -106,7 +106,7 @@ def singular_closure(robot: Mechanism, qs: Array) -> str:
 
 
 def singular_pose(robot: Mechanism, q: Array) -> str:
-    """Words about constraints whose rank at q is not what it is elsewhere; empty at a regular pose."""
+    """Message about constraints that lose or gain rank at q; empty at a regular pose."""
     if not robot.nc:
         return ""
     residuals, jacobians = robot.closure_along(q[None])
@@ -119,7 +119,7 @@ def singular_pose(robot: Mechanism, q: Array) -> str:
 
 
 def _left_out(robot: Mechanism, residuals: Array, rows: Array) -> str:
-    """Words if rows that were left out are violated, or independent of the others, at any of the poses."""
+    """Message if redundant rows are violated, or independent of the others, at any of the poses."""
     redundant = list(robot.redundant_rows)
     if not redundant:
         return ""
@@ -173,7 +173,7 @@ def _passed(rows: Array, smallest: Array) -> int | None:
 
 
 def _dependence(robot: Mechanism, rows: Array) -> str:
-    """Which of the kept rows depend on each other the most, in words."""
+    """Clause of a message: the kept rows that depend on each other the most."""
     weights = np.abs(np.linalg.svd(rows, full_matrices=False)[0][:, -1])
     names = [robot.constraint_labels[i].name for i in np.flatnonzero(weights > _MIN_ROW_SHARE)]
     if len(names) == 1:
@@ -196,13 +196,13 @@ def _poses(robot: Mechanism) -> list[Array]:
 
 
 def _scaled(robot: Mechanism, jacobian: Array) -> Array:
-    """Rows of unit length, and zeros for rows that hold nothing but round-off."""
+    """Rows of unit length; rows of round-off become zero."""
     scaled: Array = jacobian / _lengths(robot, np.linalg.norm(jacobian, axis=1))[:, None]
     return scaled
 
 
 def _alike(robot: Mechanism, jacobians: Array) -> Array:
-    """Rows at many poses, each scaled alike at all of them: by its length where it is longest."""
+    """Rows at many poses, each divided by its largest length over all of them."""
     there = np.linalg.norm(jacobians, axis=2).max(axis=0)
     at_first = np.linalg.norm(robot.closure_jacobian(robot.q0), axis=1)
     scaled: Array = jacobians / _lengths(robot, np.maximum(there, at_first))[:, None]
@@ -210,7 +210,7 @@ def _alike(robot: Mechanism, jacobians: Array) -> Array:
 
 
 def _lengths(robot: Mechanism, norms: Array) -> Array:
-    """Lengths of rows, infinite for those that hold nothing but round-off."""
+    """Lengths of rows, infinite for rows of round-off."""
     units = np.array([label.unit for label in robot.closure_labels])
     floor = np.full(norms.size, 1e-12)
     floor[units == "rad"] = _RANK_TOLERANCE
@@ -234,10 +234,7 @@ def _independent(jacobian: Array) -> tuple[int, ...]:
 
 
 def _score(choice: Sequence[int], jacobians: Sequence[Array]) -> float:
-    """How far the chosen rows are from depending on each other, at the worst of the poses but the first.
-
-    Infinite without any: what is empty depends on nothing.
-    """
+    """Smallest singular value of the chosen rows over all poses but the first; infinite without rows."""
     if not choice:
         return np.inf
     judged = jacobians[1:] or jacobians
@@ -263,7 +260,7 @@ def _check_constraints(robot: Mechanism, redundant: Sequence[int], jacobians: Se
 
 
 def _implied_by(robot: Mechanism, constraint: Constraint, jacobians: Sequence[Array]) -> str:
-    """Which other constraint says the same, or that all of them together do."""
+    """Clause of a message: the constraint that implies this one, or that all others together do."""
     start, rows = 0, {}
     for one in robot.constraints:
         rows[one.name] = list(range(start, start + len(one.rows)))

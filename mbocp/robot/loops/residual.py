@@ -1,4 +1,4 @@
-"""Numbers of holonomic constraints: residual and Jacobian, from their one symbolic source."""
+"""Residual and Jacobian of holonomic constraints in numbers, from their symbolic equations."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ __all__ = ["Closure"]
 class Closure:
     """Residual and tangent Jacobian of a model's constraints, all rows.
 
-    The rows are a function of the placements of the frames and of the displacements of the joints that they
-    speak of; their exact derivatives meet Pinocchio's frame Jacobians.
+    The rows are a function of the placements of their frames and of the displacements of their joints. Its
+    exact derivatives are multiplied by Pinocchio's frame Jacobians.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""What figures are made of: panels, curves over time, paths in space, and the style of all of them."""
+"""Parts of figures: panels, curves over time, paths in space, and the style of all of them."""

@@ -93,7 +93,7 @@ def control_panels(solution: Solution, effort: Array | None) -> list[LinePanel]:
 
 
 def multiplier_panels(solution: Solution) -> list[LinePanel]:
-    """Return the adjoint mu of q and of p, lambda and zeta, and what active limits pull, one panel each."""
+    """Return adjoints mu of q and p, lambda, zeta, and the multipliers of active limits, one panel each."""
     labels, nv, t = solution.labels, solution.nv, solution.t
     blocks = [
         ("Adjoint of the configuration", r"$\mu^q$", labels.mu[:nv], solution.mus[:, :nv], False),
@@ -121,7 +121,7 @@ def _limit_panels(solution: Solution) -> list[LinePanel]:
         ("position", f"{title} limits of q", r"$\lambda^q$", dual_columns(labels.q), t, solution.lam_qs),
         ("path", f"{title} path", r"$\lambda^h$", names, t[1:], solution.lam_path),
     ]
-    active = {limit.kind for limit in solution.active_limits}  # the others are what a barrier leaves over
+    active = {limit.kind for limit in solution.active_limits}  # the others are left over by the barrier
     return [
         panel
         for kind, words, symbol, columns, times, values in blocks
@@ -228,7 +228,7 @@ def _violations(solution: Solution, violation: Array) -> list[tuple[str, Array]]
 
 
 def drift_panel(solution: Solution, violation: Array | None) -> Panel:
-    """Return what should be zero, in logarithmic scale: drift of control momenta and rotations, constraints.
+    """Return errors in logarithmic scale: drift of control momenta and rotations, constraints.
 
     `violation` has the shape (N + 1, nc); None leaves it out.
     """

@@ -62,7 +62,7 @@ class FramePaths:
 
     @property
     def projection(self) -> str | None:
-        """What matplotlib calls the axes to draw into."""
+        """Matplotlib's name of the projection."""
         return None if self.is_planar else "3d"
 
     def draw(self, axes: Axes) -> None:
@@ -178,7 +178,7 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
     pin.framesForwardKinematics(model, data, q)
     lines = []
     feet = sum(parent == 0 for parent in model.parents) - 1  # the first is the universe's own
-    is_over_ground = feet > 1 and bool(robot.constraints)  # where loops close over what is no link
+    is_over_ground = feet > 1 and bool(robot.constraints)  # loops may close over frames that are no link
     turns = [False] * model.njoints
     for joint in range(1, model.njoints):
         parent = model.parents[joint]

@@ -88,7 +88,7 @@ def line_style(index: int) -> LineStyle:
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Set matplotlib's defaults for what is drawn inside, and only there."""
+    """Set matplotlib's defaults within this context."""
     with matplotlib.rc_context(_STYLE):
         yield
 
@@ -173,7 +173,7 @@ def mark_time(axes: Axes, t: Array) -> None:
 
 
 def calm_limits(axes: Axes, values: Array) -> None:
-    """Do not blow round-off up to the height of the axes: what is constant shall look so."""
+    """Widen the axes of a constant curve, so that round-off does not fill them."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return

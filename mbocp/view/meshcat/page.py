@@ -39,7 +39,7 @@ class _Store:
         self._names: dict[str, str] = {}
 
     def lighten(self, value: Any) -> Any:
-        """Copy a message, with references in place of what is bulky."""
+        """Copy a message, with references in place of bulky data."""
         if isinstance(value, Mapping):
             return {key: self.lighten(item) for key, item in value.items()}
         if isinstance(value, Ext):

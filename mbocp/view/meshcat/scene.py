@@ -49,7 +49,7 @@ _TRACE_COLOURS = (  # from the start to the end of a path, RGB
 
 @dataclass(frozen=True)
 class Scene:
-    """What a viewer is told.
+    """A scene as messages for a viewer.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ def _poses(motion: Motion) -> NDArray[np.int64]:
 
 
 def _swept(motion: Motion, corners: dict[int, list[Array]], lines: Sequence[Array]) -> Array:
-    """Points (M, 3) whose hull holds all that moves, and what stands near it."""
+    """Points (M, 3) whose hull contains all moving bodies and those near them."""
     picked = _poses(motion)
     clouds = [*lines] if corners else [*lines, motion.positions[picked, 1:].reshape(-1, 3)]
     for joint, boxes in corners.items():

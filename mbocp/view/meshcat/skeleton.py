@@ -1,4 +1,4 @@
-"""A stick figure for what has no mesh: balls at joints, rods from each joint to the next."""
+"""A stick figure for joints without a mesh: balls at joints, rods from each joint to the next."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def skeleton(model: pin.Model, joints: set[int]) -> Iterator[tuple[int, list[dic
 
 
 def _ends(model: pin.Model, joint: int) -> Array:
-    """Where a joint's sticks lead to: its child joints, or the farthest thing that a last link carries."""
+    """Ends of a joint's sticks: its child joints, or the farthest frame of a last link."""
     children = [k for k in range(1, model.njoints) if model.parents[k] == joint]
     if joint == 0:
         # A floating base is not tied to the origin.

@@ -1,4 +1,4 @@
-"""What surrounds the robot: background, floor, lights and the camera, all in proportion to the scene."""
+"""The surroundings of the robot: background, floor, lights and the camera, all in proportion to the scene."""
 
 from __future__ import annotations
 

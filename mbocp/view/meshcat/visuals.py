@@ -99,7 +99,7 @@ class MeshLibrary:
         if suffix in _READERS:
             drawn = _painted(self._parts(visual.meshPath), visual, self._pictures)
             return _scaled(drawn, visual.meshScale)
-        # Other formats come by way of coal, which puts the scale into the vertices.
+        # coal reads the other formats, and puts the scale into the vertices.
         shape = load_mesh(self._loaded(visual)) if visual.meshPath else load_primitive(visual)
         return None if shape is None else _plain(shape, visual)
 
@@ -111,7 +111,7 @@ class MeshLibrary:
         return self._parsed[path]
 
     def _with_picture(self, mesh: str, part: MeshPart) -> MeshPart:
-        """The part, without its picture if that may not be shown; the reason is told once a picture."""
+        """The part, without its picture if that is refused; there is one warning for each picture."""
         image = None if part.surface is None else part.surface.image
         if part.surface is None or image is None or image in self._pictures:
             return part

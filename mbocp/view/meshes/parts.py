@@ -1,4 +1,4 @@
-"""What a mesh file holds: triangles that share a surface."""
+"""Parts of a mesh: triangles that share a surface."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def _read_binary(content: bytes, count: int, size: int) -> tuple[Array, Array]:
         raise ValueError(f"is no STL file, or cut off: it declares {count} triangles and has room for {room}")
     triangles = np.frombuffer(content, _TRIANGLE, count, _HEADER + _COUNT)
     normals = np.repeat(triangles["normal"], 3, axis=0)
-    with np.errstate(invalid="ignore"):  # of what is not finite the caller speaks
+    with np.errstate(invalid="ignore"):  # the caller refuses numbers that are not finite
         return triangles["corners"].reshape(-1, 3).astype(np.float64), normals.astype(np.float64)
 
 
