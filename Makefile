@@ -1,4 +1,5 @@
-# make demo | test | attack | lint | bench | sanitize | campaign | clean; each installs what it needs into .venv first.
+# make demo | test | attack | lint | bench | bench-dense | sanitize | campaign | clean; each installs what it needs
+# into .venv first.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -7,7 +8,7 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo test attack lint bench sanitize campaign setup clean
+.PHONY: demo test attack lint bench bench-dense sanitize campaign setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -31,6 +32,13 @@ lint: setup
 
 bench: setup
 	$(BIN)/python -m benchmarks
+
+# The kernel's small dense algebra against Eigen's, operation by operation.
+bench-dense: setup
+	$(BIN)/python -m cmake -G Ninja -S mbocp/_native -B build/bench -DPython_EXECUTABLE=$(abspath $(BIN)/python) \
+	    -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN)/ninja) >/dev/null
+	$(BIN)/python -m cmake --build build/bench --target dense_bench_avx2
+	build/bench/dense_bench_avx2
 
 # The native part with every access checked: its tests, in a build of its own (a quarter of an hour, once).
 sanitize: setup

@@ -149,20 +149,39 @@ inline void gemv(int m, int n, const double* A, int lda, const double* x, double
     for (; i < m; ++i) y[i] += scale * dot(n, A + i * lda, x);
 }
 
-// y (n) += scale A^T x, A (m x n) row-major.
-inline void gemv_t(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
+// V vectors of columns of y += scale A^T x, which stay in registers.
+template <int V>
+inline void gemv_t_columns(int m, const double* A, int lda, const double* x, double* y, double scale) {
+    Vec sum[V];
+    for (int v = 0; v < V; ++v) sum[v] = load(y + 4 * v);
     int i = 0;
     for (; i + 4 <= m; i += 4) {
         const double *a = A + i * lda, f[4] = {scale * x[i], scale * x[i + 1], scale * x[i + 2], scale * x[i + 3]};
-        int j = 0;
-        for (; j + width <= n; j += width) {
-            Vec sum = f[0] * load(a + j) + f[1] * load(a + lda + j);
-            sum += f[2] * load(a + 2 * lda + j) + f[3] * load(a + 3 * lda + j);
-            store(y + j, load(y + j) + sum);
+        for (int v = 0; v < V; ++v, a += 4) {
+            Vec part = f[0] * load(a) + f[1] * load(a + lda);
+            part += f[2] * load(a + 2 * lda) + f[3] * load(a + 3 * lda);
+            sum[v] += part;
         }
-        for (; j < n; ++j) y[j] += f[0] * a[j] + f[1] * a[lda + j] + f[2] * a[2 * lda + j] + f[3] * a[3 * lda + j];
     }
-    for (; i < m; ++i) axpy(n, scale * x[i], A + i * lda, y);
+    for (; i < m; ++i)
+        for (int v = 0; v < V; ++v) sum[v] += (scale * x[i]) * load(A + i * lda + 4 * v);
+    for (int v = 0; v < V; ++v) store(y + 4 * v, sum[v]);
+}
+
+// y (n) += scale A^T x, A (m x n) row-major.
+inline void gemv_t(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
+    for_tiles(n / 4, [&](auto V, int j) { gemv_t_columns<V()>(m, A + j, lda, x, y + j, scale); });
+    for (int j = n / 4 * 4; j < n; ++j) {
+        const double* a = A + j;
+        double sum = y[j];
+        int i = 0;
+        for (; i + 4 <= m; i += 4, a += 4 * lda) {
+            const double f[4] = {scale * x[i], scale * x[i + 1], scale * x[i + 2], scale * x[i + 3]};
+            sum += f[0] * a[0] + f[1] * a[lda] + f[2] * a[2 * lda] + f[3] * a[3 * lda];
+        }
+        for (; i < m; ++i, a += lda) sum += (scale * x[i]) * a[0];
+        y[j] = sum;
+    }
 }
 
 // In-place LU with partial pivoting; returns min |pivot| / max |pivot| (0 when singular or not finite).
@@ -190,19 +209,28 @@ inline double lu_factor(int n, double* A, int lda, int* pivot) {
     return n ? smallest / largest : 1.0;
 }
 
-// B <- A^{-1} B for a factored A; B (n x m) row-major.
+// Rows of a triangular solve, V vectors of columns of B: row i minus factors times rows [first, last), then scaled.
+template <int V, class Factor>
+inline void eliminate_row(int i, int first, int last, Factor factor, double scale, double* B, int ldb) {
+    Vec sum[V];
+    for (int v = 0; v < V; ++v) sum[v] = load(B + i * ldb + 4 * v);
+    for (int k = first; k < last; ++k) {
+        const double f = -factor(k);
+        if (f == 0.0) continue;
+        for (int v = 0; v < V; ++v) sum[v] += f * load(B + k * ldb + 4 * v);
+    }
+    for (int v = 0; v < V; ++v) store(B + i * ldb + 4 * v, scale * sum[v]);
+}
+
+// B <- A^{-1} B for a factored A; B (n x m) row-major, m a multiple of the vector's width.
 inline void lu_solve(int n, const double* A, int lda, const int* pivot, double* B, int ldb, int m) {
     for (int k = 0; k < n; ++k)
         if (pivot[k] != k) std::swap_ranges(B + k * ldb, B + k * ldb + m, B + pivot[k] * ldb);
-    for (int i = 1; i < n; ++i)
-        for (int k = 0; k < i; ++k)
-            if (A[i * lda + k] != 0.0) axpy(m, -A[i * lda + k], B + k * ldb, B + i * ldb);
-    for (int i = n - 1; i >= 0; --i) {
-        for (int k = i + 1; k < n; ++k)
-            if (A[i * lda + k] != 0.0) axpy(m, -A[i * lda + k], B + k * ldb, B + i * ldb);
-        const double inverse = 1.0 / A[i * lda + i];
-        for (int j = 0; j < m; ++j) B[i * ldb + j] *= inverse;
-    }
+    for_tiles(m / 4, [&](auto V, int j) {
+        for (int i = 1; i < n; ++i) eliminate_row<V()>(i, 0, i, [&](int k) { return A[i * lda + k]; }, 1.0, B + j, ldb);
+        for (int i = n - 1; i >= 0; --i)
+            eliminate_row<V()>(i, i + 1, n, [&](int k) { return A[i * lda + k]; }, 1.0 / A[i * lda + i], B + j, ldb);
+    });
 }
 
 // b <- A^{-1} b for a factored A.
@@ -226,28 +254,27 @@ inline void lu_solve_transposed(int n, const double* A, int lda, const int* pivo
 
 // Lower Cholesky factor in place (upper part untouched); false when not positive definite.
 inline bool cholesky(int n, double* A, int lda) {
-    for (int j = 0; j < n; ++j) {
-        double* row = A + j * lda;
-        for (int k = 0; k < j; ++k) row[k] = (row[k] - dot(k, row, A + k * lda)) / A[k * lda + k];
-        const double d = row[j] - dot(j, row, row);
+    for (int k = 0; k < n; ++k) {
+        double* row = A + k * lda;
+        const double d = row[k] - dot(k, row, row);
         if (!(d > 0.0) || !std::isfinite(d)) return false;
-        row[j] = std::sqrt(d);
+        row[k] = std::sqrt(d);
+        for (int i = k + 1; i < n; ++i) {  // one by one: each is a chain of its own
+            double* below = A + i * lda;
+            below[k] = (below[k] - dot(k, below, row)) / row[k];
+        }
     }
     return true;
 }
 
-// B <- (L L^T)^{-1} B, B (n x m) row-major.
+// B <- (L L^T)^{-1} B, B (n x m) row-major, m a multiple of the vector's width.
 inline void cholesky_solve(int n, const double* L, int ldl, double* B, int ldb, int m) {
-    for (int i = 0; i < n; ++i) {
-        for (int k = 0; k < i; ++k) axpy(m, -L[i * ldl + k], B + k * ldb, B + i * ldb);
-        const double inverse = 1.0 / L[i * ldl + i];
-        for (int j = 0; j < m; ++j) B[i * ldb + j] *= inverse;
-    }
-    for (int i = n - 1; i >= 0; --i) {
-        for (int k = i + 1; k < n; ++k) axpy(m, -L[k * ldl + i], B + k * ldb, B + i * ldb);
-        const double inverse = 1.0 / L[i * ldl + i];
-        for (int j = 0; j < m; ++j) B[i * ldb + j] *= inverse;
-    }
+    for_tiles(m / 4, [&](auto V, int j) {
+        for (int i = 0; i < n; ++i)
+            eliminate_row<V()>(i, 0, i, [&](int k) { return L[i * ldl + k]; }, 1.0 / L[i * ldl + i], B + j, ldb);
+        for (int i = n - 1; i >= 0; --i)
+            eliminate_row<V()>(i, i + 1, n, [&](int k) { return L[k * ldl + i]; }, 1.0 / L[i * ldl + i], B + j, ldb);
+    });
 }
 
 // b <- (L L^T)^{-1} b.
