@@ -24,6 +24,7 @@ from mbocp.formulation.parameters import (
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions, mechanics_for
+from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
@@ -152,6 +153,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         dt=problem.dt,
         control_weight=_control_weight(problem),
         describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
+        units=units_of(problem, signature, at, pieces.num_algebraic, layout),
         path_names=tuple(label.name for constraint in problem.path for label in constraint.labels),
     )
 
@@ -220,6 +222,7 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     given = TermNumbers(problem.cost, robot, joints, N)
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
+        "force": np.ones(1),
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
     rows: dict[str, Array] = {HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None]}

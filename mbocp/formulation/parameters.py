@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -44,12 +44,12 @@ class ParameterLayout:
 
     def weighing(self, sizes: Mapping[str, int]) -> BoolArray:
         """Which entries of a vector of pieces the costs are linear in."""
-        return np.concatenate([np.full(size, name in self.weights) for name, size in sizes.items()])
+        return mask(sizes, self.weights)
 
 
 def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLayout:
     """Parameters that the stage functions of `signature` take."""
-    theta: dict[str, int] = {"dt": 1}
+    theta: dict[str, int] = {"dt": 1, "force": 1}
     stage: dict[str, int] = {}
     for term in signature.cost:
         _add(theta, term.parameters(sizes))
@@ -78,6 +78,11 @@ def _add(pieces: dict[str, int], more: Mapping[str, int]) -> None:
         if name in pieces:
             raise TranscriptionError(f"two terms have a parameter of the name {name!r}")
         pieces[name] = size
+
+
+def mask(sizes: Mapping[str, int], names: Container[str]) -> BoolArray:
+    """Which entries of a vector of pieces belong to those of certain names."""
+    return np.concatenate([np.full(size, name in names) for name, size in sizes.items()])
 
 
 def pieces(vector: ca.SX, sizes: Mapping[str, int]) -> dict[str, ca.SX]:

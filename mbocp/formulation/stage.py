@@ -14,7 +14,8 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - path      (x1, m, u, theta)               -> h, dh_dx1, upper Hessian of m'h in x1; with path constraints
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
-The rows of c are kinematics, momentum balance (or speeds), previous controls, constraints.
+The rows of c are kinematics, momentum balance (or speeds), previous controls, constraints. Controls that are
+forces, y and the momentum balance count in a unit of force that is one of the parameters, see `Units`.
 """
 
 from __future__ import annotations
@@ -126,6 +127,10 @@ class _Stage:
             self.at1 = self.space.retract(self.x1, self.d1)
         self.of_horizon = pieces(self.theta, self.layout.theta)
         self.of_stage = pieces(self.rho, self.layout.stage)
+        num_drives = len(self.mechanics.robot.drives)  # at the end of u; what they prescribe is no force
+        forces = ca.repmat(self.of_horizon["force"], self.mechanics.nu - num_drives)
+        self.units_of_u = ca.vertcat(forces, ca.SX.ones(num_drives))
+        self.controls = self.units_of_u * self.u  # as the equations of motion and the cost count them
 
     @property
     def _num_algebraic(self) -> int:
@@ -144,10 +149,11 @@ class _Stage:
         before = State(self.at0[at.z], self.at0[at.s])
         after = State(self.at1[at.z], self.at1[at.s])
         point = evaluation_point(mechanics, self.signature.scheme, before, after, dt)
-        rows = step_rows(
-            mechanics, self.signature.scheme, before, after, point, self.y, self.u, dt, is_flat=at.is_flat
-        )
-        c = ca.densify(ca.vertcat(rows.kinematic, rows.momentum, self._previous_controls(), rows.constraint))
+        force, scheme = self.of_horizon["force"], self.signature.scheme
+        impulse, u = force * self.y, self.controls
+        rows = step_rows(mechanics, scheme, before, after, point, impulse, u, dt, is_flat=at.is_flat)
+        momentum = (1.0 / force) * rows.momentum
+        c = ca.densify(ca.vertcat(rows.kinematic, momentum, self._previous_controls(), rows.constraint))
         acceleration = partial(_mean_acceleration, mechanics, before, after, dt)
         cost = self._running_cost(self._point(point.q, point.v, acceleration))
         z = ca.vertcat(self.d1, self.y, self.d0, self.u)
@@ -166,7 +172,9 @@ class _Stage:
         d1, d0, u = root[: at.ndx], root[at.ndx : 2 * at.ndx], root[2 * at.ndx :]
         before, after = self._states(chain, d0, self.x0), self._states(chain, d1, self.x1)
         step = ExplicitStep(mechanics, self.signature.scheme, self.signature.lie, self.signature.substeps)
-        reached = step(chain, before, u, self.of_horizon["dt"], Gains(gains[0], gains[1], gains[2]))
+        units = ca.diag(self.units_of_u)
+        pushed = Affine(units @ u.value, {k: units @ matrix for k, matrix in u.parts.items()})
+        reached = step(chain, before, pushed, self.of_horizon["dt"], Gains(gains[0], gains[1], gains[2]))
         if at.is_flat:
             kinematic = reached.z - after.z
         else:
@@ -176,8 +184,8 @@ class _Stage:
             pieces.append(u - self._previous_controls_of(d1, self.x1))
         c = Affine.join(pieces)
         q, s = self.at0[at.z], self.at0[at.s]
-        acceleration = partial(_rate_of_speeds, mechanics, q, s, self.u, gains[2])
-        cost = self._running_cost(self._point(q, mechanics.velocity(q, s, self.u), acceleration))
+        acceleration = partial(_rate_of_speeds, mechanics, q, s, self.controls, gains[2])
+        cost = self._running_cost(self._point(q, mechanics.velocity(q, s, self.controls), acceleration))
         slope = ca.jacobian(cost, unknowns)
         curvature, _ = ca.hessian(cost, unknowns)
         tangents = [self.d0, self.d1]
@@ -210,8 +218,10 @@ class _Stage:
 
     def _point(self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX]) -> Point:
         """Where the running cost is evaluated."""
-        change = self.u - self.at0[self.space.layout.r] if self.signature.has_previous_controls else None
-        return Point(self.mechanics, q, v, self.u, change, acceleration)
+        change = None
+        if self.signature.has_previous_controls:
+            change = self.units_of_u * (self.u - self.at0[self.space.layout.r])
+        return Point(self.mechanics, q, v, self.controls, change, acceleration)
 
     def _running_cost(self, at: Point) -> ca.SX:
         """Eq. (8) times the step length, eq. (18), and what couples steps, Eq. (33) of [Manara2017]_."""
@@ -247,7 +257,7 @@ class _Stage:
         """Path constraints at the end of the step, in coordinates: only flat programmes have them."""
         at, mechanics = self.space.layout, self.mechanics
         q, s = self.x1[at.z], self.x1[at.s]
-        v = mechanics.velocity(q, s, self.u) if isinstance(mechanics, ForwardMechanics) else s
+        v = mechanics.velocity(q, s, self.controls) if isinstance(mechanics, ForwardMechanics) else s
         at_node, rows = Point(mechanics, q, v), []
         for k, term in enumerate(self.signature.path):
             rows.append(

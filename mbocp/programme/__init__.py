@@ -3,6 +3,7 @@
 from mbocp.programme.bounds import StateBounds
 from mbocp.programme.iterate import BoundMultipliers, Iterate, zero_multipliers
 from mbocp.programme.stagewise import StageKind, StagewiseProgramme
+from mbocp.programme.units import Units
 
 __all__ = [
     "BoundMultipliers",
@@ -10,5 +11,6 @@ __all__ = [
     "StageKind",
     "StagewiseProgramme",
     "StateBounds",
+    "Units",
     "zero_multipliers",
 ]

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from mbocp._arrays import Array, BoolArray
 from mbocp.programme.bounds import StateBounds
 from mbocp.programme.compilation import CompiledFunctions
+from mbocp.programme.units import Units
 
 __all__ = ["StageKind", "StagewiseProgramme"]
 
@@ -91,6 +92,8 @@ class StagewiseProgramme:
     describe_row : callable
         (stage, row) -> words for messages; stage -1 is the end condition, and rows beyond those of a stage
         or of the end condition are its limits or guards.
+    units : Units
+        In which its numbers would be of ordinary size; it is counted as the user does.
     path_names : tuple of str
         Of the path functions, for messages.
     """
@@ -113,6 +116,7 @@ class StagewiseProgramme:
     dt: float
     control_weight: float
     describe_row: Callable[[int, int], str] = field(compare=False)
+    units: Units
     path_names: tuple[str, ...] = ()
 
     def describe_path(self, row: int) -> str:

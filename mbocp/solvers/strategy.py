@@ -22,6 +22,7 @@ from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import Status
 from mbocp.solvers.registry import INTERIOR_POINT, make_solver
 from mbocp.solvers.settings import SolverSettings
+from mbocp.solvers.units import in_users_units, start_in
 
 __all__ = ["run_strategy"]
 
@@ -32,11 +33,18 @@ _FINAL = (Status.INTERRUPTED, Status.TIME_LIMIT, Status.INFEASIBLE)  # another u
 def run_strategy(settings: SolverSettings, start: Start) -> Outcome:
     """Solve from one iterate, phase after phase; where the cost turns out tiny, once more in its own unit.
 
+    A programme whose numbers are of ordinary size in other units is counted in these, see `Units`.
+
     Raises
     ------
     InvalidValue
         If there is no solver of the method's name.
     """
+    units = start.programme.units
+    if not units.are_users:
+        counted = start_in(units, start)
+        outcome = run_strategy(replace(settings, control_weight=counted.programme.control_weight), counted)
+        return replace(outcome, result=in_users_units(units, outcome.result))
     clock = time.perf_counter()
     outcome = _run_phases(settings, start)
     factor = cost_factor(outcome.result.record.cost)

@@ -164,8 +164,9 @@ def test_stage_derivatives_are_those_of_the_whole_graph(
     theta, m = ca.SX.sym("theta", sum(layout.theta.values())), ca.SX.sym("m", at.ndx)
     from_x, to_x = space.retract(x0, d0), space.retract(x1, d1)
     given = pieces(theta, layout.theta)
+    controls, gains = given["force"] * u, given["gains"]
     z, s = direct_step(
-        mechanics, scheme, lie, substeps, from_x[at.z], from_x[at.s], u, given["dt"], given["gains"]
+        mechanics, scheme, lie, substeps, from_x[at.z], from_x[at.s], controls, given["dt"], gains
     )
     reached = ca.vertcat(z, s, u if at.nr else ca.SX(0, 1))
     c = space.difference(to_x, reached)

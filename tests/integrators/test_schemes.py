@@ -192,7 +192,7 @@ def test_conditioning_of_a_step_does_not_depend_on_its_length(scheme: str) -> No
     for dt in (1e-2, 1e-4, 1e-6):
         q0, v0 = np.array([5.0, 0.0, 0.0]), np.array([0.0, 3.0, 2.0])
         q1, v1 = q0 + dt * v0, v0 + dt * np.array([-2.0, 0.3, -9.0])
-        theta = np.concatenate([[dt], np.ones(3)])
+        theta = np.concatenate([[dt, 1.0], np.ones(3)])
         out = jacobian(np.r_[q0, v0], np.r_[q1, v1], 0.3 * dt, np.ones(3), theta, np.zeros(0))
         block = np.asarray(ca.DM(out[2]))[:, :7].copy()
         block[:, :3] *= dt

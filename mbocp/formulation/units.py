@@ -1,0 +1,104 @@
+"""The units that suit a problem: those of the user, unless forces or costs are far from one there.
+
+Solvers have absolute numbers: tolerances, shifts, barriers, filters. They suit forces of 0.1 to 1000 N or
+N m and weights that fit them. Such problems keep the user's units. Others get those in which gravity, or the
+motion from start to goal, takes forces of about one, and costs about one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.parameters import ParameterLayout, mask
+from mbocp.formulation.signature import FunctionSignature
+from mbocp.problem import Problem
+from mbocp.programme.units import Units
+from mbocp.robot.large import working_data
+
+__all__ = ["ordinary_units", "units_of"]
+
+_ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]
+_ORDINARY_COST = (2.0**-10, 2.0**20)
+_BEND = 0.7  # of every joint [rad, m]
+
+
+def units_of(
+    problem: Problem,
+    signature: FunctionSignature,
+    at: StateLayout,
+    num_algebraic: int,
+    parameters: ParameterLayout,
+) -> Units:
+    """The units that suit a problem, and the entries of its programme that count in them."""
+    robot, goal = problem.robot, signature.goal
+    is_force = np.arange(robot.nu) < robot.nu - len(robot.drives)
+    x, rows = np.zeros(at.nx, dtype=bool), np.zeros(at.ndx + num_algebraic, dtype=bool)
+    if at.nr:
+        x[at.r] = rows[at.dr] = is_force
+    rows[at.ds] = not signature.is_explicit
+    force, cost = ordinary_units(problem)
+    return Units(
+        force=force,
+        cost=cost,
+        theta=mask(parameters.theta, ("force",)),
+        terminal=mask(parameters.terminal, ("D_rate",) if goal.rate == "p" else ()),
+        x=x,
+        u=is_force,
+        rows=rows,
+        end_rows=(np.arange(goal.rows) >= goal.ng_q) & (goal.rate == "p"),
+    )
+
+
+def ordinary_units(problem: Problem) -> tuple[float, float]:
+    """Unit of force [N, N m] and factor of the cost, see `Units`; (1, 1): the user's."""
+    force = _typical_force(problem)
+    cost = _typical_cost(problem, force)
+    if _is_within(force, _ORDINARY_FORCE) and _is_within(cost, _ORDINARY_COST):
+        return 1.0, 1.0
+    unit = 1.0 if _is_within(force, _ORDINARY_FORCE) else _power_of_two(force)
+    return unit, 1.0 / _power_of_two(cost)
+
+
+def _is_within(value: float, band: tuple[float, float]) -> bool:
+    return band[0] <= value <= band[1] or not 0.0 < value < math.inf
+
+
+def _power_of_two(value: float) -> float:
+    return 2.0 ** round(math.log2(value)) if 0.0 < value < math.inf else 1.0
+
+
+def _typical_force(problem: Problem) -> float:
+    """Largest generalised force that gravity, or a motion from start to goal, takes [N, N m].
+
+    Gravity is looked at in a bent pose, too: a pendulum that hangs takes none.
+    """
+    robot, goal, T = problem.robot, problem.goal, problem.duration
+    away = np.where(goal.q_active, np.abs(robot.difference(problem.q_start, goal.q)), 0.0)
+    accelerations = np.maximum(4.0 * away / T**2, np.abs(problem.v_start) / T)
+    data, still = working_data(robot.model), np.zeros(robot.nv)
+    found = 0.0
+    bent = robot.integrate(problem.q_start, np.full(robot.nv, _BEND))
+    for q in (problem.q_start, np.asarray(goal.q), np.asarray(bent)):
+        gravity = np.array(pin.rnea(robot.model, data, q, still, still))
+        inertia = np.array(pin.rnea(robot.model, data, q, still, accelerations)) - gravity
+        found = max(found, float(np.abs(gravity).max()), float(np.abs(inertia).max()))
+    return found
+
+
+def _typical_cost(problem: Problem, force: float) -> float:
+    """What the running cost comes to with such forces, over the whole duration."""
+    cost, nv, T = problem.cost, problem.robot.nv, problem.duration
+    weights = cost.tracking * np.asarray(cost.tracking_weights)
+    rates = (
+        np.max(cost.effort, initial=0.0) * force**2,
+        np.max(cost.control_rate, initial=0.0) * (force / T) ** 2,
+        np.max(cost.velocity, initial=0.0) / T**2,
+        np.max(weights[:nv], initial=0.0),
+        np.max(weights[nv:], initial=0.0) * (force * T) ** 2,
+        abs(cost.potential) * force,
+    )
+    return T * float(max(rates))
