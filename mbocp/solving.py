@@ -86,7 +86,9 @@ def _formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:
     formulation = formulate(problem, deadline=deadline)
     if not formulation.end_rows_may_depend or problem.goal.redundant == "keep":
         return formulation, ""
-    rows = dependent_end_rows(formulation.programme, np.vstack(formulation.end_rows))
+    projections = np.vstack(formulation.end_rows)
+    found = dependent_end_rows(formulation.programme, projections)
+    rows = tuple(row for row in found if row < len(projections))  # conditions of one's own stay
     if not rows:
         return formulation, ""
     names = ", ".join(formulation.programme.describe_row(-1, row) for row in rows)

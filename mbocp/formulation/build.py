@@ -15,6 +15,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
     HAS_BEFORE,
+    TIME,
     ParameterLayout,
     Sizes,
     concatenated,
@@ -25,13 +26,14 @@ from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions, mechanics_for
 from mbocp.formulation.units import units_of
+from mbocp.integrators import TAU
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.problem.horizon import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import load_functions
-from mbocp.terms import ExactGoal, TerminalCost, TermNumbers, running_terms
+from mbocp.terms import ExactGoal, TerminalCost, TermNumbers, own_ends, running_terms
 
 __all__ = ["Pieces", "build_programme", "check_size", "needs_plain_states", "signature_of"]
 
@@ -129,7 +131,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         num_steps=problem.num_steps,
         kinds=(_kind(pieces, sum(layout.stage.values())),),
         stage_kind=(0,) * problem.num_steps,
-        ng=signature.goal.rows,
+        ng=signature.end_rows,
         num_guards=len(signature.guarded),
         functions=load_functions(
             signature.stage_text,
@@ -199,7 +201,7 @@ def signature_of(
     """FunctionSignature of a problem: what it says itself, and what its formulation has chosen."""
     goal, nv = problem.goal, problem.robot.nv
     is_natural = coordinates == "natural"
-    given = TermNumbers(problem.cost, problem.robot, joints, problem.num_steps)
+    given = TermNumbers(problem.cost, problem.robot, joints, problem.num_steps, problem.terms)
     return FunctionSignature(
         robot=problem.robot.fingerprint,
         coordinates=coordinates,
@@ -207,7 +209,8 @@ def signature_of(
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
         cost=running_terms(given),
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, is_natural=is_natural),
-        path=tuple(constraint.term for constraint in problem.path),
+        path=tuple(constraint.structure(_of_joints(joints)) for constraint in problem.path),
+        own_ends=own_ends(given),
         rotations=rotations,
         lie=lie,
         substeps=substeps,
@@ -216,16 +219,24 @@ def signature_of(
     )
 
 
+def _of_joints(joints: ConfigurationSpace) -> str:
+    """Coordinates of attitudes in the configurations of the joints."""
+    return "dcm" if any(part.at_matrix >= 0 for part in joints.parts) else "quaternion"
+
+
 def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, Array]:
     problem, space, joints, end = pieces.problem, pieces.space, pieces.joints, pieces.end
     goal, robot, N, rates = problem.goal, problem.robot, problem.num_steps, problem.stabilisation
-    given = TermNumbers(problem.cost, robot, joints, N)
+    given = TermNumbers(problem.cost, robot, joints, N, problem.terms)
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "force": np.ones(1),
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
-    rows: dict[str, Array] = {HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None]}
+    rows: dict[str, Array] = {
+        HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None],
+        TIME: problem.dt * (np.arange(N, dtype=np.float64) + TAU.get(problem.scheme, 0.0))[:, None],
+    }
     for term in pieces.signature.cost:
         named |= term.numbers(given)
         rows |= term.stage_numbers(given)
@@ -241,4 +252,6 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
         "joint_q": joints.coordinates(np.asarray(goal.q)[None])[0],
         "joint_rate": np.asarray(goal.value),
     }
+    for end_term in pieces.signature.own_ends:
+        at_end |= end_term.numbers()
     return concatenated(named, layout.theta), np.ascontiguousarray(rho), concatenated(at_end, layout.terminal)

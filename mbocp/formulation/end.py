@@ -23,7 +23,7 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
     layout = parameter_layout(signature, Sizes.of(mechanics)).terminal
     space = state_space(mechanics, signature)
     at = space.layout
-    x, eta = ca.SX.sym("x", at.nx), ca.SX.sym("eta", signature.goal.rows)
+    x, eta = ca.SX.sym("x", at.nx), ca.SX.sym("eta", signature.end_rows)
     rho = ca.SX.sym("rho", sum(layout.values()))
     d = x if at.is_flat else ca.SX.sym("d", at.ndx)
     moved = x if at.is_flat else space.retract(x, d)
@@ -39,6 +39,9 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
     psi = (
         ca.SX(0) if signature.terminal is None else signature.terminal.expression(point, signature.goal, goal)
     )
+    for term in signature.own_ends:
+        value = term.expression(point, goal)
+        psi, g = (psi + value, g) if term.is_cost else (psi, ca.vertcat(g, value))
     hessian, _ = ca.hessian(psi + ca.dot(eta, g), d)
     derivatives = [psi, ca.densify(g), ca.jacobian(g, d), ca.jacobian(psi, d), ca.triu(hessian)]
     derivatives = at_zero_tangents(space, [x], derivatives, [eta, rho], [d])

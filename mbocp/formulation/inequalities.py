@@ -10,7 +10,6 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
-from mbocp.terms import PATH_TERMS
 
 __all__ = ["inequalities", "path_along"]
 
@@ -18,7 +17,7 @@ __all__ = ["inequalities", "path_along"]
 def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Any]:
     """Fields of a solution that speak of inequalities, by name."""
     problem, qs, vs = formulation.problem, motion.qs, motion.vs
-    path = path_along(problem, qs, vs)
+    path = path_along(problem, qs, vs, iterate.us)
     names = tuple(label.name for constraint in problem.path for label in constraint.labels)
     return {
         **_multipliers(formulation, iterate, path),
@@ -27,11 +26,11 @@ def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> 
     }
 
 
-def path_along(problem: Problem, qs: Array, vs: Array) -> Array:
-    """Values of the path constraints at the nodes 1..N, shape (N, nh) [m, m/s]."""
+def path_along(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
+    """Values of the path constraints at the nodes 1..N, shape (N, nh), in their own units."""
     if not problem.path:
         return np.zeros((len(qs) - 1, 0))
-    return np.hstack([c.values_along(problem.robot, qs[1:], vs[1:]) for c in problem.path])
+    return np.hstack([c.values_along(problem.robot, qs[1:], vs[1:], us) for c in problem.path])
 
 
 def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -> float:
@@ -69,10 +68,7 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
             :, part.at_z.start : part.at_z.start + plain
         ]
     lam_vs = formulation.velocity_multipliers(bounds.xs)
-    factors = [
-        PATH_TERMS[c.kind].slope(values)
-        for c, values in zip(problem.path, _columns(problem, path), strict=True)
-    ]
+    factors = [c.slopes(values) for c, values in zip(problem.path, _columns(problem, path), strict=True)]
     slopes = np.hstack(factors) if factors else np.ones_like(path)
     return {"lam_us": bounds.us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
 

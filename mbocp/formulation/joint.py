@@ -91,7 +91,9 @@ def momenta_of_symmetries(
 def weighed_components(problem: Problem) -> Array | None:
     """Components of (q, p) that the running cost looks at; one on velocities counts as one on momenta."""
     robot, nv = problem.robot, problem.robot.nv
-    given = TermNumbers(problem.cost, robot, ConfigurationSpace(robot.model), problem.num_steps)
+    given = TermNumbers(
+        problem.cost, robot, ConfigurationSpace(robot.model), problem.num_steps, problem.terms
+    )
     weights = np.zeros(2 * nv)
     for term in running_terms(given):
         weights += term.touches(given)

@@ -15,6 +15,7 @@ from mbocp.terms import Sizes
 
 __all__ = [
     "HAS_BEFORE",
+    "TIME",
     "ParameterLayout",
     "Sizes",
     "concatenated",
@@ -23,6 +24,7 @@ __all__ = [
     "pieces",
 ]
 
+TIME = "t"  # at which a step is evaluated [s]
 HAS_BEFORE = "has_before"  # 1 in steps that have one before them, else 0
 
 
@@ -56,6 +58,8 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         _add(stage, term.stage_parameters(sizes))
     if signature.couples_steps:
         stage[HAS_BEFORE] = 1
+    if signature.uses_time:
+        stage[TIME] = 1
     if signature.is_explicit:
         theta["gains"] = 3
     for k, constraint in enumerate(signature.path):
@@ -65,6 +69,9 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     if signature.terminal is not None:
         _add(terminal, signature.terminal.parameters(sizes))
         weights.update(signature.terminal.weights)
+    for end in signature.own_ends:
+        _add(terminal, end.parameters())
+        weights.update(end.weights)
     return ParameterLayout(theta, stage, terminal, frozenset(weights))
 
 

@@ -50,6 +50,8 @@ def row_describer(
     robot, dt, duration = problem.robot, problem.dt, problem.duration
     of_end, limits = rows.words(robot), _limits(problem, space, at, labels.speeds, bounds)
     nc = len(labels.constraints)
+    for term in problem.terms:
+        of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
 
     def describe(stage: int, row: int) -> str:
         if stage < 0:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbocp.integrators import EXPLICIT_SCHEMES
-from mbocp.terms import Effort, ExactGoal, PathTerm, RunningTerm, TerminalCost
+from mbocp.terms import Effort, ExactGoal, OwnEnd, OwnPath, PathTerm, RunningTerm, TerminalCost
 
 __all__ = ["FunctionSignature"]
 
@@ -31,7 +31,9 @@ class FunctionSignature:
     cost : tuple of RunningTerm
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
-    path : tuple of PathTerm
+    path : tuple of PathTerm and OwnPath
+    own_ends : tuple of OwnEnd
+        Costs of a user's own at the end, and conditions, whose rows follow those of the goal.
     rotations, lie, substeps : str, str, int
         How an explicit scheme treats attitudes, and how many steps it takes in one.
     is_flat : bool
@@ -46,7 +48,8 @@ class FunctionSignature:
     goal: ExactGoal
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
-    path: tuple[PathTerm, ...] = ()
+    path: tuple[PathTerm | OwnPath, ...] = ()
+    own_ends: tuple[OwnEnd, ...] = ()
     rotations: str = "quaternion"
     lie: str = ""
     substeps: int = 1
@@ -71,7 +74,17 @@ class FunctionSignature:
     @property
     def has_previous_controls(self) -> bool:
         """Whether a state holds the controls of the step before."""
-        return self.couples_steps
+        return self.couples_steps or any(term.remembers_controls for term in self.path)
+
+    @property
+    def uses_time(self) -> bool:
+        """Whether the cost depends on the time itself."""
+        return any(term.uses_time for term in self.cost)
+
+    @property
+    def end_rows(self) -> int:
+        """Number of end conditions."""
+        return self.goal.rows + sum(term.rows for term in self.own_ends)
 
     @property
     def stage_text(self) -> str:
@@ -96,6 +109,7 @@ class FunctionSignature:
                 "scheme": "explicit" if self.is_explicit else "implicit",
                 "goal": self.goal.signature,
                 "terminal": self.terminal and self.terminal.signature,
+                "own": [term.signature for term in self.own_ends],
                 "guarded": self.guarded,
             }
         )

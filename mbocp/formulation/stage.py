@@ -21,7 +21,7 @@ forces, y and the momentum balance count in a unit of force that is one of the p
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import casadi as ca
@@ -30,6 +30,7 @@ from mbocp.exceptions import TranscriptionError
 from mbocp.formulation.layout import StateLayout, StateSpace
 from mbocp.formulation.parameters import (
     HAS_BEFORE,
+    TIME,
     ParameterLayout,
     Sizes,
     parameter_layout,
@@ -221,7 +222,7 @@ class _Stage:
         change = None
         if self.signature.has_previous_controls:
             change = self.units_of_u * (self.u - self.at0[self.space.layout.r])
-        return Point(self.mechanics, q, v, self.controls, change, acceleration)
+        return Point(self.mechanics, q, v, self.controls, change, acceleration, self.of_stage.get(TIME))
 
     def _running_cost(self, at: Point) -> ca.SX:
         """Eq. (8) times the step length, eq. (18), and what couples steps, Eq. (33) of [Manara2017]_."""
@@ -259,6 +260,9 @@ class _Stage:
         q, s = self.x1[at.z], self.x1[at.s]
         v = mechanics.velocity(q, s, self.controls) if isinstance(mechanics, ForwardMechanics) else s
         at_node, rows = Point(mechanics, q, v), []
+        if self.signature.has_previous_controls:
+            u = self.units_of_u * self.x1[at.r]
+            at_node = replace(at_node, u=u, acceleration=partial(_driven_acceleration, at_node, u))
         for k, term in enumerate(self.signature.path):
             rows.append(
                 term.expression(at_node, {n: self.of_horizon[path_parameters(k, n)] for n in term.sizes})
@@ -284,6 +288,14 @@ def _rate_of_speeds(mechanics: ForwardMechanics, q: ca.SX, s: ca.SX, u: ca.SX, g
             f"velocities (robot {mechanics.robot.name!r}: {mechanics.robot.drives[0].name!r}, ...)"
         )
     return mechanics.speed_rate(q, s, u, gamma)
+
+
+def _driven_acceleration(node: Point, u: ca.SX) -> ca.SX:
+    """Accelerations of the joints under a control, whatever the scheme makes of them."""
+    parts = node.mechanics.joint_space.parts
+    rotations = "dcm" if any(part.at_matrix >= 0 for part in parts) else "quaternion"
+    forward = ForwardMechanics(node.mechanics.robot, rotations)
+    return _rate_of_speeds(forward, node.joint_configuration(), node.joint_velocity(), u, ca.SX(0))
 
 
 def _retraction(mechanics: Mechanics) -> ca.Function:

@@ -66,6 +66,10 @@ class JointMechanics:
         """What costs compare configurations of the joints in: the space of q itself."""
         return self.space
 
+    def joint_coordinates(self, q: ca.SX) -> ca.SX:
+        """Configuration of the joints: q itself."""
+        return q
+
     def joint_velocity(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Velocities of the joints, v itself, shape (nv,) [rad/s, m/s]."""
         return v
@@ -171,6 +175,11 @@ class JointMechanics:
         if self.nc == 0:
             return ca.SX.zeros(0, self.nv)
         return self.derivative(self.constraints, q)
+
+    def evaluated(self, function: ca.Function, q: ca.SX, *others: ca.SX) -> ca.SX:
+        """First output of a function of `mbocp.symbolic`, whatever the coordinates of the attitudes are."""
+        found: ca.SX = self._call(function, q, *others)[0]
+        return found
 
     def _call(self, function: ca.Function, q: ca.SX, *others: ca.SX) -> list[ca.SX]:
         """Outputs of one of Pinocchio's functions, whatever the coordinates of the attitudes are."""

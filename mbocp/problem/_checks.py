@@ -20,6 +20,7 @@ from mbocp.robot.parts import Label
 __all__ = [
     "MAX_POSITION",
     "MAX_RATE",
+    "ProblemWarning",
     "check_bool",
     "check_choice",
     "check_finite",
@@ -32,6 +33,10 @@ __all__ = [
 
 MAX_POSITION = 1e9  # [m, rad] as in replays; a float of this size is exact to 1e-7
 MAX_RATE = 1e15  # [m/s, rad/s, kg m/s, N m s] as of the numbers of a robot; products of several have numbers
+
+
+class ProblemWarning(UserWarning):
+    """Something about a problem that is allowed, but probably not meant."""
 
 
 def check_size(key: str, value: Array, labels: Sequence[Label], largest: float) -> None:

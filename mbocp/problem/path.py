@@ -15,7 +15,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goal import Goal
 from mbocp.robot import Label, Robot
-from mbocp.terms import PATH_TERMS, PathTerm, Point
+from mbocp.terms import PATH_TERMS, OwnPathConstraint, PathTerm, Point
 
 __all__ = ["PATH_KINDS", "PathConstraint", "check_path"]
 
@@ -114,12 +114,20 @@ class PathConstraint:
         value: Array = self.point if key == "point" else self.further[key]
         return value
 
+    def structure(self, rotations: str) -> PathTerm:
+        """Its structure where attitudes are in these coordinates, which is the same in all of them."""
+        return self.term
+
+    def slopes(self, values: Array) -> Array:
+        """Derivatives of the expression in the values."""
+        return PATH_TERMS[self.kind].slope(values)
+
     def values(self, robot: Robot, q: Array, v: Array) -> Array:
         """h(q, v), shape (rows,) [m, m/s]."""
-        values: Array = self.values_along(robot, q[None], v[None])[0]
+        values: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
         return values
 
-    def values_along(self, robot: Robot, qs: Array, vs: Array) -> Array:
+    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
         """Values at each of n states, shape (n, rows) [m, m/s], by the expression that solvers see."""
         mechanics, term = JointMechanics(robot), self.term
         q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
@@ -151,7 +159,11 @@ class PathConstraint:
 
 
 def check_path(
-    robot: Robot, path: Sequence[PathConstraint], q_start: Array, v_start: Array, goal: Goal
+    robot: Robot,
+    path: Sequence[PathConstraint | OwnPathConstraint],
+    q_start: Array,
+    v_start: Array,
+    goal: Goal,
 ) -> None:
     """Refuse constraints that exclude the start, or an exact goal that says enough to tell."""
     names = [constraint.name for constraint in path]
@@ -160,6 +172,8 @@ def check_path(
             raise ProblemError(f"path {name!r}: there are several of this name; give each its own")
     for constraint in path:
         constraint.check_frames(robot)
+        if constraint.structure("quaternion").remembers_controls:
+            continue  # controls are not known before
         _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
         if not (goal.is_exact and goal.q_active.all()):
             continue
@@ -170,7 +184,7 @@ def check_path(
             _refuse_outside(constraint, constraint.values(robot, goal.q, v), "goal")
 
 
-def _refuse_outside(constraint: PathConstraint, values: Array, where: str) -> None:
+def _refuse_outside(constraint: PathConstraint | OwnPathConstraint, values: Array, where: str) -> None:
     outside = (values < constraint.lower - _ROUND_OFF) | (values > constraint.upper + _ROUND_OFF)
     if outside.any():
         i = int(np.flatnonzero(outside)[0])

@@ -17,6 +17,7 @@ from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import (
     MAX_POSITION,
     MAX_RATE,
+    ProblemWarning,
     check_choice,
     check_finite,
     check_integer,
@@ -37,6 +38,7 @@ from mbocp.problem.path import PathConstraint, check_path
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 from mbocp.solvers.options import BOUNDED_METHODS, SolverOptions
+from mbocp.terms import OwnPathConstraint, OwnTerm
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
@@ -48,10 +50,6 @@ _BESIDE = (
     "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
     "assembly mode: give a pose beside it"
 )
-
-
-class ProblemWarning(UserWarning):
-    """Something about a problem that is allowed, but probably not meant."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,7 +103,9 @@ class Problem:
     limits : Bounds
         On controls, velocities and configurations; none by default.
     path : tuple of PathConstraint
-        h: where frames may be, and how fast.
+        h: where frames may be, and how fast; and path constraints among `terms`.
+    terms : tuple of OwnTerm
+        Costs, path constraints and end conditions of one's own, see `mbocp.terms.own`.
     q_start : ndarray, shape (nq,)
         Configuration of y_0 [m, rad, unit quaternion xyzw].
     v_start : ndarray, shape (nv,)
@@ -142,7 +142,8 @@ class Problem:
     stabilisation: Stabilisation = field(default_factory=Stabilisation)
     goal: Goal
     limits: Bounds = field(default_factory=Bounds)
-    path: tuple[PathConstraint, ...] = ()
+    path: tuple[PathConstraint | OwnPathConstraint, ...] = ()
+    terms: tuple[OwnTerm, ...] = ()
     q_start: Array
     v_start: Array
     guess: Guess = field(default_factory=Guess)
@@ -167,7 +168,7 @@ class Problem:
             )
         object.__setattr__(self, "limits", self.limits.completed(self.robot))
         check_coordinates(self.robot, self.coordinates, self.scheme, self.limits)
-        object.__setattr__(self, "path", tuple(self.path))
+        self._take_terms()
         self._check_start()
         self._check_goal()
         self._check_cost()
@@ -208,6 +209,7 @@ class Problem:
         cost: Mapping[str, Any] | None = None,
         limits: Mapping[str, Any] | None = None,
         path: Sequence[Mapping[str, Any]] | None = None,
+        terms: Sequence[OwnTerm] = (),
         guess: Mapping[str, Any] | None = None,
         integrator: Mapping[str, Any] | None = None,
         solver: Mapping[str, Any] | None = None,
@@ -228,6 +230,8 @@ class Problem:
             The tables of a problem file; arrays may be NumPy's.
         path : sequence of mapping, optional
             The tables `[[path]]`.
+        terms : sequence of OwnTerm
+            Terms of one's own, see `mbocp.terms.own`.
         scheme : str
             Short for the key `scheme` of `integrator`.
 
@@ -251,7 +255,7 @@ class Problem:
             "integrator": {**(integrator or {}), **({"scheme": scheme} if scheme else {})},
             **{key: table for key, table in tables.items() if table is not None},
         }
-        return from_tables(cls, document, robot=robot, name=name)
+        return from_tables(cls, document, robot=robot, name=name, terms=terms)
 
     def with_(self, **changes: Any) -> Problem:
         """Return a copy with some fields changed, validated again.
@@ -268,6 +272,19 @@ class Problem:
             If there is no such field or word, or a value is of the wrong kind.
         """
         return changed(self, changes)
+
+    def _take_terms(self) -> None:
+        """Check terms of one's own; path constraints among them follow those of the file."""
+        terms = tuple(self.terms)
+        names = [term.name for term in terms]
+        for term in terms:
+            if names.count(term.name) > 1:
+                raise ProblemError(f"terms: there are several of the name {term.name!r}; give each its own")
+            term.check(self.robot)
+        own = (OwnPathConstraint(term, self.robot) for term in terms if term.role == "path")
+        path = (constraint for constraint in self.path if isinstance(constraint, PathConstraint))
+        object.__setattr__(self, "terms", terms)
+        object.__setattr__(self, "path", (*path, *own))
 
     def _check_start(self) -> None:
         robot = self.robot
@@ -324,7 +341,7 @@ class Problem:
                 f'cost.terminal: got {cost.terminal:g}, which goal.enforce = "{goal.enforce}" does not use; '
                 f'say enforce = "{meant}", or terminal = 0'
             )
-        if goal.enforce == "none" and cost.tracking == 0.0:
+        if goal.enforce == "none" and cost.tracking == 0.0 and not self.terms:
             warnings.warn(
                 "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
                 ProblemWarning,

@@ -40,6 +40,7 @@ class _Problem(_Part):
     robot: _Robot | str = _Robot()
     limits: dict[str, Any] = {}
     path: list[dict[str, Any]] = []
+    terms: list[dict[str, Any]] = []
 
 
 def integrator_of(problem_text: str) -> dict[str, Any]:
@@ -97,7 +98,21 @@ def path_bounds_of(problem_text: str) -> dict[str, tuple[float, float, str]]:
         ends = [table.get("min", -np.inf), table.get("max", np.inf)]
         pairs |= {name: ends} if not pairs and _pairs([ends]) else {}
         found |= {row: (float(lower), float(upper), unit) for row, (lower, upper) in pairs.items()}
+    for table in problem.terms if problem is not None else ():
+        name, rows = str(table.get("name", "")), _rows_of(table)
+        labels = [name] if len(rows) == 1 else [f"{name}.{i}" for i in range(len(rows))]
+        unit = str(table.get("unit", ""))
+        found |= {label: (low, high, unit) for label, (low, high) in zip(labels, rows, strict=True)}
     return found
+
+
+def _rows_of(table: dict[str, Any]) -> list[tuple[float, float]]:
+    """Bounds of a path constraint of one's own."""
+    lower, upper = table.get("lower"), table.get("upper")
+    if not (isinstance(lower, list) and isinstance(upper, list) and len(lower) == len(upper)):
+        return []
+    pairs = [[low, high] for low, high in zip(lower, upper, strict=True)]
+    return [(float(low), float(high)) for low, high in pairs] if _pairs(pairs) else []
 
 
 @lru_cache(maxsize=4)

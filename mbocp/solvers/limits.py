@@ -161,6 +161,8 @@ def _last_barrier(native: KernelProgramme, tolerance: float) -> float:
 def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     """Message about limits that the barrier cannot keep, or None."""
     bounds = programme.bounds
+    if (bounds.path_lower == bounds.path_upper).any():
+        return "keeps no path constraints that are equations"
     if programme.kinds[0].groups and (bounds.nh or bounds.limited_x.size or programme.num_guards):
         return "keeps no path constraints in natural coordinates"
     return None

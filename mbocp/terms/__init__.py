@@ -8,11 +8,13 @@ from mbocp.terms.cost import (
     RunningTerm,
     TermNumbers,
     Weighted,
-    running_terms,
 )
 from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
 
 from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
+from mbocp.terms.kinematics import Kinematics
+from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
+from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
 from mbocp.terms.path import PATH_TERMS, PathTerm
 from mbocp.terms.point import Point, Sizes
 
@@ -24,6 +26,11 @@ __all__ = [
     "CostWeights",
     "Effort",
     "ExactGoal",
+    "Kinematics",
+    "OwnEnd",
+    "OwnPath",
+    "OwnPathConstraint",
+    "OwnTerm",
     "PathTerm",
     "Point",
     "Potential",
@@ -35,5 +42,10 @@ __all__ = [
     "Tracking",
     "Velocity",
     "Weighted",
+    "end_condition",
+    "own_ends",
+    "path_constraint",
+    "running_cost",
     "running_terms",
+    "terminal_cost",
 ]

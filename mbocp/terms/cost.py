@@ -22,6 +22,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.lie import ConfigurationSpace
 from mbocp.robot import Robot
+from mbocp.terms.own import OwnTerm
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import Table
 
@@ -30,10 +31,11 @@ __all__ = [
     "CostTerm",
     "CostWeights",
     "Reader",
+    "RunningCost",
     "RunningTerm",
     "TermNumbers",
     "Weighted",
-    "running_terms",
+    "running_costs",
 ]
 
 COST_TERMS: list[type[CostTerm]] = []  # in the order of their parameters and of their keys
@@ -76,6 +78,7 @@ class TermNumbers:
     robot: Robot
     joints: ConfigurationSpace
     num_steps: int
+    own: tuple[OwnTerm, ...]
 
 
 class CostTerm(ABC):
@@ -112,7 +115,7 @@ class CostTerm(ABC):
         return {"term": self.key, **dataclasses.asdict(self)}  # type: ignore[call-overload]
 
 
-class RunningTerm(CostTerm):
+class RunningTerm(ABC):
     """A term of the running cost.
 
     Attributes
@@ -124,10 +127,15 @@ class RunningTerm(CostTerm):
 
     couples_steps: ClassVar[bool] = False
 
-    @classmethod
+    @property
     @abstractmethod
-    def of(cls, given: TermNumbers) -> RunningTerm | None:
-        """The term as a problem has it, if at all."""
+    def signature(self) -> dict[str, Any]:
+        """What its functions depend on."""
+
+    @property
+    def uses_time(self) -> bool:
+        """Whether it depends on the time itself."""
+        return False
 
     @abstractmethod
     def parameters(self, sizes: Sizes) -> dict[str, int]:
@@ -163,7 +171,16 @@ class RunningTerm(CostTerm):
         return np.ones(2 * given.robot.nv, dtype=bool)
 
 
-class Weighted(RunningTerm):
+class RunningCost(CostTerm, RunningTerm):
+    """A term of the running cost with keys in `[cost]`."""
+
+    @classmethod
+    @abstractmethod
+    def of(cls, given: TermNumbers) -> RunningCost | None:
+        """The term as a problem has it, if at all."""
+
+
+class Weighted(RunningCost):
     """A term with nothing but weights, one for each component of what it weighs.
 
     Attributes
@@ -228,9 +245,9 @@ class Weighted(RunningTerm):
         return mask
 
 
-def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:
-    """Terms of the running cost that a problem has, in the order in which they are added."""
-    found = (term.of(given) for term in COST_TERMS if issubclass(term, RunningTerm))
+def running_costs(given: TermNumbers) -> tuple[RunningTerm, ...]:
+    """Terms of the running cost that the table `[cost]` has, in the order in which they are added."""
+    found = (term.of(given) for term in COST_TERMS if issubclass(term, RunningCost))
     return tuple(term for term in found if term is not None)
 
 

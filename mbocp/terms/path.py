@@ -76,6 +76,8 @@ class PathTerm(ABC):
         Size of each parameter.
     has_velocity : bool
         Whether it depends on the velocity.
+    remembers_controls : bool
+        Whether it looks at the control of the step before a node.
     frame : int
         Index of the frame.
     """
@@ -86,6 +88,7 @@ class PathTerm(ABC):
     unit: ClassVar[str]
     sizes: ClassVar[Mapping[str, int]] = {}
     has_velocity: ClassVar[bool] = False
+    remembers_controls: ClassVar[bool] = False
     Keys: ClassVar[type[Table]]
 
     def __init_subclass__(cls) -> None:

@@ -45,6 +45,8 @@ class Point:
         Of the controls since the step before, where the state has the previous controls.
     acceleration : callable or None
         Gives the accelerations of the joints, shape (robot.nv,) [m/s^2, rad/s^2].
+    moment : casadi.SX or None
+        Time [s], where a term looks at it.
     """
 
     mechanics: Mechanics
@@ -53,6 +55,7 @@ class Point:
     u: ca.SX | None = None
     change: ca.SX | None = None
     acceleration: Callable[[], ca.SX] | None = None
+    moment: ca.SX | None = None
 
     @property
     def control(self) -> ca.SX:
@@ -63,6 +66,15 @@ class Point:
     def control_change(self) -> ca.SX:
         """Control less that of the step before, shape (nu,)."""
         return self._there(self.change, "a change of the control")
+
+    @property
+    def time(self) -> ca.SX:
+        """Time [s]."""
+        return self._there(self.moment, "the time")
+
+    def joint_configuration(self) -> ca.SX:
+        """Configuration of the joints; in natural coordinates with rotation matrices."""
+        return self.mechanics.joint_coordinates(self.q)
 
     def joint_velocity(self) -> ca.SX:
         """Velocities of the joints, shape (robot.nv,) [m/s, rad/s]."""

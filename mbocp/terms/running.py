@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.terms.cost import CostWeights, Reader, RunningTerm, TermNumbers, Weighted, shortest
+from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Target, Weights
 from mbocp.terms.written import Control, Finite, Key, Table
@@ -55,7 +55,7 @@ class Effort(Weighted):
 
 
 @dataclass(frozen=True)
-class Tracking(RunningTerm):
+class Tracking(RunningCost):
     """First term of Eq. (8), with diagonal weights; configurations are compared in the tangent space.
 
     Attributes

@@ -23,6 +23,7 @@ __all__ = [
     "Trajectory",
     "Vector",
     "VectorOrNamed",
+    "VectorOrNumber",
     "merged",
     "named_numbers",
     "range_of",
@@ -116,6 +117,10 @@ def _trajectory_or_vector(value: Any) -> list[Vector] | Vector | Named:
     return vector_or_named(value)
 
 
+def _vector_or_number(value: Any) -> float | Vector:
+    return vector(value) if isinstance(value, list) else finite_number(value)
+
+
 def _control(value: Any) -> float | Vector | Named:
     if isinstance(value, (list, Mapping)):
         return vector_or_named(value)
@@ -127,4 +132,5 @@ Trajectory = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
 Control = Annotated[Any, BeforeValidator(_control)]
 Finite = Annotated[float, BeforeValidator(finite_number)]
 Range = Annotated[Any, BeforeValidator(range_of)]
+VectorOrNumber = Annotated[Any, BeforeValidator(_vector_or_number)]
 Bound = Annotated[Any, BeforeValidator(sided)]

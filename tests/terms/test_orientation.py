@@ -50,7 +50,9 @@ def test_values_are_angles(ur5: Robot) -> None:
     assert [(label.name, label.unit) for label in constraint.labels] == [("orientation of tool0", "rad")]
     qs = np.array([ur5.integrate(ur5.q0, v) for v in np.random.default_rng(5).standard_normal((4, 6))])
     data = ur5.model.createData()
-    for q, value in zip(qs, constraint.values_along(ur5, qs, np.zeros((4, 6))), strict=True):
+    for q, value in zip(
+        qs, constraint.values_along(ur5, qs, np.zeros((4, 6)), np.zeros((4, 6))), strict=True
+    ):
         pin.framesForwardKinematics(ur5.model, data, q)
         assert value == pytest.approx(np.arccos(data.oMf[ur5.frame_id("tool0")].rotation[1, 0]))
 

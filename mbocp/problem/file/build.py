@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from mbocp.problem.file.read import from_tables
 from mbocp.problem.problem import Problem
 from mbocp.robot import Robot
+from mbocp.terms import OwnTerm
 
 __all__ = ["problem_from_tables"]
 
@@ -20,6 +21,7 @@ def problem_from_tables(
     source: Path | None = None,
     label: str = "problem",
     name: str = "",
+    terms: Sequence[OwnTerm] = (),
 ) -> Problem:
     """Validate the tables and make the problem, see `mbocp.problem.file.read.from_tables`."""
-    return from_tables(Problem, document, robot=robot, source=source, label=label, name=name)
+    return from_tables(Problem, document, robot=robot, source=source, label=label, name=name, terms=terms)

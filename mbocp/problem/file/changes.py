@@ -78,4 +78,5 @@ def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
         source=problem.source,
         label=problem.name,
         name=problem.name,
+        terms=problem.terms,
     )

@@ -12,11 +12,17 @@ from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.sample import is_robot_file, smallest_problem
 from mbocp.problem.problem import Problem
+from mbocp.terms import OwnTerm
 
 __all__ = ["load_document", "load_problem", "parse_problem"]
 
 
-def load_problem(path: str | Path, overrides: Mapping[str, Any] | Sequence[str] = ()) -> Problem:
+def load_problem(
+    path: str | Path,
+    overrides: Mapping[str, Any] | Sequence[str] = (),
+    *,
+    terms: Sequence[OwnTerm] = (),
+) -> Problem:
     """Read a problem file.
 
     Parameters
@@ -25,6 +31,8 @@ def load_problem(path: str | Path, overrides: Mapping[str, Any] | Sequence[str] 
         TOML file; relative paths in it are relative to its folder.
     overrides : mapping or sequence of str
         Values that replace or add keys: ``{"horizon.steps": 200}`` or ``["horizon.steps=200"]``.
+    terms : sequence of OwnTerm
+        Terms of one's own, see `mbocp.terms.own`: those that `[[terms]]` names, and others.
 
     Raises
     ------
@@ -36,7 +44,7 @@ def load_problem(path: str | Path, overrides: Mapping[str, Any] | Sequence[str] 
     if is_robot_file(path) and is_file(path):
         reason = "is a robot, expected a problem file (TOML); the smallest one for it, to be put beside it:"
         raise ProblemFileError(path, f"{reason}\n{smallest_problem(path)}")
-    return _problem(load_document(path), overrides, path)
+    return _problem(load_document(path), overrides, path, terms)
 
 
 def load_document(path: Path, what: str = "a problem file") -> dict[str, Any]:
@@ -55,10 +63,14 @@ def load_document(path: Path, what: str = "a problem file") -> dict[str, Any]:
 
 
 def parse_problem(
-    text: str, overrides: Mapping[str, Any] | Sequence[str] = (), *, source: Path | None = None
+    text: str,
+    overrides: Mapping[str, Any] | Sequence[str] = (),
+    *,
+    source: Path | None = None,
+    terms: Sequence[OwnTerm] = (),
 ) -> Problem:
     """Read a problem from TOML text; `source` is the file it came from, if there is one."""
-    return _problem(_parse(text, source if source is not None else "<text>"), overrides, source)
+    return _problem(_parse(text, source if source is not None else "<text>"), overrides, source, terms)
 
 
 def _parse(text: str, label: Path | str) -> dict[str, Any]:
@@ -69,7 +81,10 @@ def _parse(text: str, label: Path | str) -> dict[str, Any]:
 
 
 def _problem(
-    document: Mapping[str, Any], overrides: Mapping[str, Any] | Sequence[str], source: Path | None
+    document: Mapping[str, Any],
+    overrides: Mapping[str, Any] | Sequence[str],
+    source: Path | None,
+    terms: Sequence[OwnTerm],
 ) -> Problem:
     label = str(source) if source is not None else "<text>"
-    return problem_from_tables(apply_overrides(document, overrides), source=source, label=label)
+    return problem_from_tables(apply_overrides(document, overrides), source=source, label=label, terms=terms)

@@ -9,7 +9,7 @@ from mbocp.problem._checks import check_choice
 from mbocp.problem.file.messages import located
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
-from mbocp.terms import PATH_TERMS
+from mbocp.terms import PATH_TERMS, OwnPathConstraint
 
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import PathHead
@@ -34,9 +34,9 @@ def path_from(robot: Robot, tables: list[PathHead]) -> tuple[PathConstraint, ...
     return tuple(found)
 
 
-def path_tables(robot: Robot, path: tuple[PathConstraint, ...]) -> list[dict[str, Any]]:
-    """Return the tables that read back as `path`."""
-    return [_table(robot, constraint) for constraint in path]
+def path_tables(robot: Robot, path: tuple[PathConstraint | OwnPathConstraint, ...]) -> list[dict[str, Any]]:
+    """Return the tables that read back as `path`; those of one's own are written as terms."""
+    return [_table(robot, constraint) for constraint in path if isinstance(constraint, PathConstraint)]
 
 
 def _constraint(robot: Robot, table: PathHead, key: str) -> PathConstraint:

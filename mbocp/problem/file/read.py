@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,13 +33,14 @@ from mbocp.problem.file.schema import (
     WeightsTable,
 )
 from mbocp.problem.file.target import read_target
+from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.horizon import check_horizon
 from mbocp.problem.integration import Stabilisation
 from mbocp.robot import Robot, robot_from_spec
 from mbocp.solvers.options import SolverOptions
-from mbocp.terms import COST_TERMS
+from mbocp.terms import COST_TERMS, OwnTerm
 
 __all__ = ["from_tables"]
 
@@ -54,6 +55,7 @@ def from_tables(
     source: Path | None = None,
     label: str = "problem",
     name: str = "",
+    terms: Sequence[OwnTerm] = (),
 ) -> P:
     """Validate the tables and make the problem.
 
@@ -72,6 +74,8 @@ def from_tables(
         What errors call the file.
     name : str
         Name of the problem; default: the stem of the file.
+    terms : sequence of OwnTerm
+        Terms of one's own: those that the tables name, and others.
     """
     document = dict(plain(document))
     if robot is not None:
@@ -86,11 +90,11 @@ def from_tables(
             robot if isinstance(robot, Robot) else _robot(table.robot, folder if source is not None else None)
         )
         name = name or (source.stem if source else "problem")
-        return make(**_fields(table, loaded, folder, source, name))
+        return make(**_fields(table, loaded, folder, source, name, terms))
 
 
 def _fields(
-    table: ProblemTable, robot: Robot, folder: Path, source: Path | None, name: str
+    table: ProblemTable, robot: Robot, folder: Path, source: Path | None, name: str, terms: Sequence[OwnTerm]
 ) -> dict[str, Any]:
     duration, num_steps = table.horizon.duration, table.horizon.steps
     check_horizon(num_steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
@@ -109,6 +113,7 @@ def _fields(
         "goal": goal,
         "limits": bounds_from(robot, table.limits.effort, table.limits.velocity, table.limits.position),
         "path": path_from(robot, table.path),
+        "terms": terms_from(robot, table.terms, terms),
         "q_start": q_start,
         "v_start": v_start,
         "guess": _guess(table.guess, robot, folder),

@@ -19,12 +19,14 @@ from mbocp.solvers.options import SolverOptions
 from mbocp.terms import COST_TERMS, PATH_TERMS
 from mbocp.terms.tables import TargetTable, WeightsTable
 from mbocp.terms.written import (
+    Bound,
     Control,
     Finite,
     Named,
     Table,
     Vector,
     VectorOrNamed,
+    VectorOrNumber,
     merged,
     named_numbers,
     range_of,
@@ -193,6 +195,19 @@ PathTable = merged(
 )
 
 
+class TermTable(Table):
+    """What the text of a problem says of a term of one's own, whose function it does not hold."""
+
+    name: str
+    role: str
+    digest: str
+    weight: Finite | None = None
+    unit: str | None = None
+    lower: list[Bound] | None = None
+    upper: list[Bound] | None = None
+    parameters: dict[str, VectorOrNumber] = Field(default_factory=dict)
+
+
 class GuessTable(Table):
     """Where the solver starts."""
 
@@ -241,6 +256,7 @@ class ProblemTable(Table):
     cost: CostTable = CostTable()  # type: ignore[valid-type]  # made of its terms
     limits: LimitsTable = LimitsTable()
     path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
+    terms: list[TermTable] = Field(default_factory=list)
     guess: GuessTable = GuessTable()
     integrator: IntegratorTable = IntegratorTable()
     solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable()

@@ -16,6 +16,7 @@ from mbocp.integrators import EXPLICIT_SCHEMES
 from mbocp.problem.cost import Cost
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.path_table import path_tables
+from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
@@ -23,7 +24,7 @@ from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.solvers.options import SolverOptions
-from mbocp.terms import COST_TERMS
+from mbocp.terms import COST_TERMS, OwnPathConstraint, OwnTerm
 
 __all__ = ["ProblemFields", "tables_of", "to_toml"]
 
@@ -57,7 +58,9 @@ class ProblemFields(Protocol):
     @property
     def limits(self) -> Bounds: ...  # noqa: D102
     @property
-    def path(self) -> tuple[PathConstraint, ...]: ...  # noqa: D102
+    def path(self) -> tuple[PathConstraint | OwnPathConstraint, ...]: ...  # noqa: D102
+    @property
+    def terms(self) -> tuple[OwnTerm, ...]: ...  # noqa: D102
     @property
     def q_start(self) -> Array: ...  # noqa: D102
     @property
@@ -83,6 +86,7 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
     return {
         "coordinates": problem.coordinates,
         "path": path_tables(robot, problem.path) or None,
+        "terms": term_tables(robot, problem.terms) or None,
         "robot": dict(robot.spec),
         "horizon": {"duration": problem.duration, "steps": problem.num_steps},
         "start": {"q": problem.q_start, "v": problem.v_start},

@@ -1,0 +1,82 @@
+"""Terms of one's own in the text of a problem: name, digest and numbers, without the function."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import frozen_array
+from mbocp.exceptions import ProblemError
+from mbocp.problem._checks import ProblemWarning
+from mbocp.problem.file.schema import TermTable
+from mbocp.robot import Robot
+from mbocp.terms.own import ROLES, OwnTerm
+
+__all__ = ["term_tables", "terms_from"]
+
+
+def term_tables(robot: Robot, terms: Sequence[OwnTerm]) -> list[dict[str, Any]]:
+    """Return the tables `[[terms]]`."""
+    return [_table(robot, term) for term in terms]
+
+
+def terms_from(robot: Robot, tables: Sequence[TermTable], given: Sequence[OwnTerm]) -> tuple[OwnTerm, ...]:
+    """Terms with the numbers of the tables, then those `given` that no table names.
+
+    Raises
+    ------
+    ProblemError
+        If a table names a term that is not given: its function is not in the text.
+    """
+    by_name = {term.name: term for term in given}
+    found = [_term(robot, table, by_name.get(table.name)) for table in tables]
+    named = {table.name for table in tables}
+    return (*found, *(term for term in given if term.name not in named))
+
+
+def _term(robot: Robot, table: TermTable, given: OwnTerm | None) -> OwnTerm:
+    what = ROLES.get(table.role, table.role)
+    if given is None or given.role != table.role:
+        raise ProblemError(
+            f"terms: {table.name!r} is missing, a {what} of one's own (digest {table.digest[:8]}): its "
+            "function is Python, which the text of a problem does not hold; load the problem in Python with "
+            f"terms=[...] and a term of this name, or take it out of [[terms]]"
+        )
+    if set(table.parameters) != set(given.parameters):
+        got, expected = (", ".join(names) or "none" for names in (table.parameters, given.parameters))
+        raise ProblemError(f"terms: {table.name}: parameters: got {got}, expected {expected}")
+    changes: dict[str, Any] = {
+        "parameters": {name: frozen_array(value) for name, value in table.parameters.items()}
+    }
+    if table.weight is not None:
+        changes["weight"] = table.weight
+    if table.unit is not None:
+        changes["unit"] = table.unit
+    for side in ("lower", "upper"):
+        if getattr(table, side) is not None:
+            changes[side] = frozen_array(getattr(table, side))
+    term = replace(given, **changes)
+    if term.digest(robot) != table.digest:
+        warnings.warn(
+            f"terms: {table.name!r} is not the one that the text was written with: its expression has "
+            f"another digest ({term.digest(robot)[:8]}, and not {table.digest[:8]})",
+            ProblemWarning,
+            stacklevel=2,
+        )
+    return term
+
+
+def _table(robot: Robot, term: OwnTerm) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": term.name, "role": term.role, "digest": term.digest(robot)}
+    if term.role in ("running", "terminal"):
+        table["weight"] = term.weight
+    if term.role == "path":
+        lower, upper = term.bounds(robot)
+        table |= {"unit": term.unit, "lower": lower, "upper": upper}
+    if term.parameters:
+        table["parameters"] = {name: np.asarray(value) for name, value in term.parameters.items()}
+    return table

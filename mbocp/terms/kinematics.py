@@ -1,0 +1,136 @@
+"""Symbolic kinematics of a robot at one moment: what a term of a user's own may look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from mbocp.exceptions import ProblemError, suggest
+from mbocp.mechanics import JointMechanics
+from mbocp.robot import Robot
+from mbocp.symbolic import Reference, model_functions
+
+__all__ = ["Kinematics"]
+
+_ALIGNED: Reference = "local_world_aligned"
+_WORDS = {"u": "controls", "a": "accelerations", "t": "time"}
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """A robot at one moment, symbolic: every method gives `casadi.SX`, vectors are columns.
+
+    Frames are given by name. Positions are in the world [m]; twists and Jacobians are linear before angular,
+    by default of the frame's origin in the axes of the world ("local_world_aligned"), else "local" or "world"
+    as in `pinocchio.ReferenceFrame`.
+
+    Attributes
+    ----------
+    robot : Robot
+    where : str
+        What kind of term asks, for messages.
+    q : casadi.SX, shape (nq,)
+        Configuration [m, rad, unit quaternion xyzw, cosine and sine]; rotation matrices take the place of
+        quaternions in natural coordinates, and with ``rotations = "dcm"``.
+    v : casadi.SX, shape (nv,)
+        Velocity [m/s, rad/s].
+    symbols : mapping of str to casadi.SX
+        Of u, a and t as far as there are any here.
+    parameters : mapping of str to casadi.SX
+        The term's own.
+    mechanics : JointMechanics
+    """
+
+    robot: Robot
+    where: str
+    q: ca.SX
+    v: ca.SX
+    symbols: Mapping[str, ca.SX]
+    parameters: Mapping[str, ca.SX]
+    mechanics: JointMechanics
+
+    @property
+    def u(self) -> ca.SX:
+        """Control of the step, shape (nu,) [N, N m]; at a node that of the step before it."""
+        return self._there("u")
+
+    @property
+    def a(self) -> ca.SX:
+        """Acceleration of the joints, shape (nv,) [m/s^2, rad/s^2]."""
+        return self._there("a")
+
+    @property
+    def t(self) -> ca.SX:
+        """Time [s]."""
+        return self._there("t")
+
+    def __getitem__(self, name: str) -> ca.SX:
+        """One of the term's own parameters, a column."""
+        if name not in self.parameters:
+            known = suggest(name, self.parameters) if self.parameters else "it has none"
+            raise ProblemError(f"{self.where}: there is no parameter {name!r}: {known}")
+        return self.parameters[name]
+
+    def position(self, frame: str) -> ca.SX:
+        """Origin of a frame, shape (3,) [m]."""
+        return self.mechanics.frame_position(self.robot.frame_id(frame), self.q)
+
+    def rotation(self, frame: str) -> ca.SX:
+        """Axes of a frame in the world, its columns, shape (3, 3)."""
+        return self.mechanics.frame_rotation(self.robot.frame_id(frame), self.q)
+
+    def jacobian(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
+        """Jacobian J of a frame, shape (6, nv), so that its velocity is J v."""
+        function = model_functions(self.robot.model).frame_jacobian(self.robot.frame_id(frame), reference)
+        return self.mechanics.evaluated(function, self.q)
+
+    def velocity(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
+        """Velocity of a frame, shape (6,) [m/s, rad/s]."""
+        return self.jacobian(frame, reference) @ self.v
+
+    def acceleration(self, frame: str) -> ca.SX:
+        """Rate of the velocity in the axes of the world, shape (6,) [m/s^2, rad/s^2], without gravity."""
+        velocity = self.velocity(frame)
+        along = ca.jtimes(velocity, self.q, self.mechanics.space.rate(self.q, self.v))
+        return self.jacobian(frame) @ self.a + along
+
+    def momentum(self, frame: str) -> ca.SX:
+        """Momentum of the body that carries a frame, about its origin, in the axes of the world, shape (6,).
+
+        Linear before angular [kg m/s, N m s].
+        """
+        index = self.robot.frame_id(frame)
+        placed = self.robot.model.frames[index]
+        body = self.robot.model.inertias[int(placed.parentJoint)]
+        inertia = ca.SX(ca.DM(np.asarray(placed.placement.actInv(body).matrix())))
+        h, R = inertia @ self.velocity(frame, "local"), self.rotation(frame)
+        return ca.vertcat(R @ h[:3], R @ h[3:])
+
+    def joint_momentum(self) -> ca.SX:
+        """Canonical momentum p = M(q) v, shape (nv,) [kg m/s, N m s]."""
+        return self.mechanics.momentum(self.q, self.v)
+
+    def centre_of_mass(self) -> ca.SX:
+        """Centre of mass in the world, shape (3,) [m]."""
+        return self.mechanics.evaluated(model_functions(self.robot.model).center_of_mass, self.q)
+
+    def centroidal_momentum(self) -> ca.SX:
+        """Momentum about the centre of mass, axes of the world, shape (6,) [kg m/s, N m s]."""
+        function = model_functions(self.robot.model).centroidal_momentum
+        return self.mechanics.evaluated(function, self.q, self.v)
+
+    def kinetic_energy(self) -> ca.SX:
+        """Kinetic energy [J]."""
+        return ca.dot(self.joint_momentum(), self.v) / 2
+
+    def potential_energy(self) -> ca.SX:
+        """Potential energy of gravity and of the force elements [J]."""
+        return self.mechanics.potential_energy(self.q)
+
+    def _there(self, name: str) -> ca.SX:
+        if name not in self.symbols:
+            raise ProblemError(f"{self.where} has no {_WORDS[name]} ({name})")
+        return self.symbols[name]
