@@ -13,9 +13,9 @@ from mbocp.formulation import formulate, transcribe
 from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, NewtonState
+from mbocp.solvers.auto import _has_stalled
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.shift import larger_shift, next_shift
-from mbocp.solvers.strategy import _has_stalled
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
