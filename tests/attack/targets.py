@@ -139,7 +139,8 @@ def _command(case: Case, path: Path) -> None:
     code = os.waitstatus_to_exitcode(status)
     if code not in _EXITS:
         raise Broken(f"exit status {code} of {case.arguments[0]}: {_last_lines(said)}")
-    if said.count("error: ") > 1 or "Traceback" in said:
+    errors = sum(line.startswith("error: ") for line in said.splitlines())  # "syntax error: " is one of them
+    if errors > 1 or "Traceback" in said:
         raise Broken(f"{case.arguments[0]} says more than one line: {_last_lines(said)}")
     if code == _BAD_INPUT:
         raise Refused(said)
