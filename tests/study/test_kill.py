@@ -111,8 +111,9 @@ def kill_and_resume(folder: Path, tasks: int, main_kills: int, worker_kills: int
         assert rows.read_bytes().startswith(before)
         process = start(file, rows)
     _, errors = process.communicate(timeout=PATIENCE + tasks)
-    assert process.returncode == 0, errors
     found = rows_of(rows)
+    has_crashed = any(row["status"] == "crashed" for row in found)
+    assert process.returncode == int(has_crashed), errors
     assert sorted(row["index"] for row in found) == list(range(tasks))
     assert len(StudyResult.load(rows)) == tasks
     return [row["status"] for row in found]
