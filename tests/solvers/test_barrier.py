@@ -174,8 +174,11 @@ def test_the_kernel_refuses_what_is_no_limit() -> None:
 
 
 def test_natural_coordinates_keep_limits_of_controls(arm: Path) -> None:
+    """So weak a motor ends half a turn off, where the end condition holds, too."""
     problem = mbocp.load_problem(arm, ["coordinates=natural", "limits={effort=0.2}"])
-    own, ipopt = (mbocp.solve(problem, solver=solver, check=True) for solver in ("monolithic", "ipopt"))
+    own, ipopt = (mbocp.solve(problem, solver=solver) for solver in ("monolithic", "ipopt"))
+    assert own.is_stationary
+    assert ipopt.is_stationary
     assert own.active_limits
     assert own.limit_violation == 0.0
     assert own.cost == pytest.approx(ipopt.cost, rel=1e-7)
