@@ -82,7 +82,7 @@ class _Reader:
         self._visits += 1
         if depth > _MAX_LEVELS or self._visits > _MAX_NODES:
             raise ValueError(f"more than {_MAX_NODES} nodes, or {_MAX_LEVELS} within each other")
-        placement = parent @ _transform(node)
+        placement = _product(parent, _transform(node))
         for instance in node.findall("instance_geometry"):
             yield from self._geometry(self._target(instance), instance, placement)
         for instance in node.findall("instance_controller"):  # a skin at rest is its mesh
@@ -245,8 +245,14 @@ def _transform(node: Node) -> Array:
             local[:3, :3] = np.diag(numbers)
         else:
             local[:3, :3] = _turn(numbers[:3], np.deg2rad(numbers[3]))
-        matrix = matrix @ local
+        matrix = _product(matrix, local)
     return matrix
+
+
+def _product(first: Array, second: Array) -> Array:
+    """Product of two placements; one that is not finite is refused where it is used."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(first @ second)
 
 
 def _turn(axis: Array, angle: float) -> Array:

@@ -116,6 +116,12 @@ def test_node_transformations_multiply_in_order(read, length):
     assert part.vertices.max(axis=0) == pytest.approx([0.0, 2.0, 5.0])
 
 
+@pytest.mark.parametrize("steps", ["<scale>1e308 1 1</scale>" * 2 + "<scale>0 1 1</scale>"])
+def test_placements_beyond_all_numbers_are_refused(read, steps):
+    with pytest.raises(ValueError, match="a placement is not finite"):
+        read(collada(TRIANGLES, nodes=steps))
+
+
 def test_mirror_keeps_the_outside_out(read):
     (part,) = read(collada(f'<triangles count="1">{VERTEX}{NORMAL}<p>0 0 1 0 2 0</p></triangles>',
                            nodes="<matrix>-1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</matrix>"))  # fmt: skip
