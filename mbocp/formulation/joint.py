@@ -43,12 +43,15 @@ def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
 
 
 def stage_costs(programme: StagewiseProgramme, iterate: Iterate) -> Array:
-    """Running cost of every step, from the stage functions, shape (N,)."""
+    """Running cost of every step, from the stage functions, shape (N,); NaN where they fail."""
     N = programme.num_steps
     arguments = (iterate.xs[:-1], iterate.xs[1:], iterate.ys, iterate.us)
     theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
     values = programme.functions.function("values").map(N)
-    costs: Array = np.asarray(values(*(a.T for a in arguments), theta, rho.T)[1]).ravel()
+    try:
+        costs: Array = np.asarray(values(*(a.T for a in arguments), theta, rho.T)[1]).ravel()
+    except RuntimeError:  # what CasADi raises where a compiled function reports that it failed
+        return np.full(N, np.nan)
     return costs
 
 
