@@ -14,6 +14,7 @@ PACKAGE = Path(__file__).parents[1] / "mbocp"
 # A layer imports itself and those before it. What composes the layers comes last.
 LAYERS = (
     "_text",
+    "_tolerances",
     "_numbers",
     "exceptions",
     "_environment",
@@ -52,7 +53,7 @@ ALONE = {
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
     "programme": {"exceptions", "_arrays", "_environment", "_native"},
-    "solvers": {"exceptions", "_arrays", "_checks", "_linear", "_native", "programme"},
+    "solvers": {"exceptions", "_arrays", "_checks", "_linear", "_native", "_tolerances", "programme"},
     "exceptions": {"_text"},
 }
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._linear import null_space
+from mbocp._tolerances import ARRIVAL_TOLERANCE, RANK_TOLERANCE
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
@@ -17,7 +18,6 @@ __all__ = ["MAX_PATH_LENGTH", "closed_path", "constraint_jacobians", "driving_jo
 
 MAX_PATH_LENGTH = 300.0  # [rad, m] 48 turns, which take a second or two
 
-_ARRIVAL_TOLERANCE = 1e-6  # [rad, m]
 _MAX_LEAP = 0.3  # [rad, m] to the next configuration; a longer step is divided
 _CLOSURE_TOLERANCE = 1e-12  # [m, rad, m^2]
 _MAX_NEWTON_STEPS = 12  # quadratic: three are typical
@@ -45,7 +45,7 @@ def closed_path(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> A
         return None
     driving = driving_joints(robot, q_start)
     qs = path_towards(robot, q_start, q_goal, driving, shares)
-    has_arrived = qs is not None and np.abs(robot.difference(qs[-1], q_goal)).max() <= _ARRIVAL_TOLERANCE
+    has_arrived = qs is not None and np.abs(robot.difference(qs[-1], q_goal)).max() <= ARRIVAL_TOLERANCE
     return qs if has_arrived else None
 
 
@@ -75,7 +75,7 @@ def path_towards(
         ahead = np.where(wanted, robot.difference(q, there), last)  # the others keep their rate
         near = _closed_by_newton(robot, q, ahead, ~wanted)
         found = follow(robot, q, there, wanted) if near is None else near
-        if np.abs(robot.difference(found, there)[wanted]).max(initial=0.0) > _ARRIVAL_TOLERANCE:
+        if np.abs(robot.difference(found, there)[wanted]).max(initial=0.0) > ARRIVAL_TOLERANCE:
             return None
         last = np.zeros(robot.nv) if near is None else robot.difference(q, found)
         q = found
@@ -95,7 +95,7 @@ def constraint_jacobians(robot: Robot, qs: Array) -> Array:
 
 def driving_joints(robot: Robot, q: Array) -> BoolArray:
     """Velocity components of joints that determine the motion of the mechanism, those with a motor first."""
-    basis = null_space(robot.constraint_jacobian(q), 1e-9)
+    basis = null_space(robot.constraint_jacobian(q), RANK_TOLERANCE)
     chosen = np.zeros(robot.nv, dtype=np.bool_)
     has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
     slices = [robot.velocity_indices(name) for name in robot.joint_names]
@@ -106,7 +106,7 @@ def driving_joints(robot: Robot, q: Array) -> BoolArray:
         if np.linalg.svd(rows, compute_uv=False)[: rows.shape[0]].min() < _MIN_INDEPENDENCE:
             continue
         chosen[where] = True
-        basis = basis @ null_space(rows, 1e-9)
+        basis = basis @ null_space(rows, RANK_TOLERANCE)
     return chosen
 
 

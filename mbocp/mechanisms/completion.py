@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._tolerances import ARRIVAL_TOLERANCE
 from mbocp.exceptions import InconsistentStart, UnreachableGoal
 from mbocp.mechanisms.closed_path import MAX_PATH_LENGTH, driving_joints, path_towards
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
@@ -18,7 +19,6 @@ from mbocp.robot.loops.projection import follow, violations
 
 __all__ = ["assembled", "assembled_velocity", "complete_goal"]
 
-_ARRIVAL_TOLERANCE = 1e-6  # [rad, m]
 _MAX_ATTEMPTS = 5  # the first from the given pose, the others from around it
 _STRIDE = 0.1  # [rad, m]
 
@@ -53,7 +53,7 @@ def assembled(
         return np.array(robot.assemble(q)) if assemble else q
     _check_distance(robot, base, q, active, key)
     reached = follow(robot, base, q, active)
-    if _distance(robot, reached, q, active) <= _ARRIVAL_TOLERANCE:
+    if _distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
         return reached
     written = [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
     return np.array(robot.assemble(q, fixed=written))
@@ -104,7 +104,7 @@ def _completed(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: b
     size = _distance(robot, q_start, q, active)
     path = path_towards(robot, q_start, q, active, np.linspace(0.0, 1.0, 2 + int(size / _STRIDE))[1:])
     reached = follow(robot, q_start, q, active) if path is None else path[-1]
-    if _distance(robot, reached, q, active) <= _ARRIVAL_TOLERANCE:
+    if _distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
         return reached
     bad = violations(robot, _closed_anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
     short, written = _short(robot, reached, q, active), _names(robot, active)
@@ -157,7 +157,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
     nearest = q_start
     for wanted in (everything, driving_joints(robot, q_start)):
         reached = follow(robot, q_start, q, wanted)
-        if _distance(robot, reached, q, everything) <= _ARRIVAL_TOLERANCE:
+        if _distance(robot, reached, q, everything) <= ARRIVAL_TOLERANCE:
             return
         nearest = reached
     if search(robot, q_start, q, everything) is not None:
@@ -166,7 +166,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
     moved = np.flatnonzero(turned != q)
     if moved.size:
         reached = follow(robot, q_start, turned, everything)
-        if _distance(robot, reached, turned, everything) <= _ARRIVAL_TOLERANCE:
+        if _distance(robot, reached, turned, everything) <= ARRIVAL_TOLERANCE:
             values = ", ".join(f"{robot.q_labels[i].name} = {turned[i]:.9g}" for i in moved)
             raise UnreachableGoal(
                 f"goal.q: whole turns away from what robot {robot.name!r} reaches from the start with its "

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import violations
 
 __all__ = [
     "CONSISTENCY_TOLERANCE",
-    "RANK_TOLERANCE",
     "allowed_velocities",
     "check_position",
     "check_velocity",
@@ -24,7 +24,6 @@ __all__ = [
 # A start with nine digits is accepted, a measurable violation is not. The first step of the mechanics removes
 # the rest.
 CONSISTENCY_TOLERANCE = 1e-8  # [m, rad, m^2 for a rod, and their rates]
-RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero
 
 _MAX_PROJECTION_STEPS = 30  # Gauss-Newton is quadratic here: six are typical
 

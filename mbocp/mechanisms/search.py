@@ -10,6 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._linear import null_space
+from mbocp._tolerances import ARRIVAL_TOLERANCE, RANK_TOLERANCE
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, gauss_newton, violations
 
@@ -19,7 +20,6 @@ _STRIDE = 0.15  # [rad, m] of the joint that moves most
 _CURVE_TURNS = 1.5  # [2 pi rad, 2 pi m] a curve is followed beyond the distance of the target
 _NUM_WALKS, _MIN_STRIDES, _MAX_STRIDES = 16, 3, 15  # random walks, and the strides of each
 _ARRIVAL_RADIUS = 0.6  # [rad, m] nearer than this, the straight way to the target is tried
-_ARRIVAL_TOLERANCE = 1e-6  # [rad, m]
 _BRANCH_TOLERANCE = 0.1  # a direction with a smaller singular value may be a branch of its own
 
 
@@ -42,7 +42,7 @@ def search(robot: Robot, q_start: Array, target: Array, wanted: BoolArray) -> Ar
         is none, within one and a half turns.
     """
     rng = np.random.default_rng(0)
-    basis = null_space(robot.constraint_jacobian(q_start), 1e-9)
+    basis = null_space(robot.constraint_jacobian(q_start), RANK_TOLERANCE)
     places = [q_start]
     if basis.shape[1] == 1:
         found, places = _along_curve(robot, q_start, basis[:, 0], target, wanted)
@@ -54,7 +54,7 @@ def search(robot: Robot, q_start: Array, target: Array, wanted: BoolArray) -> Ar
         ahead = directions @ rng.standard_normal(directions.shape[1])
         walked = _walk(robot, q, ahead, int(rng.integers(_MIN_STRIDES, _MAX_STRIDES)))
         reached = follow(robot, walked[-1], target, wanted)
-        if _distance(robot, reached, target, wanted) <= _ARRIVAL_TOLERANCE:
+        if _distance(robot, reached, target, wanted) <= ARRIVAL_TOLERANCE:
             return reached
         places = places if basis.shape[1] == 1 else [*places, walked[-1]]
     return None
@@ -73,7 +73,7 @@ def _along_curve(
         is_minimum = np.r_[True, away[1:] <= away[:-1]] & np.r_[away[:-1] <= away[1:], True]
         for node in np.flatnonzero(is_minimum & (away < _ARRIVAL_RADIUS)):
             reached = follow(robot, path[node], target, wanted)
-            if _distance(robot, reached, target, wanted) <= _ARRIVAL_TOLERANCE:
+            if _distance(robot, reached, target, wanted) <= ARRIVAL_TOLERANCE:
                 return reached, places
         places += [q for q in path if _directions(robot, q).shape[1] > 1]
         if len(path) <= strides and _distance(robot, path[-1], q_start, np.ones_like(wanted)) < _STRIDE:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
 from mbocp.mechanisms.consistency import (
     CONSISTENCY_TOLERANCE,
-    RANK_TOLERANCE,
     allowed_velocities,
     tangent_space,
 )

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._tolerances import DIRECTION_TOLERANCE
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem.goal import Goal
 from mbocp.robot import Robot
 
 __all__ = ["check_driven_rate", "check_driven_start", "without_driven_velocities"]
-
-_TOLERANCE = 1e-9  # relative: of a velocity that no speeds of the drives make up
 
 
 def check_driven_start(robot: Robot, q: Array, v: Array) -> None:
@@ -63,7 +62,7 @@ def check_driven_rate(robot: Robot, goal: Goal) -> None:
     rows, value = robot.speed_map(goal.q)[asked], goal.value[asked]
     error = np.abs(rows @ np.linalg.lstsq(rows, value, rcond=None)[0] - value)
     worst = int(error.argmax())
-    if error[worst] > _TOLERANCE * max(1.0, float(np.abs(value).max())):
+    if error[worst] > DIRECTION_TOLERANCE * max(1.0, float(np.abs(value).max())):
         label = robot.v_labels[asked[worst]]
         raise ProblemError(
             f"goal.v: the drives of robot {robot.name!r} allow no velocity like this, the nearest differs by "

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
+from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem.goal import Goal
 from mbocp.robot import Label, Robot
@@ -16,7 +17,6 @@ from mbocp.robot.joints import unit_groups
 __all__ = ["LIMITS", "Bounds", "check_limits", "is_plain"]
 
 LIMITS = {"u": "limits.effort", "v": "limits.velocity", "q": "limits.position"}  # keys of a problem file
-_ROUND_OFF = 1e-9  # [m, rad, m/s, rad/s] by which a start may miss its bound
 
 
 def _unbounded() -> Array:
@@ -156,7 +156,7 @@ def _refuse_outside(
     bounds: Bounds, where: str, letter: str, value: Array, asked: BoolArray, labels: Sequence[Label]
 ) -> None:
     lower, upper = getattr(bounds, f"{letter}_lower"), getattr(bounds, f"{letter}_upper")
-    outside = asked & ((value < lower - _ROUND_OFF) | (value > upper + _ROUND_OFF))
+    outside = asked & ((value < lower - BOUND_TOLERANCE) | (value > upper + BOUND_TOLERANCE))
     if outside.any():
         i = int(np.flatnonzero(outside)[0])
         side, bound = ("above", upper[i]) if value[i] > upper[i] else ("below", lower[i])

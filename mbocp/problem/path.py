@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
@@ -20,7 +21,6 @@ from mbocp.terms import PATH_TERMS, OwnPathConstraint, PathTerm, Point
 __all__ = ["PATH_KINDS", "PathConstraint", "check_path"]
 
 PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
-_ROUND_OFF = 1e-9  # [m, m/s] by which a start may miss its bound
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -185,7 +185,7 @@ def check_path(
 
 
 def _refuse_outside(constraint: PathConstraint | OwnPathConstraint, values: Array, where: str) -> None:
-    outside = (values < constraint.lower - _ROUND_OFF) | (values > constraint.upper + _ROUND_OFF)
+    outside = (values < constraint.lower - BOUND_TOLERANCE) | (values > constraint.upper + BOUND_TOLERANCE)
     if outside.any():
         i = int(np.flatnonzero(outside)[0])
         above = values[i] > constraint.upper[i]

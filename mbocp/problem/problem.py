@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import check_position, check_velocity
@@ -376,8 +377,8 @@ class Problem:
         robot, limits = self.robot, self.robot.limits
         if self.limits.finite("q").any():
             return
-        # [rad, m] not for rounding
-        outside = (q < limits.position_lower - 1e-9) | (q > limits.position_upper + 1e-9)
+        lower, upper = limits.position_lower - BOUND_TOLERANCE, limits.position_upper + BOUND_TOLERANCE
+        outside = (q < lower) | (q > upper)
         if outside.any():
             names = ", ".join(robot.q_labels[i].name for i in np.flatnonzero(outside))
             message = f"{key}: outside the position limits of {names}; limits are not enforced"

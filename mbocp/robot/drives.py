@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._tolerances import DIRECTION_TOLERANCE
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
 from mbocp.robot.model import RobotModel
@@ -27,8 +28,6 @@ __all__ = [
     "speed_map",
     "speed_maps",
 ]
-
-_ROUND_OFF = 1e-9  # relative; the columns are sums of products of a few rotations
 
 
 def drive_column(model: pin.Model, drive: Drive, q: Array) -> Array:
@@ -96,7 +95,7 @@ def reduce_velocity(robot: RobotModel, q: Array, v: Array) -> Array:
     # Columns of V and U are unit vectors on different components: their transpose is their inverse.
     V, U = speed_map(robot, q), control_velocity_map(robot, q)
     left = v - V @ (V.T @ v) - U @ (U.T @ v)
-    if np.abs(left).max(initial=0.0) > _ROUND_OFF * (1.0 + np.abs(v).max(initial=0.0)):
+    if np.abs(left).max(initial=0.0) > DIRECTION_TOLERANCE * (1.0 + np.abs(v).max(initial=0.0)):
         (drive,) = [d for d in robot.drives if int(np.argmax(np.abs(left))) in d.dofs]
         moved = ", ".join(f"{robot.v_labels[dof].name} = {v[dof]:.6g}" for dof in drive.dofs)
         raise InvalidValue(

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._tolerances import SOLVER_TOLERANCE
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
@@ -162,7 +163,7 @@ class FBSMGradient:
         As the first phase of a hybrid: when to end.
     """
 
-    tolerance: float = 1e-9
+    tolerance: float = SOLVER_TOLERANCE
     max_iterations: int = 5000
     theta_max: float = 1.0
     auxiliary: bool = False

@@ -18,6 +18,7 @@ import numpy as np
 import scipy.linalg
 
 from mbocp._arrays import Array
+from mbocp._tolerances import SOLVER_TOLERANCE
 from mbocp.exceptions import SolverError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
@@ -64,7 +65,7 @@ class FBSMNewton:
         See `mbocp.solvers.sweep`.
     """
 
-    tolerance: float = 1e-9
+    tolerance: float = SOLVER_TOLERANCE
     max_iterations: int = 200
     control_weight: float = 1.0
     globalised: bool = True

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mbocp._tolerances import FEASIBLE_VIOLATION
+
 if TYPE_CHECKING:
     from mbocp._native._kernel import Evaluation, Trial
 
@@ -16,7 +18,6 @@ _MARGIN = (
 _ARMIJO = 1e-4  # fraction of the predicted decrease of the cost
 _SLOPE_POWER, _VIOLATION_POWER = 2.3, 1.1  # switching condition
 _ROUND_OFF = 1e-13  # of the cost's own sum
-_FEASIBLE = 1e-9  # violation that counts as none
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Filter:
         slack = _ROUND_OFF * abs(before.objective)
         if self._is_descent(before.violation, slope, length):
             return trial.objective <= before.objective + _ARMIJO * length * slope + slack, True
-        both_feasible = before.violation < _FEASIBLE and trial.violation < _FEASIBLE
+        both_feasible = before.violation < FEASIBLE_VIOLATION and trial.violation < FEASIBLE_VIOLATION
         return (
             trial.violation <= (1 - _MARGIN) * before.violation
             or trial.objective <= before.objective - _MARGIN * before.violation + slack

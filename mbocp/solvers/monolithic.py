@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbocp._tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
@@ -79,7 +80,6 @@ _MAX_ADJOINT = 1e8  # of a backward sweep that is worth starting from
 _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
 _RESOLVED = 1e-2  # of the tolerance, for the residual, ...
 _NOISE = 1e3  # ... and times the tolerance, for increments that do not shrink any more
-_FEASIBLE = 1e-9  # violation below which there is nothing to be relaxed about
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class PureNewton:
         Newton steps before it gives up.
     """
 
-    tolerance: float = 1e-9
+    tolerance: float = SOLVER_TOLERANCE
     max_iterations: int = 200
     name: str = "monolithic (pure Newton)"
 
@@ -145,7 +145,7 @@ class GlobalisedNewton:
         Whether it begins near a solution, with the last barrier and the iterate's own multipliers.
     """
 
-    tolerance: float = 1e-9
+    tolerance: float = SOLVER_TOLERANCE
     max_iterations: int = 200
     control_weight: float = 1.0
     name: str = "monolithic (Newton, inertia correction, filter line search)"
@@ -173,7 +173,7 @@ class GlobalisedNewton:
                 if swept is not None:
                     return self.step(swept)
                 is_stuck = is_short and attempts >= _PATIENCE
-                if is_stuck and state.patience == 0 and state.evaluation.violation > _FEASIBLE:
+                if is_stuck and state.patience == 0 and state.evaluation.violation > FEASIBLE_VIOLATION:
                     return self._relaxed(
                         replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
                     )
@@ -255,7 +255,7 @@ class GlobalisedNewton:
 
         What remains of the violation is the end condition's.
         """
-        if state.evaluation.violation <= _FEASIBLE:
+        if state.evaluation.violation <= FEASIBLE_VIOLATION:
             return None
         native, kept = state.native, Kept.of(state.native)
         swept = Sweeps(feedback=True).run(native).evaluation

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mbocp._checks import check_choice, check_integer, check_number, check_positive
+from mbocp._tolerances import SOLVER_TOLERANCE
 from mbocp.exceptions import InvalidValue
 
 __all__ = [
@@ -95,7 +96,7 @@ class SolverOptions:
 
     method: str = "auto"
     globalisation: Globalisation = "default"
-    tolerance: float = 1e-9
+    tolerance: float = SOLVER_TOLERANCE
     max_iterations: int | None = None
     hessian: str = "structured"
     adjoint: str = "direct"

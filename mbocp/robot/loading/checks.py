@@ -9,13 +9,13 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
 from mbocp.robot.robot import Robot
 
 __all__ = ["IndefiniteMassMatrix", "SingularMassMatrix", "check_mechanics"]
 
-_RANK_TOLERANCE = 1e-9  # relative singular value below which rows count as dependent
 _NUM_POSES = 16  # at which a mass matrix that may be indefinite is looked at
 _MIN_SHARE = 1e-3  # share of the null vector from which a joint is named
 
@@ -64,11 +64,11 @@ def check_mechanics(robot: Robot) -> None:
         _check_definite(robot, free)
     if not kinematics.is_singular(mass):
         return
-    basis = null_space(jacobian[:, free], _RANK_TOLERANCE)
+    basis = null_space(jacobian[:, free], RANK_TOLERANCE)
     reduced = basis.T @ mass @ basis
     if kinematics.is_singular(reduced):
         lowest = float(kinematics.scaled_spectrum(reduced)[0][0])
-        if lowest < -_RANK_TOLERANCE:
+        if lowest < -RANK_TOLERANCE:
             raise IndefiniteMassMatrix(robot.name, _indefinite(robot), lowest, "at the initial pose")
         raise _singular(robot, mass, free)
 
@@ -82,7 +82,7 @@ def _check_definite(robot: Robot, free: list[int]) -> None:
     poses = np.array([robot.q0, *(pin.integrate(robot.model, robot.q0, step) for step in steps)])
     masses = kinematics.mass_matrices(robot.model, poses)[:, free][:, :, free]
     lowest = min(float(kinematics.scaled_spectrum(mass)[0][0]) for mass in masses)
-    if lowest < -_RANK_TOLERANCE:
+    if lowest < -RANK_TOLERANCE:
         raise IndefiniteMassMatrix(robot.name, joints, lowest, "at some poses")
 
 
@@ -92,7 +92,7 @@ def _indefinite(robot: Robot) -> list[str]:
     for joint in range(1, robot.model.njoints):
         inertia = np.asarray(robot.model.inertias[joint].inertia)
         size = float(np.abs(inertia).max())
-        if size > 0 and np.linalg.eigvalsh(inertia / size)[0] < -_RANK_TOLERANCE:
+        if size > 0 and np.linalg.eigvalsh(inertia / size)[0] < -RANK_TOLERANCE:
             found.append(robot.model.names[joint])
     return found
 

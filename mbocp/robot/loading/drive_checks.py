@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._tolerances import DIRECTION_TOLERANCE
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
 from mbocp.robot.drives import drive_column, moved_joints
@@ -16,7 +17,6 @@ from mbocp.robot.robot import Robot
 
 __all__ = ["check_drives"]
 
-_ROUND_OFF = 1e-9  # relative; the columns are sums of products of a few rotations
 _NUM_SAMPLES = 5  # random configurations at which a drive is checked
 _SEED = 20170
 
@@ -44,14 +44,14 @@ def _check_frame(robot: Robot, drive: Drive, frame_id: int, q: Array) -> None:
     frame = robot.frame_names[frame_id]
     where = f"robot {robot.name!r}: drive {drive.name!r}"
     gram = jacobian.T @ jacobian
-    if np.abs(gram - np.eye(len(gram))).max() > _ROUND_OFF:
+    if np.abs(gram - np.eye(len(gram))).max() > DIRECTION_TOLERANCE:
         raise UnsupportedRobot(
             f"{where}: its joints must move frame {frame!r} along orthogonal directions, at unit speed each; "
             f"{_joints(robot, drive.dofs)} do not at every configuration. Name the joints that slide, in a "
             "row, before anything turns"
         )
     speed = float(np.linalg.norm(jacobian.T @ drive.direction))
-    if abs(speed - 1.0) > _ROUND_OFF:
+    if abs(speed - 1.0) > DIRECTION_TOLERANCE:
         raise UnsupportedRobot(
             f"{where}: {_joints(robot, drive.dofs)} cannot always move frame {frame!r} along direction "
             f"{drive.direction.tolist()} (only {speed:.3g} of it): name all joints that it takes, or another "
@@ -63,7 +63,7 @@ def _check_impulse(robot: Robot, drive: Drive, q: Array) -> None:
     column, free = drive_column(robot.model, drive, q), list(robot.undriven)
     mass = robot.mass_matrix(q)
     momentum = np.abs((mass @ column)[free])
-    threshold = _ROUND_OFF * float(np.abs(mass).max())
+    threshold = DIRECTION_TOLERANCE * float(np.abs(mass).max())
     remedy = 'Its control is a velocity, which may jump: an impulse. Use control = "acceleration"'
     if momentum.max(initial=0.0) > threshold:
         coupled = [free[i] for i in np.flatnonzero(momentum > threshold)]
@@ -72,7 +72,7 @@ def _check_impulse(robot: Robot, drive: Drive, q: Array) -> None:
             f"{_joints(robot, coupled)}. {remedy}"
         )
     rates = robot.constraint_jacobian(q) @ column
-    if np.abs(rates).max(initial=0.0) > _ROUND_OFF:
+    if np.abs(rates).max(initial=0.0) > DIRECTION_TOLERANCE:
         row = robot.constraint_labels[int(np.argmax(np.abs(rates)))]
         raise UnsupportedRobot(
             f"robot {robot.name!r}: the motion of drive {drive.name!r} pulls at constraint {row.name!r}. "

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import kinematics
 from mbocp.robot.large import working_data
@@ -44,7 +45,6 @@ _MAX_STALLED, _STALL_RATIO = 4, 0.995
 _MAX_STEP = 0.4  # [rad, m] of one joint within an iteration
 _MAX_ATTEMPTS = 4  # the first from the given pose, the others from around it
 _REGULARISATION = 1e-6  # of the largest inertia: added to the diagonal of a singular mass matrix
-_RANK_TOLERANCE = 1e-9
 _MIN_SINGULAR_VALUE = 1e-100  # below, the square of a singular value underflows
 _STRIDE, _MIN_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
 _MAX_STRIDE = 1.0  # [rad, m] where the correction is below _STRAIGHT_RATIO of the step
@@ -237,7 +237,7 @@ def _stride(
     robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_], longest: float
 ) -> tuple[Array | None, float]:
     """Configuration a step nearer to the target, or None; and the correction by the length of the step."""
-    basis = null_space(robot.constraint_jacobian(q), _RANK_TOLERANCE)
+    basis = null_space(robot.constraint_jacobian(q), RANK_TOLERANCE)
     missing = robot.difference(q, target)[wanted]
     ahead = basis @ np.linalg.lstsq(basis[wanted], missing, rcond=1e-6)[0]
     size = float(np.abs(ahead).max(initial=0.0))
@@ -255,7 +255,7 @@ def _stride(
 
 
 def _kicked(robot: Mechanism, q: Array, rng: np.random.Generator) -> Array:
-    basis = null_space(robot.constraint_jacobian(q), _RANK_TOLERANCE)
+    basis = null_space(robot.constraint_jacobian(q), RANK_TOLERANCE)
     away = basis @ rng.normal(scale=_STRIDE, size=basis.shape[1])
     found = gauss_newton(robot, robot.integrate(q, away), np.ones(robot.nv, dtype=np.bool_), robot.kept_rows)
     return q if violations(robot, found) else found
@@ -289,7 +289,7 @@ def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> 
     scaled = np.linalg.solve(root, jacobian.T).T  # J L^-T
     u, singular, vt = np.linalg.svd(scaled, full_matrices=False)
     largest = float(singular.max(initial=0.0))
-    used = singular > max(_RANK_TOLERANCE * largest, _MIN_SINGULAR_VALUE)
+    used = singular > max(RANK_TOLERANCE * largest, _MIN_SINGULAR_VALUE)
     inverse = np.zeros_like(singular)
     inverse[used] = singular[used] / (singular[used] ** 2 + damping * largest**2)
     step: Array = np.linalg.solve(root.T, vt.T @ (inverse * (u.T @ wanted)))
