@@ -45,6 +45,7 @@ __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
 COORDINATES: tuple[str, ...] = ("joint", "natural")
 MAX_DURATION = 1e12  # [s] 30,000 years; squares of much longer ones overflow
+MIN_DURATION = 1e-12  # [s] squares of much shorter steps underflow
 
 
 _BESIDE = (
@@ -154,8 +155,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         duration = check_positive("horizon.duration", self.duration, "s")
-        if duration > MAX_DURATION:
-            expected = f"a positive number [s] of at most {MAX_DURATION:g}"
+        if not MIN_DURATION <= duration <= MAX_DURATION:
+            expected = f"a positive number [s] of at least {MIN_DURATION:g} and of at most {MAX_DURATION:g}"
             raise InvalidValue("horizon.duration", duration, expected)
         object.__setattr__(self, "duration", duration)
         object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))

@@ -55,6 +55,7 @@ __all__ = ["Assembly"]
 
 _EFFORT_UNITS = {"m": "N", "rad": "N m"}
 _NO_LIMIT = 1e300  # Pinocchio's "no limit" is the largest double
+_MIN_LENGTH = 1e-9  # [m] of a spring whose coefficient is its stiffness by the square of its length
 _STEEL, _BRASS = (0.35, 0.35, 0.38, 1.0), (0.75, 0.5, 0.15, 1.0)
 _LOOKS = {"rod": (0.02, _STEEL), "spring": (0.06, _BRASS), "line": (0.005, _STEEL)}
 
@@ -244,10 +245,11 @@ class Assembly:
         for number, table in enumerate(self.table.springs):
             a, b = self.pair(table.frames, f"spring[{number}]")
             length = table.length or self._distance(a, b)
-            if table.stiffness is not None and length <= 0.0:
-                self._refuse(
-                    f"spring[{number}].length", "not given, and the frames coincide at the initial pose"
-                )
+            if table.stiffness is not None and length < _MIN_LENGTH:
+                told = "not given, and the frames coincide at the initial pose"
+                if table.length is not None:
+                    told = f"got {length:g} m, expected at least {_MIN_LENGTH:g} m"
+                self._refuse(f"spring[{number}].length", told)
             # First paper, section 6.1: V_e = k/(8 l^2) (|d|^2 - l^2)^2
             coefficient = table.coefficient or (table.stiffness or 0.0) / (2.0 * length**2)
             found.append(

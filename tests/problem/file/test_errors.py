@@ -170,6 +170,7 @@ HUGE = "1" + 400 * "0"
         ("horizon.steps=5000000000", "would take about .* GB of memory"),
         ("solver.max_iterations=5000000000", "at most 2147483647"),
         ("horizon.duration=1e13", r"of at most 1e\+12"),
+        ("horizon.duration=1e-320", "of at least 1e-12"),
         ("horizon.duration=1e300", r"expected a number of at most 1e\+100"),
         ("start.q=[1e200,0,0,0,0,0]", r"at index 0, expected a number of at most 1e\+100"),
         ("start.q=" + 5000 * "[" + 5000 * "]", "nested more than 64 deep"),
