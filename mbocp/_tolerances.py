@@ -1,4 +1,4 @@
-"""Tolerances that mean the same wherever they are asked for; those of one module stand in that module."""
+"""Tolerances of mechanics and problems that mean the same wherever they are asked for."""
 
 from __future__ import annotations
 
@@ -6,14 +6,10 @@ __all__ = [
     "ARRIVAL_TOLERANCE",
     "BOUND_TOLERANCE",
     "DIRECTION_TOLERANCE",
-    "FEASIBLE_VIOLATION",
     "RANK_TOLERANCE",
-    "SOLVER_TOLERANCE",
 ]
 
 RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero: rows depend
 ARRIVAL_TOLERANCE = 1e-6  # [rad, m] from the configuration that a search or a closed path was to reach
 BOUND_TOLERANCE = 1e-9  # [m, rad, m/s, rad/s] by which a start may miss its bound
 DIRECTION_TOLERANCE = 1e-9  # relative, of drives: their columns are sums of products of a few rotations
-SOLVER_TOLERANCE = 1e-9  # of residual and increment, unless the problem says otherwise: the paper's
-FEASIBLE_VIOLATION = 1e-9  # violation of the constraints that counts as none

@@ -53,7 +53,7 @@ ALONE = {
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
     "programme": {"exceptions", "_arrays", "_environment", "_native"},
-    "solvers": {"exceptions", "_arrays", "_checks", "_linear", "_native", "_tolerances", "programme"},
+    "solvers": {"exceptions", "_arrays", "_checks", "_linear", "_native", "programme"},
     "exceptions": {"_text"},
 }
 

@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._tolerances import SOLVER_TOLERANCE
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
@@ -34,6 +33,7 @@ from mbocp.solvers.multiplier import EndCondition
 from mbocp.solvers.protocol import Measures
 from mbocp.solvers.records import Status
 from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
+from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import Evaluation

@@ -18,7 +18,6 @@ import numpy as np
 import scipy.linalg
 
 from mbocp._arrays import Array
-from mbocp._tolerances import SOLVER_TOLERANCE
 from mbocp.exceptions import SolverError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
@@ -28,6 +27,7 @@ from mbocp.solvers.newton import NewtonState, check_termination, factorise, new_
 from mbocp.solvers.records import Status
 from mbocp.solvers.shift import MAX_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
+from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import Evaluation

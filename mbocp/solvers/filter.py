@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mbocp._tolerances import FEASIBLE_VIOLATION
+from mbocp.solvers.tolerances import FEASIBLE_VIOLATION
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import Evaluation, Trial

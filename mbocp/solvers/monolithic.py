@@ -39,7 +39,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
@@ -59,6 +58,7 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.round_off import has_a_say
 from mbocp.solvers.shift import MAX_SHIFT, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
+from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import Evaluation, Factorisation, Trial

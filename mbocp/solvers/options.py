@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mbocp._checks import check_choice, check_integer, check_number, check_positive
-from mbocp._tolerances import SOLVER_TOLERANCE
 from mbocp.exceptions import InvalidValue
+from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 __all__ = [
     "ADJOINTS",
