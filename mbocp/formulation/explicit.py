@@ -18,8 +18,8 @@ from mbocp.formulation.build import Pieces, build_programme, check_size, needs_p
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows, guarded_parts
 from mbocp.formulation.joint import (
     boundary_duals,
-    defects_of,
     duals_of_momenta,
+    largest_defects,
     momenta_of_symmetries,
     stage_costs,
     tangent_duals,
@@ -199,9 +199,7 @@ class ExplicitFormulation:
 
     def drifts(self, xs: Array) -> Array:
         """Largest defect of the configurations of states, shape (k,)."""
-        found = np.abs(np.asarray(defects_of(self.space).map(len(xs))(xs[:, self.layout.z].T)))
-        drifts: Array = found.max(axis=0, initial=0.0)
-        return drifts
+        return largest_defects(self.space, xs[:, self.layout.z])
 
     def velocity_multipliers(self, multipliers: Array) -> Array:
         """Those of the velocities that no control prescribes; they come first among the speeds."""

@@ -21,8 +21,8 @@ from mbocp.terms import TermNumbers, running_terms
 
 __all__ = [
     "boundary_duals",
-    "defects_of",
     "duals_of_momenta",
+    "largest_defects",
     "momenta_of",
     "momenta_of_symmetries",
     "stage_costs",
@@ -110,8 +110,15 @@ def weighed_components(problem: Problem) -> Array | None:
     return weights if weights.any() else None
 
 
+def largest_defects(space: ConfigurationSpace, zs: Array) -> Array:
+    """Largest defect of coordinates (k, nz) as configurations, shape (k,)."""
+    found = np.abs(np.asarray(_defects_of(space).map(len(zs))(zs.T)))
+    largest: Array = found.max(axis=0, initial=0.0)
+    return largest
+
+
 @lru_cache(maxsize=_KEPT)
-def defects_of(space: ConfigurationSpace) -> ca.Function:
+def _defects_of(space: ConfigurationSpace) -> ca.Function:
     """Coordinates -> what vanishes where they are a configuration."""
     z = ca.SX.sym("z", space.nz)
     return ca.Function("defects", [z], [ca.densify(space.defects(z))])
