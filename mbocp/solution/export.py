@@ -7,22 +7,19 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.solution.atomic import atomic_path
-from mbocp.solution.records import Column
-from mbocp.solution.stored import dual_columns
-
-if TYPE_CHECKING:
-    from mbocp.solution.solution import Solution
+from mbocp.solution.data import SolutionData
+from mbocp.solution.records import Column, dual_columns
 
 __all__ = ["solution_dict", "table", "write_csv"]
 
 
-def table(solution: Solution) -> tuple[list[str], Array]:
+def table(solution: SolutionData) -> tuple[list[str], Array]:
     """All trajectories side by side, one row a node.
 
     What belongs to the step from node n to n+1 (u, lam, zeta, H) stands in row n, and is NaN in the last row.
@@ -56,7 +53,7 @@ def table(solution: Solution) -> tuple[list[str], Array]:
     return header, np.hstack(columns)
 
 
-def _limit_blocks(solution: Solution) -> Iterator[tuple[str, tuple[Column, ...], Array]]:
+def _limit_blocks(solution: SolutionData) -> Iterator[tuple[str, tuple[Column, ...], Array]]:
     """Multipliers of limits and path constraints, where there are any."""
     for letter in "uqv":
         if np.isfinite(getattr(solution, f"limits_{letter}")).any():
@@ -68,7 +65,7 @@ def _limit_blocks(solution: Solution) -> Iterator[tuple[str, tuple[Column, ...],
         yield "lam_path:", names, np.vstack([start, solution.lam_path])
 
 
-def write_csv(solution: Solution, path: str | Path) -> Path:
+def write_csv(solution: SolutionData, path: str | Path) -> Path:
     """Write `table(solution)` as CSV, atomically; NaN is an empty cell, numbers have all their digits."""
     header, rows = table(solution)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
@@ -78,7 +75,7 @@ def write_csv(solution: Solution, path: str | Path) -> Path:
     return Path(path)
 
 
-def solution_dict(solution: Solution) -> dict[str, Any]:
+def solution_dict(solution: SolutionData) -> dict[str, Any]:
     """The object of `--json`: plain numbers and lists; NaN and infinity become None."""
     result = {
         "status": str(solution.status),

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.solution.data import SolutionData
 from mbocp.solution.problem_text import path_bounds_of
 from mbocp.solution.records import Column
-
-if TYPE_CHECKING:
-    from mbocp.solution.solution import Solution
 
 __all__ = ["ActiveLimit", "active_limits"]
 
@@ -49,7 +46,7 @@ class ActiveLimit:
     total: int
 
 
-def active_limits(solution: Solution) -> tuple[ActiveLimit, ...]:
+def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
     """Limits of the problem that the motion touches, in the order control, velocity, position, path."""
     labels = solution.labels
     found: list[ActiveLimit] = []

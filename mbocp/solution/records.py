@@ -12,7 +12,7 @@ from mbocp.solvers.records import IterationRecord, Phase, Status
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["Column", "IterationRecord", "Labels", "Phase", "Status", "grouped"]
+__all__ = ["Column", "IterationRecord", "Labels", "Phase", "Status", "dual_columns"]
 
 
 class Column(NamedTuple):
@@ -76,7 +76,7 @@ class Labels:
             v=v,
             p=p,
             u=_columns(robot.u_labels),
-            lam=tuple(Column(c.name, f"J/{grouped(c.unit)}" if c.unit else "J") for c in rows),
+            lam=tuple(Column(c.name, f"J/{_grouped(c.unit)}" if c.unit else "J") for c in rows),
             mu=tuple(mu_q + mu_p),
             zeta=tuple(Column(c.name, f"cost/(s {c.unit})" if c.unit else "cost/s") for c in rows),
         )
@@ -106,7 +106,12 @@ def _pair(label: Sequence[str]) -> Column:
     return Column(str(name), str(unit))
 
 
-def grouped(unit: str) -> str:
+def dual_columns(columns: tuple[Column, ...]) -> tuple[Column, ...]:
+    """Columns of the multipliers of bounds on `columns`."""
+    return tuple(Column(c.name, f"cost/{_grouped(c.unit)}" if c.unit else "cost") for c in columns)
+
+
+def _grouped(unit: str) -> str:
     """Put a unit of several factors in brackets, to divide by it."""
     return f"({unit})" if " " in unit or "/" in unit else unit
 

@@ -3,70 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mbocp.solution.checked import check_content, read_records
-from mbocp.solution.records import Column, IterationRecord, Labels, Phase, grouped
+from mbocp.solution.data import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, SolutionData
+from mbocp.solution.records import Column, IterationRecord, Labels, Phase, dual_columns
 from mbocp.storage.content import FileContent
 
-if TYPE_CHECKING:
-    from mbocp.solution.solution import Solution
+__all__ = ["content_of", "fields_of"]
 
-__all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "content_of", "dual_columns", "fields_of"]
-
-ARRAYS = (
-    "t",
-    "qs",
-    "vs",
-    "ps",
-    "us",
-    "lams",
-    "mus",
-    "zetas",
-    "eta",
-    "control_hamiltonians",
-    "control_momenta",
-)
-OPTIONAL = (  # left out of the file where they say nothing
-    "manifold_drifts",
-    "lam_us",
-    "lam_qs",
-    "lam_vs",
-    "lam_path",
-    "limits_u",
-    "limits_v",
-    "limits_q",
-)
-NUMBERS = (
-    "cost",
-    "residual",
-    "increment",
-    "constraint_violation",
-    "velocity_violation",
-    "limit_violation",
-    "manifold_drift",
-    "manifold_drift_resimulated",
-    "wall_time_s",
-)
-COUNTS = ("iterations", "unknowns", "substeps")
-WORDS = (
-    "advice",
-    "solver",
-    "problem_name",
-    "robot_name",
-    "guess_used",
-    "coordinates",
-    "scheme",
-    "lie",
-    "rotations",
-)
 _STRUCTURES = ("phases", "history", "robot_spec", "options", "versions")
 _LABELLED = ("q", "v", "p", "u", "lam", "mu", "zeta")
 
 
-def content_of(solution: Solution) -> FileContent:
+def content_of(solution: SolutionData) -> FileContent:
     """What a result file of `solution` holds."""
     summary = {name: getattr(solution, name) for name in (*WORDS, *COUNTS, *NUMBERS)}
     summary["status"] = str(solution.status)
@@ -105,7 +57,7 @@ def fields_of(content: FileContent) -> dict[str, Any]:
     return fields
 
 
-def _says_something(solution: Solution, name: str) -> bool:
+def _says_something(solution: SolutionData, name: str) -> bool:
     """Whether an optional array differs from its default."""
     value = getattr(solution, name)
     if name.startswith(("limits", "manifold")):
@@ -113,7 +65,7 @@ def _says_something(solution: Solution, name: str) -> bool:
     return bool(value.size if name == "lam_path" else value.any())
 
 
-def _columns(solution: Solution) -> dict[str, tuple[Column, ...]]:
+def _columns(solution: SolutionData) -> dict[str, tuple[Column, ...]]:
     labels = solution.labels
     return {
         **{f"{name}s": getattr(labels, name) for name in _LABELLED},
@@ -126,8 +78,3 @@ def _columns(solution: Solution) -> dict[str, tuple[Column, ...]]:
         "lam_path": tuple(Column(name, "") for name in solution.path_names),
         **{f"limits_{name}": getattr(labels, name) for name in ("u", "v", "q")},
     }
-
-
-def dual_columns(columns: tuple[Column, ...]) -> tuple[Column, ...]:
-    """Columns of the multipliers of bounds on `columns`."""
-    return tuple(Column(c.name, f"cost/{grouped(c.unit)}" if c.unit else "cost") for c in columns)

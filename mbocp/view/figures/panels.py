@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
 from mbocp.solution import Column, Solution
-from mbocp.solution.stored import dual_columns
+from mbocp.solution.records import dual_columns
 from mbocp.view.figures.lines import LinePanel, line_panels
 from mbocp.view.figures.style import (
     GREY,
