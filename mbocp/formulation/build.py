@@ -24,9 +24,9 @@ from mbocp.formulation.parameters import (
 )
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import build_functions, mechanics_for
+from mbocp.formulation.stage import build_functions
+from mbocp.formulation.steps import Steps
 from mbocp.formulation.units import units_of
-from mbocp.integrators import TAU
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
@@ -135,12 +135,12 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         num_guards=len(signature.guarded),
         functions=load_functions(
             signature.stage_text,
-            lambda: build_functions(mechanics_for(robot, signature), signature),
+            lambda: build_functions(signature.steps.mechanics(robot), signature),
             deadline=deadline,
         ),
         end_functions=load_functions(
             "end " + signature.end_text,
-            lambda: build_end_functions(mechanics_for(robot, signature), signature),
+            lambda: build_end_functions(signature.steps.mechanics(robot), signature),
             of_end=True,
             deadline=deadline,
         ),
@@ -151,7 +151,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         terminal_weights=layout.weighing(layout.terminal),
         x_start=pieces.x_start,
         bounds=bounds,
-        is_explicit=signature.is_explicit,
+        is_explicit=signature.steps.give_next_state,
         dt=problem.dt,
         control_weight=_control_weight(problem),
         describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
@@ -190,30 +190,38 @@ def signature_of(
     problem: Problem,
     joints: ConfigurationSpace,
     rows: EndRows,
+    steps: Steps,
     *,
-    coordinates: str,
     is_flat: bool,
     guarded: tuple[int, ...] = (),
-    rotations: str = "quaternion",
-    lie: str = "",
-    substeps: int = 1,
+    speaks_of_joints: bool = True,
 ) -> FunctionSignature:
-    """FunctionSignature of a problem: what it says itself, and what its formulation has chosen."""
+    """FunctionSignature of a problem: what it says itself, and what its formulation has chosen.
+
+    Parameters
+    ----------
+    problem : Problem
+    joints : ConfigurationSpace
+        Of the joints, which costs and goals speak of.
+    rows : EndRows
+    steps : Steps
+    is_flat : bool
+        See `StateLayout`.
+    guarded : tuple of int
+        See `FunctionSignature`.
+    speaks_of_joints : bool
+        Whether states are configurations of the joints, so that the end condition is in their coordinates.
+    """
     goal, nv = problem.goal, problem.robot.nv
-    is_natural = coordinates == "natural"
     given = TermNumbers(problem.cost, problem.robot, joints, problem.num_steps, problem.terms)
     return FunctionSignature(
         robot=problem.robot.fingerprint,
-        coordinates=coordinates,
-        scheme=problem.scheme,
+        steps=steps,
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
         cost=running_terms(given),
-        terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, is_natural=is_natural),
+        terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, is_natural=not speaks_of_joints),
         path=tuple(constraint.structure(_of_joints(joints)) for constraint in problem.path),
         own_ends=own_ends(given),
-        rotations=rotations,
-        lie=lie,
-        substeps=substeps,
         is_flat=is_flat,
         guarded=guarded,
     )
@@ -235,7 +243,7 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     }
     rows: dict[str, Array] = {
         HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None],
-        TIME: problem.dt * (np.arange(N, dtype=np.float64) + TAU.get(problem.scheme, 0.0))[:, None],
+        TIME: problem.dt * (np.arange(N, dtype=np.float64) + pieces.signature.steps.tau)[:, None],
     }
     for term in pieces.signature.cost:
         named |= term.numbers(given)

@@ -10,9 +10,9 @@ import casadi as ca
 
 from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import at_zero_tangents, state_space
-from mbocp.mechanics import JointMechanics, Mechanics
-from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.formulation.stage import state_space
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import Mechanics
 from mbocp.terms import Point
 
 __all__ = ["build_end_functions"]
@@ -29,12 +29,7 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
     moved = x if at.is_flat else space.retract(x, d)
     goal = pieces(rho, layout)
     q, s = moved[at.z], moved[at.s]
-    v = (
-        s
-        if not isinstance(mechanics, ForwardMechanics)
-        else mechanics.velocity(q, s, ca.SX.zeros(mechanics.nu))
-    )
-    point = Point(mechanics, q, v)
+    point = Point(mechanics, q, mechanics.velocity(q, s, ca.SX.zeros(mechanics.nu)))
     g = signature.goal.expression(point, goal)
     psi = (
         ca.SX(0) if signature.terminal is None else signature.terminal.expression(point, signature.goal, goal)
@@ -44,22 +39,22 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
         psi, g = (psi + value, g) if term.is_cost else (psi, ca.vertcat(g, value))
     hessian, _ = ca.hessian(psi + ca.dot(eta, g), d)
     derivatives = [psi, ca.densify(g), ca.jacobian(g, d), ca.jacobian(psi, d), ca.triu(hessian)]
-    derivatives = at_zero_tangents(space, [x], derivatives, [eta, rho], [d])
+    derivatives = space.at_zero_tangents([x], derivatives, [eta, rho], [d])
     found = {
         "terminal_values": ca.Function("terminal_values", [x, rho], ca.cse(derivatives[:2])),
         "terminal_complete": ca.Function("terminal_complete", [x, eta, rho], ca.cse(derivatives)),
     }
-    if signature.guarded and isinstance(mechanics, JointMechanics):
-        found["guard"] = _guard(mechanics, signature, x, x[at.z], goal["q"], rho)
+    if signature.guarded:
+        found["guard"] = _guard(mechanics.joint_space, signature, x, x[at.z], goal["q"], rho)
     return found
 
 
 def _guard(
-    mechanics: JointMechanics, signature: FunctionSignature, x: ca.SX, q: ca.SX, goal: ca.SX, rho: ca.SX
+    space: ConfigurationSpace, signature: FunctionSignature, x: ca.SX, q: ca.SX, goal: ca.SX, rho: ca.SX
 ) -> ca.Function:
-    parts = mechanics.space.parts
+    parts = space.parts
     wanted = [parts[i] for i in signature.guarded]
-    h = ca.vertcat(*[value for part, value in mechanics.space.guards(goal, q) if part in wanted])
+    h = ca.vertcat(*[value for part, value in space.guards(goal, q) if part in wanted])
     m = ca.SX.sym("m", h.numel())
     hessian, _ = ca.hessian(ca.dot(m, h), x)
     return ca.Function("guard", [x, m, rho], [ca.densify(h), ca.jacobian(h, x), ca.triu(hessian)])

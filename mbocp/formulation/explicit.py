@@ -15,6 +15,7 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.bounds import free_speed_bounds
 from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
+from mbocp.formulation.explicit_steps import ExplicitSteps
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows, guarded_parts
 from mbocp.formulation.joint import (
     boundary_duals,
@@ -26,7 +27,6 @@ from mbocp.formulation.joint import (
 )
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.rows import RowLabels
-from mbocp.formulation.stage import state_layout
 from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
@@ -72,14 +72,11 @@ class ExplicitFormulation:
             problem,
             space,
             rows,
-            coordinates="joint",
+            ExplicitSteps(problem.scheme, robot.rotations, problem.lie, problem.substeps),
             is_flat=leaves_the_group or needs_plain_states(problem) or robot.is_vector_space,
             guarded=guarded,
-            rotations=robot.rotations,
-            lie=problem.lie,
-            substeps=problem.substeps,
         )
-        at = state_layout(robot, space.nz, space.nv, signature)
+        at = signature.state_layout(space.nz, space.nv, robot.num_speeds, robot.nu)
         check_size(problem, signature, at, 0)
         q, v = problem.q_start, problem.v_start
         pieces = Pieces(

@@ -12,6 +12,7 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
+from mbocp.formulation.implicit_steps import ImplicitSteps
 from mbocp.formulation.joint import (
     boundary_duals,
     duals_of_momenta,
@@ -23,7 +24,6 @@ from mbocp.formulation.joint import (
 )
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.rows import RowLabels
-from mbocp.formulation.stage import state_layout
 from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import TAU, evaluation_points
@@ -59,8 +59,8 @@ class ImplicitFormulation:
         space = ConfigurationSpace(robot.model, "quaternion")
         rows = end_condition_rows(robot, problem.goal).without(without)
         is_flat = needs_plain_states(problem) or robot.is_vector_space
-        signature = signature_of(problem, space, rows, coordinates="joint", is_flat=is_flat)
-        at = state_layout(robot, space.nz, space.nv, signature)
+        signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
+        at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
         check_size(problem, signature, at, robot.nc)
         start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr)]
         pieces = Pieces(

@@ -99,3 +99,17 @@ class StateSpace:
             return x1 - x0
         between = self.configurations.difference(x0[at.z], x1[at.z])
         return ca.vertcat(between, x1[at.nz :] - x0[at.nz :])
+
+    def at_zero_tangents(
+        self,
+        nodes: list[ca.SX],
+        expressions: list[ca.SX],
+        others: list[ca.SX],
+        tangents: list[ca.SX],
+    ) -> list[ca.SX]:
+        """Expressions in retracted nodes, evaluated at zero tangents (nothing to do where all is flat)."""
+        if self.layout.is_flat:
+            return expressions
+        function = ca.Function("at_zero", [*nodes, *others, *tangents], expressions)
+        zeros = [ca.SX.zeros(t.shape) for t in tangents]
+        return list(function(*nodes, *others, *zeros))

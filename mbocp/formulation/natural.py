@@ -17,8 +17,8 @@ from mbocp.formulation.build import Pieces, build_programme, check_size, signatu
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.joint import boundary_duals, duals_of_momenta, stage_costs, weighed_components
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.natural_steps import NaturalSteps
 from mbocp.formulation.rows import RowLabels
-from mbocp.formulation.stage import state_layout
 from mbocp.formulation.start import consistent_velocity
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, natural_mechanics
@@ -59,8 +59,10 @@ class NaturalFormulation:
         mechanics = natural_mechanics(robot)
         joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
         rows = end_condition_rows(robot, problem.goal).without(without)
-        signature = signature_of(problem, joints, rows, coordinates="natural", is_flat=True)
-        at = state_layout(robot, space.nz, space.nv, signature)
+        signature = signature_of(
+            problem, joints, rows, NaturalSteps(problem.scheme), is_flat=True, speaks_of_joints=False
+        )
+        at = signature.state_layout(space.nz, space.nv, space.nv, robot.nu)
         check_size(problem, signature, at, mechanics.nc)
         unbounded = np.full(at.ns, np.inf)
         names = mechanics.coordinate_labels

@@ -60,8 +60,7 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         stage[HAS_BEFORE] = 1
     if signature.uses_time:
         stage[TIME] = 1
-    if signature.is_explicit:
-        theta["gains"] = 3
+    _add(theta, signature.steps.parameters)
     for k, constraint in enumerate(signature.path):
         _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})
     terminal = signature.goal.parameters(sizes)

@@ -10,7 +10,8 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.steps import Steps
 from mbocp.terms import Effort, ExactGoal, OwnEnd, OwnPath, PathTerm, RunningTerm, TerminalCost
 
 __all__ = ["FunctionSignature"]
@@ -24,8 +25,8 @@ class FunctionSignature:
     ----------
     robot : str
         Fingerprint of the robot's equations.
-    coordinates, scheme : str
-        Choice of coordinates and integrator.
+    steps : Steps
+        Choice of coordinates and integrator: what the formulation says of its steps.
     goal : ExactGoal
         End condition.
     cost : tuple of RunningTerm
@@ -34,8 +35,6 @@ class FunctionSignature:
     path : tuple of PathTerm and OwnPath
     own_ends : tuple of OwnEnd
         Costs of a user's own at the end, and conditions, whose rows follow those of the goal.
-    rotations, lie, substeps : str, str, int
-        How an explicit scheme treats attitudes, and how many steps it takes in one.
     is_flat : bool
         See `StateLayout`.
     guarded : tuple of int
@@ -43,28 +42,14 @@ class FunctionSignature:
     """
 
     robot: str
-    coordinates: str
-    scheme: str
+    steps: Steps
     goal: ExactGoal
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
     path: tuple[PathTerm | OwnPath, ...] = ()
     own_ends: tuple[OwnEnd, ...] = ()
-    rotations: str = "quaternion"
-    lie: str = ""
-    substeps: int = 1
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
-
-    @property
-    def is_explicit(self) -> bool:
-        """Whether a step gives the next state without solving for it."""
-        return self.scheme in EXPLICIT_SCHEMES
-
-    @property
-    def is_natural(self) -> bool:
-        """Whether a state is in natural coordinates."""
-        return self.coordinates == "natural"
 
     @property
     def couples_steps(self) -> bool:
@@ -86,15 +71,18 @@ class FunctionSignature:
         """Number of end conditions."""
         return self.goal.rows + sum(term.rows for term in self.own_ends)
 
+    def state_layout(self, nz: int, nv: int, ns: int, nu: int) -> StateLayout:
+        """Pieces of a state, for configurations of `nz` coordinates and `nv` directions."""
+        nr = nu if self.has_previous_controls else 0
+        return StateLayout(nz=nz, nv=nv, ns=ns, nr=nr, is_flat=self.is_flat)
+
     @property
     def stage_text(self) -> str:
         """Canonical text of what the functions of a stage depend on, the material of their cache key."""
         return _text(
             {
                 **self._state,
-                "scheme": self.scheme,
-                "lie": self.lie,
-                "substeps": self.substeps,
+                **self.steps.stage_key,
                 "cost": [term.signature for term in self.cost],
                 "path": [term.signature for term in self.path],
             }
@@ -106,7 +94,7 @@ class FunctionSignature:
         return _text(
             {
                 **self._state,
-                "scheme": "explicit" if self.is_explicit else "implicit",
+                **self.steps.end_key,
                 "goal": self.goal.signature,
                 "terminal": self.terminal and self.terminal.signature,
                 "own": [term.signature for term in self.own_ends],
@@ -119,8 +107,7 @@ class FunctionSignature:
         """What a state is."""
         return {
             "robot": self.robot,
-            "coordinates": self.coordinates,
-            "rotations": self.rotations,
+            **self.steps.state_key,
             "is_flat": self.is_flat,
             "has_previous_controls": self.has_previous_controls,
         }

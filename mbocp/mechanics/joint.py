@@ -33,8 +33,8 @@ class JointMechanics:
 
     Attributes
     ----------
-    nq, nv, nu, nc : int
-        Sizes of configuration, velocity, control and holonomic constraints.
+    nq, nv, ns, nu, nc : int
+        Sizes of configuration, velocity, speeds, control and holonomic constraints.
     space : ConfigurationSpace
         The maps between configurations.
     is_vector_space : bool
@@ -45,9 +45,14 @@ class JointMechanics:
         self.robot = robot
         self.space = ConfigurationSpace(robot.model, rotations)
         self.nq, self.nv, self.nu, self.nc = self.space.nz, robot.nv, robot.nu, robot.nc
+        self.ns = self.nv
         self.is_vector_space = robot.is_vector_space
         self._functions = model_functions(robot.model)
         self._dcm = [part for part in self.space.parts if part.at_matrix >= 0]
+
+    def velocity(self, q: ca.SX, s: ca.SX, u: ca.SX) -> ca.SX:
+        """Velocity of a state's speeds: the speeds themselves, shape (nv,) [m/s, rad/s]."""
+        return s
 
     def integrate(self, q: ca.SX, dv: ca.SX) -> ca.SX:
         """Configuration q moved along the tangent vector `dv`, shape (nq,)."""

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 from mbocp.formulation.end import build_end_functions
+from mbocp.formulation.implicit_steps import ImplicitSteps
 from mbocp.formulation.parameters import Sizes, parameter_layout
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
@@ -54,8 +55,7 @@ class Stage:
         self.robot, nv, nq = robot, robot.nv, robot.nq
         signature = FunctionSignature(
             robot.fingerprint,
-            "joint",
-            scheme,
+            ImplicitSteps(scheme),
             ExactGoal("p", nv, nv),
             (Effort(), Tracking(q=True, p=True), Velocity()),
             TerminalCost(q=True, p=True, rate="p", parts=None, is_natural=False),

@@ -10,8 +10,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import InvalidValue, TooManyOperations
 from mbocp.formulation import build, transcribe
-from mbocp.formulation.operations import estimated_operations
-from mbocp.formulation.stage import build_functions, mechanics_for
+from mbocp.formulation.stage import build_functions
 from mbocp.problem import Problem
 from mbocp.robot import load_robot
 
@@ -79,5 +78,5 @@ def test_the_estimate_is_of_the_right_size(
     monkeypatch.setattr(build, "load_functions", lambda *_, **__: None)
     transcribe(problem)
     _, nv, signature = shapes[0]
-    found = build_functions(mechanics_for(problem.robot, signature), signature)["complete"].n_instructions()
-    assert found / 3 < estimated_operations(nv, signature) < 15 * found
+    found = build_functions(signature.steps.mechanics(problem.robot), signature)["complete"].n_instructions()
+    assert found / 3 < signature.steps.operations(nv) < 15 * found

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mbocp._arrays import Array
+from mbocp.formulation.explicit_steps import ExplicitSteps
 from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions, state_space
@@ -139,13 +140,9 @@ def signature_of(
     cost = (Effort(), Tracking(q=True, p=False), Velocity(), Potential())
     return FunctionSignature(
         robot=robot.fingerprint,
-        coordinates="joint",
-        scheme=scheme,
+        steps=ExplicitSteps(scheme, rotations, lie, substeps),
         goal=ExactGoal("v", 0, 0),
         cost=cost + ((ControlRate(),) if robot.nu else ()),
-        rotations=rotations,
-        lie=lie,
-        substeps=substeps,
         is_flat=is_flat or robot.is_vector_space,
     )
 

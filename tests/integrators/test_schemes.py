@@ -17,6 +17,7 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
 from mbocp.formulation import formulate, transcribe
+from mbocp.formulation.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.guesses import make_guess
@@ -186,7 +187,7 @@ def test_free_rotation_stays_on_the_group_over_many_steps(scheme: str) -> None:
 @pytest.mark.parametrize("scheme", EULER_SCHEMES)
 def test_conditioning_of_a_step_does_not_depend_on_its_length(scheme: str) -> None:
     """With positions measured in steps (q / dt), the only scaling that pivoting does not need to know."""
-    signature = FunctionSignature("", "joint", scheme, ExactGoal("p", 0, 0))
+    signature = FunctionSignature("", ImplicitSteps(scheme), ExactGoal("p", 0, 0))
     jacobian = build_functions(JointMechanics(load_robot("rigid_pendulum")), signature)["jacobian"]
     conditions = []
     for dt in (1e-2, 1e-4, 1e-6):

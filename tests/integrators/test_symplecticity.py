@@ -16,6 +16,7 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
+from mbocp.formulation.implicit_steps import ImplicitSteps
 from mbocp.formulation.parameters import Sizes, parameter_layout
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
@@ -219,7 +220,7 @@ class StageMap:
     def __init__(self, robot: Robot, scheme: str) -> None:
         nv, nq = robot.nv, robot.nq
         cost = (Effort(), Tracking(q=True, p=True), Velocity())
-        signature = FunctionSignature("", "joint", scheme, ExactGoal("p", 0, 0), cost)
+        signature = FunctionSignature("", ImplicitSteps(scheme), ExactGoal("p", 0, 0), cost)
         self.robot, self.functions = robot, build_functions(JointMechanics(robot), signature)
         layout, rng = parameter_layout(signature, Sizes(nq, nv, robot.nu, nq, nv)), np.random.default_rng(11)
         self.theta = rng.uniform(0.2, 1.0, sum(layout.theta.values()))

@@ -48,8 +48,8 @@ class NaturalMechanics(NaturalKinematics):
     Attributes
     ----------
     tree : BodyTree
-    nq, nv, nu, nc : int
-        Sizes of coordinates, of their rates (the same), controls, constraints.
+    nq, nv, ns, nu, nc : int
+        Sizes of coordinates, of their rates and speeds (the same), controls, constraints.
     joint_space : ConfigurationSpace
         What `joint_coordinates` are coordinates of.
     num_loops : int
@@ -65,7 +65,7 @@ class NaturalMechanics(NaturalKinematics):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self.nu = robot.nu
+        self.nu, self.ns = robot.nu, self.nv
         self.num_loops = robot.nc
         self._mass = _mass_matrix(self.tree)
         q = ca.SX.sym("q", self.nq)
@@ -80,6 +80,10 @@ class NaturalMechanics(NaturalKinematics):
         self._constraints = ca.Function("Phi", [q], [ca.vertcat(*(row.value for row in rows), loops)])
 
     # Equations of motion
+
+    def velocity(self, q: ca.SX, s: ca.SX, u: ca.SX) -> ca.SX:
+        """Rates of the coordinates of a state's speeds: the speeds themselves, shape (nv,)."""
+        return s
 
     def mass_matrix(self, q: ca.SX) -> ca.SX:
         """M, shape (nv, nv); constant but for rotors."""

@@ -1,0 +1,37 @@
+"""Accelerations of the joints where a term is evaluated, shape (robot.nv,) [m/s^2, rad/s^2]."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from mbocp.exceptions import TranscriptionError
+from mbocp.integrators import State
+from mbocp.mechanics import Mechanics
+from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.terms import Point
+
+__all__ = ["driven_acceleration", "mean_acceleration", "rate_of_speeds"]
+
+
+def mean_acceleration(mechanics: Mechanics, before: State, after: State, dt: ca.SX) -> ca.SX:
+    """Their mean over a step."""
+    ends = [Point(mechanics, state.q, state.v).joint_velocity() for state in (before, after)]
+    return (ends[1] - ends[0]) / dt
+
+
+def rate_of_speeds(mechanics: ForwardMechanics, q: ca.SX, s: ca.SX, u: ca.SX, gamma: ca.SX) -> ca.SX:
+    """At the beginning of a step, from the forward dynamics."""
+    if mechanics.robot.drives:
+        raise TranscriptionError(
+            f"a term asks for accelerations, which explicit schemes do not have where controls prescribe "
+            f"velocities (robot {mechanics.robot.name!r}: {mechanics.robot.drives[0].name!r}, ...)"
+        )
+    return mechanics.speed_rate(q, s, u, gamma)
+
+
+def driven_acceleration(node: Point, u: ca.SX) -> ca.SX:
+    """Under a control, whatever the scheme makes of them."""
+    parts = node.mechanics.joint_space.parts
+    rotations = "dcm" if any(part.at_matrix >= 0 for part in parts) else "quaternion"
+    forward = ForwardMechanics(node.mechanics.robot, rotations)
+    return rate_of_speeds(forward, node.joint_configuration(), node.joint_velocity(), u, ca.SX(0))

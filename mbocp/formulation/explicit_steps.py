@@ -1,0 +1,149 @@
+"""Steps of explicit Runge-Kutta schemes: rows F(x0, u) - x1, differentiated link by link."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import casadi as ca
+
+from mbocp.formulation.accelerations import rate_of_speeds
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.integrators import TABLEAUX
+from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
+from mbocp.mechanics import Mechanics
+from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.robot import Robot
+
+__all__ = ["ExplicitSteps"]
+
+_OPERATIONS = 3000  # of "complete" by nv^2 and stage of the method
+
+
+@dataclass(frozen=True)
+class ExplicitSteps:
+    """Maps from a state to the next one; see `Steps`.
+
+    Attributes
+    ----------
+    scheme : str
+        Name of its tableau.
+    rotations : {"quaternion", "dcm"}
+        Coordinates of attitudes.
+    lie : {"plain", "baumgarte", "munthe_kaas"}
+        How attitudes are integrated.
+    substeps : int
+        Steps of equal length in each.
+    """
+
+    scheme: str
+    rotations: str
+    lie: str
+    substeps: int
+
+    give_next_state = True
+    tau = 0.0
+
+    @property
+    def state_key(self) -> Mapping[str, str]:
+        """What tells the states apart."""
+        return {"coordinates": "joint", "rotations": self.rotations}
+
+    @property
+    def stage_key(self) -> Mapping[str, str | int]:
+        """What else the functions of a step depend on."""
+        return {"scheme": self.scheme, "lie": self.lie, "substeps": self.substeps}
+
+    @property
+    def end_key(self) -> Mapping[str, str]:
+        """What else the functions of the end depend on."""
+        return {"scheme": "explicit"}
+
+    @property
+    def parameters(self) -> Mapping[str, int]:
+        """Rates of the stabilisation."""
+        return {"gains": 3}
+
+    @property
+    def remedy(self) -> str:
+        """What to do where the functions become too large."""
+        if self.substeps > 1:
+            return f"Take fewer integrator.substeps than {self.substeps} and more horizon.steps"
+        return "Lock joints"
+
+    def operations(self, nv: int) -> float:
+        """Second derivatives of a tree are dense, and repeated for each slope of each substep."""
+        in_one = float(_OPERATIONS * nv**2 * TABLEAUX[self.scheme].num_stages)
+        return in_one * min(self.substeps, 10**100)
+
+    def mechanics(self, robot: Robot) -> Mechanics:
+        """Forward dynamics."""
+        return ForwardMechanics(robot, self.rotations)
+
+    def num_algebraic(self, mechanics: Mechanics) -> int:
+        """None: accelerations are projected, and multipliers no unknowns."""
+        return 0
+
+    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
+        """Rows and cost of a step, with exact first and second derivatives."""
+        mechanics = symbols.mechanics
+        if not isinstance(mechanics, ForwardMechanics):
+            raise TypeError("an explicit scheme needs ForwardMechanics")
+        step = ExplicitStep(mechanics, self.scheme, self.lie, self.substeps)
+        return _explicit_derivatives(mechanics, step, symbols)
+
+
+def _explicit_derivatives(
+    mechanics: ForwardMechanics, step: ExplicitStep, at: StepSymbols
+) -> StepDerivatives:
+    """F(x0, u) - x1, and the cost at the beginning of the step as in Eq. (39) of [Manara2017]_."""
+    space, layout, gains = at.space, at.space.layout, at.given["gains"]
+    unknowns = ca.vertcat(at.d1, at.d0, at.u)
+    chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.u))
+    root = chain.root()
+    d1, d0, u = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[2 * layout.ndx :]
+    before = _state(chain, mechanics, layout, d0, at.x0)
+    after = _state(chain, mechanics, layout, d1, at.x1)
+    units = ca.diag(at.units_of_u)
+    pushed = Affine(units @ u.value, {k: units @ matrix for k, matrix in u.parts.items()})
+    reached = step(chain, before, pushed, at.given["dt"], Gains(gains[0], gains[1], gains[2]))
+    if layout.is_flat:
+        kinematic = reached.z - after.z
+    else:
+        (kinematic,) = chain.apply(_differences(mechanics), [after.z, reached.z])
+    pieces = [kinematic, reached.s - after.s]
+    if layout.nr:
+        previous = d1[layout.dr]
+        pieces.append(u - (previous if layout.is_flat else previous + at.x1[layout.r]))
+    c = Affine.join(pieces)
+    q, s = at.at0[layout.z], at.at0[layout.s]
+    acceleration = partial(rate_of_speeds, mechanics, q, s, at.controls, gains[2])
+    cost = at.running_cost(q, mechanics.velocity(q, s, at.controls), acceleration)
+    slope = ca.jacobian(cost, unknowns)
+    curvature, _ = ca.hessian(cost, unknowns)
+    cost, slope, curvature = space.at_zero_tangents(
+        [at.x0, at.x1], [cost, slope, curvature], [at.u, at.theta, at.rho], [at.d0, at.d1]
+    )
+    hessian = ca.triu(curvature + chain.hessian(c, at.m))
+    return StepDerivatives(ca.densify(c.value), cost, chain.jacobian(c), slope, hessian)
+
+
+def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca.SX) -> State:
+    """State moved along the tangent d."""
+    if at.is_flat:
+        return State(d[at.z], d[at.s])
+    (z,) = chain.apply(_retraction(mechanics), [d[: at.nw]], [x[at.z]])
+    return State(z, d[at.ds] + x[at.s])
+
+
+def _retraction(mechanics: Mechanics) -> ca.Function:
+    d, z = ca.SX.sym("d", mechanics.nv), ca.SX.sym("z", mechanics.nq)
+    return ca.Function("retraction", [d, z], [ca.densify(mechanics.integrate(z, d))])
+
+
+def _differences(mechanics: Mechanics) -> ca.Function:
+    z0, z1 = ca.SX.sym("z0", mechanics.nq), ca.SX.sym("z1", mechanics.nq)
+    return ca.Function("differences", [z0, z1], [ca.densify(mechanics.difference(z0, z1))])

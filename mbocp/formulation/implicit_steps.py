@@ -1,0 +1,91 @@
+"""Steps of the tau family: implicit schemes, whose rows are the same in joint and natural coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import casadi as ca
+
+from mbocp.formulation.accelerations import mean_acceleration
+from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.integrators import TAU, State, evaluation_point, step_rows
+from mbocp.mechanics import JointMechanics, Mechanics
+from mbocp.robot import Robot
+
+__all__ = ["ImplicitSteps", "implicit_derivatives"]
+
+_OPERATIONS = 525  # of "complete" by nv^2, with arms and chains
+
+
+@dataclass(frozen=True)
+class ImplicitSteps:
+    """Equations between two states in joint coordinates; see `Steps`."""
+
+    scheme: str
+
+    give_next_state = False
+    remedy = 'Take coordinates = "natural", or lock joints'
+
+    @property
+    def state_key(self) -> Mapping[str, str]:
+        """What tells the states apart."""
+        return {"coordinates": "joint", "rotations": "quaternion"}
+
+    @property
+    def stage_key(self) -> Mapping[str, str | int]:
+        """What else the functions of a step depend on."""
+        return {"scheme": self.scheme, "lie": "", "substeps": 1}
+
+    @property
+    def end_key(self) -> Mapping[str, str]:
+        """What else the functions of the end depend on."""
+        return {"scheme": "implicit"}
+
+    @property
+    def parameters(self) -> Mapping[str, int]:
+        """None of their own."""
+        return {}
+
+    @property
+    def tau(self) -> float:
+        """Where in a step its running cost is evaluated."""
+        return TAU[self.scheme]
+
+    def operations(self, nv: int) -> float:
+        """Second derivatives of a tree are dense."""
+        return float(_OPERATIONS * nv**2)
+
+    def mechanics(self, robot: Robot) -> Mechanics:
+        """Equations of motion of the joints."""
+        return JointMechanics(robot)
+
+    def num_algebraic(self, mechanics: Mechanics) -> int:
+        """One impulse for each constraint."""
+        return mechanics.nc
+
+    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
+        """Rows and cost of a step, with exact first and second derivatives."""
+        return implicit_derivatives(self.scheme, symbols)
+
+
+def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
+    """Kinematics, momentum balance, previous controls and constraints, with their derivatives."""
+    mechanics, space, layout = at.mechanics, at.space, at.space.layout
+    dt, force = at.given["dt"], at.given["force"]
+    before = State(at.at0[layout.z], at.at0[layout.s])
+    after = State(at.at1[layout.z], at.at1[layout.s])
+    point = evaluation_point(mechanics, scheme, before, after, dt)
+    rows = step_rows(
+        mechanics, scheme, before, after, point, force * at.y, at.controls, dt, is_flat=layout.is_flat
+    )
+    momentum = (1.0 / force) * rows.momentum
+    previous = at.u - at.at1[layout.r] if layout.nr else ca.SX.zeros(0, 1)
+    c = ca.densify(ca.vertcat(rows.kinematic, momentum, previous, rows.constraint))
+    cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))
+    z = ca.vertcat(at.d1, at.y, at.d0, at.u)
+    hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)
+    derivatives = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), ca.triu(hessian)]
+    others = [at.y, at.u, at.m, at.theta, at.rho]
+    return StepDerivatives(*space.at_zero_tangents([at.x0, at.x1], derivatives, others, [at.d0, at.d1]))

@@ -1,0 +1,129 @@
+"""What a formulation says of its steps: which equations they are, and all that follows from their kind.
+
+A formulation supplies one frozen value of a class that has the attributes and methods of `Steps`. The rest of
+the folder asks that value, and never which one it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import casadi as ca
+
+from mbocp.formulation.layout import StateSpace
+from mbocp.mechanics import Mechanics
+from mbocp.robot import Robot
+
+__all__ = ["RunningCost", "StepDerivatives", "StepSymbols", "Steps"]
+
+RunningCost = Callable[[ca.SX, ca.SX, Callable[[], ca.SX]], ca.SX]
+
+
+class StepDerivatives(NamedTuple):
+    """Rows and cost of a step with their derivatives in z = (x1, y, x0, u), at zero tangents."""
+
+    c: ca.SX  # (ndx + ny,)
+    cost: ca.SX
+    dc_dz: ca.SX
+    dl_dz: ca.SX
+    hessian: ca.SX  # of l + m'c, its upper triangle
+
+
+@dataclass(frozen=True, eq=False)
+class StepSymbols:
+    """What the rows of a step are written in.
+
+    Attributes
+    ----------
+    mechanics : Mechanics
+        Equations of motion, those of `Steps.mechanics`.
+    space : StateSpace
+    x0, x1 : casadi.SX, shape (nx,)
+        States at both ends of the step.
+    d0, d1 : casadi.SX, shape (ndx,)
+        Tangents there, in which derivatives are taken; the states themselves where these are flat.
+    at0, at1 : casadi.SX, shape (nx,)
+        The states moved along the tangents.
+    y : casadi.SX, shape (ny,)
+        Impulses of constraints, in the unit of force.
+    u : casadi.SX, shape (nu,)
+        Controls, forces among them in the unit of force.
+    m : casadi.SX, shape (ndx + ny,)
+        Multipliers of the rows.
+    units_of_u : casadi.SX, shape (nu,)
+        What the equations of motion and the cost multiply u by.
+    theta, rho : casadi.SX
+        Parameters of the horizon and of the step.
+    given : mapping of str to casadi.SX
+        Pieces of theta, by name.
+    running_cost : callable
+        (q, v, acceleration) -> the cost of the step, evaluated there; acceleration is a callable.
+    """
+
+    mechanics: Mechanics
+    space: StateSpace
+    x0: ca.SX
+    x1: ca.SX
+    d0: ca.SX
+    d1: ca.SX
+    at0: ca.SX
+    at1: ca.SX
+    y: ca.SX
+    u: ca.SX
+    m: ca.SX
+    units_of_u: ca.SX
+    theta: ca.SX
+    rho: ca.SX
+    given: Mapping[str, ca.SX]
+    running_cost: RunningCost
+
+    @property
+    def controls(self) -> ca.SX:
+        """Controls as the equations of motion and the cost count them."""
+        return self.units_of_u * self.u
+
+
+class Steps(Protocol):
+    """Steps of a formulation with some scheme."""
+
+    @property
+    def state_key(self) -> Mapping[str, Any]:
+        """What tells the states apart in the cache: the words "coordinates" and "rotations"."""
+
+    @property
+    def stage_key(self) -> Mapping[str, Any]:
+        """What else the functions of a step depend on: the words "scheme", "lie" and "substeps"."""
+
+    @property
+    def end_key(self) -> Mapping[str, Any]:
+        """What else the functions of the end depend on: the word "scheme"."""
+
+    @property
+    def give_next_state(self) -> bool:
+        """Whether rows are F(x0, u) - x1, in the units of states; others balance momenta."""
+
+    @property
+    def parameters(self) -> Mapping[str, int]:
+        """Names and sizes of parameters beside step length and unit of force."""
+
+    @property
+    def tau(self) -> float:
+        """Where in a step its running cost is evaluated, between 0 and 1."""
+
+    @property
+    def remedy(self) -> str:
+        """What to do where the functions become too large."""
+
+    def operations(self, nv: int) -> float:
+        """Operations of a step with its derivatives, to within a factor of ten or so."""
+
+    def mechanics(self, robot: Robot) -> Mechanics:
+        """Equations of motion in the form that the steps ask for."""
+
+    def num_algebraic(self, mechanics: Mechanics) -> int:
+        """Unknowns of a step beside states and controls: multipliers of constraints."""
+
+    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
+        """Rows and cost of a step, with exact first and second derivatives."""
