@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from mbocp._text import MAX_MESSAGE, shortened
+from mbocp._text import MAX_MESSAGE, shortened, shown
 
 __all__ = [
     "CompilationError",
@@ -89,6 +89,14 @@ class InvalidValue(MbocpError):
     def __init__(self, name: str, got: Any, expected: str) -> None:
         self.name, self.got, self.expected = name, got, expected
         super().__init__(f"{name}: got {got}, expected {expected}")
+
+    @classmethod
+    def of_choice(cls, name: str, got: Any, allowed: Sequence[str], note: str = "") -> InvalidValue:
+        """Return the error for a word that is none of the `allowed` ones: it lists them, the nearest too."""
+        listed = " | ".join(f'"{word}"' for word in allowed)
+        hint = suggest(got, allowed) if isinstance(got, str) else ""
+        near = f" ({hint})" if hint.startswith("did you mean") else ""
+        return cls(name, shown(got), f"{listed}{near}{'; ' + note if note else ''}")
 
 
 class MemoryLimitExceeded(MbocpError):

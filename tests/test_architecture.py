@@ -20,7 +20,6 @@ LAYERS = (
     "_environment",
     "_files",
     "_arrays",
-    "_checks",
     "_linear",
     "_memory",
     "_native",
@@ -53,7 +52,7 @@ ALONE = {
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
     "programme": {"exceptions", "_arrays", "_environment", "_native"},
-    "solvers": {"exceptions", "_arrays", "_checks", "_linear", "_native", "programme"},
+    "solvers": {"exceptions", "_arrays", "_linear", "programme"},
     "exceptions": {"_text"},
 }
 

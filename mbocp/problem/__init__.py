@@ -9,7 +9,7 @@ from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem, ProblemWarning
-from mbocp.solvers.options import SolverOptions
+from mbocp.problem.solver import SolverOptions
 
 __all__ = [
     "Bounds",

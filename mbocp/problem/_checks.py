@@ -1,19 +1,16 @@
-"""The elementary checks that every part of a problem shares."""
+"""Elementary checks of what a user gives: the name, what was got, what was expected."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._checks import (
-    check_bool,
-    check_choice,
-    check_finite,
-    check_integer,
-    check_non_negative,
-    check_number,
-    check_positive,
-)
+from mbocp._text import shown
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.parts import Label
 
@@ -33,10 +30,76 @@ __all__ = [
 
 MAX_POSITION = 1e9  # [m, rad] as in replays; a float of this size is exact to 1e-7
 MAX_RATE = 1e15  # [m/s, rad/s, kg m/s, N m s] as of the numbers of a robot; products of several have numbers
+_MAX_INTEGER = 2**31 - 1
 
 
 class ProblemWarning(UserWarning):
     """Something about a problem that is allowed, but probably not meant."""
+
+
+def check_bool(name: str, value: Any) -> bool:
+    """Return `value` if it is True or False."""
+    if not isinstance(value, bool):
+        raise InvalidValue(name, shown(value), "true or false")
+    return value
+
+
+def check_number(name: str, value: Any) -> float:
+    """Return `value` as a finite float."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InvalidValue(name, shown(value), "a number")
+    try:
+        number = float(value)
+    except OverflowError:  # an integer beyond all floats
+        raise InvalidValue(name, shown(value), "a finite number") from None
+    if not math.isfinite(number):
+        raise InvalidValue(name, number, "a finite number")
+    return number
+
+
+def check_positive(name: str, value: Any, unit: str = "") -> float:
+    """Return `value` as a finite float above zero."""
+    number = check_number(name, value)
+    if number <= 0.0:
+        raise InvalidValue(name, number, f"a positive number{f' [{unit}]' if unit else ''}")
+    return number
+
+
+def check_integer(name: str, value: Any, minimum: int) -> int:
+    """Return `value` as an int of at least `minimum`, and of 32 bits, as many as foreign libraries count."""
+    expected = f"a whole number of at least {minimum}"
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise InvalidValue(name, shown(value), expected)
+    if value < minimum:
+        raise InvalidValue(name, shown(int(value)), expected)
+    if value > _MAX_INTEGER:
+        raise InvalidValue(name, shown(int(value)), f"{expected} and at most {_MAX_INTEGER}")
+    return int(value)
+
+
+def check_finite(name: str, value: Array) -> None:
+    """Refuse NaN and infinite entries, and say where the first one is."""
+    bad = np.argwhere(~np.isfinite(value))
+    if bad.size:
+        where = ", ".join(str(i) for i in bad[0])
+        raise InvalidValue(f"{name}[{where}]", float(value[tuple(bad[0])]), "a finite number")
+
+
+def check_non_negative(name: str, value: Array | float) -> None:
+    """Refuse weights below zero, and say where the first one is."""
+    array = np.asarray(value, dtype=np.float64)
+    bad = np.argwhere(array < 0.0)
+    if len(bad):
+        where = f"[{', '.join(str(i) for i in bad[0])}]" if array.ndim else ""
+        raise InvalidValue(f"{name}{where}", float(array[tuple(bad[0])]), "a weight >= 0")
+
+
+def check_choice(name: str, value: Any, allowed: Iterable[str], note: str = "") -> str:
+    """Refuse a word that is not among the `allowed` ones, listing them."""
+    words = tuple(allowed)
+    if value not in words:
+        raise InvalidValue.of_choice(name, value, words, note)
+    return str(value)
 
 
 def check_size(key: str, value: Array, labels: Sequence[Label], largest: float) -> None:

@@ -36,9 +36,10 @@ from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator, check_unused
 from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.path import PathConstraint, check_path
+from mbocp.problem.solver import SolverOptions
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
-from mbocp.solvers.options import BOUNDED_METHODS, SolverOptions
+from mbocp.solvers.options import BOUNDED_METHODS
 from mbocp.terms import OwnPathConstraint, OwnTerm
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]

@@ -11,13 +11,16 @@ from mbocp.exceptions import NativeMismatch
 from mbocp.programme.compilation import CompiledFunctions, has_avx2
 from mbocp.programme.stagewise import StagewiseProgramme
 
-if TYPE_CHECKING:  # the modules may be missing, and the kernel is one of two builds with the same names
-    from mbocp._native._kernel import (
-        Kind,
-        StageFunction,
-        Terminal,
-    )
-    from mbocp._native._kernel import Programme as KernelProgramme
+# The modules may be missing, and the kernel is one of two builds with the same names. Solvers take from here
+# the types of what the kernel gives them.
+if TYPE_CHECKING:
+    from mbocp._native._kernel import Direction, Kind, Programme, StageFunction, Terminal
+    from mbocp._native._kernel import Evaluation as Evaluation
+    from mbocp._native._kernel import Factorisation as Factorisation
+    from mbocp._native._kernel import Trial as Trial
+
+    KernelDirection = Direction
+    KernelProgramme = Programme
 
 __all__ = ["Kernel", "NlpHelpers", "kernel", "kernel_programme", "nlp_helpers"]
 

@@ -5,7 +5,7 @@ from mbocp.solvers.fbsm_gradient import FBSMGradient, GradientState, Switch
 from mbocp.solvers.fbsm_newton import FBSMNewton
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.newton import NewtonState
-from mbocp.solvers.options import SolverOptions
+from mbocp.solvers.options import Options
 from mbocp.solvers.phases import Outcome, Start
 from mbocp.solvers.protocol import Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Phase, Status
@@ -23,11 +23,11 @@ __all__ = [
     "Iterate",
     "IterationRecord",
     "NewtonState",
+    "Options",
     "Outcome",
     "Phase",
     "PureNewton",
     "Solver",
-    "SolverOptions",
     "SolverResult",
     "SolverSettings",
     "SolverState",

@@ -30,8 +30,7 @@ from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Evaluation
-    from mbocp._native._kernel import Programme as KernelProgramme
+    from mbocp.programme.kernel import Evaluation, KernelProgramme
 
 __all__ = ["FBSMNewton"]
 

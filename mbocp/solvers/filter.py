@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Evaluation, Trial
+    from mbocp.programme.kernel import Evaluation, Trial
 
 __all__ = ["Filter"]
 

@@ -22,7 +22,7 @@ from mbocp.solvers.filter import Filter
 from mbocp.solvers.newton import NewtonState, new_state, start
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Programme as KernelProgramme
+    from mbocp.programme.kernel import KernelProgramme
 
 __all__ = [
     "init_barrier",

@@ -61,7 +61,7 @@ from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Evaluation, Factorisation, Trial
+    from mbocp.programme.kernel import Evaluation, Factorisation, Trial
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
 

@@ -16,8 +16,7 @@ from mbocp._arrays import Array
 from mbocp.solvers.sweep import Sweeps
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Evaluation
-    from mbocp._native._kernel import Programme as KernelProgramme
+    from mbocp.programme.kernel import Evaluation, KernelProgramme
 
 __all__ = ["EndCondition", "end_multiplier"]
 

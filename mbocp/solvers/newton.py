@@ -17,9 +17,7 @@ from mbocp.solvers.round_off import relative_increment, relative_residual, round
 from mbocp.solvers.sweep import Kept, Sweeps
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Direction as KernelDirection
-    from mbocp._native._kernel import Evaluation, Factorisation
-    from mbocp._native._kernel import Programme as KernelProgramme
+    from mbocp.programme.kernel import Evaluation, Factorisation, KernelDirection, KernelProgramme
 
 __all__ = [
     "Direction",

@@ -1,12 +1,10 @@
-"""How the problem is solved."""
+"""How a problem is solved."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from mbocp._checks import check_choice, check_integer, check_number, check_positive
-from mbocp.exceptions import InvalidValue
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 __all__ = [
@@ -18,7 +16,7 @@ __all__ = [
     "LOOPS",
     "METHODS",
     "Globalisation",
-    "SolverOptions",
+    "Options",
 ]
 
 Globalisation = Literal["default", "none"]
@@ -49,8 +47,8 @@ _NEWTON_ITERATIONS, _GRADIENT_ITERATIONS = 200, 5000
 
 
 @dataclass(frozen=True, kw_only=True)
-class SolverOptions:
-    r"""Choice of the solver and of its stopping rule.
+class Options:
+    r"""Choice of the solver and of its stopping rule; `mbocp.problem.SolverOptions` checks what a user says.
 
     Attributes
     ----------
@@ -107,29 +105,6 @@ class SolverOptions:
     switch_iterations: int = 25
     time_limit: float | None = None
     linear_solver: str = "auto"
-
-    def __post_init__(self) -> None:
-        check_choice("solver.method", self.method, METHODS)
-        check_choice("solver.globalisation", self.globalisation, GLOBALISATIONS)
-        check_choice("solver.hessian", self.hessian, HESSIANS)
-        check_choice("solver.adjoint", self.adjoint, ADJOINTS)
-        check_choice("solver.loop", self.loop, LOOPS)
-        check_choice("solver.linear_solver", self.linear_solver, LINEAR_SOLVERS)
-        for key in ("tolerance", "theta_max"):
-            object.__setattr__(self, key, check_positive(f"solver.{key}", getattr(self, key)))
-        if self.max_iterations is not None:
-            limit = check_integer("solver.max_iterations", self.max_iterations, minimum=1)
-            object.__setattr__(self, "max_iterations", limit)
-        if self.time_limit is not None:
-            limit_s = check_positive("solver.time_limit", self.time_limit, "s")
-            object.__setattr__(self, "time_limit", limit_s)
-        for key in ("switch_residual", "switch_cost"):
-            value = check_number(f"solver.{key}", getattr(self, key))
-            if value < 0.0:
-                raise InvalidValue(f"solver.{key}", value, "a number >= 0; 0 switches the criterion off")
-            object.__setattr__(self, key, value)
-        steps = check_integer("solver.switch_iterations", self.switch_iterations, minimum=1)
-        object.__setattr__(self, "switch_iterations", steps)
 
     @property
     def is_interior_point(self) -> bool:

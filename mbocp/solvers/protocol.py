@@ -9,7 +9,7 @@ from mbocp.programme.iterate import Iterate
 from mbocp.solvers.records import Status
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Programme as KernelProgramme
+    from mbocp.programme.kernel import KernelProgramme
 
 __all__ = ["Measures", "Norms", "Solver", "SolverState"]
 

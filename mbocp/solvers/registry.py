@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from mbocp._checks import check_choice
+from mbocp.exceptions import InvalidValue
 from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
 from mbocp.solvers.fbsm_newton import FBSMNewton
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
@@ -80,4 +80,6 @@ def make_solver(name: str, settings: SolverSettings, switch: Switch | None = Non
     InvalidValue
         If there is no solver of that name; lists those that there are.
     """
-    return SOLVERS[check_choice("solver.method", name, SOLVERS)](settings, switch)
+    if name not in SOLVERS:
+        raise InvalidValue.of_choice("solver.method", name, tuple(SOLVERS))
+    return SOLVERS[name](settings, switch)

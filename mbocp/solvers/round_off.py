@@ -30,7 +30,7 @@ from mbocp.solvers.protocol import Norms
 from mbocp.solvers.sweep import Kept
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Programme as KernelProgramme
+    from mbocp.programme.kernel import KernelProgramme
 
 __all__ = ["has_a_say", "relative_increment", "relative_residual", "round_off"]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.fbsm_gradient import Switch
-from mbocp.solvers.options import SolverOptions
+from mbocp.solvers.options import Options
 
 __all__ = ["SolverSettings"]
 
@@ -19,7 +19,7 @@ class SolverSettings:
 
     Attributes
     ----------
-    options : SolverOptions
+    options : Options
     control_weight : float
         Unit of the Hessian's shift, see `StagewiseProgramme`.
     has_inequalities : bool
@@ -30,7 +30,7 @@ class SolverSettings:
         What is left of the options' [s].
     """
 
-    options: SolverOptions
+    options: Options
     control_weight: float
     has_inequalities: bool = False
     is_doubtful: bool = False
@@ -38,7 +38,7 @@ class SolverSettings:
 
     @classmethod
     def of(
-        cls, options: SolverOptions, programme: StagewiseProgramme, *, has_inequalities: bool = False
+        cls, options: Options, programme: StagewiseProgramme, *, has_inequalities: bool = False
     ) -> SolverSettings:
         """Settings with the options of a problem."""
         return cls(

@@ -26,8 +26,7 @@ from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
 
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Evaluation
-    from mbocp._native._kernel import Programme as KernelProgramme
+    from mbocp.programme.kernel import Evaluation, KernelProgramme
 
 __all__ = ["Kept", "Sweep", "Sweeps", "init_sweeps"]
 

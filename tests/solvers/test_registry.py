@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from mbocp.exceptions import InvalidValue
-from mbocp.solvers import SOLVERS, FBSMGradient, FBSMNewton, SolverOptions, SolverSettings, make_solver
+from mbocp.problem import SolverOptions
+from mbocp.solvers import SOLVERS, FBSMGradient, FBSMNewton, SolverSettings, make_solver
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.options import BOUNDED_METHODS, METHODS
 from mbocp.solvers.registry import INTERIOR_POINT

@@ -16,7 +16,7 @@ from mbocp.problem.file.tables import ProblemFields, tables_of, to_toml
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
-from mbocp.solvers.options import SolverOptions
+from mbocp.problem.solver import SolverOptions
 
 __all__ = ["changed"]
 

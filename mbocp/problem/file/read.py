@@ -38,8 +38,8 @@ from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.horizon import check_horizon
 from mbocp.problem.integration import Stabilisation
+from mbocp.problem.solver import SolverOptions
 from mbocp.robot import Robot, robot_from_spec
-from mbocp.solvers.options import SolverOptions
 from mbocp.terms import COST_TERMS, OwnTerm
 
 __all__ = ["from_tables"]

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field
 from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.problem.integration import Stabilisation
-from mbocp.solvers.options import SolverOptions
+from mbocp.problem.solver import SolverOptions
 from mbocp.terms import COST_TERMS, PATH_TERMS
 from mbocp.terms.tables import TargetTable, WeightsTable
 from mbocp.terms.written import (

@@ -22,8 +22,8 @@ from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.path import PathConstraint
+from mbocp.problem.solver import SolverOptions
 from mbocp.robot import Robot
-from mbocp.solvers.options import SolverOptions
 from mbocp.terms import COST_TERMS, OwnPathConstraint, OwnTerm
 
 __all__ = ["ProblemFields", "tables_of", "to_toml"]

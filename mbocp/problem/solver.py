@@ -1,0 +1,53 @@
+"""How the problem is solved, as a user says it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbocp.exceptions import InvalidValue
+from mbocp.problem._checks import check_choice, check_integer, check_number, check_positive
+from mbocp.solvers.options import (
+    ADJOINTS,
+    GLOBALISATIONS,
+    HESSIANS,
+    LINEAR_SOLVERS,
+    LOOPS,
+    METHODS,
+    Options,
+)
+
+__all__ = ["SolverOptions"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverOptions(Options):
+    """Choice of the solver and of its stopping rule, checked; `mbocp.solvers.Options` explains them.
+
+    Raises
+    ------
+    InvalidValue
+        If an option is none of the words for it, or a number that cannot be right.
+    """
+
+    def __post_init__(self) -> None:
+        check_choice("solver.method", self.method, METHODS)
+        check_choice("solver.globalisation", self.globalisation, GLOBALISATIONS)
+        check_choice("solver.hessian", self.hessian, HESSIANS)
+        check_choice("solver.adjoint", self.adjoint, ADJOINTS)
+        check_choice("solver.loop", self.loop, LOOPS)
+        check_choice("solver.linear_solver", self.linear_solver, LINEAR_SOLVERS)
+        for key in ("tolerance", "theta_max"):
+            object.__setattr__(self, key, check_positive(f"solver.{key}", getattr(self, key)))
+        if self.max_iterations is not None:
+            limit = check_integer("solver.max_iterations", self.max_iterations, minimum=1)
+            object.__setattr__(self, "max_iterations", limit)
+        if self.time_limit is not None:
+            limit_s = check_positive("solver.time_limit", self.time_limit, "s")
+            object.__setattr__(self, "time_limit", limit_s)
+        for key in ("switch_residual", "switch_cost"):
+            value = check_number(f"solver.{key}", getattr(self, key))
+            if value < 0.0:
+                raise InvalidValue(f"solver.{key}", value, "a number >= 0; 0 switches the criterion off")
+            object.__setattr__(self, key, value)
+        steps = check_integer("solver.switch_iterations", self.switch_iterations, minimum=1)
+        object.__setattr__(self, "switch_iterations", steps)
