@@ -32,6 +32,8 @@ from mbocp.robot.parts import (
     QuarticSpring,
     SpringDamper,
 )
+from mbocp.robot.poses.inverse_kinematics import InverseKinematics
+from mbocp.robot.poses.target import FrameTarget
 from mbocp.robot.resistance import JointResistance
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import (
@@ -50,10 +52,12 @@ __all__ = [
     "Coupling",
     "Drive",
     "FrameActuator",
+    "FrameTarget",
     "Hinge",
     "IgnoredKeysWarning",
     "ImpossibleInertiaWarning",
     "InitialPoseWarning",
+    "InverseKinematics",
     "JointResistance",
     "Kinematics",
     "Label",

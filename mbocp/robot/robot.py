@@ -18,6 +18,9 @@ from mbocp.robot.large import working_data
 from mbocp.robot.loops import projection
 from mbocp.robot.loops.residual import Closure
 from mbocp.robot.model import RobotModel
+from mbocp.robot.poses.inverse_kinematics import InverseKinematics, LimitChoice, solve_inverse_kinematics
+from mbocp.robot.poses.rows import placement_of
+from mbocp.robot.poses.target import Targets
 from mbocp.robot.resistance import resistance_forces
 from mbocp.robot.warnings import NormalisationWarning
 
@@ -141,6 +144,78 @@ class Robot(RobotModel):
         """
         q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
         return frozen_array(projection.assemble_velocity(self, q, v, projection.components(self, fixed)))
+
+    # Poses of frames
+
+    def frame_placement(
+        self, frame: str, q: ArrayLike | None = None, relative_to: str = kinematics.WORLD
+    ) -> pin.SE3:
+        """Placement of a frame: `translation` [m] and `rotation`, in the axes of a reference frame.
+
+        Parameters
+        ----------
+        frame : str
+        q : array_like, shape (nq,), optional
+            Configuration [m, rad, unit quaternion xyzw]; the initial pose by default.
+        relative_to : str
+            The reference frame.
+        """
+        at = self.q0 if q is None else self._vector(q, self.nq, "q")
+        return placement_of(self.model, at, self.frame_id(frame), self.frame_id(relative_to))
+
+    def inverse_kinematics(
+        self,
+        targets: Targets,
+        start: ArrayLike | None = None,
+        *,
+        branches: int | None = 1,
+        restarts: int = 100,
+        seed: int = 0,
+        within_limits: LimitChoice = True,
+        tolerance: float = 1e-9,
+    ) -> InverseKinematics:
+        """Configurations in which frames have given poses, closed loops closed.
+
+        Parameters
+        ----------
+        targets : FrameTarget, mapping, or a sequence of them
+            Poses or parts of them, all to be reached together; a mapping has the words of `FrameTarget`, and
+            x, y, z, and rpy (roll, pitch, yaw about fixed axes [rad]).
+        start : array_like, shape (nq,), optional
+            Where the search begins and from where distances count; the initial pose by default.
+        branches : int, optional
+            The search ends with so many distinct configurations; None for all that the restarts lead to. A
+            robot with more joints than the targets ask for has a continuum of which these are samples.
+        restarts : int
+            Random starts that are tried at most.
+        seed : int
+            Of the random starts.
+        within_limits : bool, or pair of array_like of shape (nq,)
+            Whether the joints keep to the robot's own position limits, or to other ones [rad, m].
+        tolerance : float
+            Of each coordinate and rotation [m, rad].
+
+        Returns
+        -------
+        InverseKinematics
+            Also where no configuration reaches the targets: then `reached` is False.
+
+        Raises
+        ------
+        DimensionMismatch, InvalidValue, UnknownFrame
+            If a target cannot be right.
+        """
+        q = self.q0 if start is None else self.normalise(start, name="start")
+        return solve_inverse_kinematics(
+            self,
+            targets,
+            q,
+            branches=branches,
+            restarts=restarts,
+            seed=seed,
+            within_limits=within_limits,
+            tolerance=tolerance,
+        )
 
     # Mechanics, numerically
 

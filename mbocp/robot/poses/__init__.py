@@ -1,0 +1,1 @@
+"""Poses of frames, and the configurations that reach them: inverse kinematics."""

@@ -1,0 +1,220 @@
+"""Inverse kinematics: the configurations in which frames of a robot have the poses that are asked for.
+
+From the start a damped Gauss-Newton method goes to a configuration that reaches all targets, with closed
+loops as rows beside theirs. Where it does not arrive, or more branches are wanted (elbow up and down, wrist
+flipped), it begins again at random configurations within the limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
+from mbocp.robot.loops.constraints import Coupling
+from mbocp.robot.loops.mechanism import Mechanism
+from mbocp.robot.loops.projection import assemble, violations
+from mbocp.robot.parts import Label, Limits
+from mbocp.robot.poses.bounds import JointBounds, inside, joint_bounds
+from mbocp.robot.poses.rows import PoseErrors, PoseRows
+from mbocp.robot.poses.search import reach
+from mbocp.robot.poses.target import FrameTarget, Targets, targets_of
+
+__all__ = ["InverseKinematics", "LimitChoice", "Posable", "solve_inverse_kinematics"]
+
+LimitChoice: TypeAlias = bool | tuple[ArrayLike, ArrayLike]
+
+_SAME = 1e-3  # [rad, m] between configurations that count as one
+_MIN_TOLERANCE = 1e-12  # [m, rad] above round-off of some metres
+
+
+class Posable(Mechanism, Protocol):
+    """A mechanism whose joints have limits, see `mbocp.robot.Robot`."""
+
+    @property
+    def nq(self) -> int:
+        """Length of q."""
+
+    @property
+    def limits(self) -> Limits:
+        """Bounds on u, v and q."""
+
+    @property
+    def q_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each number of q."""
+
+    def frame_id(self, name: str) -> int:
+        """Index of a frame by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class InverseKinematics:
+    """What a search for configurations found.
+
+    Attributes
+    ----------
+    targets : tuple of FrameTarget
+        What was asked for.
+    reached : bool
+        Whether a configuration reaches all targets.
+    q : ndarray, shape (nq,)
+        The branch nearest to the start; where none was found, the best try.
+    branches : ndarray, shape (n, nq)
+        All distinct configurations that were found, the nearest to the start first.
+    distances : ndarray, shape (n,)
+        How far each is from the start: the Euclidean norm of the displacements of the joints [rad, m].
+    position_errors : ndarray, shape (number of targets,)
+        Distance of each frame's origin from its target at `q`, of the coordinates that are asked for [m].
+    angle_errors : ndarray, shape (number of targets,)
+        Angle between each frame and its orientation, or between axis and direction, at `q` [rad].
+    at_limits : tuple of str
+        Joints that are at a limit at `q`.
+    attempts : int
+        Number of starts from which the search began.
+    """
+
+    targets: tuple[FrameTarget, ...]
+    reached: bool
+    q: Array
+    branches: Array
+    distances: Array
+    position_errors: Array
+    angle_errors: Array
+    at_limits: tuple[str, ...]
+    attempts: int
+
+    @property
+    def position_error(self) -> float:
+        """The largest of `position_errors` [m]."""
+        return float(self.position_errors.max())
+
+    @property
+    def angle_error(self) -> float:
+        """The largest of `angle_errors` [rad]."""
+        return float(self.angle_errors.max())
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """One question, and what every attempt at it needs."""
+
+    robot: Posable
+    rows: PoseRows
+    bounds: JointBounds
+    lower: Array
+    upper: Array
+    start: Array
+    tolerance: float
+
+    def attempt(self, q: Array) -> tuple[Array, bool]:
+        """Configuration from one start, and whether it may count."""
+        found, has_arrived = reach(self.rows, q, self.bounds, self.tolerance)
+        if not has_arrived:
+            return found, False
+        found = self.bounds.unwound(found, self.start)
+        is_closed = not self.robot.constraints or not violations(self.robot, found)
+        return found, is_closed and inside(self.robot.model, found, self.lower, self.upper)
+
+    def closed(self, q: Array) -> Array:
+        """A best try with its loops closed to round-off."""
+        if not self.robot.constraints:
+            return q
+        try:
+            return np.array(assemble(self.robot, q))
+        except LoopNotClosed:
+            return self.start
+
+    def distance(self, q: Array) -> Array:
+        """Displacement of each joint from the start."""
+        return np.array(pin.difference(self.robot.model, self.start, q))
+
+
+def solve_inverse_kinematics(
+    robot: Posable,
+    targets: Targets,
+    start: Array,
+    *,
+    branches: int | None = 1,
+    restarts: int = 100,
+    seed: int = 0,
+    within_limits: LimitChoice = True,
+    tolerance: float = 1e-9,
+) -> InverseKinematics:
+    """Search for configurations that reach targets, see `Robot.inverse_kinematics`."""
+    wanted = targets_of(targets)
+    _check(branches, restarts, tolerance)
+    frames = [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in wanted]
+    lower, upper = _limits(robot, within_limits)
+    bounds = joint_bounds(robot.model, lower, upper, _coupled(robot))
+    search = _Search(robot, PoseRows(robot, wanted, frames), bounds, lower, upper, start, tolerance)
+    found: list[Array] = []
+    best, least, attempts = start, np.inf, 0
+    rng = np.random.default_rng(seed)
+    for attempt in range(1 + restarts):
+        q0 = start if attempt == 0 else bounds.random(robot.model, start, rng)
+        q, counts = search.attempt(bounds.clipped(q0))
+        attempts += 1
+        if counts and _is_new(search, q, found):
+            found.append(q)
+        elif not found:
+            e = search.rows.residual(q)
+            best, least = (q, float(e @ e)) if e @ e < least else (best, least)
+        if len(found) == branches:
+            break
+    lengths = np.array([np.linalg.norm(search.distance(q)) for q in found])
+    order = np.argsort(lengths, kind="stable")
+    nearest = found[order[0]] if found else search.closed(best)
+    errors: PoseErrors = search.rows.errors(nearest)
+    return InverseKinematics(
+        targets=wanted,
+        reached=bool(found),
+        q=frozen_array(nearest),
+        branches=frozen_array(np.array(found).reshape(-1, robot.nq)[order]),
+        distances=frozen_array(lengths[order]),
+        position_errors=frozen_array(errors.positions),
+        angle_errors=frozen_array(errors.angles),
+        at_limits=tuple(robot.q_labels[i].name for i in bounds.touched(nearest)),
+        attempts=attempts,
+    )
+
+
+def _check(branches: int | None, restarts: int, tolerance: float) -> None:
+    if branches is not None and branches < 1:
+        raise InvalidValue("branches", branches, "a positive number, or None for all that the restarts find")
+    if restarts < 0:
+        raise InvalidValue("restarts", restarts, "a number of random starts, 0 or more")
+    if not tolerance >= _MIN_TOLERANCE:
+        raise InvalidValue("tolerance", tolerance, f"a number of at least {_MIN_TOLERANCE:g} [m, rad]")
+
+
+def _limits(robot: Posable, choice: LimitChoice) -> tuple[Array, Array]:
+    if choice is True:
+        return robot.limits.position_lower, robot.limits.position_upper
+    if choice is False:
+        return np.full(robot.nq, -np.inf), np.full(robot.nq, np.inf)
+    lower, upper = (np.asarray(side, dtype=np.float64) for side in choice)
+    for side in (lower, upper):
+        if side.shape != (robot.nq,):
+            raise DimensionMismatch("within_limits", side.shape, (robot.nq,))
+    if not (lower <= upper).all():
+        i = int(np.argmin(lower <= upper))
+        raise InvalidValue(f"within_limits[{i}]", [lower[i], upper[i]], "a lower below an upper limit")
+    return lower, upper
+
+
+def _coupled(robot: Posable) -> frozenset[int]:
+    """Joints whose whole turns count since others follow them."""
+    leaders: Sequence[int] = robot.model.mimicked_joints
+    ties = [c for c in robot.constraints if isinstance(c, Coupling)]
+    return frozenset([*leaders, *(joint for tie in ties for joint in (tie.joint_a, tie.joint_b))])
+
+
+def _is_new(search: _Search, q: Array, found: Sequence[Array]) -> bool:
+    model = search.robot.model
+    return all(np.abs(pin.difference(model, old, q)).max(initial=0.0) > _SAME for old in found)

@@ -1,0 +1,150 @@
+r"""Rows of a pose and their derivatives in numbers, by Pinocchio.
+
+Of a target there are the differences of positions in the axes of the reference frame [m], and the rotation
+vector from the target to the frame, in the same axes [rad]:
+
+.. math:: R_r^T (p_f - p_r) - p^*, \qquad \log\left(R_r^T R_f\, R^{*T}\right)
+
+or, where only an axis has a direction, the smallest rotation that takes the direction into the axis. The
+derivative of a rotation vector is taken to be the angular velocity itself. That gives the exact gradient of
+the square of the angle, and the exact derivative at the target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.robot.large import working_data
+from mbocp.robot.loops.mechanism import Mechanism
+from mbocp.robot.poses.target import FrameTarget, rotation_between
+
+__all__ = ["CLOSURE_WEIGHT", "PoseErrors", "PoseRows", "placement_of"]
+
+CLOSURE_WEIGHT = 30.0  # of rows of closed loops beside those of a pose that is out of reach
+
+
+class PoseErrors(NamedTuple):
+    """What is left to each target."""
+
+    positions: Array  # (targets,) [m]
+    angles: Array  # (targets,) [rad]
+    closure: float  # largest residual of the closed loops [m, rad, m^2]
+
+
+class _Part(NamedTuple):
+    target: FrameTarget
+    frame: int
+    reference: int
+    at: tuple[int, ...]  # coordinates that are asked for
+    wanted: Array  # (3,) position
+    rotation: Array | None  # (3, 3)
+
+
+class PoseRows:
+    """Residuals and Jacobian of targets and closed loops at a configuration.
+
+    Parameters
+    ----------
+    robot : Mechanism
+    targets : sequence of FrameTarget
+        Whose frames the robot has.
+    frame_ids : sequence of (int, int)
+        Frame and reference frame of each target.
+    """
+
+    def __init__(
+        self, robot: Mechanism, targets: Sequence[FrameTarget], frame_ids: Sequence[tuple[int, int]]
+    ) -> None:
+        self.robot, self.model = robot, robot.model
+        self._data = working_data(robot.model)
+        self._parts = [
+            _Part(
+                target,
+                frame,
+                reference,
+                tuple(int(i) for i in target.coordinates),
+                np.zeros(3) if target.position is None else np.array(target.position),
+                None if target.orientation is None else target.rotation,
+            )
+            for target, (frame, reference) in zip(targets, frame_ids, strict=True)
+        ]
+
+    def residual(self, q: Array) -> Array:
+        """All rows, those of the closed loops last and weighted."""
+        pin.framesForwardKinematics(self.model, self._data, q)
+        rows = [row for part in self._parts for row in self._rows(part)]
+        if self.robot.constraints:
+            rows.append(CLOSURE_WEIGHT * self.robot.closure_residual(q))
+        return np.concatenate(rows)
+
+    def jacobian(self, q: Array) -> Array:
+        """Derivative of the rows in tangent coordinates; call `residual` at the same q before."""
+        pin.computeJointJacobians(self.model, self._data, q)
+        rows = [row for part in self._parts for row in self._derivatives(part)]
+        if self.robot.constraints:
+            rows.append(CLOSURE_WEIGHT * self.robot.closure_jacobian(q))
+        return np.concatenate(rows)
+
+    def errors(self, q: Array) -> PoseErrors:
+        """Distance [m] and angle [rad] to each target."""
+        pin.framesForwardKinematics(self.model, self._data, q)
+        lengths, angles = [], []
+        for part in self._parts:
+            rows = self._rows(part)
+            has_position = bool(part.at)
+            lengths.append(float(np.linalg.norm(rows[0])) if has_position else 0.0)
+            angles.append(float(np.linalg.norm(rows[-1])) if len(rows) > has_position else 0.0)
+        closure = np.abs(self.robot.closure_residual(q)).max(initial=0.0) if self.robot.constraints else 0.0
+        return PoseErrors(np.array(lengths), np.array(angles), float(closure))
+
+    def _rows(self, part: _Part) -> list[Array]:
+        placements = self._data.oMf
+        p, R = placements[part.frame].translation, placements[part.frame].rotation
+        if part.reference:
+            base = placements[part.reference]
+            p, R = base.rotation.T @ (p - base.translation), base.rotation.T @ R
+        rows = [(p - part.wanted)[list(part.at)]] if part.at else []
+        if part.rotation is not None:
+            rows.append(pin.log3(R @ part.rotation.T))
+        elif part.target.axis is not None and part.target.direction is not None:
+            rows.append(rotation_between(part.target.direction, R @ part.target.axis))
+        return rows
+
+    def _derivatives(self, part: _Part) -> list[Array]:
+        nv, data = self.model.nv, self._data
+        pin.updateFramePlacement(self.model, data, part.frame)
+        moved = pin.getFrameJacobian(self.model, data, part.frame, pin.LOCAL_WORLD_ALIGNED).reshape(6, nv)
+        if part.reference:
+            moved = self._relative(part, moved)
+        rows = [moved[list(part.at)]] if part.at else []
+        if part.rotation is not None:
+            rows.append(moved[3:])
+        elif part.target.axis is not None:
+            a = data.oMf[part.frame].rotation @ part.target.axis
+            if part.reference:
+                a = data.oMf[part.reference].rotation.T @ a
+            rows.append(moved[3:] - np.outer(a, a @ moved[3:]))
+        return rows
+
+    def _relative(self, part: _Part, moved: Array) -> Array:
+        """Jacobian of the frame in the reference frame and its axes."""
+        data = self._data
+        pin.updateFramePlacement(self.model, data, part.reference)
+        base = pin.getFrameJacobian(self.model, data, part.reference, pin.LOCAL_WORLD_ALIGNED)
+        base = base.reshape(6, self.model.nv)
+        away = data.oMf[part.frame].translation - data.oMf[part.reference].translation
+        turned: Array = data.oMf[part.reference].rotation.T
+        lines = moved[:3] - base[:3] + np.cross(away[:, None], base[3:], axis=0)
+        return np.vstack([turned @ lines, turned @ (moved[3:] - base[3:])])
+
+
+def placement_of(model: pin.Model, q: Array, frame: int, reference: int) -> pin.SE3:
+    """Placement of a frame in the axes of another."""
+    data = working_data(model)
+    pin.framesForwardKinematics(model, data, q)
+    return data.oMf[reference].actInv(data.oMf[frame])

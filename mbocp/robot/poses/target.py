@@ -1,0 +1,186 @@
+"""What is asked of the pose of a frame: position, orientation, or parts of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from mbocp._arrays import Array, IntArray, frozen_array
+from mbocp._text import shown
+from mbocp.exceptions import InvalidValue, suggest
+from mbocp.robot.kinematics import WORLD
+
+__all__ = ["FrameTarget", "Targets", "rotation_between", "targets_of"]
+
+_MIN_NORM = 1e-8  # below, a direction is noise
+_COORDINATES = ("x", "y", "z")
+_WORDS = ("name", "position", *_COORDINATES, "orientation", "rpy", "axis", "direction", "relative_to")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameTarget:
+    """A pose of a frame of a robot, or parts of one.
+
+    Parameters
+    ----------
+    name : str
+        The frame.
+    position : array_like, shape (3,), optional
+        Where its origin is to be, in the axes of the reference frame [m]; NaN or None: left free.
+    orientation : array_like, shape (4,), optional
+        Unit quaternion xyzw of its axes in those of the reference frame.
+    axis : array_like, shape (3,), optional
+        In place of an orientation: an axis in the frame that is to point along `direction`. Any length.
+    direction : array_like, shape (3,), optional
+        Direction of `axis` in the axes of the reference frame. Any length.
+    relative_to : str
+        The reference frame.
+
+    Raises
+    ------
+    DimensionMismatch, InvalidValue
+        If a number cannot be right, or nothing is asked for.
+    """
+
+    name: str
+    position: Array | None = None
+    orientation: Array | None = None
+    axis: Array | None = None
+    direction: Array | None = None
+    relative_to: str = WORLD
+
+    def __post_init__(self) -> None:
+        if self.position is not None:
+            object.__setattr__(self, "position", _position(self._key("position"), self.position))
+        for key, size in (("orientation", 4), ("axis", 3), ("direction", 3)):
+            if getattr(self, key) is not None:
+                object.__setattr__(self, key, _unit(self._key(key), getattr(self, key), size))
+        if (self.axis is None) != (self.direction is None):
+            given, missing = ("axis", "direction") if self.direction is None else ("direction", "axis")
+            raise InvalidValue(self._key(given), f"no {missing}", f"{given} and {missing} together")
+        if self.axis is not None and self.orientation is not None:
+            raise InvalidValue(self._key("axis"), "an orientation beside it", "one of the two")
+        if self.name == self.relative_to:
+            raise InvalidValue(
+                self._key("relative_to"), repr(self.name), "another frame than the one that is to move"
+            )
+
+    @classmethod
+    def at(cls, name: str, placement: pin.SE3, relative_to: str = WORLD) -> FrameTarget:
+        """Ask for a full pose, as `Robot.frame_placement` returns it."""
+        quaternion = pin.Quaternion(placement.rotation).coeffs()
+        return cls(name=name, position=placement.translation, orientation=quaternion, relative_to=relative_to)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is asked for."""
+        return not self.coordinates.size and self.orientation is None and self.axis is None
+
+    @property
+    def coordinates(self) -> IntArray:
+        """Indices of the coordinates of the origin that are asked for."""
+        return np.flatnonzero(np.isfinite(np.full(3, np.nan) if self.position is None else self.position))
+
+    @property
+    def rotation(self) -> Array:
+        """Matrix of the orientation, shape (3, 3)."""
+        x, y, z, w = self.orientation if self.orientation is not None else (0.0, 0.0, 0.0, 1.0)
+        return np.array(pin.Quaternion(w, x, y, z).matrix())
+
+    @property
+    def words(self) -> str:
+        """What is asked for, for a person."""
+        parts = []
+        if self.position is not None:
+            pairs = zip(_COORDINATES, self.position, strict=True)
+            parts.append(", ".join(f"{c} = {value:.6g} m" for c, value in pairs if np.isfinite(value)))
+        if self.orientation is not None:
+            parts.append(f"orientation {np.array2string(self.orientation, precision=4, separator=', ')}")
+        if self.axis is not None and self.direction is not None:
+            axis, along = (
+                np.array2string(v, precision=4, separator=", ") for v in (self.axis, self.direction)
+            )
+            parts.append(f"axis {axis} along {along}")
+        reference = "" if self.relative_to == WORLD else f" in {self.relative_to}"
+        return f"{self.name}{reference}: {', '.join(part for part in parts if part)}"
+
+    def _key(self, key: str) -> str:
+        return f"frame {self.name!r}: {key}"
+
+
+Targets: TypeAlias = FrameTarget | Mapping[str, Any] | Sequence[FrameTarget | Mapping[str, Any]]
+
+
+def targets_of(given: Targets) -> tuple[FrameTarget, ...]:
+    """Targets from one or several, each a `FrameTarget` or the words of a problem file's ``[goal.frame]``.
+
+    Raises
+    ------
+    DimensionMismatch, InvalidValue
+        If a word is unknown or a value cannot be right.
+    """
+    several = [given] if isinstance(given, (FrameTarget, Mapping)) else list(given)
+    targets = tuple(t if isinstance(t, FrameTarget) else target_from_words(t) for t in several)
+    if not targets or any(target.is_empty for target in targets):
+        got = "none" if not targets else f"frame {targets[0].name!r} with neither"
+        raise InvalidValue("targets", got, "a position, an orientation, or an axis and its direction")
+    return targets
+
+
+def target_from_words(words: Mapping[str, Any]) -> FrameTarget:
+    """Target from name, position or x, y, z, orientation or rpy, axis, direction, relative_to."""
+    for word in words:
+        if word not in _WORDS:
+            raise InvalidValue("targets", shown(word), f"other words: {suggest(str(word), _WORDS)}")
+    if not isinstance(words.get("name"), str):
+        raise InvalidValue("targets: name", shown(words.get("name")), "the name of a frame")
+    given = {key: words[key] for key in ("orientation", "axis", "direction", "relative_to") if key in words}
+    where = f"frame {words['name']!r}"
+    position = words.get("position")
+    if any(c in words for c in _COORDINATES):
+        if position is not None:
+            raise InvalidValue(f"{where}: position", "x, y or z beside it", "one of the two")
+        position = [words.get(c) for c in _COORDINATES]
+    if "rpy" in words:
+        if "orientation" in words:
+            raise InvalidValue(f"{where}: rpy", "an orientation beside it", "one of the two")
+        angles = frozen_array(words["rpy"], shape=(3,), name=f"{where}: rpy")
+        if not np.isfinite(angles).all():
+            raise InvalidValue(f"{where}: rpy", angles.tolist(), "finite numbers [rad]")
+        given["orientation"] = pin.Quaternion(pin.rpy.rpyToMatrix(*angles)).coeffs()
+    return FrameTarget(name=words["name"], position=position, **given)
+
+
+def rotation_between(a: Array, b: Array) -> Array:
+    """Smallest rotation vector that takes the unit vector `a` into `b`, shape (3,) [rad]."""
+    normal = np.cross(a, b)
+    sine, cosine = float(np.linalg.norm(normal)), float(a @ b)
+    if sine > 0.0:
+        turned: Array = normal * (np.arctan2(sine, cosine) / sine)
+        return turned
+    if cosine > 0.0:
+        return np.zeros(3)
+    half_turn: Array = np.pi * np.linalg.svd(a[None])[2][1]  # about any axis normal to a
+    return half_turn
+
+
+def _position(name: str, value: Any) -> Array:
+    numbers = [np.nan if entry is None else entry for entry in value] if not np.isscalar(value) else value
+    array = frozen_array(numbers, shape=(3,), name=name)
+    if np.isinf(array).any():
+        raise InvalidValue(name, array.tolist(), "finite numbers [m], or NaN where the coordinate is free")
+    return array
+
+
+def _unit(name: str, value: ArrayLike, size: int) -> Array:
+    array = frozen_array(value, shape=(size,), name=name)
+    norm = float(np.linalg.norm(array))
+    if not (np.isfinite(norm) and norm > _MIN_NORM):
+        what = "a unit quaternion xyzw" if size == 4 else "a direction"
+        raise InvalidValue(name, array.tolist(), f"{what}, finite and not zero")
+    return frozen_array(array / norm)
