@@ -12,6 +12,7 @@ import typer
 from rich.table import Table
 
 from mbocp.cli.console import output
+from mbocp.cli.summary import payload_words
 from mbocp.robot import describe, list_robots, load_robot
 
 __all__ = ["print_robot", "print_robots"]
@@ -75,6 +76,8 @@ def _facts(facts: Mapping[str, Any]) -> Table:
     if redundant:
         table.add_row("redundant", f"{', '.join(redundant)}: left out, the other rows imply them")
     table.add_row("mass", f"{facts['mass']:.4g} kg")
+    if facts["payloads"]:
+        table.add_row("carries", payload_words(facts["payloads"]))
     table.add_row("gravity", f"{_numbers(facts['gravity'])} m/s^2")
     table.add_row("q0", _numbers(facts["q0"]))
     table.add_row("trace", ", ".join(facts["trace_frames"]) or "none")

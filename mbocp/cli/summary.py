@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
     from mbocp.solution import ActiveLimit, Solution
 
-__all__ = ["goal_error", "print_summary", "robot_words", "solution_rows"]
+__all__ = ["goal_error", "payload_words", "print_summary", "robot_words", "solution_rows"]
 
 _Rows = list[tuple[str, str | Text]]
 
@@ -60,6 +60,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         verdict.append(f": {solution.advice}", style="not bold default")
     return [
         ("robot", robot),
+        *_carried(solution.robot_spec),
         (
             "horizon",
             f"{solution.duration:g} s in {solution.num_steps} steps of {dt:.4g} s{_scheme(solution)}",
@@ -115,6 +116,17 @@ def robot_words(name: str, nv: int, nu: int, nc: int) -> str:
     free = f"{_count(nv - nc, 'degree')} of freedom"
     held = f" ({nv} velocities, {_count(nc, 'constraint')})" if nc else ""
     return f"{name}: {free}{held}, {_count(nu, 'control')}"
+
+
+def payload_words(payloads: Sequence[Mapping[str, Any]]) -> str:
+    """Say what is carried, from the tables of payloads."""
+    return ", ".join(f"{p.get('name')} ({p.get('mass')} kg at {p.get('frame')})" for p in payloads)
+
+
+def _carried(robot_spec: Mapping[str, Any]) -> _Rows:
+    written = robot_spec.get("payload")
+    payloads = [entry for entry in written if isinstance(entry, Mapping)] if isinstance(written, list) else []
+    return [("carries", payload_words(payloads))] if payloads else []
 
 
 def _violation(solution: Solution) -> str:

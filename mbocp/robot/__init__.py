@@ -32,6 +32,7 @@ from mbocp.robot.parts import (
     QuarticSpring,
     SpringDamper,
 )
+from mbocp.robot.payload import Payload
 from mbocp.robot.poses.inverse_kinematics import InverseKinematics
 from mbocp.robot.poses.target import FrameTarget
 from mbocp.robot.resistance import JointResistance
@@ -65,6 +66,7 @@ __all__ = [
     "MissingMeshWarning",
     "NormalisationWarning",
     "NotModelledWarning",
+    "Payload",
     "Point",
     "PointOnLine",
     "PointOnPlane",

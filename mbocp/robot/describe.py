@@ -24,8 +24,8 @@ def describe(robot: Robot) -> dict[str, Any]:
     dict
         name, description, source, dimensions (nq, nv, nu, nc), dofs and mobility (degrees of freedom that the
         constraints leave), mass [kg], gravity [m/s^2], joints, actuators, actuated (their names), passive
-        (joints that none of them acts upon directly), drives, speeds, constraints, forces, frames,
-        trace_frames, q0 [rad, m], rotations, fingerprint. Drives are among the actuators, last.
+        (joints that none of them acts upon directly), drives, speeds, constraints, forces, payloads,
+        frames, trace_frames, q0 [rad, m], rotations, fingerprint. Drives are among the actuators, last.
     """
     return {
         "name": robot.name,
@@ -50,6 +50,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "speeds": [{"name": label.name, "unit": label.unit} for label in robot.speed_labels],
         "constraints": [_constraint(robot, constraint) for constraint in robot.constraints],
         "forces": [_force(force) for force in robot.forces],
+        "payloads": [payload.table for payload in robot.payloads],
         "frames": list(robot.frame_names),
         "trace_frames": list(robot.trace_frames),
         "q0": robot.q0.tolist(),

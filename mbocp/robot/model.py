@@ -16,6 +16,7 @@ from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
+from mbocp.robot.payload import Payload
 from mbocp.robot.resistance import JointResistance
 
 __all__ = ["RobotModel"]
@@ -64,6 +65,8 @@ class RobotModel:
         Rows that the equations leave out because the others imply them; counted over all constraints.
     resistances : tuple of JointResistance
         Damping and friction of joints: the part of f(q, v) that acts on one velocity each.
+    payloads : tuple of Payload
+        Bodies that it carries; `model` and `visual_model` have them already.
     """
 
     name: str
@@ -82,6 +85,7 @@ class RobotModel:
     rotations: str = "quaternion"
     redundant_rows: tuple[int, ...] = ()
     resistances: tuple[JointResistance, ...] = ()
+    payloads: tuple[Payload, ...] = ()
 
     def __post_init__(self) -> None:
         if self.rotations not in _ROTATIONS:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from mbocp.robot.large import working_data
 from mbocp.robot.loops import projection
 from mbocp.robot.loops.residual import Closure
 from mbocp.robot.model import RobotModel
+from mbocp.robot.payload import Payload, attach
 from mbocp.robot.poses.inverse_kinematics import InverseKinematics, LimitChoice, solve_inverse_kinematics
 from mbocp.robot.poses.rows import placement_of
 from mbocp.robot.poses.target import Targets
@@ -43,6 +44,30 @@ class Robot(RobotModel):
 
     The parameters are those of `RobotModel`, in its order.
     """
+
+    def with_payload(self, *payloads: Payload) -> Robot:
+        """Copy of the robot that carries bodies, beside those that it carries already.
+
+        Parameters
+        ----------
+        *payloads : Payload
+
+        Returns
+        -------
+        Robot
+            With the same initial pose. Its `spec` names all payloads.
+
+        Raises
+        ------
+        UnknownFrame
+            If a payload's frame does not exist.
+        UnsupportedRobot
+            If a payload's frame does not move, or its name is that of a frame.
+        """
+        model, visuals = attach(self.model, self.visual_model, payloads, self.name)
+        carried = (*self.payloads, *payloads)
+        spec = {**self.spec, "payload": [payload.table for payload in carried]}
+        return replace(self, model=model, visual_model=visuals, payloads=carried, spec=spec)
 
     # Configurations
 

@@ -93,18 +93,23 @@ def _parse_value(value: str, text: str) -> Any:
 
 
 def _put(document: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
-    table = document
+    table: Any = document
     for depth, name in enumerate(path[:-1], start=1):
-        below = table.setdefault(name, {})
+        below = table[int(name)] if isinstance(table, list) else table.setdefault(name, {})
         short = _SHORTHANDS.get(path[:depth])
         if short is not None and isinstance(below, str):
             below = table[name] = {short: below}
-        if not isinstance(below, dict):
+        if not (isinstance(below, dict) or _has_entry(below, path[depth])):
             here = ".".join(path[:depth])
             reason = f"{here} is {shown(below)}, which has no keys below it; set {here} as a whole"
             raise _error(".".join(path), reason)
         table = below
-    table[path[-1]] = value
+    table[int(path[-1]) if isinstance(table, list) else path[-1]] = value
+
+
+def _has_entry(below: Any, name: str) -> bool:
+    """Whether `name` is the place of an entry of a list: path.0.frame."""
+    return isinstance(below, list) and name in map(str, range(len(below)))
 
 
 def plain(value: Any) -> Any:

@@ -16,6 +16,7 @@ from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.solver import SolverOptions
+from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.terms import COST_TERMS, PATH_TERMS
 from mbocp.terms.tables import TargetTable, WeightsTable
 from mbocp.terms.written import (
@@ -136,6 +137,7 @@ class RobotTable(Table):
     rotations: str | None = None
     label: str | None = None
     package_dirs: list[str] | None = None
+    payload: list[PayloadTable] | None = None
 
 
 class HorizonTable(Table):

@@ -32,12 +32,14 @@ from mbocp.robot.loading.examples import load_example
 from mbocp.robot.loading.initial_pose import close_loops
 from mbocp.robot.loading.locking import lock_joints, pose_by_joint
 from mbocp.robot.loading.mimic import Follower, followers
+from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.resistances import Losses, joint_resistances
 from mbocp.robot.loading.robot_yaml import read_robot_yaml
 from mbocp.robot.loading.schema import RobotTable, read_robot_toml
 from mbocp.robot.loading.sources import Source, find_source
 from mbocp.robot.loading.urdf import ROOT_JOINT, Urdf, build_model, read_urdf
 from mbocp.robot.loading.visuals import build_visuals, resolve
+from mbocp.robot.payload import Payload
 from mbocp.robot.resistance import FRICTION_SPEED
 from mbocp.robot.robot import Robot
 
@@ -80,6 +82,7 @@ def load_robot(
     name: str | None = None,
     package_dirs: Sequence[str | Path] = (),
     rotations: str | None = None,
+    payload: Sequence[Payload | Mapping[str, Any]] | None = None,
     base: Path | None = None,
 ) -> Robot:
     """Load a robot.
@@ -122,6 +125,8 @@ def load_robot(
     rotations : {"quaternion", "dcm"}, optional
         How explicit schemes represent rotations in their state, see `Robot`. Default: what robot.toml says,
         else "quaternion".
+    payload : sequence of Payload or mapping, optional
+        Bodies that the robot carries, as `Payload` or as tables of its keys. Default: what robot.toml says.
     base : Path, optional
         Folder that relative paths start from. Default: the working directory.
 
@@ -159,6 +164,7 @@ def load_robot(
         "label": name,
         "package_dirs": [str(d) for d in dirs] or None,
         "rotations": rotations,
+        "payload": None if payload is None else [],  # those that it has in the end name themselves
     }
     body = _body(source, free_flyer, mimic, dirs)
     body = body if name is None else replace(body, name=name)
@@ -167,7 +173,8 @@ def load_robot(
         **{key: value for key, value in options.items() if value is not None},
     }
     losses = _losses(body.table, damping, friction, friction_speed)
-    return _assemble(body, lock, gravity, actuated, rotations, losses, echo)
+    carried = payloads_of(body.table.payloads if payload is None else payload)
+    return _assemble(body, lock, gravity, actuated, rotations, losses, carried, echo)
 
 
 class _Spec(BaseModel):
@@ -187,6 +194,7 @@ class _Spec(BaseModel):
     label: str | None = None
     package_dirs: list[str] = []
     rotations: str | None = None
+    payload: list[dict[str, Any]] | None = None
 
 
 def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Robot:
@@ -196,7 +204,7 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        damping, friction, friction_speed, package_dirs, rotations, and ``label`` for what to call the robot.
+        damping, friction, friction_speed, package_dirs, rotations, payload, and ``label``: what to call it.
     base : Path, optional
         Folder that relative paths start from.
 
@@ -297,6 +305,7 @@ def _assemble(
     actuated: Sequence[str] | None,
     rotations: str | None,
     losses: Losses,
+    carried: tuple[Payload, ...],
     echo: dict[str, Any],
 ) -> Robot:
     joints.check_joints(body.model, body.name)
@@ -327,7 +336,8 @@ def _assemble(
         rotations=rotations or body.table.rotations or "quaternion",
         resistances=joint_resistances(model, tied, losses, body.name),
     )
-    robot = close_loops(robot, _posed(body.table, robot))
+    robot = close_loops(robot, _posed(body.table, robot))  # a pose that does not depend on what it carries
+    robot = robot.with_payload(*carried) if carried else robot
     check_drives(robot)
     check_mechanics(robot)
     return robot

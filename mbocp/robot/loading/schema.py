@@ -19,6 +19,7 @@ from pydantic import (
 from mbocp._files import read_toml
 from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
+from mbocp.robot.loading.payload_table import PayloadTable
 
 __all__ = [
     "TABLES",
@@ -294,6 +295,7 @@ class RobotTable(_Table):
     constraints: list[ConstraintTable] = Field(default=[], alias="constraint")
     springs: list[QuarticSpringTable] = Field(default=[], alias="spring")
     spring_dampers: list[SpringDamperTable] = Field(default=[], alias="spring_damper")
+    payloads: list[PayloadTable] = Field(default=[], alias="payload")
     initial: InitialTable | None = None
     visuals: list[VisualTable] = Field(default=[], alias="visual")
 
@@ -361,7 +363,7 @@ def _plain(text: str) -> str:
     return text.replace("'", "").replace(" or ", ", ")
 
 
-TABLES: dict[str, tuple[type[_Table], ...]] = {
+TABLES: dict[str, tuple[type[BaseModel], ...]] = {
     "actuation": (ActuationTable,),
     "actuator": (JointActuator, Wrench, Thruster),
     "drive": (DriveTable,),
@@ -376,6 +378,7 @@ TABLES: dict[str, tuple[type[_Table], ...]] = {
     ),
     "spring": (QuarticSpringTable,),
     "spring_damper": (SpringDamperTable,),
+    "payload": (PayloadTable,),
     "initial": (InitialTable,),
     "visual": (VisualTable,),
 }
@@ -391,6 +394,6 @@ def _allowed_keys(loc: tuple[int | str, ...], data: Any) -> list[str]:
     return [name for table in (tagged or candidates)[:1] for name in table.model_fields]
 
 
-def _tags(table: type[_Table]) -> tuple[str, ...]:
+def _tags(table: type[BaseModel]) -> tuple[str, ...]:
     field = table.model_fields.get("type")
     return tuple(getattr(field.annotation, "__args__", ())) if field is not None else ()

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.robot.payload import shape_name
 from mbocp.view.meshcat.commands import shape_object
 from mbocp.view.meshcat.shapes import capsule
 from mbocp.view.meshcat.viewer import mg
@@ -25,7 +26,8 @@ _BALL, _ROD = 0xD9822B, 0x5B7FA6
 
 def joints_without_visuals(robot: Robot) -> set[int]:
     """Joints to draw as sticks: all if the robot has no visual at all, else those with missing meshes."""
-    visuals = robot.visual_model.geometryObjects
+    carried = {shape_name(payload) for payload in robot.payloads}
+    visuals = [visual for visual in robot.visual_model.geometryObjects if visual.name not in carried]
     if len(visuals) == 0:
         return set(range(robot.model.njoints))
     seen = {robot.model.frames[visual.parentFrame].name for visual in visuals}

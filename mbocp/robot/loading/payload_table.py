@@ -1,0 +1,137 @@
+"""`[[payload]]` of a robot.toml, `[[robot.payload]]` of a problem file: what a robot carries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+
+from mbocp._numbers import finite_number, is_number
+from mbocp._text import has_control_characters, shown
+from mbocp.exceptions import InvalidValue, RobotError, suggest
+from mbocp.robot.payload import INERTIA_KEYS, SHAPES, Payload
+
+__all__ = ["PayloadTable", "payloads_of"]
+
+_NUMPY = (np.ndarray, np.generic)
+_INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
+
+
+def _number(value: Any) -> float:
+    return finite_number(value)
+
+
+def _vector(value: Any, count: int, expected: str) -> tuple[float, ...]:
+    if not isinstance(value, list | tuple) or len(value) != count or not all(map(is_number, value)):
+        raise ValueError(f"got {shown(value)}, expected {expected}")
+    return tuple(finite_number(entry) for entry in value)
+
+
+def _com(value: Any) -> tuple[float, ...]:
+    return _vector(value, 3, "3 numbers [m]")
+
+
+def _box(value: Any) -> tuple[float, ...]:
+    return _vector(value, 3, "3 lengths x, y, z [m]")
+
+
+def _cylinder(value: Any) -> tuple[float, ...]:
+    return _vector(value, 2, "radius and length [m]")
+
+
+def _inertia(value: Any) -> tuple[float, ...]:
+    if isinstance(value, Mapping):
+        for key in value:
+            if key not in INERTIA_KEYS:
+                raise ValueError(f"unknown key {shown(key)}; {suggest(str(key), INERTIA_KEYS)}")
+        missing = [key for key in INERTIA_KEYS[:3] if key not in value]
+        if missing:
+            raise ValueError(f"{missing[0]} is missing; give ixx, iyy, izz and what is not zero of the rest")
+        value = [value.get(key, 0.0) for key in INERTIA_KEYS]
+    if isinstance(value, list | tuple) and len(value) == 3:
+        value = [*value, 0.0, 0.0, 0.0]
+    return _vector(value, 6, _INERTIA)
+
+
+def _name(value: Any) -> str:
+    if not isinstance(value, str) or not value or has_control_characters(value):
+        raise ValueError(f"got {shown(value)}, expected a name")
+    return value
+
+
+Mass: TypeAlias = Annotated[float, BeforeValidator(_number)]
+Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
+
+
+class PayloadTable(BaseModel):
+    """A body that the robot carries, rigidly attached to one of its frames, see `Payload`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Name | None = None
+    frame: Name
+    mass: Mass
+    com: Annotated[Any, BeforeValidator(_com)] = (0.0, 0.0, 0.0)
+    inertia: Annotated[Any, BeforeValidator(_inertia)] = (0.0,) * 6
+    box: Annotated[Any, BeforeValidator(_box)] = None
+    sphere: Annotated[Any, BeforeValidator(_number)] = None
+    cylinder: Annotated[Any, BeforeValidator(_cylinder)] = None
+
+    @model_validator(mode="after")
+    def _is_a_body(self) -> PayloadTable:
+        try:
+            self.payload("payload")
+        except InvalidValue as error:
+            key = error.name.rpartition(": ")[2]
+            raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
+        return self
+
+    def payload(self, default: str) -> Payload:
+        """The payload; `default` is its name if none is given."""
+        said = self.model_dump(exclude_none=True)
+        return Payload(**{"name": default, **said})
+
+
+def payloads_of(given: Iterable[Payload | PayloadTable | Mapping[str, Any]]) -> tuple[Payload, ...]:
+    """Payloads from tables; those without a name are payload_0, payload_1, ... by their place.
+
+    Raises
+    ------
+    RobotError
+        For an unknown or missing key or a wrong value, naming it.
+    """
+    return tuple(_payload(entry, number) for number, entry in enumerate(given))
+
+
+def _payload(entry: Payload | PayloadTable | Mapping[str, Any], number: int) -> Payload:
+    if isinstance(entry, Payload):
+        return entry
+    if not isinstance(entry, PayloadTable):
+        try:
+            entry = PayloadTable.model_validate(_plain(entry))
+        except ValidationError as error:
+            raise RobotError(_message(error, f"payload[{number}]")) from error
+    return entry.payload(f"payload_{number}")
+
+
+def _plain(entry: Any) -> Any:
+    if not isinstance(entry, Mapping):
+        return entry
+    said = {key: value for key, value in entry.items() if value is not None}
+    return {key: value.tolist() if isinstance(value, _NUMPY) else value for key, value in said.items()}
+
+
+def _message(error: ValidationError, where: str) -> str:
+    first = error.errors()[0]
+    key = ".".join([where, *(str(step) for step in first["loc"])])
+    if first["type"] == "extra_forbidden":
+        return f"{key}: unknown key; {suggest(str(first['loc'][-1]), PayloadTable.model_fields)}"
+    if first["type"] == "missing":
+        return f"{key}: this key is required"
+    if first["type"] == "value_error":
+        return f"{key}: {first['ctx']['error']}"
+    return (
+        f"{key}: got {shown(first['input'])}, expected a table with {', '.join(('frame', 'mass', *SHAPES))}"
+    )
