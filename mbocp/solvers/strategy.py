@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from mbocp.programme.iterate import Iterate
+from mbocp.programme.units import Units
 from mbocp.solvers.auto import solve_automatically
-from mbocp.solvers.cost_unit import (
-    cost_factor,
-    in_users_unit,
-    settings_in_own_unit,
-    start_in_own_unit,
-)
+from mbocp.solvers.cost_unit import run_with_tiny_costs
 from mbocp.solvers.interior import run_interior
 from mbocp.solvers.phases import STOPPED, Outcome, Phases, Start, how_it_ended
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import Status
 from mbocp.solvers.registry import INTERIOR_POINT, make_solver
 from mbocp.solvers.settings import SolverSettings
-from mbocp.solvers.units import in_users_units, start_in
+from mbocp.solvers.units import run_in
 
 __all__ = ["run_strategy"]
-
-_ROUND_OFF = 1e-6  # residual in the unit of a cost of about 1: more is no round-off
-_FINAL = (Status.INTERRUPTED, Status.TIME_LIMIT, Status.INFEASIBLE)  # another unit would not help
 
 
 def run_strategy(settings: SolverSettings, start: Start) -> Outcome:
@@ -41,26 +33,16 @@ def run_strategy(settings: SolverSettings, start: Start) -> Outcome:
         If there is no solver of the method's name.
     """
     units = start.programme.units
-    if not units.are_users:
-        counted = start_in(units, start)
-        outcome = run_strategy(replace(settings, control_weight=counted.programme.control_weight), counted)
-        return replace(outcome, result=in_users_units(units, outcome.result))
-    clock = time.perf_counter()
-    outcome = _run_phases(settings, start)
-    factor = cost_factor(outcome.result.record.cost)
-    if factor == 1.0 or outcome.result.status in _FINAL:
-        return outcome
-    if settings.time_limit is not None:
-        elapsed = time.perf_counter() - clock
-        settings = replace(settings, time_limit=max(0.0, settings.time_limit - elapsed))
-    after = replace(start, first=start.first + outcome.iterations)
-    again = _run_phases(settings_in_own_unit(settings, factor), start_in_own_unit(after, factor))
-    result = in_users_unit(again.result, factor)
-    is_gain = outcome.result.status is not Status.CONVERGED or result.status is Status.CONVERGED
-    is_wrong = result.record.residual > _ROUND_OFF  # then the first was converged by its size alone
-    better = result if is_gain or is_wrong else outcome.result
-    history = outcome.result.history + result.history
-    return replace(again, result=replace(better, history=history), phases=outcome.phases + again.phases)
+    if units.are_users:
+        return run_with_tiny_costs(_run_phases, settings, start)
+    return run_in(units, run_strategy, settings, start, told=f"solved with {_words(units)}")
+
+
+def _words(units: Units) -> str:
+    words = [f"cost weighed {units.cost:.0e} times"]
+    if units.force != 1.0:
+        words = [f"forces counted in {units.force:.0e} N or N m", *words]
+    return " and ".join(words)
 
 
 def _run_phases(settings: SolverSettings, start: Start) -> Outcome:

@@ -1,7 +1,12 @@
-"""A programme counted in units of its own, solved there, and its result counted as the user does."""
+"""A programme counted in units of its own, solved there, and its result counted as the user does.
+
+`mbocp.programme.units` says which units there are and why they lose nothing. Units of a programme that is
+counted in others already are relative to those.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,22 +14,52 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.programme import BoundMultipliers, Iterate, StagewiseProgramme
 from mbocp.programme.units import Units
-from mbocp.solvers.phases import Start
+from mbocp.solvers.phases import Outcome, Start
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.run import SolverResult
+from mbocp.solvers.settings import SolverSettings
 
-__all__ = ["counted_in", "in_users_units", "iterate_in", "start_in"]
+__all__ = ["Run", "counted_in", "iterate_in", "run_in"]
+
+Run = Callable[[SolverSettings, Start], Outcome]
+
+
+def run_in(
+    units: Units, run: Run, settings: SolverSettings, start: Start, told: str, label: str = ""
+) -> Outcome:
+    """Solve in other units than those of the start, and count the result as the start does.
+
+    Parameters
+    ----------
+    units : Units
+    run : callable
+        Solves, with settings for the programme in these units.
+    settings : SolverSettings
+    start : Start
+    told : str
+        Added to the advice.
+    label : str
+        Put behind the phases' names, before that of the start.
+
+    Returns
+    -------
+    outcome : Outcome
+        Iterate and costs are as the start counts them; residuals stay what the solver saw.
+    """
+    counted = _start_in(units, start, label)
+    outcome = run(replace(settings, control_weight=counted.programme.control_weight), counted)
+    return replace(outcome, result=_counted_back(units, outcome.result, told))
 
 
 def counted_in(units: Units, programme: StagewiseProgramme) -> StagewiseProgramme:
-    """The programme with forces and cost in other units than the user's, and no others to be taken."""
+    """The programme with forces and cost in other units than its own, and no others to be taken."""
     force, bounds = units.force, programme.bounds
     u = _where(units.u, force)
     theta = np.where(programme.theta_weights, units.cost, 1.0) * programme.theta
     terminal = np.where(programme.terminal_weights, units.cost, 1.0) * programme.rho_terminal
     return replace(
         programme,
-        theta=frozen_array(np.where(units.theta, force, theta)),
+        theta=frozen_array(_where(units.theta, force) * theta),
         rho_terminal=frozen_array(terminal / _where(units.terminal, force)),
         x_start=frozen_array(programme.x_start / _where(units.x, force)),
         bounds=replace(bounds, u_lower=bounds.u_lower / u, u_upper=bounds.u_upper / u),
@@ -34,7 +69,7 @@ def counted_in(units: Units, programme: StagewiseProgramme) -> StagewiseProgramm
 
 
 def iterate_in(units: Units, iterate: Iterate) -> Iterate:
-    """An iterate of the user's programme as one of the programme counted in `units`."""
+    """An iterate of a programme as one of the programme counted in `units`."""
     force, cost = units.force, units.cost
     x, u = _where(units.x, force), _where(units.u, force)
     bounds = iterate.bounds
@@ -56,40 +91,32 @@ def iterate_in(units: Units, iterate: Iterate) -> Iterate:
     )
 
 
-def start_in(units: Units, start: Start) -> Start:
-    """The same start in other units; its callback sees costs as the user counts them."""
+def _start_in(units: Units, start: Start, label: str) -> Start:
+    """The same start in other units; its callback sees costs as before."""
     callback = start.callback
     return Start(
         counted_in(units, start.programme),
         iterate_in(units, start.iterate),
-        None if callback is None else lambda record: callback(_record(units, record)),
+        None if callback is None else lambda record: callback(_counted_record(units, record)),
         start.first,
-        start.label,
+        label + start.label,
     )
 
 
-def in_users_units(units: Units, result: SolverResult) -> SolverResult:
-    """A result with iterate and costs as the user counts them; residuals stay what the solver saw."""
+def _counted_back(units: Units, result: SolverResult, told: str) -> SolverResult:
     inverse = replace(units, force=1.0 / units.force, cost=1.0 / units.cost)
     return replace(
         result,
-        advice=f"{result.advice}; {_words(units)}",
+        advice=f"{result.advice}; {told}, and residuals are those of that",
         iterate=iterate_in(inverse, result.iterate),
-        record=_record(units, result.record),
-        history=tuple(_record(units, record) for record in result.history),
+        record=_counted_record(units, result.record),
+        history=tuple(_counted_record(units, record) for record in result.history),
     )
 
 
-def _record(units: Units, record: IterationRecord) -> IterationRecord:
+def _counted_record(units: Units, record: IterationRecord) -> IterationRecord:
     return replace(record, cost=record.cost / units.cost)
 
 
 def _where(mask: BoolArray, force: float) -> Array:
     return np.where(mask, force, 1.0)
-
-
-def _words(units: Units) -> str:
-    words = [f"cost weighed {units.cost:.0e} times"]
-    if units.force != 1.0:
-        words = [f"forces counted in {units.force:.0e} N or N m", *words]
-    return f"solved with {' and '.join(words)}, and residuals are those of that"

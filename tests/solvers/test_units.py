@@ -14,7 +14,6 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.guesses import make_guess
 from mbocp.programme import Iterate
 from mbocp.solvers import PureNewton
-from mbocp.solvers.cost_unit import weighed
 from mbocp.solvers.units import counted_in, iterate_in
 from tests.campaign.robots import arm_urdf
 from tests.campaign.run import run_task
@@ -34,7 +33,7 @@ PROBLEMS: dict[str, dict[str, Any]] = {
 }
 
 
-def formulation_of(name: str) -> Formulation:
+def formulation_of(name: str, factor: float = 1.0) -> Formulation:
     tables = {
         "robot": "double_pendulum",
         "duration": 0.3,
@@ -43,6 +42,7 @@ def formulation_of(name: str) -> Formulation:
         "cost": {"effort": 0.1},
         **PROBLEMS[name],
     }
+    tables["cost"] = {key: factor * weight for key, weight in tables["cost"].items()}
     if name == "drives":
         tables["goal"] = {"q": mbocp.load_robot("unicycle_pendulum").q0}
     return formulate(mbocp.Problem.create(**tables))
@@ -87,7 +87,20 @@ def test_there_and_back_is_exact(name: str) -> None:
     for key in ARRAYS:
         assert np.array_equal(getattr(back, key), getattr(iterate, key))
     again = counted_in(inverse, counted_in(units, formulation.programme))
-    assert np.array_equal(again.rho_terminal, formulation.programme.rho_terminal)
+    for key in ("theta", "rho_terminal", "x_start"):
+        assert np.array_equal(getattr(again, key), getattr(formulation.programme, key))
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_units_of_a_programme_in_units_are_relative_to_them(name: str) -> None:
+    programme = formulation_of(name).programme
+    both = counted_in(replace(programme.units, force=FORCE, cost=COST), programme)
+    first = counted_in(replace(programme.units, force=FORCE), programme)
+    then = counted_in(replace(first.units, cost=COST), first)
+    assert then.units.are_users
+    assert then.control_weight == both.control_weight
+    for key in ("theta", "rho_terminal", "x_start"):
+        assert np.array_equal(getattr(then, key), getattr(both, key))
 
 
 def arm(mass: float, folder: Path) -> mbocp.Robot:
@@ -142,7 +155,8 @@ def test_problems_of_ordinary_size_keep_their_units() -> None:
 
 def test_costs_are_multiplied_as_by_their_weights() -> None:
     programme = formulation_of("rates of controls").programme
-    counted, other = counted_in(replace(programme.units, cost=COST), programme), weighed(programme, COST)
+    counted = counted_in(replace(programme.units, cost=COST), programme)
+    other = formulation_of("rates of controls", factor=COST).programme
     for key in ("theta", "rho_terminal"):
         assert np.array_equal(getattr(counted, key), getattr(other, key))
 
