@@ -78,7 +78,7 @@ Direction: TypeAlias = Annotated[Vector3, AfterValidator(_has_direction)]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class ActuationTable(_Table):
@@ -388,8 +388,7 @@ def _allowed_keys(loc: tuple[int | str, ...], data: Any) -> list[str]:
     """Keys of the table that an unknown key stands in."""
     if len(loc) == 1:
         return [field.alias or name for name, field in RobotTable.model_fields.items()]
-    written = RobotTable.model_fields.get(str(loc[0]))  # a list may be written by the name of its field, too
-    candidates = TABLES[written.alias if written is not None and written.alias else str(loc[0])]
+    candidates = TABLES[str(loc[0])]
     tagged = [c for c in candidates if any(step in _tags(c) for step in loc[1:])]
     return [name for table in (tagged or candidates)[:1] for name in table.model_fields]
 

@@ -216,9 +216,13 @@ WRONG = {
     r"spring\[0\]\.length: got 1e-200 m, expected at least 1e-09 m": (
         '[[spring]]\nframes = ["l1", "l2"]\nstiffness = 1\nlength = 1e-200'
     ),
-    r"spring_dampers\[0\]\.coefficient: unknown key": (
-        '[[spring_dampers]]\nframes = ["l1", "l2"]\ncoefficient = 1'
+    r"spring_damper\[0\]\.coefficient: unknown key; valid names: name, frames, stiffness, damping, length": (
+        '[[spring_damper]]\nframes = ["l1", "l2"]\ncoefficient = 1'
     ),
+    "spring_dampers: unknown key; did you mean 'spring_damper'": (
+        '[[spring_dampers]]\nframes = ["l1", "l2"]\nstiffness = 1'
+    ),
+    "actuators: unknown key; did you mean 'actuator'": '[[actuators]]\ntype = "joint"\njoint = "j1"',
     r"spring_damper\[0\]\.damping: got -1": '[[spring_damper]]\nframes = ["l1", "l2"]\ndamping = -1',
     r"actuator\[0\]: unknown type 'motor', known: joint, wrench, thruster": '[[actuator]]\ntype = "motor"',
     r"actuator\[0\]: type is required": '[[actuator]]\njoint = "j1"',
