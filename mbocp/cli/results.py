@@ -67,13 +67,15 @@ def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
 def print_info(result: Path, *, as_json: bool) -> None:
     """Print what a result is."""
     from mbocp.cli.summary import print_rows, robot_words, solution_rows
+    from mbocp.problem.coordinates import COORDINATES
     from mbocp.solution import Solution
 
     solution = Solution.load(result)
     if as_json:
         typer.echo(solution.to_json(indent=2))
         return
-    nc = solution.nc if solution.coordinates == "joint" else 0  # else those of rigid bodies are among them
+    known = COORDINATES.get(solution.coordinates)  # where others have multipliers of rigid bodies, too
+    nc = solution.nc if known is not None and known.has_robot_multipliers else 0
     robot = robot_words(solution.robot_name, solution.nv, solution.nu, nc)
     rows = solution_rows(solution, robot)
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mbocp.cli.console import output
-from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.integrators import SCHEMES
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -104,7 +104,8 @@ def goal_error(solution: Solution, problem: Problem) -> str:
 def _scheme(solution: Solution) -> str:
     if not solution.scheme:
         return ""
-    if solution.scheme not in EXPLICIT_SCHEMES:
+    known = SCHEMES.get(solution.scheme)
+    if known is None or not known.takes("integrator.lie"):
         return f" by scheme {solution.scheme}"
     within = f", {solution.substeps} steps in each" if solution.substeps > 1 else ""
     how = "" if solution.is_vector_space else f"; rotations: {solution.rotations}, {solution.lie}"

@@ -151,7 +151,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         terminal_weights=layout.weighing(layout.terminal),
         x_start=pieces.x_start,
         bounds=bounds,
-        is_explicit=signature.steps.give_next_state,
+        rows_are_gaps=signature.steps.rows_are_gaps,
         dt=problem.dt,
         control_weight=_control_weight(problem),
         describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
@@ -194,7 +194,7 @@ def signature_of(
     *,
     is_flat: bool,
     guarded: tuple[int, ...] = (),
-    speaks_of_joints: bool = True,
+    has_joint_goal: bool = False,
 ) -> FunctionSignature:
     """FunctionSignature of a problem: what it says itself, and what its formulation has chosen.
 
@@ -209,8 +209,8 @@ def signature_of(
         See `StateLayout`.
     guarded : tuple of int
         See `FunctionSignature`.
-    speaks_of_joints : bool
-        Whether states are configurations of the joints, so that the end condition is in their coordinates.
+    has_joint_goal : bool
+        See `TerminalCost`.
     """
     goal, nv = problem.goal, problem.robot.nv
     given = TermNumbers(problem.cost, problem.robot, joints, problem.num_steps, problem.terms)
@@ -219,7 +219,7 @@ def signature_of(
         steps=steps,
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
         cost=running_terms(given),
-        terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, is_natural=not speaks_of_joints),
+        terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
         path=tuple(constraint.structure(_of_joints(joints)) for constraint in problem.path),
         own_ends=own_ends(given),
         is_flat=is_flat,

@@ -44,7 +44,7 @@ class ExplicitSteps:
     lie: str
     substeps: int
 
-    give_next_state = True
+    rows_are_gaps = True
     tau = 0.0
 
     @property

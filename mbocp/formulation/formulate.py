@@ -9,7 +9,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.explicit import ExplicitFormulation
 from mbocp.formulation.implicit import ImplicitFormulation
 from mbocp.formulation.natural import NaturalFormulation
-from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.integrators import TABLEAUX
 from mbocp.mechanics import natural_mechanics
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
@@ -39,7 +39,7 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     ProblemError
         If a velocity is limited that is no unknown, because controls prescribe it.
     """
-    if problem.scheme in EXPLICIT_SCHEMES:
+    if problem.scheme in TABLEAUX:
         return ExplicitFormulation.of(problem, without, deadline=deadline)
     # Robots whose bodies only slide have the same equations in both coordinates.
     if problem.coordinates == "natural" and natural_mechanics(problem.robot).tree.turning:

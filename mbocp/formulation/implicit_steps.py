@@ -25,7 +25,7 @@ class ImplicitSteps:
 
     scheme: str
 
-    give_next_state = False
+    rows_are_gaps = False
     remedy = 'Take coordinates = "natural", or lock joints'
 
     @property
@@ -77,9 +77,8 @@ def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
     before = State(at.at0[layout.z], at.at0[layout.s])
     after = State(at.at1[layout.z], at.at1[layout.s])
     point = evaluation_point(mechanics, scheme, before, after, dt)
-    rows = step_rows(
-        mechanics, scheme, before, after, point, force * at.y, at.controls, dt, is_flat=layout.is_flat
-    )
+    impulse, difference = force * at.y, space.configuration_difference
+    rows = step_rows(mechanics, scheme, before, after, point, impulse, at.controls, dt, difference=difference)
     momentum = (1.0 / force) * rows.momentum
     previous = at.u - at.at1[layout.r] if layout.nr else ca.SX.zeros(0, 1)
     c = ca.densify(ca.vertcat(rows.kinematic, momentum, previous, rows.constraint))

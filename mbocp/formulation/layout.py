@@ -95,10 +95,12 @@ class StateSpace:
     def difference(self, x0: ca.SX, x1: ca.SX) -> ca.SX:
         """Tangent that leads from one state to another."""
         at = self.layout
-        if at.is_flat:
-            return x1 - x0
-        between = self.configurations.difference(x0[at.z], x1[at.z])
+        between = self.configuration_difference(x0[at.z], x1[at.z])
         return ca.vertcat(between, x1[at.nz :] - x0[at.nz :])
+
+    def configuration_difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
+        """What leads from one configuration to another, shape (nw,)."""
+        return z1 - z0 if self.layout.is_flat else self.configurations.difference(z0, z1)
 
     def at_zero_tangents(
         self,

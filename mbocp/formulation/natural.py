@@ -60,7 +60,7 @@ class NaturalFormulation:
         joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
         rows = end_condition_rows(robot, problem.goal).without(without)
         signature = signature_of(
-            problem, joints, rows, NaturalSteps(problem.scheme), is_flat=True, speaks_of_joints=False
+            problem, joints, rows, NaturalSteps(problem.scheme), is_flat=True, has_joint_goal=True
         )
         at = signature.state_layout(space.nz, space.nv, space.nv, robot.nu)
         check_size(problem, signature, at, mechanics.nc)

@@ -22,7 +22,7 @@ class NaturalSteps:
 
     scheme: str
 
-    give_next_state = False
+    rows_are_gaps = False
     remedy = "Lock joints"
 
     @property

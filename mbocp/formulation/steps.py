@@ -101,7 +101,7 @@ class Steps(Protocol):
         """What else the functions of the end depend on: the word "scheme"."""
 
     @property
-    def give_next_state(self) -> bool:
+    def rows_are_gaps(self) -> bool:
         """Whether rows are F(x0, u) - x1, in the units of states; others balance momenta."""
 
     @property

@@ -39,7 +39,7 @@ def units_of(
     x, rows = np.zeros(at.nx, dtype=bool), np.zeros(at.ndx + num_algebraic, dtype=bool)
     if at.nr:
         x[at.r] = rows[at.dr] = is_force
-    rows[at.ds] = not signature.steps.give_next_state
+    rows[at.ds] = not signature.steps.rows_are_gaps
     force, cost = ordinary_units(problem)
     return Units(
         force=force,

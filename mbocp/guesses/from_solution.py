@@ -12,6 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion
 from mbocp.mechanics import dual_of_velocity
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.solution import Solution
 
@@ -28,8 +29,9 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     """
     problem, programme = formulation.problem, formulation.programme
     robot, N, dt = problem.robot, problem.num_steps, programme.dt
-    is_natural = saved.coordinates == "natural"  # then multipliers belong to other constraints
-    nc = robot.nc if is_natural else saved.lams.shape[1]
+    known = COORDINATES.get(saved.coordinates)
+    has_multipliers = known is None or known.has_robot_multipliers
+    nc = saved.lams.shape[1] if has_multipliers else robot.nc
     got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], nc)
     if got != (robot.nq, robot.nv, robot.nu, robot.nc):
         raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, robot.nc))
@@ -45,9 +47,9 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     vs = _between(saved.vs, left, share)
     middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
     us = saved.us[middle]
-    lams = np.zeros((N, robot.nc)) if is_natural else saved.lams[middle]
+    lams = saved.lams[middle] if has_multipliers else np.zeros((N, robot.nc))
     iterate = formulation.iterate_of(Motion(qs, vs, us), lams)
-    if is_natural or not formulation.keeps_adjoints:
+    if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
     mus = _row_multipliers(saved, formulation, left, share)
     return replace(

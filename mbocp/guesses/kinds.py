@@ -9,6 +9,7 @@ from mbocp.guesses.hold import can_hold, hold
 from mbocp.guesses.line import at_rest, driven_line, is_whole, line
 from mbocp.guesses.simulated import simulated
 from mbocp.problem import Problem
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
 
 __all__ = ["guess_candidates", "plain_guess"]
@@ -23,7 +24,7 @@ def guess_candidates(problem: Problem) -> tuple[str, ...]:
     """
     if problem.guess.kind != "auto":
         return (problem.guess.kind,)
-    if problem.coordinates == "natural":  # far from a solution Newton's method gets on badly there
+    if COORDINATES[problem.coordinates].takes_joint_guess:
         return ("joint", *guess_candidates(problem.with_(coordinates="joint")))
     kinds = ["line"] if is_whole(problem) else []
     if can_hold(problem):

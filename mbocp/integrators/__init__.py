@@ -2,21 +2,21 @@
 
 from mbocp.integrators.euler import EULER_SCHEMES, TAU, State, StepRows, evaluation_point, step_rows
 from mbocp.integrators.points import evaluation_points
-from mbocp.integrators.tableaux import EXPLICIT_SCHEMES, LIE_METHODS, TABLEAUX, Tableau
-
-SCHEMES = (*EULER_SCHEMES, *EXPLICIT_SCHEMES)
+from mbocp.integrators.schemes import SCHEMES, SchemeData, schemes_with
+from mbocp.integrators.tableaux import LIE_METHODS, TABLEAUX, Tableau
 
 __all__ = [
     "EULER_SCHEMES",
-    "EXPLICIT_SCHEMES",
     "LIE_METHODS",
     "SCHEMES",
     "TABLEAUX",
     "TAU",
+    "SchemeData",
     "State",
     "StepRows",
     "Tableau",
     "evaluation_point",
     "evaluation_points",
+    "schemes_with",
     "step_rows",
 ]

@@ -21,7 +21,7 @@ Constraints hold at the nodes, not at :math:`q_\tau` as in Appendix C:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -34,6 +34,8 @@ __all__ = ["EULER_SCHEMES", "TAU", "State", "StepRows", "evaluation_point", "ste
 # Appendix B: where in its step a scheme looks at state and forces.
 TAU: Mapping[str, float] = MappingProxyType({"se1": 1.0, "se2": 0.0, "midpoint": 0.5})
 EULER_SCHEMES = tuple(TAU)
+
+Difference = Callable[[ca.SX, ca.SX], ca.SX]
 
 
 class State(NamedTuple):
@@ -56,7 +58,7 @@ class StepRows(NamedTuple):
     Eliminating q_n leaves [-M, -Phi_q'], [theta Phi_q, 0] with theta = tau, or 1 for SE2: free of dt.
     """
 
-    kinematic: ca.SX  # (nv,) [m, rad]; (nq,) where it is flat
+    kinematic: ca.SX  # (nv,) [m, rad]; (nq,) where coordinates are compared
     momentum: ca.SX  # (nv,) [N s, N m s]
     constraint: ca.SX  # (nc,) Phi / dt
 
@@ -86,7 +88,7 @@ def step_rows(
     u: ca.SX,
     dt: ca.SX,
     *,
-    is_flat: bool = False,
+    difference: Difference | None = None,
 ) -> StepRows:
     r"""Kinematics :math:`q_n = q_{n-1}\exp(\Delta t\,v_\tau)`, momentum balance and constraints of one step.
 
@@ -106,8 +108,8 @@ def step_rows(
         Control of the step, u_{n-1}.
     dt : casadi.SX
         Step length [s].
-    is_flat : bool
-        Compare configurations coordinate by coordinate, (nq,) rows, and not in the tangent space.
+    difference : callable, optional
+        Compares two configurations in the kinematic rows; None: in the tangent space, as `mechanics` does.
 
     Returns
     -------
@@ -115,7 +117,7 @@ def step_rows(
         With the signs of eq. (24): dt f - (y_n - y_{n-1}).
     """
     reached = mechanics.integrate(before.q, dt * at.v)
-    kinematic = reached - after.q if is_flat else mechanics.difference(after.q, reached)  # Eq. (24), q
+    kinematic = (difference or mechanics.difference)(after.q, reached)  # Eq. (24), q
     acceleration = (after.v - before.v) / dt
     momentum = dt * (
         mechanics.force(at.q, at.v, u) - mechanics.inverse_dynamics(at.q, at.v, acceleration)

@@ -54,7 +54,7 @@ class ExplicitStep:
     ----------
     mechanics : ForwardMechanics
     scheme : str
-        One of `EXPLICIT_SCHEMES`.
+        One of `TABLEAUX`.
     lie : {"plain", "baumgarte", "munthe_kaas"}
     substeps : int
         Steps of equal length that make up this one.

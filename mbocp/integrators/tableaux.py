@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
-__all__ = ["EXPLICIT_SCHEMES", "LIE_METHODS", "TABLEAUX", "Tableau"]
+__all__ = ["LIE_METHODS", "TABLEAUX", "Tableau"]
 
 
 @dataclass(frozen=True)
@@ -71,5 +71,4 @@ TABLEAUX: Mapping[str, Tableau] = MappingProxyType(
         ),
     }
 )
-EXPLICIT_SCHEMES = tuple(TABLEAUX)
 LIE_METHODS = ("plain", "baumgarte", "munthe_kaas")

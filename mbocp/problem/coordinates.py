@@ -1,14 +1,53 @@
-"""Checks of problems in natural coordinates."""
+"""What problems in each choice of coordinates can have, and its checks."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
 from mbocp.exceptions import ProblemError
-from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.integrators import SCHEMES
 from mbocp.mechanics import natural_mechanics
 from mbocp.problem.limits import Bounds
 from mbocp.robot import Robot
 
-__all__ = ["check_coordinates"]
+__all__ = ["COORDINATES", "CoordinatesData", "check_coordinates"]
+
+
+@dataclass(frozen=True)
+class CoordinatesData:
+    """What problems in some coordinates can have.
+
+    Attributes
+    ----------
+    needs_constraints : bool
+        Whether constraints tie the coordinates of any robot, so that a scheme has to solve them.
+    limits_joints : bool
+        Whether positions and velocities of joints can be limited.
+    takes_joint_guess : bool
+        Whether a solution in the coordinates of the joints is a guess, and the first one to try.
+    has_robot_multipliers : bool
+        Whether the multipliers of a solution are those of the robot's own constraints, and no others.
+    """
+
+    needs_constraints: bool
+    limits_joints: bool
+    takes_joint_guess: bool
+    has_robot_multipliers: bool
+
+
+COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
+    {
+        "joint": CoordinatesData(
+            needs_constraints=False, limits_joints=True, takes_joint_guess=False, has_robot_multipliers=True
+        ),
+        # Far from a solution Newton's method gets on badly with bodies: hence the guess.
+        "natural": CoordinatesData(
+            needs_constraints=True, limits_joints=False, takes_joint_guess=True, has_robot_multipliers=False
+        ),
+    }
+)
 
 
 def check_coordinates(robot: Robot, coordinates: str, scheme: str, limits: Bounds) -> None:
@@ -21,13 +60,14 @@ def check_coordinates(robot: Robot, coordinates: str, scheme: str, limits: Bound
     UnsupportedRobot
         For joints that natural coordinates do not know.
     """
-    if coordinates != "natural":
-        return
-    if scheme in EXPLICIT_SCHEMES:
+    data = COORDINATES[coordinates]
+    if data.needs_constraints and not SCHEMES[scheme].solves_constraints:
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", but natural coordinates are tied by constraints, which are '
             'solved with each step; take "se1", "se2" or "midpoint", or coordinates = "joint"'
         )
+    if data.limits_joints:
+        return
     mechanics = natural_mechanics(robot)
     if not mechanics.tree.turning:
         return  # the same as joint coordinates

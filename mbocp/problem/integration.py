@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias
 
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.integrators import EXPLICIT_SCHEMES, LIE_METHODS, SCHEMES
+from mbocp.integrators import LIE_METHODS, SCHEMES, schemes_with
 from mbocp.problem._checks import check_choice, check_integer, check_number
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
@@ -15,8 +16,6 @@ __all__ = ["Lie", "Scheme", "Stabilisation", "check_integrator", "check_unused",
 
 Scheme: TypeAlias = Literal["se1", "se2", "midpoint", "euler", "heun", "rk4", "rkf5"]
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
-
-_EXPLICIT = ", ".join(f'"{name}"' for name in EXPLICIT_SCHEMES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,33 +55,37 @@ def check_integrator(
     check_choice("integrator.scheme", scheme, SCHEMES)
     check_choice("integrator.lie", lie, LIE_METHODS)
     check_integer("integrator.substeps", substeps, minimum=1)
-    if scheme in EXPLICIT_SCHEMES:
-        return
     check_unused("integrator.lie", lie, "munthe_kaas", scheme)
     check_unused("integrator.substeps", substeps, 1, scheme)
     for field in fields(Stabilisation):
         check_unused(f"integrator.{field.name}", getattr(stabilisation, field.name), field.default, scheme)
-    if robot.drives:
+    if robot.drives and not SCHEMES[scheme].takes_drives:
+        able = [name for name, data in SCHEMES.items() if data.takes_drives]
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", but controls of robot {robot.name!r} prescribe velocities '
-            f"({', '.join(drive.name for drive in robot.drives)}), which only explicit schemes ({_EXPLICIT}) "
-            "can do"
+            f"({', '.join(drive.name for drive in robot.drives)}), which only explicit schemes "
+            f"({_quoted(able)}) can do"
         )
-    if robot.rotations == "dcm" and has_rotations(robot):
+    if robot.rotations == "dcm" and not SCHEMES[scheme].takes_matrices and has_rotations(robot):
+        able = [name for name, data in SCHEMES.items() if data.takes_matrices]
         raise ProblemError(
             f'robot.rotations: got "dcm", but scheme "{scheme}" keeps rotations as quaternions; choose an '
-            f'explicit scheme ({_EXPLICIT}), or rotations = "quaternion"'
+            f'explicit scheme ({_quoted(able)}), or rotations = "quaternion"'
         )
 
 
 def check_unused(key: str, value: object, default: object, scheme: str) -> None:
-    """Refuse a value that an implicit scheme would pass over in silence."""
-    if scheme not in EXPLICIT_SCHEMES and value != default:
+    """Refuse a value that the scheme would pass over in silence."""
+    if not SCHEMES[scheme].takes(key) and value != default:
         got = f'"{value}"' if isinstance(value, str) else str(value).lower()
         raise ProblemError(
             f'{key}: got {got}, which scheme "{scheme}" does not use; leave it out, or choose an explicit '
-            f"scheme ({_EXPLICIT})"
+            f"scheme ({_quoted(schemes_with(key))})"
         )
+
+
+def _quoted(names: Iterable[str]) -> str:
+    return ", ".join(f'"{name}"' for name in names)
 
 
 def has_rotations(robot: Robot) -> bool:

@@ -26,7 +26,7 @@ from mbocp.problem._checks import (
     check_size,
 )
 from mbocp.problem.consistency import check_end_conditions, check_goal_rate
-from mbocp.problem.coordinates import check_coordinates
+from mbocp.problem.coordinates import COORDINATES, check_coordinates
 from mbocp.problem.cost import Cost
 from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
 from mbocp.problem.file.changes import changed
@@ -44,7 +44,6 @@ from mbocp.terms import OwnPathConstraint, OwnTerm
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
-COORDINATES: tuple[str, ...] = ("joint", "natural")
 MAX_DURATION = 1e12  # [s] 30,000 years; squares of much longer ones overflow
 MIN_DURATION = 1e-12  # [s] squares of much shorter steps underflow
 
@@ -177,7 +176,7 @@ class Problem:
         self._check_cost()
         self._check_inequalities()
         self.guess.check_dimensions(self.robot.nu)
-        if self.guess.kind == "joint" and self.coordinates == "joint":
+        if self.guess.kind == "joint" and not COORDINATES[self.coordinates].takes_joint_guess:
             raise ProblemError('guess.kind: "joint" is for coordinates = "natural"; take another, or "auto"')
 
     @property

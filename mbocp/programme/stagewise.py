@@ -83,8 +83,8 @@ class StagewiseProgramme:
         The given state x_0, as the scheme takes it.
     bounds : StateBounds
         On states, controls and path functions; only interior-point solvers keep them.
-    is_explicit : bool
-        Whether the rows of a step are F(x_{n-1}, u_{n-1}) - x_n.
+    rows_are_gaps : bool
+        Whether the rows of a step are F(x_{n-1}, u_{n-1}) - x_n: the gap to the state that it reaches.
     dt : float
         Step length [s].
     control_weight : float
@@ -112,7 +112,7 @@ class StagewiseProgramme:
     terminal_weights: BoolArray
     x_start: Array
     bounds: StateBounds
-    is_explicit: bool
+    rows_are_gaps: bool
     dt: float
     control_weight: float
     describe_row: Callable[[int, int], str] = field(compare=False)

@@ -136,8 +136,8 @@ class StudyResult:
         names, columns = [], []
         for name in self.columns:
             entries = self._entries(name)
-            width = max((len(e) for e in entries if _is_flat(e)), default=0)
-            if width and all(e is None or _is_flat(e) for e in entries):
+            width = max((len(e) for e in entries if _is_plain_list(e)), default=0)
+            if width and all(e is None or _is_plain_list(e) for e in entries):
                 names += [f"{name}[{i}]" for i in range(width)]
                 columns += [[e[i] if e and i < len(e) else None for e in entries] for i in range(width)]
             else:
@@ -168,7 +168,7 @@ class StudyResult:
         raise StudyError(f"there is no column {name!r}: {suggest(name, self.columns)}")
 
 
-def _is_flat(entry: Any) -> bool:
+def _is_plain_list(entry: Any) -> bool:
     return isinstance(entry, list) and not any(isinstance(part, (list, dict)) for part in entry)
 
 

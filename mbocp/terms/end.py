@@ -78,7 +78,7 @@ class TerminalCost(CostTerm):
     rate : {"v", "p"}
     parts : tuple of int or None
         Parts of the configuration space that have weights; None: all.
-    is_natural : bool
+    has_joint_goal : bool
         Whether the end condition speaks of bodies, so that the goal of the joints is needed beside it.
     """
 
@@ -86,7 +86,7 @@ class TerminalCost(CostTerm):
     p: bool
     rate: str
     parts: tuple[int, ...] | None
-    is_natural: bool
+    has_joint_goal: bool
 
     key = "terminal"
 
@@ -107,16 +107,22 @@ class TerminalCost(CostTerm):
             ),
         ] = None
 
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its functions depend on, in the words that compiled functions are kept under."""
+        said = {name: value for name, value in super().signature.items() if name != "has_joint_goal"}
+        return {**said, "is_natural": self.has_joint_goal}
+
     @classmethod
     def of(
-        cls, cost: CostWeights, joints: ConfigurationSpace, nv: int, rate: str, *, is_natural: bool
+        cls, cost: CostWeights, joints: ConfigurationSpace, nv: int, rate: str, *, has_joint_goal: bool
     ) -> TerminalCost | None:
         """The term where it has a weight."""
         weights = np.asarray(cost.weight("terminal_weights"))
         if not (cost.weight("terminal") > 0 and weights.any()):
             return None
         q, p = bool(np.any(weights[:nv])), bool(np.any(weights[nv:]))
-        return cls(q, p, rate, joints.weighed_parts(weights[:nv]), is_natural)
+        return cls(q, p, rate, joints.weighed_parts(weights[:nv]), has_joint_goal)
 
     @classmethod
     def read(cls, table: Any, reader: Reader) -> dict[str, Any]:
@@ -139,11 +145,11 @@ class TerminalCost(CostTerm):
         found = {}
         if self.q:
             found["weight_q"] = sizes.joint_nv
-            if self.is_natural:
+            if self.has_joint_goal:
                 found["joint_q"] = sizes.joint_nz
         if self.p:
             found["weight_rate"] = sizes.joint_nv
-            if self.is_natural:
+            if self.has_joint_goal:
                 found["joint_rate"] = sizes.joint_nv
         return found
 
@@ -162,10 +168,10 @@ class TerminalCost(CostTerm):
         """Half the weighted square of the distance from the goal."""
         psi = ca.SX(0)
         if self.q:
-            error = at.joint_difference(p["joint_q"] if self.is_natural else p["q"], self.parts)
+            error = at.joint_difference(p["joint_q"] if self.has_joint_goal else p["q"], self.parts)
             psi += ca.dot(p["weight_q"] * error, error) / 2
         if self.p:
-            error = self._joint_rate(at) - p["joint_rate"] if self.is_natural else goal.rate_error(at, p)
+            error = self._joint_rate(at) - p["joint_rate"] if self.has_joint_goal else goal.rate_error(at, p)
             psi += ca.dot(p["weight_rate"] * error, error) / 2
         return psi
 

@@ -58,7 +58,7 @@ class Stage:
             ImplicitSteps(scheme),
             ExactGoal("p", nv, nv),
             (Effort(), Tracking(q=True, p=True), Velocity()),
-            TerminalCost(q=True, p=True, rate="p", parts=None, is_natural=False),
+            TerminalCost(q=True, p=True, rate="p", parts=None, has_joint_goal=False),
         )
         mechanics = JointMechanics(robot)
         self.functions = build_functions(mechanics, signature) | build_end_functions(mechanics, signature)

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 from mbocp._arrays import Array
-from mbocp.integrators import EXPLICIT_SCHEMES, LIE_METHODS, TABLEAUX, Tableau
+from mbocp.integrators import LIE_METHODS, TABLEAUX, Tableau
 from mbocp.lie import ConfigurationSpace
 from mbocp.lie.groups import Circle, Plane, Quaternion
 from mbocp.robot import Robot
@@ -91,7 +91,7 @@ def test_rooted_trees_are_counted() -> None:
     assert [len(trees(n)) for n in range(1, 7)] == [1, 1, 2, 4, 9, 20]
 
 
-@pytest.mark.parametrize("scheme", EXPLICIT_SCHEMES)
+@pytest.mark.parametrize("scheme", tuple(TABLEAUX))
 def test_coefficients_satisfy_the_order_conditions(scheme: str) -> None:
     tableau = TABLEAUX[scheme]
     assert tableau.order == ORDER[scheme]

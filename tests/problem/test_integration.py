@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from mbocp.exceptions import InvalidValue, MbocpError, ProblemError
-from mbocp.integrators import EULER_SCHEMES, EXPLICIT_SCHEMES
+from mbocp.integrators import EULER_SCHEMES, TABLEAUX
 from mbocp.problem import Problem, Stabilisation, parse_problem, problem_to_toml
 from mbocp.problem.integration import has_rotations
 from mbocp.robot import Robot, load_robot
@@ -33,7 +33,7 @@ def test_defaults_are_those_of_the_first_paper(load: Loader) -> None:
     assert problem.solver.linear_solver == "auto"
 
 
-@pytest.mark.parametrize("scheme", EXPLICIT_SCHEMES)
+@pytest.mark.parametrize("scheme", tuple(TABLEAUX))
 @pytest.mark.parametrize("lie", ["plain", "baumgarte", "munthe_kaas"])
 def test_explicit_schemes_read_back(load: Loader, scheme: str, lie: str) -> None:
     problem = load(

@@ -288,7 +288,7 @@ def test_explicit_steps_that_are_far_too_long_do_not_hold_fatrop_for_ever(
 def test_the_growth_of_a_step_does_not_depend_on_units() -> None:
     draw = np.random.default_rng(0)
     N, nx = 3, 4
-    layout = NlpLayout(N, nx, 2, 0, 0, 0, 0, is_explicit=True, is_lifted=False)
+    layout = NlpLayout(N, nx, 2, 0, 0, 0, 0, rows_are_gaps=True, is_lifted=False)
     for size, is_calm in ((10.0, True), (1e4, False)):
         units = 10.0 ** draw.uniform(-6, 6, nx)
         turn = np.linalg.qr(draw.standard_normal((nx, nx)))[0]

@@ -223,7 +223,7 @@ def test_stages_are_banded(nlp: Nlp) -> None:
     assert np.all((block == node) | (block == node + 1))
     is_gap = np.isin(rows, lay.gaps)
     assert np.all(block[~is_gap] == node[~is_gap])
-    if lay.is_lifted or lay.is_explicit:  # gaps x_{n+1} - F(x_n, w_n)
+    if lay.is_lifted or lay.rows_are_gaps:  # gaps x_{n+1} - F(x_n, w_n)
         ahead = is_gap & (block == node + 1)
         offset = columns[ahead] - np.minimum(block[ahead], lay.num_steps) * lay.block
         assert np.array_equal(offset, rows[ahead] - lay.gaps[node[ahead], 0])

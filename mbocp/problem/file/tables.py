@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.integrators import EXPLICIT_SCHEMES
+from mbocp.integrators import SCHEMES
 from mbocp.problem.cost import Cost
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.path_table import path_tables
@@ -90,7 +90,7 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
         "robot": dict(robot.spec),
         "horizon": {"duration": problem.duration, "steps": problem.num_steps},
         "start": {"q": problem.q_start, "v": problem.v_start},
-        "goal": _goal(problem.goal, robot, problem.scheme in EXPLICIT_SCHEMES),
+        "goal": _goal(problem.goal, robot, problem.scheme),
         "cost": _cost(problem.cost),
         "guess": _guess(problem.guess),
         "limits": _limits(problem.limits),
@@ -110,10 +110,10 @@ def to_toml(document: Mapping[str, Any]) -> str:
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _goal(goal: Goal, robot: Robot, is_explicit: bool) -> dict[str, Any]:
+def _goal(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
     table: dict[str, Any] = {"enforce": goal.enforce}
-    if is_explicit:
-        table |= {"guard": goal.guard, "redundant": goal.redundant}
+    options = {"guard": goal.guard, "redundant": goal.redundant}
+    table |= {key: value for key, value in options.items() if SCHEMES[scheme].takes(f"goal.{key}")}
     for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
         if active.any():
             table[key] = _written(robot, value, active)
@@ -142,10 +142,9 @@ def _limits(limits: Bounds) -> dict[str, Any]:
 
 
 def _integrator(problem: ProblemFields) -> dict[str, Any]:
-    if problem.scheme not in EXPLICIT_SCHEMES:
-        return {"scheme": problem.scheme}
-    words = {"scheme": problem.scheme, "lie": problem.lie, "substeps": problem.substeps}
-    return words | asdict(problem.stabilisation)
+    options = {"lie": problem.lie, "substeps": problem.substeps, **asdict(problem.stabilisation)}
+    taken = {key: v for key, v in options.items() if SCHEMES[problem.scheme].takes(f"integrator.{key}")}
+    return {"scheme": problem.scheme, **taken}
 
 
 def _guess(guess: Guess) -> dict[str, Any]:

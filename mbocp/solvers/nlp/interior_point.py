@@ -188,7 +188,7 @@ class _Compiled:
         w, p = ca.MX.sym("x", functions.f.numel_in(0)), ca.MX.sym("p", functions.f.numel_in(1))
         rows, jacobian = functions.jac_g(w, p)
         guarded = all_or_none(ca.MX(jacobian.sparsity(), jacobian.nz[:] + self.iteration_callback(w)))
-        if not is_ipopt and key.layout.is_explicit:
+        if not is_ipopt and key.layout.rows_are_gaps:
             guarded = calm_or_none(guarded, key.layout)
         self.gradient = functions.gradient(has_cost=False)
         cache = {

@@ -36,7 +36,7 @@ class NlpLayout:
         State, control, algebraic unknowns.
     ng, num_guards, nh : int
         End condition, its guards, path constraints at each node but the first.
-    is_explicit : bool
+    rows_are_gaps : bool
         Whether the step's rows are F(x_n, u_n) - x_{n+1}.
     is_lifted : bool
         Whether w holds a copy of the next state.
@@ -49,13 +49,13 @@ class NlpLayout:
     ng: int
     num_guards: int
     nh: int
-    is_explicit: bool
+    rows_are_gaps: bool
     is_lifted: bool
 
     @classmethod
     def of(cls, programme: StagewiseProgramme, *, wants_gaps: bool) -> NlpLayout:
         """Layout of a programme; `wants_gaps`: every step as a gap."""
-        kind, is_explicit = programme.kinds[0], programme.is_explicit
+        kind = programme.kinds[0]
         return cls(
             num_steps=programme.num_steps,
             nx=kind.nx,
@@ -64,8 +64,8 @@ class NlpLayout:
             ng=programme.ng,
             num_guards=programme.num_guards,
             nh=programme.bounds.nh,
-            is_explicit=is_explicit,
-            is_lifted=wants_gaps and not is_explicit,
+            rows_are_gaps=programme.rows_are_gaps,
+            is_lifted=wants_gaps and not programme.rows_are_gaps,
         )
 
     @property
@@ -178,7 +178,7 @@ class NlpLayout:
     @property
     def sign(self) -> float:
         """Factor from the step's rows to those here: gaps are x_{n+1} - F."""
-        return -1.0 if self.is_explicit else 1.0
+        return -1.0 if self.rows_are_gaps else 1.0
 
     def _starts(self, count: int) -> Index:
         return np.arange(count, dtype=np.int64) * self.block

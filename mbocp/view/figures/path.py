@@ -51,9 +51,9 @@ class FramePaths:
         # Axes to draw: all three, or those of the plane that the motion stays in, x-z before the others.
         # Links may lie in layers beside that plane.
         moved = np.ptp(paths, axis=1).max(axis=0) if paths.size else extent
-        is_flat = (moved < 1e-6 * self._size) & (extent < _FLATNESS_RATIO * self._size)
-        flat = [i for i in (1, 0, 2) if is_flat[i]]
-        self.axes = tuple(i for i in range(3) if i not in flat[:1])
+        is_thin = (moved < 1e-6 * self._size) & (extent < _FLATNESS_RATIO * self._size)
+        thin = [i for i in (1, 0, 2) if is_thin[i]]
+        self.axes = tuple(i for i in range(3) if i not in thin[:1])
 
     @property
     def is_planar(self) -> bool:

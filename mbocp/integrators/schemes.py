@@ -1,0 +1,66 @@
+"""What each scheme takes, and what it can integrate: one table, which callers ask instead of names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from mbocp.integrators.euler import TAU
+from mbocp.integrators.tableaux import TABLEAUX
+
+__all__ = ["SCHEMES", "SchemeData", "schemes_with"]
+
+
+@dataclass(frozen=True)
+class SchemeData:
+    """What a scheme takes, and what it can integrate.
+
+    Attributes
+    ----------
+    options : frozenset of str
+        Keys of a problem file that say more of it; it would pass over others in silence.
+    solves_constraints : bool
+        Whether constraints are solved with each step; others project accelerations, and positions drift.
+    takes_drives : bool
+        Whether controls may prescribe velocities.
+    takes_matrices : bool
+        Whether attitudes may be rotation matrices.
+    """
+
+    options: frozenset[str]
+    solves_constraints: bool
+    takes_drives: bool
+    takes_matrices: bool
+
+    def takes(self, key: str) -> bool:
+        """Whether a key of a problem file, with its table, is one of the options."""
+        return key in self.options
+
+
+_TAU_FAMILY = SchemeData(frozenset(), solves_constraints=True, takes_drives=False, takes_matrices=False)
+_RUNGE_KUTTA = SchemeData(
+    frozenset(
+        (
+            "integrator.lie",
+            "integrator.substeps",
+            "integrator.gamma_quaternion",
+            "integrator.gamma_dcm",
+            "integrator.gamma_constraint",
+            "goal.guard",
+            "goal.redundant",
+        )
+    ),
+    solves_constraints=False,
+    takes_drives=True,
+    takes_matrices=True,
+)
+
+SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
+    dict.fromkeys(TAU, _TAU_FAMILY) | dict.fromkeys(TABLEAUX, _RUNGE_KUTTA)
+)
+
+
+def schemes_with(key: str) -> tuple[str, ...]:
+    """Names of the schemes that take an option."""
+    return tuple(name for name, data in SCHEMES.items() if data.takes(key))
