@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
 from mbocp.terms import Effort, ExactGoal, OwnEnd, OwnPath, PathTerm, RunningTerm, TerminalCost
 
@@ -114,4 +115,4 @@ class FunctionSignature:
 
 
 def _text(material: dict[str, Any]) -> str:
-    return json.dumps(material, sort_keys=True)
+    return json.dumps({**material, "sources": sources_digest()}, sort_keys=True)

@@ -32,7 +32,9 @@ __all__ = [
     "cache_limit",
     "cached",
     "entries",
+    "folders",
     "is_private",
+    "own_content",
     "private_folder",
     "scratch_folder",
     "sealed",
@@ -44,9 +46,7 @@ _TRAILER = len(_MAGIC) + 64
 _BUILD, _PRIVATE, _LOCK = "build-", "mbocp-stages-", "lock"
 _TRIES = 100  # to make a folder that no other process sweeps away before it is locked
 _LIMIT = 2000  # [MB]
-_IN_USE = (
-    3600 * 10**9
-)  # [ns] between the last use of an entry and the first moment at which it may be removed
+_IN_USE = 3600 * 10**9  # [ns] after its last use in which an entry is not removed
 
 
 def cache_folder() -> Path:
@@ -95,12 +95,25 @@ def is_private(folder: Path) -> bool:
     return bool(_made_private_folder.cache_info().currsize) and folder == _made_private_folder()
 
 
+def folders() -> list[Path]:
+    """The folder that is used, and the temporary one of this process, if there is one."""
+    private = [_made_private_folder()] if _made_private_folder.cache_info().currsize else []
+    return [cache_folder(), *private]
+
+
 def cached(name: str) -> Path | None:
-    """Sound entry of that name in the folder that is used, or in the temporary one of this process."""
-    folders = [cache_folder()]
-    if _made_private_folder.cache_info().currsize:
-        folders.append(_made_private_folder())
-    return next((folder / name for folder in folders if _is_sound(folder / name)), None)
+    """Sound entry of that name in the folders."""
+    return next((folder / name for folder in folders() if _is_sound(folder / name)), None)
+
+
+def own_content(path: Path) -> bytes | None:
+    """Content of a regular file of the user's; None for anything else."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(handle, "rb") as file:
+            return file.read() if _is_own_file(os.fstat(handle)) else None
+    except OSError:
+        return None
 
 
 def sealed(body: bytes) -> bytes:
@@ -212,13 +225,8 @@ def _is_sound(library: Path) -> bool:
 @lru_cache(maxsize=1024)
 def _has_checksum(library: Path, inode: int, changed_ns: int, size: int) -> bool:
     """Whether the file ends with the checksum of the rest; looked at once for each state of the file."""
-    try:
-        handle = os.open(library, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-        with os.fdopen(handle, "rb") as file:
-            if not stat.S_ISREG(os.fstat(handle).st_mode):
-                return False
-            content = file.read()
-    except OSError:
+    content = own_content(library)
+    if content is None:
         return False
     body, trailer = content[:-_TRAILER], content[-_TRAILER:]
     if trailer != _MAGIC + hashlib.sha256(body).hexdigest().encode():

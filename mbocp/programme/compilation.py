@@ -1,9 +1,10 @@
-"""Stage functions as machine code, compiled once per problem shape and cached on disk.
+"""Stage functions as machine code, compiled once and cached on disk.
 
-An entry is one shared library with a checksum behind it, written under a temporary name and moved into
-place, so that several processes can fill the cache at once and a torn or foreign file is noticed and
-rebuilt. Where the folder cannot be written, a temporary one takes its place. Without a C compiler the
-functions run in CasADi's virtual machine.
+An entry has two keys, what the functions depend on and their C code, see `mbocp.programme.keys`. It is one
+shared library with a checksum behind it, written under a temporary name and moved into place, so that
+several processes can fill the cache at once and a torn or foreign file is noticed and rebuilt. Where the
+folder cannot be written, a temporary one takes its place. Without a C compiler the functions run in CasADi's
+virtual machine.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ import platform
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
 import casadi as ca
 
 from mbocp.exceptions import CompilationError
+from mbocp.programme import splitting
 from mbocp.programme.cache import (
     cache_folder,
     cached,
@@ -33,6 +35,7 @@ from mbocp.programme.cache import (
     trim,
 )
 from mbocp.programme.compiler import check_deadline, compiler, run_compiler
+from mbocp.programme.keys import key_of, library_of, remember
 from mbocp.programme.splitting import split_functions
 
 __all__ = ["CompiledFunctions", "NoCompilerWarning", "has_avx2", "load_functions"]
@@ -102,9 +105,9 @@ def load_functions(
     Parameters
     ----------
     key : str
-        Text that stands for everything the functions depend on.
+        Text that stands for everything the functions depend on, the sources that write them included.
     build : callable
-        Gives the CasADi functions by name; only called when the cache has no sound entry.
+        Gives the CasADi functions by name; only called when the cache has no sound entry of this key.
     of_end : bool
         They are called once in an evaluation, and not at every step: compiling is worth less.
     deadline : float
@@ -118,11 +121,8 @@ def load_functions(
         If the deadline passes before the functions are there.
     """
     cc = compiler()
-    options = cc[1:] if cc is not None else ()  # they may change what is computed
-    flags = " ".join((*_flags(), *options))
-    material = "\n".join([key, _sources_digest(), _casadi_version(), platform.machine(), flags])
-    name = f"{hashlib.sha256(material.encode()).hexdigest()[:32]}.so"
-    library = cached(name)
+    depends_on = key_of(key, _sources_digest(), _casadi_version(), *_translation(cc, _flags()))
+    library = library_of(depends_on)
     if library is not None:
         return CompiledFunctions(library, {}, compiled_now=False)
     check_deadline(deadline, "the functions were to be built")
@@ -133,8 +133,12 @@ def load_functions(
         return CompiledFunctions(
             None, {name: f.serialize() for name, f in functions.items()}, compiled_now=False
         )
-    library = _compiled(_Unit(cc, functions, _LARGE_END if of_end else _LARGE, deadline), name)
-    return CompiledFunctions(library, {}, compiled_now=True)
+    unit = _Unit(cc, _flags_for(functions.values(), _LARGE_END if of_end else _LARGE), _source(functions))
+    check_deadline(deadline, "the functions were written in C")
+    known = cached(unit.name)
+    library = _compiled(unit, deadline) if known is None else known
+    remember(depends_on, library)
+    return CompiledFunctions(library, {}, compiled_now=known is None)
 
 
 @cache
@@ -159,15 +163,14 @@ def _flags() -> tuple[str, ...]:
 
 @cache
 def _sources_digest() -> str:
-    """Digest of the modules that write the stage functions: a change in them makes old entries stale."""
-    root = Path(__file__).parent.parent
-    digest = hashlib.sha256()
-    names = ("lie", "mechanics", "integrators", "terms", "formulation", "symbolic")
-    sources = [source for name in names for source in sorted((root / name).rglob("*.py"))]
-    alone = ("programme/compilation.py", "programme/splitting.py", "robot/loops/equations.py")
-    for source in (*sources, *(root / name for name in alone)):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()
+    """Digest of what turns functions into C: a change there makes old entries stale."""
+    sources = (Path(__file__), Path(str(splitting.__file__)))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+
+
+def _translation(cc: tuple[str, ...] | None, flags: Collection[str]) -> tuple[str, ...]:
+    """What C is translated for and how; options of the compiler may change what is computed."""
+    return (platform.machine(), " ".join((*flags, *(cc[1:] if cc is not None else ()))))
 
 
 def _flags_for(functions: Collection[ca.Function], most: int) -> tuple[str, ...]:
@@ -180,26 +183,38 @@ def _flags_for(functions: Collection[ca.Function], most: int) -> tuple[str, ...]
     return (*_flags(), *(_SCHEDULE if is_dense else ()))
 
 
+def _source(functions: Mapping[str, ca.Function]) -> str:
+    """Functions in C."""
+    generator = ca.CodeGenerator("stage.c")
+    for function in functions.values():
+        generator.add(function)
+    return split_functions(generator.dump())
+
+
 @dataclass(frozen=True)
 class _Unit:
-    """What is compiled together: by which compiler, how many operations are worth optimising, until when."""
+    """What is compiled together: by which compiler, with which flags."""
 
     cc: tuple[str, ...]
-    functions: Mapping[str, ca.Function]
-    most: int
-    deadline: float
+    flags: tuple[str, ...]
+    source: str
+
+    @cached_property
+    def name(self) -> str:
+        """Of the library."""
+        return f"{key_of(self.source, *_translation(self.cc, self.flags))}.so"
 
 
-def _compiled(unit: _Unit, name: str) -> Path:
+def _compiled(unit: _Unit, deadline: float) -> Path:
     """Compile into the folder that is used; where it cannot be written, into a temporary one."""
     folder = cache_folder()
     try:
         if not is_private(folder):
             try:
-                return _compile(unit, folder / name)
+                return _compile(unit, folder / unit.name, deadline)
             except OSError as error:
                 folder = private_folder(folder, str(error))
-        return _compile(unit, folder / name)
+        return _compile(unit, folder / unit.name, deadline)
     except OSError as error:
         raise CompilationError(
             f"compiled functions cannot be written: {error}; make room, or set MBOCP_CACHE_DIR to a folder "
@@ -207,18 +222,13 @@ def _compiled(unit: _Unit, name: str) -> Path:
         ) from error
 
 
-def _compile(unit: _Unit, library: Path) -> Path:
+def _compile(unit: _Unit, library: Path, deadline: float) -> Path:
     if library.is_dir():  # nothing could be moved into its place
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(library))
     with scratch_folder(library.parent) as scratch:
-        generator = ca.CodeGenerator("stage.c")
-        for function in unit.functions.values():
-            generator.add(function)
         source, built = scratch / "stage.c", scratch / "stage.so"
-        source.write_text(split_functions(generator.dump()), encoding="utf-8")
-        check_deadline(unit.deadline, "the functions were written in C")
-        flags = _flags_for(unit.functions.values(), unit.most)
-        run_compiler([*unit.cc, *flags, "-o", str(built), str(source), "-lm"], scratch, unit.deadline)
+        source.write_text(unit.source, encoding="utf-8")
+        run_compiler([*unit.cc, *unit.flags, "-o", str(built), str(source), "-lm"], scratch, deadline)
         body = built.read_bytes() if built.is_file() else b""
         if not body:
             raise CompilationError(

@@ -22,6 +22,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, formulate
+from mbocp.formulation.sources import sources_digest
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
 from mbocp.mechanics.forward import ForwardMechanics
@@ -108,8 +109,8 @@ def stepped_programme(problem: Problem, method: Method) -> SteppedProgramme:
 
 def _kernels(robot: Robot, method: Method) -> CompiledFunctions:
     """One step as machine code."""
-    source = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    key = f"so3 step {robot.fingerprint} {robot.rotations} {method.scheme} {method.lie} {source}"
+    sources = sources_digest() + hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    key = f"so3 step {robot.fingerprint} {robot.rotations} {method.scheme} {method.lie} {sources}"
     return load_functions(key, lambda: _build(robot, method))
 
 
