@@ -15,7 +15,7 @@ from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Target, Weights
 from mbocp.terms.written import Control, Finite, Key, Table
 
-__all__ = ["Acceleration", "ControlRate", "Effort", "Potential", "Tracking", "Velocity"]
+__all__ = ["Acceleration", "ControlRate", "Effort", "Fuel", "Potential", "Tracking", "Velocity"]
 
 
 @dataclass(frozen=True)
@@ -298,3 +298,32 @@ class Acceleration(Weighted):
         """Half the weighted square."""
         a = at.joint_acceleration()
         return ca.dot(p["acceleration"] * a, a) / 2
+
+
+@dataclass(frozen=True)
+class Fuel(Weighted):
+    """The weighted controls themselves: what jets burn, which push and cannot pull.
+
+    Linear in the controls: an optimum switches them between their limits, which have to be finite below.
+    """
+
+    key = "fuel"
+    over = "u"
+
+    class Keys(Table):
+        """Keys."""
+
+        fuel: Annotated[
+            Control,
+            Key(
+                "number >= 0, list, table",
+                "",
+                "0",
+                "weights on the controls themselves, not on their squares, for those that are limited from "
+                "below: one for all, or one for each control",
+            ),
+        ] = 0.0
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Weights times controls."""
+        return ca.dot(p["fuel"], at.control)
