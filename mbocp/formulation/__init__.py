@@ -2,5 +2,6 @@
 
 from mbocp.formulation.base import Duals, Formulation, Motion
 from mbocp.formulation.formulate import formulate, transcribe
+from mbocp.formulation.step_lengths import given_lengths
 
-__all__ = ["Duals", "Formulation", "Motion", "formulate", "transcribe"]
+__all__ = ["Duals", "Formulation", "Motion", "formulate", "given_lengths", "transcribe"]

@@ -36,11 +36,14 @@ class Motion:
         Velocities [m/s, rad/s].
     us : ndarray, shape (N, nu)
         Controls [N, N m, and the units of drives].
+    dts : ndarray, shape (N,)
+        Lengths of the steps [s].
     """
 
     qs: Array
     vs: Array
     us: Array
+    dts: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +120,11 @@ class Formulation(Protocol):
     def tau(self) -> float:
         """Where in a step the velocity is that its kinematics take, between 0 and 1."""
 
-    def evaluation_points(self, qs: Array, vs: Array) -> tuple[Array, Array]:
-        """Configurations (N, nq) and velocities (N, nv) at which the forces of each step are taken."""
+    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
+        """Configurations (N, nq) and velocities (N, nv) at which the forces of each step are taken.
+
+        Steps have the lengths `dts` [s], shape (N,).
+        """
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion with multipliers (N, nc) of the robot's constraints; adjoints are zero.

@@ -27,6 +27,7 @@ from mbocp.formulation.joint import (
 )
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.step_lengths import solved_lengths, with_lengths, without_lengths
 from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
@@ -111,7 +112,7 @@ class ExplicitFormulation:
         """Velocity of the joints with which the steps begin, shape (nv,)."""
         return self.problem.v_start
 
-    def evaluation_points(self, qs: Array, vs: Array) -> tuple[Array, Array]:
+    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Where each step begins."""
         return qs[:-1], vs[:-1]
 
@@ -127,28 +128,30 @@ class ExplicitFormulation:
             xs[:, at.s] = motion.vs
         if at.nr:
             xs[1:, at.r] = motion.us
+        xs, us = with_lengths(self.problem, at, xs, motion.us, motion.dts)
         xs[0] = self.programme.x_start
-        return zero_multipliers(self.programme, xs, np.zeros((len(motion.us), 0)), motion.us)
+        return zero_multipliers(self.programme, xs, np.zeros((len(us), 0)), us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
-        at, robot, us = self.layout, self.problem.robot, iterate.us
+        at, robot = self.layout, self.problem.robot
+        us, dts = without_lengths(at, iterate.us), solved_lengths(self.problem, at, iterate)
         zs, speeds = iterate.xs[:, at.z], iterate.xs[:, at.s]
         qs = self.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
         if not robot.drives:
-            return Motion(qs, speeds, us)
+            return Motion(qs, speeds, us, dts)
         # Velocities that a control prescribes are the ones after the node.
         prescribed = np.einsum("nij,nj->ni", control_velocity_maps(robot, qs), np.vstack([us, us[-1:]]))
         velocities: Array = np.einsum("nij,nj->ni", speed_maps(robot, qs), speeds) + prescribed
-        return Motion(qs, velocities, us)
+        return Motion(qs, velocities, us, dts)
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """With drives the adjoints are duals of (q, v): there is no momentum that belongs to all of them."""
-        problem, robot, at, dt = self.problem, self.problem.robot, self.layout, self.problem.dt
+        problem, robot, at, dts = self.problem, self.problem.robot, self.layout, motion.dts[:, None]
         qs, vs = motion.qs, motion.vs
         states = boundary_duals(self.programme, iterate)
         costates = self._velocity_duals(tangent_duals(self.space, at, iterate.xs[:, at.z], states), qs)
-        lams, zetas = iterate.ys / dt, iterate.ms[:, at.ndx :] / dt**2
+        lams, zetas = iterate.ys / dts, iterate.ms[:, at.ndx :] / dts**2
         if robot.nc:
             lams, zetas = self._projected_multipliers(motion), np.zeros((len(motion.us), robot.nc))
         mus = costates if robot.drives else duals_of_momenta(problem, qs, vs, costates)
@@ -177,12 +180,12 @@ class ExplicitFormulation:
 
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
         """With the step's own increment for f and the adjoint after it, to first order in dt."""
-        at, dt = self.layout, self.problem.dt
+        at, dts = self.layout, motion.dts
         turned = np.array([pin.difference(self.problem.robot.model, a, b) for a, b in pairwise(motion.qs)])
         moved = np.hstack([turned, np.diff(iterate.xs[:, at.s], axis=0)])
         rows = tangent_duals(self.space, at, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
-        values: Array = np.einsum("ni,ni->n", rows, moved) / dt
-        return values + stage_costs(self.programme, iterate) / dt
+        values: Array = np.einsum("ni,ni->n", rows, moved) / dts
+        return values + stage_costs(self.programme, iterate) / dts
 
     def control_momenta(
         self, iterate: Iterate, motion: Motion, duals: Duals

@@ -25,6 +25,7 @@ from mbocp.formulation.joint import (
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
+from mbocp.formulation.step_lengths import solved_lengths, with_lengths, without_lengths
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
@@ -105,9 +106,9 @@ class ImplicitFormulation:
         """Where in a step the velocity is that its kinematics take."""
         return TAU[self.problem.scheme]
 
-    def evaluation_points(self, qs: Array, vs: Array) -> tuple[Array, Array]:
+    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
-        return evaluation_points(self.problem.robot, self.problem.scheme, qs, vs, self.problem.dt)
+        return evaluation_points(self.problem.robot, self.problem.scheme, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion; adjoints are zero."""
@@ -116,24 +117,26 @@ class ImplicitFormulation:
         xs[:, at.z], xs[:, at.s] = self.space.coordinates(motion.qs), motion.vs
         if at.nr:
             xs[1:, at.r] = motion.us
+        xs, us = with_lengths(self.problem, at, xs, motion.us, motion.dts)
         xs[0] = self.programme.x_start
-        return zero_multipliers(self.programme, xs, self.problem.dt * lams, motion.us)
+        return zero_multipliers(self.programme, xs, motion.dts[:, None] * lams, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
         at = self.layout
         zs = iterate.xs[:, at.z]
         qs = self.space.configurations(zs) if at.is_flat else zs
-        return Motion(qs, iterate.xs[:, at.s], iterate.us)
+        dts = solved_lengths(self.problem, at, iterate)
+        return Motion(qs, iterate.xs[:, at.s], without_lengths(at, iterate.us), dts)
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
-        problem, dt = self.problem, self.problem.dt
+        problem, dts = self.problem, motion.dts[:, None]
         states = boundary_duals(self.programme, iterate)
         costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
         return Duals(
-            lams=iterate.ys / dt,
-            zetas=iterate.ms[:, self.layout.ndx :] / dt**2,
+            lams=iterate.ys / dts,
+            zetas=iterate.ms[:, self.layout.ndx :] / dts**2,
             states=states,
             costates=costates,
             mus=self._adjoints(iterate, motion, costates)
@@ -162,14 +165,13 @@ class ImplicitFormulation:
         The momentum row's multiplier is mu_p at 1 - tau; c_q is the boundary dual before the step and the
         kinematic row's multiplier after it, before the constraint at the node acts on it.
         """
-        problem, tau = self.problem, self.tau
-        robot, nv = problem.robot, problem.robot.nv
-        q_taus, v_taus = self.evaluation_points(motion.qs, motion.vs)
+        robot, nv, tau, dts = self.problem.robot, self.problem.robot.nv, self.tau, motion.dts
+        q_taus, v_taus = self.evaluation_points(motion.qs, motion.vs, dts)
         rows = self._row_duals(iterate)
         along = tau * duals.costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
-        inertial = momenta_of(robot, q_taus, np.diff(motion.vs, axis=0) / problem.dt)
+        inertial = momenta_of(robot, q_taus, np.diff(motion.vs, axis=0) / dts[:, None])
         hamiltonians: Array = (
-            stage_costs(self.programme, iterate) / problem.dt
+            stage_costs(self.programme, iterate) / dts
             + np.einsum("ni,ni->n", along, v_taus)
             + np.einsum("ni,ni->n", rows[:, nv:], inertial)
         )

@@ -8,6 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
+from mbocp.formulation.step_lengths import without_lengths
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 
@@ -17,12 +18,12 @@ __all__ = ["inequalities", "path_along"]
 def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Any]:
     """Fields of a solution that speak of inequalities, by name."""
     problem, qs, vs = formulation.problem, motion.qs, motion.vs
-    path = path_along(problem, qs, vs, iterate.us)
+    path = path_along(problem, qs, vs, motion.us)
     names = tuple(label.name for constraint in problem.path for label in constraint.labels)
     return {
         **_multipliers(formulation, iterate, path),
         "path_names": names,
-        "limit_violation": _violation(problem, iterate.us, qs, vs, path),
+        "limit_violation": _violation(problem, motion, path),
     }
 
 
@@ -33,8 +34,8 @@ def path_along(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
     return np.hstack([c.values_along(problem.robot, qs[1:], vs[1:], us) for c in problem.path])
 
 
-def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -> float:
-    limits = problem.limits
+def _violation(problem: Problem, motion: Motion, path: Array) -> float:
+    limits, qs, vs, us = problem.limits, motion.qs, motion.vs, motion.us
     pairs = [
         (us, limits.u_lower, limits.u_upper),
         (qs[1:], limits.q_lower, limits.q_upper),
@@ -44,6 +45,9 @@ def _violation(problem: Problem, us: Array, qs: Array, vs: Array, path: Array) -
         lower = np.concatenate([p.lower for p in problem.path])
         upper = np.concatenate([p.upper for p in problem.path])
         pairs.append((path, lower, upper))
+    if problem.duration_range is not None:
+        shortest, longest = (np.array([side]) for side in problem.duration_range)
+        pairs.append((motion.dts.sum(keepdims=True), shortest, longest))
     worst = [float(np.max([lower - values, values - upper], initial=0.0)) for values, lower, upper in pairs]
     return max(worst)
 
@@ -70,7 +74,8 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     lam_vs = formulation.velocity_multipliers(bounds.xs)
     factors = [c.slopes(values) for c, values in zip(problem.path, _columns(problem, path), strict=True)]
     slopes = np.hstack(factors) if factors else np.ones_like(path)
-    return {"lam_us": bounds.us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
+    lam_us = without_lengths(formulation.layout, bounds.us)
+    return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
 
 
 def _columns(problem: Problem, path: Array) -> list[Array]:

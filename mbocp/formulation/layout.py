@@ -1,4 +1,4 @@
-"""Where the pieces of a state are: coordinates of the configuration, speeds, previous controls."""
+"""Where the pieces of a state are: coordinates of the configuration, speeds, previous controls, step length."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["StateLayout", "StateSpace"]
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Pieces of a state x = (z, s, r) and of its tangent dx = (dq, ds, dr).
+    """Pieces of a state x = (z, s, r, h) and of its tangent dx = (dq, ds, dr, dh).
 
     Attributes
     ----------
@@ -28,6 +28,8 @@ class StateLayout:
     is_flat : bool
         Whether the state is taken as a plain vector, although its configurations may form a group: what a
         general nonlinear programming solver and integrators that leave the group need.
+    nh : int
+        1 where the length of the steps is free: h, in units of its guess; else 0. See `step_lengths`.
     """
 
     nz: int
@@ -35,11 +37,12 @@ class StateLayout:
     ns: int
     nr: int
     is_flat: bool
+    nh: int = 0
 
     @property
     def nx(self) -> int:
         """Length of a state."""
-        return self.nz + self.ns + self.nr
+        return self.nz + self.ns + self.nr + self.nh
 
     @property
     def nw(self) -> int:
@@ -49,7 +52,7 @@ class StateLayout:
     @property
     def ndx(self) -> int:
         """Length of a state's tangent."""
-        return self.nw + self.ns + self.nr
+        return self.nw + self.ns + self.nr + self.nh
 
     @property
     def z(self) -> slice:
@@ -64,7 +67,12 @@ class StateLayout:
     @property
     def r(self) -> slice:
         """Remembered controls in a state."""
-        return slice(self.nz + self.ns, self.nx)
+        return slice(self.nz + self.ns, self.nz + self.ns + self.nr)
+
+    @property
+    def h(self) -> slice:
+        """Step length in a state."""
+        return slice(self.nx - self.nh, self.nx)
 
     @property
     def ds(self) -> slice:
@@ -74,7 +82,12 @@ class StateLayout:
     @property
     def dr(self) -> slice:
         """Remembered controls in a tangent, and in the rows of a step."""
-        return slice(self.nw + self.ns, self.ndx)
+        return slice(self.nw + self.ns, self.nw + self.ns + self.nr)
+
+    @property
+    def dh(self) -> slice:
+        """Step length in a tangent, and in the rows of a step."""
+        return slice(self.ndx - self.nh, self.ndx)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.natural_steps import NaturalSteps
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
+from mbocp.formulation.step_lengths import given_lengths
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
@@ -98,9 +99,9 @@ class NaturalFormulation:
         """Where in a step the velocity is that its kinematics take."""
         return TAU[self.problem.scheme]
 
-    def evaluation_points(self, qs: Array, vs: Array) -> tuple[Array, Array]:
+    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
-        return evaluation_points(self.problem.robot, self.problem.scheme, qs, vs, self.problem.dt)
+        return evaluation_points(self.problem.robot, self.problem.scheme, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """All bodies where the joints put them.
@@ -113,7 +114,7 @@ class NaturalFormulation:
         xs = np.zeros((len(motion.qs), at.nx))
         xs[:, at.z] = self.space.coordinates(motion.qs)
         if self.tau == 1.0:
-            xs[1:, at.s] = np.diff(xs[:, at.z], axis=0) / self.problem.dt
+            xs[1:, at.s] = np.diff(xs[:, at.z], axis=0) / motion.dts[:, None]
         else:
             xs[:, at.s] = self.space.rates(motion.qs, motion.vs)
         if at.nr:
@@ -124,16 +125,17 @@ class NaturalFormulation:
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
         zs, ws = iterate.xs[:, self.layout.z], iterate.xs[:, self.layout.s]
-        return Motion(self.space.configurations(zs), self.space.velocities(zs, ws), iterate.us)
+        dts = given_lengths(self.problem)
+        return Motion(self.space.configurations(zs), self.space.velocities(zs, ws), iterate.us, dts)
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
-        at, dt = self.layout, self.problem.dt
+        at, dts = self.layout, motion.dts[:, None]
         states = boundary_duals(self.programme, iterate)
         costates = self.space.costates(iterate.xs[:, at.z], motion.vs, states[:, : at.nw + at.ns])
         return Duals(
-            lams=iterate.ys / dt,
-            zetas=iterate.ms[:, at.ndx :] / dt**2,
+            lams=iterate.ys / dts,
+            zetas=iterate.ms[:, at.ndx :] / dts**2,
             states=states,
             costates=costates,
             mus=duals_of_momenta(self.problem, motion.qs, motion.vs, costates),
@@ -141,12 +143,12 @@ class NaturalFormulation:
 
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
         """The mass matrix is constant; the kinematic row's dual is taken at tau, as in joint coordinates."""
-        at, dt, tau = self.layout, self.problem.dt, self.tau
+        at, dts, tau = self.layout, motion.dts, self.tau
         ws, rows = iterate.xs[:, at.s], iterate.ms
         velocity = tau * ws[1:] + (1.0 - tau) * ws[:-1]
         along = tau * duals.states[:-1, : at.nw] + (1.0 - tau) * rows[:, : at.nw]
-        inertial = np.diff(ws, axis=0) / dt @ self.space.mechanics.mass_at(iterate.xs[0, at.z])
-        values = stage_costs(self.programme, iterate) / dt + np.einsum("ni,ni->n", along, velocity)
+        inertial = np.diff(ws, axis=0) / dts[:, None] @ self.space.mechanics.mass_at(iterate.xs[0, at.z])
+        values = stage_costs(self.programme, iterate) / dts + np.einsum("ni,ni->n", along, velocity)
         total: Array = values + np.einsum("ni,ni->n", rows[:, at.ds], inertial)
         return total
 

@@ -12,6 +12,7 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities
 from mbocp.formulation.joint import momenta_of
+from mbocp.problem import Problem
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 
@@ -62,11 +63,11 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
     momenta, names = formulation.control_momenta(iterate, motion, duals)
     drifts, violation = formulation.drifts(iterate.xs), formulation.violation(iterate, motion)
     return Trajectory(
-        t=np.arange(problem.num_steps + 1, dtype=np.float64) * problem.dt,
+        t=_times(problem, motion.dts),
         qs=motion.qs,
         vs=motion.vs,
         ps=momenta_of(problem.robot, motion.qs, motion.vs),
-        us=iterate.us,
+        us=motion.us,
         lams=duals.lams,
         mus=duals.mus,
         zetas=duals.zetas,
@@ -81,6 +82,13 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         manifold_drift_resimulated=_resimulated_drift(formulation, iterate),
         **inequalities(formulation, iterate, motion),
     )
+
+
+def _times(problem: Problem, dts: Array) -> Array:
+    """Times of the nodes [s]."""
+    if problem.has_free_duration:
+        return np.append(0.0, np.cumsum(dts))
+    return np.arange(problem.num_steps + 1, dtype=np.float64) * problem.dt
 
 
 def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:

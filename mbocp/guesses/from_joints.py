@@ -35,6 +35,6 @@ def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
     if best is None:
         raise ProblemError("no guess could be made in joint coordinates; give guess.kind")
     motion = stepwise.motion_of(best.iterate)
-    iterate = formulation.iterate_of(motion, best.iterate.ys / problem.dt)
+    iterate = formulation.iterate_of(motion, best.iterate.ys / motion.dts[:, None])
     what = "optimum" if best.status is Status.CONVERGED else f"best iterate ({best.status})"
     return iterate, f"{what} in joint coordinates after {taken} iterations, mapped to bodies"

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
-from mbocp.formulation import Formulation, Motion
+from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.mechanics import dual_of_velocity
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import BoundMultipliers, Iterate
@@ -28,7 +28,7 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
         If the solution belongs to a robot of other dimensions.
     """
     problem, programme = formulation.problem, formulation.programme
-    robot, N, dt = problem.robot, problem.num_steps, programme.dt
+    robot, N, at = problem.robot, problem.num_steps, formulation.layout
     known = COORDINATES.get(saved.coordinates)
     has_multipliers = known is None or known.has_robot_multipliers
     nc = saved.lams.shape[1] if has_multipliers else robot.nc
@@ -48,13 +48,14 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
     us = saved.us[middle]
     lams = saved.lams[middle] if has_multipliers else np.zeros((N, robot.nc))
-    iterate = formulation.iterate_of(Motion(qs, vs, us), lams)
+    dts = np.full(N, saved.duration / N) if problem.has_free_duration else given_lengths(problem)
+    iterate = formulation.iterate_of(Motion(qs, vs, us, dts), lams)
     if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
     mus = _row_multipliers(saved, formulation, left, share)
     return replace(
         iterate,
-        ms=np.hstack([mus, np.zeros((N, formulation.layout.nr)), dt**2 * saved.zetas[middle]]),
+        ms=np.hstack([mus, np.zeros((N, at.nr + at.nh)), dts[:, None] ** 2 * saved.zetas[middle]]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
         bounds=_bound_multipliers(saved, formulation, left, share, middle),
     )
@@ -70,8 +71,8 @@ def _bound_multipliers(
     lam_xs = _between(np.hstack([saved.lam_qs, saved.lam_vs]), left, share)
     N, at = programme.num_steps, formulation.layout
     return BoundMultipliers(
-        xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr))]),
-        us=saved.lam_us[middle],
+        xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr + at.nh))]),
+        us=np.hstack([saved.lam_us[middle], np.zeros((N, at.nh))]),
         path=np.zeros((N, programme.bounds.nh)),
         guard=np.zeros(programme.num_guards),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbocp.formulation import Formulation, Motion
+from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.guesses.balance import balance, required_force
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
@@ -31,5 +31,6 @@ def hold(formulation: Formulation) -> Iterate:
     robot = problem.robot
     still, G = np.zeros(robot.nv), robot.constraint_jacobian(problem.q_start)
     u, lam = balance(robot, problem.q_start, still, still, G)
-    motion = Motion(np.tile(problem.q_start, (N + 1, 1)), np.tile(still, (N + 1, 1)), np.tile(u, (N, 1)))
+    qs, vs, us = np.tile(problem.q_start, (N + 1, 1)), np.tile(still, (N + 1, 1)), np.tile(u, (N, 1))
+    motion = Motion(qs, vs, us, given_lengths(problem))
     return formulation.iterate_of(motion, np.tile(lam, (N, 1)))

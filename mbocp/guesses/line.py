@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.formulation import Formulation, Motion
+from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.guesses.balance import balances
 from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints, tangent_space
@@ -39,8 +39,9 @@ def line(formulation: Formulation) -> Iterate:
     problem = formulation.problem
     qs, vs = _line_states(formulation)
     accelerations = np.diff(vs, axis=0) / problem.dt
-    us, lams = balances(problem.robot, *formulation.evaluation_points(qs, vs), accelerations)
-    return formulation.iterate_of(Motion(qs, vs, us), lams)
+    dts = given_lengths(problem)
+    us, lams = balances(problem.robot, *formulation.evaluation_points(qs, vs, dts), accelerations)
+    return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
 
 
 def driven_line(formulation: Formulation) -> Iterate:
@@ -55,7 +56,8 @@ def driven_line(formulation: Formulation) -> Iterate:
     rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dt for n in range(N)])
     us = np.zeros((N, robot.nu))
     us[:, robot.nu - len(robot.drives) :] = _NUDGE
-    iterate = formulation.iterate_of(Motion(qs, np.vstack([rate, rate[-1]]), us), np.zeros((N, robot.nc)))
+    motion = Motion(qs, np.vstack([rate, rate[-1]]), us, given_lengths(problem))
+    iterate = formulation.iterate_of(motion, np.zeros((N, robot.nc)))
     xs = np.array(iterate.xs)
     num_free = robot.nv - len(robot.driven)
     xs[1:, formulation.layout.s][:, num_free:] += _NUDGE
@@ -68,7 +70,7 @@ def at_rest(formulation: Formulation) -> Iterate:
     robot, N = problem.robot, problem.num_steps
     qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
     still, us = np.zeros((N + 1, robot.nv)), np.zeros((N, robot.nu))
-    return formulation.iterate_of(Motion(qs, still, us), np.zeros((N, robot.nc)))
+    return formulation.iterate_of(Motion(qs, still, us, given_lengths(problem)), np.zeros((N, robot.nc)))
 
 
 def _straight(problem: Problem, shares: Array) -> Array:

@@ -20,7 +20,7 @@ def simulated(formulation: Formulation, u: Array) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6)."""
     problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme)
-    native.u = np.tile(u, problem.num_steps)
+    native.u = np.tile(np.append(u, np.zeros(formulation.layout.nh)), problem.num_steps)
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
     native.x = xs.ravel()

@@ -12,7 +12,7 @@ from mbocp.robot import Robot
 __all__ = ["evaluation_points"]
 
 
-def evaluation_points(robot: Robot, scheme: str, qs: Array, vs: Array, dt: float) -> tuple[Array, Array]:
+def evaluation_points(robot: Robot, scheme: str, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
     """States (q_tau, v_tau) of all steps, see `mbocp.integrators.evaluation_point`.
 
     Parameters
@@ -21,8 +21,8 @@ def evaluation_points(robot: Robot, scheme: str, qs: Array, vs: Array, dt: float
         Configurations at the nodes [m, rad, quaternion xyzw].
     vs : ndarray, shape (N + 1, nv)
         Velocities at the nodes [m/s, rad/s].
-    dt : float
-        Step length [s].
+    dts : ndarray, shape (N,)
+        Step lengths [s].
 
     Returns
     -------
@@ -34,6 +34,6 @@ def evaluation_points(robot: Robot, scheme: str, qs: Array, vs: Array, dt: float
         at = slice(1, None) if tau else slice(None, -1)
         return qs[at], vs[at]
     v_taus: Array = (1.0 - tau) * vs[:-1] + tau * vs[1:]
-    steps = tau * dt * v_taus
+    steps = tau * dts[:, None] * v_taus
     q_taus = [pin.integrate(robot.model, q, step) for q, step in zip(qs[:-1], steps, strict=True)]
     return np.array(q_taus), v_taus

@@ -58,18 +58,24 @@ class ExplicitStep:
     lie : {"plain", "baumgarte", "munthe_kaas"}
     substeps : int
         Steps of equal length that make up this one.
+    is_free : bool
+        Whether the step length is among the unknowns, and derivatives are taken in it.
     """
 
-    def __init__(self, mechanics: ForwardMechanics, scheme: str, lie: str, substeps: int) -> None:
+    def __init__(
+        self, mechanics: ForwardMechanics, scheme: str, lie: str, substeps: int, *, is_free: bool = False
+    ) -> None:
         self._tableau = TABLEAUX[scheme]
         self._substeps = substeps
         self._is_on_group = lie == "munthe_kaas"
-        self._links = _Links(mechanics, is_stabilised=lie == "baumgarte")
+        self._links = _Links(mechanics, is_stabilised=lie == "baumgarte", is_free=is_free)
 
-    def __call__(self, chain: Chain, before: State, u: Affine, dt: ca.SX, gains: Gains) -> State:
+    def __call__(self, chain: Chain, before: State, u: Affine, dt: ca.SX | Affine, gains: Gains) -> State:
         """State after a step of length `dt` [s] with the constant control u, as links of a chain."""
         rates = ca.vertcat(gains.quaternion, gains.dcm, gains.constraint)
-        state, h = before, dt / self._substeps
+        state, h = before, dt / self._substeps if isinstance(dt, ca.SX) else ca.SX(1)
+        if not isinstance(dt, ca.SX):  # then slopes come with it as a factor, see `_Links`
+            u = Affine.join([u, (1.0 / self._substeps) * dt])
         step = self._group_step if self._is_on_group else self._plain_step
         for _ in range(self._substeps):
             state = step(chain, state, u, h, rates)
@@ -104,19 +110,26 @@ class ExplicitStep:
 
 
 class _Links:
-    """The functions that a step is made of."""
+    """The functions that a step is made of.
 
-    def __init__(self, mechanics: ForwardMechanics, *, is_stabilised: bool) -> None:
+    Where the step length is free it follows the controls, and is a factor of all slopes: products of unknowns
+    are inside a link then. dexp^{-1} is linear, so that it does not matter when it comes in.
+    """
+
+    def __init__(self, mechanics: ForwardMechanics, *, is_stabilised: bool, is_free: bool) -> None:
         space = mechanics.space
         z, s = ca.SX.sym("z", mechanics.nq), ca.SX.sym("s", mechanics.ns)
         u, rates = ca.SX.sym("u", mechanics.nu), ca.SX.sym("rates", 3)
         w = ca.SX.sym("w", mechanics.nv)
         v, rate = mechanics.velocity(z, s, u), mechanics.speed_rate(z, s, u, rates[2])
-        self.at_identity = _function("at_identity", [z, s, u, rates], [v, rate])
-
         along = space.rate(z, v)
         if is_stabilised:
             along += space.attraction(z, rates[0], rates[1])
+        if is_free:
+            length = ca.SX.sym("length")
+            u = ca.vertcat(u, length)
+            v, rate, along = length * v, length * rate, length * along
+        self.at_identity = _function("at_identity", [z, s, u, rates], [v, rate])
         self.plain = _function("plain", [z, s, u, rates], [along, rate])
 
         moved = space.integrate(z, w)

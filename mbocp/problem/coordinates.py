@@ -50,13 +50,15 @@ COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
 )
 
 
-def check_coordinates(robot: Robot, coordinates: str, scheme: str, limits: Bounds) -> None:
+def check_coordinates(
+    robot: Robot, coordinates: str, scheme: str, limits: Bounds, *, is_free: bool = False
+) -> None:
     """Refuse, by name, options that natural coordinates do not have.
 
     Raises
     ------
     ProblemError
-        For explicit schemes and limits on joints.
+        For explicit schemes, limits on joints, and where the duration `is_free`.
     UnsupportedRobot
         For joints that natural coordinates do not know.
     """
@@ -71,6 +73,11 @@ def check_coordinates(robot: Robot, coordinates: str, scheme: str, limits: Bound
     mechanics = natural_mechanics(robot)
     if not mechanics.tree.turning:
         return  # the same as joint coordinates
+    if is_free:
+        raise ProblemError(
+            "horizon.duration: natural coordinates take steps of a given length; give a number, or take "
+            'coordinates = "joint"'
+        )
     for key, table in (("q", "position"), ("v", "velocity")):
         if limits.finite(key).any():
             raise ProblemError(

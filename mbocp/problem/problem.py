@@ -22,13 +22,13 @@ from mbocp.problem._checks import (
     check_choice,
     check_finite,
     check_integer,
-    check_positive,
     check_size,
 )
 from mbocp.problem.consistency import check_end_conditions, check_goal_rate
 from mbocp.problem.coordinates import COORDINATES, check_coordinates
 from mbocp.problem.cost import Cost
 from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
+from mbocp.problem.duration import check_duration
 from mbocp.problem.file.changes import changed
 from mbocp.problem.file.read import from_tables
 from mbocp.problem.goal import Goal
@@ -44,8 +44,6 @@ from mbocp.terms import OwnPathConstraint, OwnTerm
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
-MAX_DURATION = 1e12  # [s] 30,000 years; squares of much longer ones overflow
-MIN_DURATION = 1e-12  # [s] squares of much shorter steps underflow
 
 
 _BESIDE = (
@@ -82,7 +80,10 @@ class Problem:
     cost : Cost
         alpha, beta, Q, y_d, beta_T, Q_T and y_T of Eqs. (7) to (9).
     duration : float
-        T [s].
+        T [s]; a guess of it where `duration_range` says that it is free.
+    duration_range : tuple of float, optional
+        Least and greatest T [s]. T is found with the motion then: all steps are as long as each other, and
+        `cost` may weigh it. None: T is given.
     num_steps : int
         N.
     robot : Robot
@@ -135,6 +136,7 @@ class Problem:
 
     cost: Cost
     duration: float
+    duration_range: tuple[float, float] | None = None
     num_steps: int
     robot: Robot
     coordinates: Literal["joint", "natural"] = "joint"
@@ -154,11 +156,9 @@ class Problem:
     name: str = "problem"
 
     def __post_init__(self) -> None:
-        duration = check_positive("horizon.duration", self.duration, "s")
-        if not MIN_DURATION <= duration <= MAX_DURATION:
-            expected = f"a positive number [s] of at least {MIN_DURATION:g} and of at most {MAX_DURATION:g}"
-            raise InvalidValue("horizon.duration", duration, expected)
+        duration, duration_range = check_duration(self.duration, self.duration_range)
         object.__setattr__(self, "duration", duration)
+        object.__setattr__(self, "duration_range", duration_range)
         object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))
         check_choice("coordinates", self.coordinates, COORDINATES)
         check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)
@@ -169,7 +169,9 @@ class Problem:
                 f"joints, all passive: {', '.join(self.robot.joint_names)}"
             )
         object.__setattr__(self, "limits", self.limits.completed(self.robot))
-        check_coordinates(self.robot, self.coordinates, self.scheme, self.limits)
+        check_coordinates(
+            self.robot, self.coordinates, self.scheme, self.limits, is_free=self.has_free_duration
+        )
         self._take_terms()
         self._check_start()
         self._check_goal()
@@ -181,13 +183,18 @@ class Problem:
 
     @property
     def dt(self) -> float:
-        """Length of a step [s]."""
+        """Length of a step [s]; the guess of it where the duration is free."""
         return self.duration / self.num_steps
 
     @property
+    def has_free_duration(self) -> bool:
+        """Whether the duration is found with the motion."""
+        return self.duration_range is not None
+
+    @property
     def is_bounded(self) -> bool:
-        """Whether there are inequalities: limits or path constraints."""
-        return self.limits.any_finite or bool(self.path)
+        """Whether there are inequalities: limits, path constraints or bounds of a free duration."""
+        return self.limits.any_finite or bool(self.path) or self.has_free_duration
 
     @property
     def p_start(self) -> Array:
@@ -203,7 +210,7 @@ class Problem:
     def create(
         cls,
         robot: Robot | str | Path | Mapping[str, Any],
-        duration: float,
+        duration: float | Mapping[str, float],
         steps: int,
         *,
         start: Mapping[str, Any] | None = None,
@@ -225,8 +232,8 @@ class Problem:
         ----------
         robot : Robot, str, Path or mapping
             A loaded robot, or what the key `robot` of a file takes.
-        duration : float
-            [s].
+        duration : float or mapping
+            [s]; with `min`, `max` and, if you like, `guess`: free between the two.
         steps : int
         start, goal, cost, limits, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
@@ -343,6 +350,13 @@ class Problem:
                 f'cost.terminal: got {cost.terminal:g}, which goal.enforce = "{goal.enforce}" does not use; '
                 f'say enforce = "{meant}", or terminal = 0'
             )
+        if np.any(cost.weight("time")) and not self.has_free_duration:
+            warnings.warn(
+                "cost.time: the duration is given, so that its weight adds a constant; "
+                "horizon.duration = {min, max} sets it free",
+                ProblemWarning,
+                stacklevel=4,
+            )
         if goal.enforce == "none" and cost.tracking == 0.0 and not self.terms:
             warnings.warn(
                 "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
@@ -357,14 +371,16 @@ class Problem:
         if self.is_bounded and self.solver.method not in BOUNDED_METHODS:
             what = "limits" if self.limits.any_finite else "path"
             able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)
+            cannot, remedy = f"keep [{what}]", f"leave out [{what}]"
+            if self.has_free_duration:
+                cannot, remedy = "find a free duration", "give horizon.duration as a number"
             raise ProblemError(
-                f'solver.method: got "{self.solver.method}", which cannot keep [{what}]; take {able}, or '
-                f"leave out [{what}]"
+                f'solver.method: got "{self.solver.method}", which cannot {cannot}; take {able}, or {remedy}'
             )
         if self.is_bounded and self.solver.is_pure_newton:
+            cannot = "finds no free duration" if self.has_free_duration else "keeps neither [limits] nor [path]"
             raise ProblemError(
-                'solver.globalisation: got "none", with which Newton\'s method keeps neither [limits] nor '
-                '[path]; take "default"'
+                f'solver.globalisation: got "none", with which Newton\'s method {cannot}; take "default"'
             )
 
     def _warn_singular(self, q: Array, key: str) -> None:

@@ -9,10 +9,12 @@ from dataclasses import asdict
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
+import numpy as np
+
 from mbocp import __version__
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation
-from mbocp.formulation.trajectory import read_trajectory
+from mbocp.formulation.trajectory import Trajectory, read_trajectory
 from mbocp.mechanics.diagnostics import largest_turn
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
@@ -56,7 +58,7 @@ def read_solution(
         trajectory = read_trajectory(formulation, result.iterate)
         meanings = _meanings(problem.robot, trajectory.control_momentum_names)
         told = left_out + _singular(problem.robot, trajectory.qs)
-    status, advice = _resolution(problem, result, trajectory.qs, trajectory.vs)
+    status, advice = _resolution(problem, result, trajectory)
     return Solution(
         status=status,
         advice=advice + _compiled_long(problem, result, phases) + told,
@@ -105,9 +107,10 @@ def _singular(robot: Robot, qs: Array) -> str:
     return f"; {words}" if words else ""
 
 
-def _resolution(problem: Problem, result: SolverResult, qs: Array, vs: Array) -> tuple[Status, str]:
+def _resolution(problem: Problem, result: SolverResult, found: Trajectory) -> tuple[Status, str]:
     """Status and advice of a result, which is no motion where a joint turns too far in one step."""
-    name, turn = largest_turn(problem.robot, qs, vs, problem.dt, problem.substeps)
+    dt = float(np.diff(found.t).max())
+    name, turn = largest_turn(problem.robot, found.qs, found.vs, dt, problem.substeps)
     if not turn > _LARGEST_TURN:
         return result.status, result.advice
     words = f"{name} turns by {turn:.1f} rad in one step, which is no motion any more"

@@ -10,6 +10,7 @@ from mbocp._files import parse_toml
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
+from mbocp.problem.duration import duration_from
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.read import from_tables
 from mbocp.problem.file.tables import ProblemFields, tables_of, to_toml
@@ -38,6 +39,8 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
     values = dict(changes)
     if "steps" in values:
         values["num_steps"] = values.pop("steps")
+    if "duration" in values:
+        values = {**duration_from(plain(values.pop("duration"))), **values}
     tables = {name: values.pop(name) for name in list(values) if _is_table(name, values[name])}
     known = [field.name for field in fields(problem)]
     for name, value in values.items():

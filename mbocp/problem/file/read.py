@@ -18,6 +18,7 @@ from mbocp.mechanisms.completion import assembled, assembled_velocity
 from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.cost import Cost, further_terms
 from mbocp.problem.drives import without_driven_velocities
+from mbocp.problem.duration import duration_from
 from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.file.messages import in_file, located, schema_error
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
@@ -96,13 +97,13 @@ def from_tables(
 def _fields(
     table: ProblemTable, robot: Robot, folder: Path, source: Path | None, name: str, terms: Sequence[OwnTerm]
 ) -> dict[str, Any]:
-    duration, num_steps = table.horizon.duration, table.horizon.steps
+    horizon, num_steps = duration_from(table.horizon.duration), table.horizon.steps
     check_horizon(num_steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
     q_start, v_start = _start(table.start, robot)
     goal = _goal(table.goal, robot, q_start)
     return {
-        "cost": _cost(table.cost, _CostReader(robot, goal, folder, duration, num_steps)),
-        "duration": duration,
+        "cost": _cost(table.cost, _CostReader(robot, goal, folder, horizon, num_steps)),
+        **horizon,
         "num_steps": num_steps,
         "robot": robot,
         "coordinates": table.coordinates,
@@ -203,7 +204,7 @@ class _CostReader:
     robot: Robot
     goal: Goal
     folder: Path
-    duration: float
+    horizon: dict[str, Any]  # duration and its range
     num_steps: int
 
     def on_controls(self, written: Any, key: str) -> Any:
@@ -229,7 +230,12 @@ class _CostReader:
             target_p, given_p = _target_rows(robot, target.p, "p", np.zeros(robot.nv))
         elif target_file is not None:
             path = self.folder / target_file
-            target_q, target_p = read_target(path, robot, self.duration, self.num_steps)
+            if self.horizon["duration_range"] is not None:
+                raise ProblemError(
+                    "cost.target_file: a file says when the robot is where, which a free horizon.duration does "
+                    "not; give a number there, or cost.target, whose rows belong to the steps"
+                )
+            target_q, target_p = read_target(path, robot, self.horizon["duration"], self.num_steps)
             given_q = given_p = np.ones(robot.nv, dtype=np.bool_)
         return target_q, target_p, np.concatenate([given_q, given_p])
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BeforeValidator, Field
 
-from mbocp._numbers import is_number
+from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.solver import SolverOptions
@@ -104,6 +104,12 @@ def _lock(value: Any) -> list[str] | Named:
     )
 
 
+def _duration(value: Any) -> float | dict[str, float]:
+    if isinstance(value, Mapping):
+        return {name: finite_number(entry, f" for {shown(name)}") for name, entry in value.items()}
+    return finite_number(value)
+
+
 def _named_robot(value: Any) -> Any:
     if isinstance(value, str):
         return {"name": value}
@@ -119,6 +125,7 @@ def _named_solver(value: Any) -> Any:
 Rate = Annotated[Any, BeforeValidator(_rate)]
 Lock = Annotated[Any, BeforeValidator(_lock)]
 Limits = Annotated[Any, BeforeValidator(_limits)]
+Duration = Annotated[Any, BeforeValidator(_duration)]
 Ranges = Annotated[Any, BeforeValidator(_ranges)]
 
 
@@ -143,7 +150,7 @@ class RobotTable(Table):
 class HorizonTable(Table):
     """How long, and in how many steps."""
 
-    duration: Finite
+    duration: Duration
     steps: int
 
 

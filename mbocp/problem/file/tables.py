@@ -14,6 +14,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import SCHEMES
 from mbocp.problem.cost import Cost
+from mbocp.problem.duration import written_duration
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.term_table import term_tables
@@ -39,6 +40,8 @@ class ProblemFields(Protocol):
     def cost(self) -> Cost: ...  # noqa: D102
     @property
     def duration(self) -> float: ...  # noqa: D102
+    @property
+    def duration_range(self) -> tuple[float, float] | None: ...  # noqa: D102
     @property
     def num_steps(self) -> int: ...  # noqa: D102
     @property
@@ -88,7 +91,10 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
         "path": path_tables(robot, problem.path) or None,
         "terms": term_tables(robot, problem.terms) or None,
         "robot": dict(robot.spec),
-        "horizon": {"duration": problem.duration, "steps": problem.num_steps},
+        "horizon": {
+            "duration": written_duration(problem.duration, problem.duration_range),
+            "steps": problem.num_steps,
+        },
         "start": {"q": problem.q_start, "v": problem.v_start},
         "goal": _goal(problem.goal, robot, problem.scheme),
         "cost": _cost(problem.cost),
