@@ -7,6 +7,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.step_lengths import length_bounds
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
@@ -37,12 +38,14 @@ def state_bounds(
         target = slice(part.at_z.start, part.at_z.start + plain)
         lower[target], upper[target] = limits.q_lower[source], limits.q_upper[source]
     lower[at.s], upper[at.s] = speeds
+    lower[at.h], upper[at.h] = length_bounds(problem)
+    free = np.full(at.nh, np.inf)
     sides = [constraint.inner_bounds for constraint in problem.path]
     return StateBounds(
         x_lower=lower,
         x_upper=upper,
-        u_lower=np.asarray(limits.u_lower),
-        u_upper=np.asarray(limits.u_upper),
+        u_lower=np.concatenate([limits.u_lower, -free]),
+        u_upper=np.concatenate([limits.u_upper, free]),
         path_lower=np.concatenate([np.zeros(0), *(lower for lower, _ in sides)]),
         path_upper=np.concatenate([np.zeros(0), *(upper for _, upper in sides)]),
     )

@@ -25,6 +25,7 @@ from mbocp.formulation.parameters import (
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
+from mbocp.formulation.step_lengths import BEGINS_PHASE, begins_phase
 from mbocp.formulation.steps import Steps
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
@@ -102,7 +103,7 @@ def check_size(
         If the horizon has more steps than there is memory for.
     """
     check_operations(problem.robot.name, layout.nv, signature)
-    per_step = 2 * layout.ndx + num_algebraic + problem.robot.nu
+    per_step = 2 * layout.ndx + num_algebraic + problem.robot.nu + layout.nh
     check_horizon(problem.num_steps, per_step, by_others=problem.solver.is_interior_point)
 
 
@@ -157,22 +158,23 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
         units=units_of(problem, signature, at, pieces.num_algebraic, layout),
         path_names=tuple(label.name for constraint in problem.path for label in constraint.labels),
+        has_free_lengths=signature.has_free_lengths,
     )
 
 
 def _kind(pieces: Pieces, nr: int) -> StageKind:
     at, ny = pieces.layout, pieces.num_algebraic
-    nu, dt = pieces.problem.robot.nu, pieces.problem.dt
+    nu, dt, T = pieces.problem.robot.nu, pieces.problem.dt, pieces.problem.duration
     return StageKind(
         nx=at.nx,
         ndx=at.ndx,
         ny=ny,
-        nu=nu,
+        nu=nu + at.nh,
         nr=nr,
         scale_c=np.concatenate([np.ones(at.ndx), np.full(ny, dt)]),
         scale_y=np.full(ny, 1 / dt),
         scale_m=np.concatenate([np.ones(at.ndx), np.full(ny, 1 / dt)]),
-        scale_ru=np.full(nu, 1 / dt),
+        scale_ru=np.concatenate([np.full(nu, 1 / dt), np.full(at.nh, 1 / T)]),
         turning=pieces.turning,
         groups=pieces.groups,
     )
@@ -224,6 +226,7 @@ def signature_of(
         own_ends=own_ends(given),
         is_flat=is_flat,
         guarded=guarded,
+        has_free_lengths=problem.has_free_duration,
     )
 
 
@@ -243,6 +246,7 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     }
     rows: dict[str, Array] = {
         HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None],
+        BEGINS_PHASE: begins_phase(N)[:, None],
         TIME: problem.dt * (np.arange(N, dtype=np.float64) + pieces.signature.steps.tau)[:, None],
     }
     for term in pieces.signature.cost:

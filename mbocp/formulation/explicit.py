@@ -80,6 +80,7 @@ class ExplicitFormulation:
         at = signature.state_layout(space.nz, space.nv, robot.num_speeds, robot.nu)
         check_size(problem, signature, at, 0)
         q, v = problem.q_start, problem.v_start
+        start = [space.coordinates(q[None])[0], robot.speeds(q, v), np.zeros(at.nr), np.ones(at.nh)]
         pieces = Pieces(
             problem=problem,
             joints=space,
@@ -91,7 +92,7 @@ class ExplicitFormulation:
             end_rows=rows,
             end=EndTarget(*rows, np.asarray(problem.goal.value)),
             turning=turning_factors(robot.model, space, at),
-            x_start=np.concatenate([space.coordinates(q[None])[0], robot.speeds(q, v), np.zeros(at.nr)]),
+            x_start=np.concatenate(start),
             speed_bounds=free_speed_bounds(problem),
             labels=RowLabels(robot.v_labels, "rate", robot.speed_labels),
         )

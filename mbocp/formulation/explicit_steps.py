@@ -92,7 +92,8 @@ class ExplicitSteps:
         mechanics = symbols.mechanics
         if not isinstance(mechanics, ForwardMechanics):
             raise TypeError("an explicit scheme needs ForwardMechanics")
-        step = ExplicitStep(mechanics, self.scheme, self.lie, self.substeps)
+        is_free = bool(symbols.space.layout.nh)
+        step = ExplicitStep(mechanics, self.scheme, self.lie, self.substeps, is_free=is_free)
         return _explicit_derivatives(mechanics, step, symbols)
 
 
@@ -101,15 +102,16 @@ def _explicit_derivatives(
 ) -> StepDerivatives:
     """F(x0, u) - x1, and the cost at the beginning of the step as in Eq. (39) of [Manara2017]_."""
     space, layout, gains = at.space, at.space.layout, at.given["gains"]
-    unknowns = ca.vertcat(at.d1, at.d0, at.u)
-    chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.u))
-    root = chain.root()
-    d1, d0, u = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[2 * layout.ndx :]
+    unknowns = ca.vertcat(at.d1, at.d0, at.inputs)
+    chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.inputs))
+    root, of_u = chain.root(), slice(2 * layout.ndx, 2 * layout.ndx + at.u.numel())
+    d1, d0, u = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[of_u]
     before = _state(chain, mechanics, layout, d0, at.x0)
     after = _state(chain, mechanics, layout, d1, at.x1)
     units = ca.diag(at.units_of_u)
     pushed = Affine(units @ u.value, {k: units @ matrix for k, matrix in u.parts.items()})
-    reached = step(chain, before, pushed, at.given["dt"], Gains(gains[0], gains[1], gains[2]))
+    dt = Affine(at.dt, {0: ca.jacobian(at.dt, unknowns)}) if layout.nh else at.dt
+    reached = step(chain, before, pushed, dt, Gains(gains[0], gains[1], gains[2]))
     if layout.is_flat:
         kinematic = reached.z - after.z
     else:
@@ -118,6 +120,8 @@ def _explicit_derivatives(
     if layout.nr:
         previous = d1[layout.dr]
         pieces.append(u - (previous if layout.is_flat else previous + at.x1[layout.r]))
+    if layout.nh:
+        pieces.append(Affine(at.length_rows, {0: ca.jacobian(at.length_rows, unknowns)}))
     c = Affine.join(pieces)
     q, s = at.at0[layout.z], at.at0[layout.s]
     acceleration = partial(rate_of_speeds, mechanics, q, s, at.controls, gains[2])
@@ -125,7 +129,7 @@ def _explicit_derivatives(
     slope = ca.jacobian(cost, unknowns)
     curvature, _ = ca.hessian(cost, unknowns)
     cost, slope, curvature = space.at_zero_tangents(
-        [at.x0, at.x1], [cost, slope, curvature], [at.u, at.theta, at.rho], [at.d0, at.d1]
+        [at.x0, at.x1], [cost, slope, curvature], [at.inputs, at.theta, at.rho], [at.d0, at.d1]
     )
     hessian = ca.triu(curvature + chain.hessian(c, at.m))
     return StepDerivatives(ca.densify(c.value), cost, chain.jacobian(c), slope, hessian)

@@ -63,7 +63,7 @@ class ImplicitFormulation:
         signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
         check_size(problem, signature, at, robot.nc)
-        start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr)]
+        start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr), np.ones(at.nh)]
         pieces = Pieces(
             problem=problem,
             joints=space,

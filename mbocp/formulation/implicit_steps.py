@@ -73,7 +73,7 @@ class ImplicitSteps:
 def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
     """Kinematics, momentum balance, previous controls and constraints, with their derivatives."""
     mechanics, space, layout = at.mechanics, at.space, at.space.layout
-    dt, force = at.given["dt"], at.given["force"]
+    dt, force = at.dt, at.given["force"]
     before = State(at.at0[layout.z], at.at0[layout.s])
     after = State(at.at1[layout.z], at.at1[layout.s])
     point = evaluation_point(mechanics, scheme, before, after, dt)
@@ -81,10 +81,10 @@ def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
     rows = step_rows(mechanics, scheme, before, after, point, impulse, at.controls, dt, difference=difference)
     momentum = (1.0 / force) * rows.momentum
     previous = at.u - at.at1[layout.r] if layout.nr else ca.SX.zeros(0, 1)
-    c = ca.densify(ca.vertcat(rows.kinematic, momentum, previous, rows.constraint))
+    c = ca.densify(ca.vertcat(rows.kinematic, momentum, previous, at.length_rows, rows.constraint))
     cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))
-    z = ca.vertcat(at.d1, at.y, at.d0, at.u)
+    z = ca.vertcat(at.d1, at.y, at.d0, at.inputs)
     hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)
     derivatives = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), ca.triu(hessian)]
-    others = [at.y, at.u, at.m, at.theta, at.rho]
+    others = [at.y, at.inputs, at.m, at.theta, at.rho]
     return StepDerivatives(*space.at_zero_tangents([at.x0, at.x1], derivatives, others, [at.d0, at.d1]))

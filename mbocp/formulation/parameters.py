@@ -11,6 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
 from mbocp.formulation.signature import FunctionSignature
+from mbocp.formulation.step_lengths import BEGINS_PHASE
 from mbocp.terms import Sizes
 
 __all__ = [
@@ -60,6 +61,8 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         stage[HAS_BEFORE] = 1
     if signature.uses_time:
         stage[TIME] = 1
+    if signature.has_free_lengths:
+        stage[BEGINS_PHASE] = 1
     _add(theta, signature.steps.parameters)
     for k, constraint in enumerate(signature.path):
         _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})

@@ -17,6 +17,22 @@ __all__ = ["RowLabels", "row_describer"]
 
 
 @dataclass(frozen=True)
+class _Times:
+    """When steps and the end are; a free duration has no times before it is found."""
+
+    problem: Problem
+
+    def step(self, stage: int) -> str:
+        if self.problem.has_free_duration:
+            return f"in step {stage + 1} of {self.problem.num_steps}"
+        return f"in the step to t = {(stage + 1) * self.problem.dt:g} s"
+
+    @property
+    def end(self) -> str:
+        return "at the end" if self.problem.has_free_duration else f"at t = {self.problem.duration:g} s"
+
+
+@dataclass(frozen=True)
 class RowLabels:
     """Names of what the rows of a step speak of.
 
@@ -47,7 +63,7 @@ def row_describer(
     bounds: StateBounds,
 ) -> Callable[[int, int], str]:
     """(stage, row) -> words, see `StagewiseProgramme.describe_row`."""
-    robot, dt, duration = problem.robot, problem.dt, problem.duration
+    robot, times = problem.robot, _Times(problem)
     of_end, limits = rows.words(robot), _limits(problem, space, at, labels.speeds, bounds)
     nc = len(labels.constraints)
     for term in problem.terms:
@@ -56,9 +72,9 @@ def row_describer(
     def describe(stage: int, row: int) -> str:
         if stage < 0:
             if row >= len(of_end):
-                return f"guard of the end condition at t = {duration:g} s"
-            return f"end condition {row + 1} ({of_end[row]}) at t = {duration:g} s"
-        when = f"in the step to t = {(stage + 1) * dt:g} s"
+                return f"guard of the end condition {times.end}"
+            return f"end condition {row + 1} ({of_end[row]}) {times.end}"
+        when = times.step(stage)
         if row >= at.ndx + nc:
             return f"{limits[row - at.ndx - nc]} {when}"
         if row < at.nw:
@@ -66,8 +82,10 @@ def row_describer(
             return f"kinematics of {name} {when}"
         if row < at.nw + at.ns:
             return f"{labels.balance} of {labels.speeds[row - at.nw].name} {when}"
-        if row < at.ndx:
+        if row < at.ndx - at.nh:
             return f"previous control {robot.u_labels[row - at.nw - at.ns].name} {when}"
+        if row < at.ndx:
+            return f"length {when}"
         return f"constraint {labels.constraints[row - at.ndx].name} {when}"
 
     return describe
@@ -87,6 +105,7 @@ def _limits(
         for i in range(min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)):
             label = robot.q_labels[part.at_q.start + i]
             names[part.at_z.start + i] = f"position limit of {label.name}"
+    names |= {at.h.start + i: "bound of horizon.duration" for i in range(at.nh)}
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
     of_controls = [f"limit of control {robot.u_labels[i].name}" for i in bounds.limited_u]
     return [*(names[i] for i in bounds.limited_x), *of_controls, *path]

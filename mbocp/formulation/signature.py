@@ -40,6 +40,8 @@ class FunctionSignature:
         See `StateLayout`.
     guarded : tuple of int
         Parts of the configuration space, by index, whose end condition is guarded.
+    has_free_lengths : bool
+        Whether states hold the length of the steps.
     """
 
     robot: str
@@ -51,6 +53,7 @@ class FunctionSignature:
     own_ends: tuple[OwnEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
+    has_free_lengths: bool = False
 
     @property
     def couples_steps(self) -> bool:
@@ -75,7 +78,7 @@ class FunctionSignature:
     def state_layout(self, nz: int, nv: int, ns: int, nu: int) -> StateLayout:
         """Pieces of a state, for configurations of `nz` coordinates and `nv` directions."""
         nr = nu if self.has_previous_controls else 0
-        return StateLayout(nz=nz, nv=nv, ns=ns, nr=nr, is_flat=self.is_flat)
+        return StateLayout(nz=nz, nv=nv, ns=ns, nr=nr, is_flat=self.is_flat, nh=int(self.has_free_lengths))
 
     @property
     def stage_text(self) -> str:
@@ -111,6 +114,7 @@ class FunctionSignature:
             **self.steps.state_key,
             "is_flat": self.is_flat,
             "has_previous_controls": self.has_previous_controls,
+            **({"has_free_lengths": True} if self.has_free_lengths else {}),  # given ones keep their key
         }
 
 

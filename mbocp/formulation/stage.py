@@ -1,9 +1,9 @@
 """Stage functions of a problem's signature, with exact first and second derivatives.
 
-A state is x = (z, s, r): coordinates of the configuration, speeds, and the controls of the step before where
-their rate costs something. Derivatives are taken along the retraction x -> (z exp(dq), s + ds, r + dr) at
-dx = 0, so that every Newton update stays on the joints' Lie group; or, where the signature is flat, in the
-coordinates themselves.
+A state is x = (z, s, r, h): coordinates of the configuration, speeds, the controls of the step before where
+their rate costs something, and the length of the steps where it is free. Derivatives are taken along the
+retraction x -> (z exp(dq), s + ds, r + dr, h + dh) at dx = 0, so that every Newton update stays on the joints'
+Lie group; or, where the signature is flat, in the coordinates themselves.
 
 Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 
@@ -14,8 +14,8 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - path      (x1, m, u, theta)               -> h, dh_dx1, upper Hessian of m'h in x1; with path constraints
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
-The rows of c are kinematics, momentum balance (or speeds), previous controls, constraints. Which equations
-these are is for the formulation's `Steps` to say. Controls that are forces, y and the momentum balance count
+The rows of c are kinematics, momentum balance (or speeds), previous controls, step length, constraints. Which
+equations these are is for the formulation's `Steps` to say. Controls that are forces, y and the momentum balance count
 in a unit of force that is one of the parameters, see `Units`.
 """
 
@@ -38,6 +38,7 @@ from mbocp.formulation.parameters import (
     pieces,
 )
 from mbocp.formulation.signature import FunctionSignature
+from mbocp.formulation.step_lengths import BEGINS_PHASE, idle_cost
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point
@@ -82,13 +83,18 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     if not at.is_flat:
         d0, d1 = ca.SX.sym("d0", at.ndx), ca.SX.sym("d1", at.ndx)
         at0, at1 = space.retract(x0, d0), space.retract(x1, d1)
-    u, given = ca.SX.sym("u", mechanics.nu), pieces(theta, layout.theta)
+    u, w = ca.SX.sym("u", mechanics.nu), ca.SX.sym("w", at.nh)
+    given = {**pieces(theta, layout.theta), **pieces(rho, layout.stage)}
     num_drives = len(mechanics.robot.drives)  # at the end of u; what they prescribe is no force
     units_of_u = ca.vertcat(ca.repmat(given["force"], mechanics.nu - num_drives), ca.SX.ones(num_drives))
-    numbers = {**given, **pieces(rho, layout.stage)}
+    # As a linear row of the step makes it equal to h1 it could be that, but explicit steps know h0 alone.
+    stretched = at0[at.h] + given[BEGINS_PHASE] * w if at.nh else ca.SX(1)
+    dt, moment = stretched * given["dt"], given.get(TIME)
+    moment = None if moment is None else stretched * moment
     controls = units_of_u * u
     change = units_of_u * (u - at0[at.r]) if signature.has_previous_controls else None
-    node = partial(Point, mechanics, u=controls, change=change, moment=numbers.get(TIME))
+    node = partial(Point, mechanics, u=controls, change=change, moment=moment)
+    idle = idle_cost(given[BEGINS_PHASE], w) if at.nh else ca.SX(0)
     return StepSymbols(
         mechanics=mechanics,
         space=space,
@@ -100,12 +106,14 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         at1=at1,
         y=ca.SX.sym("y", ny),
         u=u,
+        w=w,
+        dt=dt,
         m=ca.SX.sym("m", at.ndx + ny),
         units_of_u=units_of_u,
         theta=theta,
         rho=rho,
         given=given,
-        running_cost=_RunningCost(signature, node, numbers),
+        running_cost=_RunningCost(signature, node, given, dt, idle),
     )
 
 
@@ -116,9 +124,11 @@ class _RunningCost:
     signature: FunctionSignature
     node: Callable[..., Point]
     given: Mapping[str, ca.SX]
+    dt: ca.SX
+    idle: ca.SX  # cost of a control that does nothing
 
     def __call__(self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX]) -> ca.SX:
-        at, dt = self.node(q, v, acceleration=acceleration), self.given["dt"]
+        at, dt = self.node(q, v, acceleration=acceleration), self.dt
         cost = between = ca.SX(0)
         for term in self.signature.cost:
             for addend in term.addends(at, self.given):
@@ -126,12 +136,12 @@ class _RunningCost:
                     between += self.given[HAS_BEFORE] * addend / dt
                 else:
                     cost += addend
-        return dt * cost + between
+        return dt * cost + between + self.idle
 
 
 def _functions(at: StepSymbols, step: StepDerivatives) -> dict[str, ca.Function]:
     derivatives = list(step)
-    arguments, parameters = [at.x0, at.x1, at.y, at.u], [at.theta, at.rho]
+    arguments, parameters = [at.x0, at.x1, at.y, at.inputs], [at.theta, at.rho]
     return {
         "values": ca.Function("values", [*arguments, *parameters], ca.cse(derivatives[:2])),
         "gradient": ca.Function("gradient", [*arguments, *parameters], ca.cse(derivatives[3:4])),
@@ -154,4 +164,4 @@ def _path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
     m = ca.SX.sym("m", h.numel())
     hessian, _ = ca.hessian(ca.dot(m, h), at.x1)
     outputs = [h, ca.jacobian(h, at.x1), ca.triu(hessian)]
-    return ca.Function("path", [at.x1, m, at.u, at.theta], ca.cse(outputs))
+    return ca.Function("path", [at.x1, m, at.inputs, at.theta], ca.cse(outputs))

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import casadi as ca
 
 from mbocp.formulation.layout import StateSpace
+from mbocp.formulation.step_lengths import BEGINS_PHASE
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
@@ -49,7 +50,11 @@ class StepSymbols:
     y : casadi.SX, shape (ny,)
         Impulses of constraints, in the unit of force.
     u : casadi.SX, shape (nu,)
-        Controls, forces among them in the unit of force.
+        Controls of the robot, forces among them in the unit of force.
+    w : casadi.SX, shape (nh,)
+        Control of the step length, see `step_lengths`.
+    dt : casadi.SX
+        Length of the step [s].
     m : casadi.SX, shape (ndx + ny,)
         Multipliers of the rows.
     units_of_u : casadi.SX, shape (nu,)
@@ -57,7 +62,7 @@ class StepSymbols:
     theta, rho : casadi.SX
         Parameters of the horizon and of the step.
     given : mapping of str to casadi.SX
-        Pieces of theta, by name.
+        Pieces of theta and rho, by name.
     running_cost : callable
         (q, v, acceleration) -> the cost of the step, evaluated there; acceleration is a callable.
     """
@@ -72,12 +77,26 @@ class StepSymbols:
     at1: ca.SX
     y: ca.SX
     u: ca.SX
+    w: ca.SX
+    dt: ca.SX
     m: ca.SX
     units_of_u: ca.SX
     theta: ca.SX
     rho: ca.SX
     given: Mapping[str, ca.SX]
     running_cost: RunningCost
+
+    @property
+    def inputs(self) -> ca.SX:
+        """All controls of the programme, shape (nu + nh,)."""
+        return ca.vertcat(self.u, self.w)
+
+    @property
+    def length_rows(self) -> ca.SX:
+        """h0 + e w - h1, shape (nh,): how long the steps are from here on."""
+        at = self.space.layout
+        before, after = self.at0[at.h], self.at1[at.h]
+        return before + self.given[BEGINS_PHASE] * self.w - after if at.nh else ca.SX.zeros(0, 1)
 
     @property
     def controls(self) -> ca.SX:

@@ -39,6 +39,7 @@ def units_of(
     x, rows = np.zeros(at.nx, dtype=bool), np.zeros(at.ndx + num_algebraic, dtype=bool)
     if at.nr:
         x[at.r] = rows[at.dr] = is_force
+    is_force_u = np.append(is_force, np.zeros(at.nh, dtype=bool))
     rows[at.ds] = not signature.steps.rows_are_gaps
     force, cost = ordinary_units(problem)
     return Units(
@@ -47,7 +48,7 @@ def units_of(
         theta=mask(parameters.theta, ("force",)),
         terminal=mask(parameters.terminal, ("D_rate",) if goal.rate == "p" else ()),
         x=x,
-        u=is_force,
+        u=is_force_u,
         rows=rows,
         end_rows=(np.arange(goal.rows) >= goal.ng_q) & (goal.rate == "p"),
     )
@@ -100,5 +101,7 @@ def _typical_cost(problem: Problem, force: float) -> float:
         np.max(weights[:nv], initial=0.0),
         np.max(weights[nv:], initial=0.0) * (force * T) ** 2,
         abs(cost.potential) * force,
+        float(cost.weight("time")),
+        np.max(np.abs(cost.weight("effort_linear"))) * force,
     )
     return T * float(max(rates))

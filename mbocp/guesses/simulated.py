@@ -26,9 +26,9 @@ def simulated(formulation: Formulation, u: Array) -> Iterate:
     native.x = xs.ravel()
     sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS)
     if not sweep.ok:
-        when = (sweep.failed_stage + 1) * problem.dt
         raise ProblemError(
-            f"guess: the forward simulation with constant control fails in the step to t = {when:g} s "
+            f"guess: the forward simulation with constant control fails "
+            f"{programme.describe_step(sweep.failed_stage)} "
             f"(residual {sweep.residual:.1e}); take more steps, another guess.u, or another guess.kind"
         )
     return Iterate.read_from(native, programme)

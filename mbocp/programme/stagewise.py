@@ -86,7 +86,7 @@ class StagewiseProgramme:
     rows_are_gaps : bool
         Whether the rows of a step are F(x_{n-1}, u_{n-1}) - x_n: the gap to the state that it reaches.
     dt : float
-        Step length [s].
+        Step length [s], or the guess of a free one.
     control_weight : float
         Smallest second derivative of the running cost in a control, the unit of regularisation.
     describe_row : callable
@@ -96,6 +96,8 @@ class StagewiseProgramme:
         In which its numbers would be of ordinary size; it is counted as the user does.
     path_names : tuple of str
         Of the path functions, for messages.
+    has_free_lengths : bool
+        Whether step lengths are unknowns, so that messages count steps and name no times.
     """
 
     num_steps: int
@@ -118,6 +120,19 @@ class StagewiseProgramme:
     describe_row: Callable[[int, int], str] = field(compare=False)
     units: Units
     path_names: tuple[str, ...] = ()
+    has_free_lengths: bool = False
+
+    def describe_step(self, stage: int) -> str:
+        """Words for a stage."""
+        if self.has_free_lengths:
+            return f"in step {stage + 1} of {self.num_steps}"
+        return f"in the step to t = {(stage + 1) * self.dt:g} s"
+
+    def describe_node(self, node: int) -> str:
+        """Words for the time of a node."""
+        if self.has_free_lengths:
+            return f"after step {node} of {self.num_steps}"
+        return f"at t = {node * self.dt:g} s"
 
     def describe_path(self, row: int) -> str:
         """Words for a path constraint."""

@@ -191,8 +191,8 @@ def _place(state: SolverState, programme: StagewiseProgramme) -> str:
             'enforce fewer components, or goal.enforce = "penalty"'
         )
     if state.failed_stage >= 0 and state.failure is Status.SWEEP_FAILED:
-        return f"in the step to t = {(state.failed_stage + 1) * programme.dt:g} s"
+        return programme.describe_step(state.failed_stage)
     if state.failed_stage >= 0:
-        when = (state.failed_stage + 1) * programme.dt
-        return f"in the step to t = {when:g} s: singular mass matrix, redundant constraints or free control"
+        where = programme.describe_step(state.failed_stage)
+        return f"{where}: singular mass matrix, redundant constraints or free control"
     return "and has not the inertia of a minimum for any shift"

@@ -97,8 +97,8 @@ def _worst(programme: StagewiseProgramme, lay: NlpLayout, violations: Array) -> 
     at = np.argwhere(lay.path == row)
     if at.size:
         node, index = (int(i) for i in at[0])
-        when = (node + 1) * programme.dt
-        return f"largest violation: {programme.describe_path(index)} at t = {when:g} s {size}"
+        when = programme.describe_node(node + 1)
+        return f"largest violation: {programme.describe_path(index)} {when} {size}"
     if row in lay.end:
         return f"largest violation: {describe(-1, int(row - lay.end[0]))} {size}"
     return f"largest violation: {'guard of the end condition' if row in lay.guards else 'start'} {size}"
