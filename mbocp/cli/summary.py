@@ -61,10 +61,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
     return [
         ("robot", robot),
         *_carried(solution.robot_spec),
-        (
-            "horizon",
-            f"{solution.duration:g} s in {solution.num_steps} steps of {dt:.4g} s{_scheme(solution)}",
-        ),
+        ("horizon", f"{_duration(solution)} in {solution.num_steps} steps of {dt:.4g} s{_scheme(solution)}"),
         ("guess", solution.guess_used or "not recorded"),
         ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
         ("status", verdict),
@@ -99,6 +96,14 @@ def goal_error(solution: Solution, problem: Problem) -> str:
         word = "momentum" if goal.rate == "p" else "velocity"
         parts.append(f"{word} by {abs(error[worst]):.2e} {labels[worst].unit} at {labels[worst].name}")
     return ", ".join(parts)
+
+
+def _duration(solution: Solution) -> str:
+    """How long the motion takes, and between which bounds it was free to."""
+    if solution.duration_range is None:
+        return f"{solution.duration:g} s"
+    lower, upper = solution.duration_range
+    return f"{solution.duration:.9g} s, free between {lower:g} and {upper:g} s,"
 
 
 def _scheme(solution: Solution) -> str:
@@ -158,12 +163,16 @@ def _limits(solution: Solution) -> _Rows:
 
 def _is_bounded(solution: Solution) -> bool:
     bounds = (solution.limits_u, solution.limits_v, solution.limits_q)
-    return bool(solution.path_names) or any(bool(np.isfinite(bound).any()) for bound in bounds)
+    if solution.path_names or solution.duration_range is not None:
+        return True
+    return any(bool(np.isfinite(bound).any()) for bound in bounds)
 
 
 def _touches(limit: ActiveLimit) -> str:
     where = f"{limit.kind} {limit.name}"
     times = f"in {limit.count} of {limit.total} {'steps' if limit.kind == 'control' else 'nodes'}"
+    if limit.kind == "duration":
+        return f"duration at its {limit.side} bound {limit.bound:.6g} s"
     if limit.kind == "path":
         bound = "" if math.isnan(limit.bound) else f" {limit.bound:.6g} {limit.unit}"
         return f"{where} at its {limit.side} bound{bound} {times}"

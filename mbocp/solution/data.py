@@ -13,7 +13,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
-from mbocp.solution.problem_text import integrator_of, limits_of
+from mbocp.solution.problem_text import duration_range_of, integrator_of, limits_of
 from mbocp.solution.records import IterationRecord, Labels, Phase, Status
 
 __all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "SolutionData"]
@@ -200,6 +200,11 @@ class SolutionData:
     def duration(self) -> float:
         """Length T of the horizon [s]."""
         return float(self.t[-1] - self.t[0])
+
+    @property
+    def duration_range(self) -> tuple[float, float] | None:
+        """Bounds [s] between which the duration was free; None where it was given."""
+        return duration_range_of(self.problem_text)
 
     @property
     def control_hamiltonian(self) -> dict[str, float]:

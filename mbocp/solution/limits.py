@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.solution.data import SolutionData
-from mbocp.solution.problem_text import path_bounds_of
+from mbocp.solution.problem_text import duration_range_of, path_bounds_of
 from mbocp.solution.records import Column
 
 __all__ = ["ActiveLimit", "active_limits"]
@@ -25,9 +25,9 @@ class ActiveLimit:
     Attributes
     ----------
     kind : str
-        "control", "velocity", "position" or "path".
+        "control", "velocity", "position", "path" or "duration".
     name : str
-        Of the control, joint or path constraint.
+        Of the control, joint or path constraint; "horizon" of a free duration.
     side : str
         "lower" or "upper".
     bound : float
@@ -47,7 +47,7 @@ class ActiveLimit:
 
 
 def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
-    """Limits of the problem that the motion touches, in the order control, velocity, position, path."""
+    """Limits that the motion touches, in the order control, velocity, position, path, duration."""
     labels = solution.labels
     found: list[ActiveLimit] = []
     for kind, columns, values, limits in (
@@ -67,6 +67,11 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
             if active.any():
                 count = int(np.count_nonzero(active))
                 found.append(ActiveLimit("path", name, side, bound, unit, count, len(active)))
+    of_duration = duration_range_of(solution.problem_text)
+    if of_duration is not None:
+        taken = np.array([[float(solution.t[-1] - solution.t[0])]])
+        bounds_of_it = np.array(of_duration)[:, None]
+        found += _touched("duration", (Column("horizon", "s"),), taken, bounds_of_it)
     return tuple(found)
 
 
@@ -79,7 +84,7 @@ def _touched(kind: str, columns: Sequence[Column], values: Array, limits: Array)
     for i, column in enumerate(columns):
         for side, bound, sign in (("lower", limits[0, i], -1.0), ("upper", limits[1, i], 1.0)):
             if np.isfinite(bound):
-                margin = _TOUCHES * max(1.0, abs(bound))
+                margin = _TOUCHES * (abs(bound) if kind == "duration" else max(1.0, abs(bound)))
                 count = int(np.count_nonzero(sign * (values[:, i] - bound) >= -margin))
                 if count:
                     yield ActiveLimit(kind, column.name, side, float(bound), column.unit, count, len(values))

@@ -13,7 +13,7 @@ from mbocp._files import parse_toml
 from mbocp.exceptions import InvalidValue, Unreadable
 from mbocp.terms import PATH_TERMS
 
-__all__ = ["integrator_of", "limits_of", "path_bounds_of"]
+__all__ = ["duration_range_of", "integrator_of", "limits_of", "path_bounds_of"]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
 
@@ -34,8 +34,13 @@ class _Robot(_Part):
     rotations: str = "quaternion"
 
 
+class _Horizon(_Part):
+    duration: float | dict[str, float] = 0.0
+
+
 class _Problem(_Part):
     coordinates: str = "joint"
+    horizon: _Horizon = _Horizon()
     integrator: _Integrator = _Integrator()
     robot: _Robot | str = _Robot()
     limits: dict[str, Any] = {}
@@ -60,6 +65,21 @@ def integrator_of(problem_text: str) -> dict[str, Any]:
         **problem.integrator.model_dump(),
         "rotations": robot.rotations,
     }
+
+
+def duration_range_of(problem_text: str) -> tuple[float, float] | None:
+    """Least and greatest duration [s] of a problem whose duration is free; None where it is given.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    written = problem.horizon.duration if problem is not None else 0.0
+    if not isinstance(written, dict):
+        return None
+    return written.get("min", 0.0), written.get("max", np.inf)
 
 
 def limits_of(problem_text: str) -> dict[str, Array]:
