@@ -1,4 +1,4 @@
-"""Where the pieces of a state are: coordinates of the configuration, speeds, previous controls, step length."""
+"""Where the pieces of a state are: coordinates of the configuration, speeds, previous controls, length."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
 A state is x = (z, s, r, h): coordinates of the configuration, speeds, the controls of the step before where
 their rate costs something, and the length of the steps where it is free. Derivatives are taken along the
-retraction x -> (z exp(dq), s + ds, r + dr, h + dh) at dx = 0, so that every Newton update stays on the joints'
-Lie group; or, where the signature is flat, in the coordinates themselves.
+retraction x -> (z exp(dq), s + ds, r + dr, h + dh) at dx = 0, so that every Newton update stays on the
+joints' Lie group; or, where the signature is flat, in the coordinates themselves.
 
 Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 
@@ -15,8 +15,8 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
 The rows of c are kinematics, momentum balance (or speeds), previous controls, step length, constraints. Which
-equations these are is for the formulation's `Steps` to say. Controls that are forces, y and the momentum balance count
-in a unit of force that is one of the parameters, see `Units`.
+equations these are is for the formulation's `Steps` to say. Controls that are forces, y and the momentum
+balance count in a unit of force that is one of the parameters, see `Units`.
 """
 
 from __future__ import annotations

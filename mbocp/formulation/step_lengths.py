@@ -1,13 +1,13 @@
 r"""Steps of free length: the length is part of the state, and one more control sets it.
 
-With h the step length in units of its guess, and a stage parameter e that is 1 in the first step of a phase and
-0 elsewhere,
+With h the step length in units of its guess, and a stage parameter e that is 1 in the first step of a phase
+and 0 elsewhere,
 
 .. math:: h_{k+1} = h_k + e_k w_k, \qquad \Delta t_k = \Delta t_{guess}\, (h_k + e_k w_k), \qquad h_0 = 1.
 
-So all steps of a phase are as long as each other, and the programme stays one of stages: no solver has to know.
-Where e is 0 nothing depends on the control w. Half its square is added to the cost there, which is zero at the
-optimum. Bounds keep h positive.
+So all steps of a phase are as long as each other, and the programme stays one of stages: no solver has to
+know. Where e is 0 nothing depends on the control w. Half its square is added to the cost there, which is zero
+at the optimum. Bounds keep h positive.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ BEGINS_PHASE = "begins_phase"  # the stage parameter e
 
 
 def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:
-    """e of every step, shape (N,), from the first steps of the phases."""
+    """Parameter e of every step, shape (N,), from the first steps of the phases."""
     e = np.zeros(num_steps)
     e[list(starts)] = 1.0
     return e

@@ -26,15 +26,17 @@ def check_duration(duration: Any, bounds: Any) -> tuple[float, tuple[float, floa
     InvalidValue
         If one is not positive, too small or too large, or they are not in order.
     """
-    value = _checked(_KEY, duration)
     if bounds is None:
-        return value, None
+        return _checked(_KEY, duration), None
     lower, upper = (_checked(f"{_KEY}.{key}", side) for key, side in zip(KEYS, bounds, strict=False))
     if not lower < upper <= _WIDEST * lower:
         expected = f"more than min ({lower:g} s), and at most {_WIDEST:g} times as much"
         raise InvalidValue(f"{_KEY}.max", upper, expected)
+    value = _checked(f"{_KEY}.guess", duration)
     if not lower <= value <= upper:
-        raise InvalidValue(f"{_KEY}.guess", value, f"a duration between min and max, {lower:g} and {upper:g} s")
+        raise InvalidValue(
+            f"{_KEY}.guess", value, f"a duration between min and max, {lower:g} and {upper:g} s"
+        )
     return value, (lower, upper)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
-from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
+from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import (
@@ -378,7 +378,9 @@ class Problem:
                 f'solver.method: got "{self.solver.method}", which cannot {cannot}; take {able}, or {remedy}'
             )
         if self.is_bounded and self.solver.is_pure_newton:
-            cannot = "finds no free duration" if self.has_free_duration else "keeps neither [limits] nor [path]"
+            cannot = "keeps neither [limits] nor [path]"
+            if self.has_free_duration:
+                cannot = "finds no free duration"
             raise ProblemError(
                 f'solver.globalisation: got "none", with which Newton\'s method {cannot}; take "default"'
             )

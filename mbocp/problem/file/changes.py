@@ -39,9 +39,12 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
     values = dict(changes)
     if "steps" in values:
         values["num_steps"] = values.pop("steps")
-    if "duration" in values:
-        values = {**duration_from(plain(values.pop("duration"))), **values}
     tables = {name: values.pop(name) for name in list(values) if _is_table(name, values[name])}
+    if "duration" in values:
+        written = plain(values.pop("duration"))
+        values = {**duration_from(written), **values}
+        if tables:  # at once: what they ask for may need it
+            tables["horizon"] = {"duration": written}
     known = [field.name for field in fields(problem)]
     for name, value in values.items():
         if name in _VALUES and not isinstance(value, _VALUES[name]):

@@ -232,8 +232,8 @@ class _CostReader:
             path = self.folder / target_file
             if self.horizon["duration_range"] is not None:
                 raise ProblemError(
-                    "cost.target_file: a file says when the robot is where, which a free horizon.duration does "
-                    "not; give a number there, or cost.target, whose rows belong to the steps"
+                    "cost.target_file: a file says when the robot is where, and horizon.duration is free; "
+                    "give a number there, or cost.target, whose rows belong to the steps"
                 )
             target_q, target_p = read_target(path, robot, self.horizon["duration"], self.num_steps)
             given_q = given_p = np.ones(robot.nv, dtype=np.bool_)
