@@ -29,22 +29,33 @@ class CoordinatesData:
         Whether a solution in the coordinates of the joints is a guess, and the first one to try.
     has_robot_multipliers : bool
         Whether the multipliers of a solution are those of the robot's own constraints, and no others.
+    takes_free_duration : bool
+        Whether steps may be of a length that is found.
     """
 
     needs_constraints: bool
     limits_joints: bool
     takes_joint_guess: bool
     has_robot_multipliers: bool
+    takes_free_duration: bool
 
 
 COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
     {
         "joint": CoordinatesData(
-            needs_constraints=False, limits_joints=True, takes_joint_guess=False, has_robot_multipliers=True
+            needs_constraints=False,
+            limits_joints=True,
+            takes_joint_guess=False,
+            has_robot_multipliers=True,
+            takes_free_duration=True,
         ),
         # Far from a solution Newton's method gets on badly with bodies: hence the guess.
         "natural": CoordinatesData(
-            needs_constraints=True, limits_joints=False, takes_joint_guess=True, has_robot_multipliers=False
+            needs_constraints=True,
+            limits_joints=False,
+            takes_joint_guess=True,
+            has_robot_multipliers=False,
+            takes_free_duration=False,
         ),
     }
 )
@@ -68,18 +79,18 @@ def check_coordinates(
             f'integrator.scheme: got "{scheme}", but natural coordinates are tied by constraints, which are '
             'solved with each step; take "se1", "se2" or "midpoint", or coordinates = "joint"'
         )
-    if data.limits_joints:
+    if data.limits_joints and data.takes_free_duration:
         return
     mechanics = natural_mechanics(robot)
     if not mechanics.tree.turning:
         return  # the same as joint coordinates
-    if is_free:
+    if is_free and not data.takes_free_duration:
         raise ProblemError(
             "horizon.duration: natural coordinates take steps of a given length; give a number, or take "
             'coordinates = "joint"'
         )
     for key, table in (("q", "position"), ("v", "velocity")):
-        if limits.finite(key).any():
+        if limits.finite(key).any() and not data.limits_joints:
             raise ProblemError(
                 f"limits.{table}: natural coordinates have no joint positions and velocities to limit; take "
                 'coordinates = "joint", or path constraints'

@@ -45,7 +45,6 @@ from mbocp.terms import OwnPathConstraint, OwnTerm
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
 
-
 _BESIDE = (
     "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
     "assembly mode: give a pose beside it"
