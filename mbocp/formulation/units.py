@@ -102,6 +102,5 @@ def _typical_cost(problem: Problem, force: float) -> float:
         np.max(weights[nv:], initial=0.0) * (force * T) ** 2,
         abs(cost.potential) * force,
         float(cost.weight("time")),
-        np.max(np.abs(cost.weight("effort_linear"))) * force,
     )
     return T * float(max(rates))

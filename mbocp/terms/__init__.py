@@ -11,7 +11,7 @@ from mbocp.terms.cost import (
 )
 from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
 
-from mbocp.terms.linear import LinearEffort, Time  # isort: skip  # keys in the order of the documentation
+from mbocp.terms.time import Time  # isort: skip  # keys in the order of the documentation
 from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
 from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
@@ -28,7 +28,6 @@ __all__ = [
     "Effort",
     "ExactGoal",
     "Kinematics",
-    "LinearEffort",
     "OwnEnd",
     "OwnPath",
     "OwnPathConstraint",

@@ -48,7 +48,7 @@ def free(name: str, integrator: dict[str, Any]) -> Problem:
         steps=N,
         integrator=integrator,
         duration={"min": T / 3, "max": 3 * T, "guess": T},
-        cost={"time": 0.7, "control_rate": 0.1, "velocity": 0.3, "effort_linear": 0.2},
+        cost={"time": 0.7, "control_rate": 0.1, "velocity": 0.3, "fuel": 0.2},
         solver={"method": "auto"},
     )
 
