@@ -10,16 +10,8 @@ from mbocp.robot.describe import describe
 from mbocp.robot.loading.checks import SingularMassMatrix
 from mbocp.robot.loading.load import load_robot, robot_from_spec
 from mbocp.robot.loading.sources import RobotEntry, list_robots
-from mbocp.robot.loops.constraints import (
-    Constraint,
-    Coupling,
-    Hinge,
-    Point,
-    PointOnLine,
-    PointOnPlane,
-    Rod,
-    Weld,
-)
+from mbocp.robot.loops.constraints import Constraint, Hinge, Point, PointOnLine, PointOnPlane, Rod, Weld
+from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.loops.equations import Kinematics, constraint_rows
 from mbocp.robot.loops.redundancy import singular_closure
 from mbocp.robot.parts import (

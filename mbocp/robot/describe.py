@@ -9,7 +9,8 @@ import numpy as np
 
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
-from mbocp.robot.loops.constraints import Constraint, Coupling, Rod
+from mbocp.robot.loops.constraints import Constraint, Rod
+from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
 

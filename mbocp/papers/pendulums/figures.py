@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from mbocp.exceptions import InvalidValue
+from mbocp.papers.numbers import check_number
 from mbocp.papers.pendulums.figure_cart import figure_6, figure_7, figure_8
 from mbocp.papers.pendulums.figure_pendulum import figure_2, figure_3, figure_4
 from mbocp.papers.pendulums.motions import Say
@@ -43,10 +43,7 @@ def check_figure(number: int) -> None:
     ------
     InvalidValue
     """
-    if number not in FIGURES:
-        known = f"one of {', '.join(map(str, FIGURES))}"
-        hint = f"{known}; figure {number} is a sketch of the system" if number in _SKETCHES else known
-        raise InvalidValue("--figure", number, hint)
+    check_number("--figure", number, FIGURES, _SKETCHES)
 
 
 def draw_figure(number: int, say: Say = str) -> Figure:

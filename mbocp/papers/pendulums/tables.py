@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from mbocp.exceptions import InvalidValue
 from mbocp.papers.layout import PaperTable
+from mbocp.papers.numbers import check_number
 from mbocp.papers.pendulums.comparison import comparison_table
 from mbocp.papers.pendulums.convergence import convergence_table
 from mbocp.papers.pendulums.data import COMPARISONS, CONVERGENCES
@@ -22,8 +22,7 @@ def check_table(number: int) -> None:
     ------
     InvalidValue
     """
-    if number not in TITLES:
-        raise InvalidValue("--table", number, f"one of {', '.join(map(str, TITLES))}")
+    check_number("--table", number, TITLES)
 
 
 def make_table(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from mbocp.exceptions import InvalidValue
+from mbocp.papers.numbers import check_number
 from mbocp.papers.so3.accuracy_figure import accuracy_figure, accuracy_file
 from mbocp.papers.so3.drift_figure import drift_figure
 from mbocp.papers.so3.lattice_figures import bar_figure, convergence_figure, success_figure
@@ -88,10 +88,7 @@ def check_figure(number: int) -> None:
     ------
     InvalidValue
     """
-    if number not in FIGURES:
-        known = f"one of {', '.join(map(str, FIGURES))}"
-        hint = f"{known}; figure {number} is a sketch of the system" if number in _SKETCHES else known
-        raise InvalidValue("--figure", number, hint)
+    check_number("--figure", number, FIGURES, _SKETCHES)
 
 
 def write_figure(number: int, request: Request, say: Say = str) -> list[Path]:

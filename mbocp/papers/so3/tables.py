@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from mbocp.exceptions import InvalidValue
 from mbocp.papers.layout import Column, PaperTable, Section
+from mbocp.papers.numbers import check_number
 from mbocp.papers.so3 import counts, timings
 from mbocp.papers.so3.counts import nodes_table
 from mbocp.papers.so3.outcomes import ENDS, Outcomes, Runs
@@ -41,8 +41,7 @@ def check_table(number: int) -> None:
     ------
     InvalidValue
     """
-    if number not in TITLES:
-        raise InvalidValue("--table", number, f"one of {', '.join(map(str, TITLES))}")
+    check_number("--table", number, TITLES)
 
 
 def make_table(number: int, request: Request, say: Say = str) -> PaperTable:

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.exceptions import RobotFileError
-from mbocp.robot import joints, kinematics
-from mbocp.robot.loading.locking import refuse_follower
+from mbocp.robot import joints
+from mbocp.robot.loading.limits import limit_of
 from mbocp.robot.loading.schema import DriveTable
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.parts import Drive
 
 __all__ = ["DriveReader"]
 
 _SPEEDS = {"m": "m/s", "rad": "rad/s"}
-_NO_LIMIT = 1e300  # Pinocchio's "no limit" is the largest double
 
 
 @dataclass(frozen=True)
@@ -28,23 +25,14 @@ class DriveReader:
 
     Parameters
     ----------
-    model : pin.Model
-        After locking.
-    locked : tuple of str
-        Names of the joints that were locked: a drive of one is left out.
+    names : TableReader
+        A drive of a joint that was locked is left out.
     tables : tuple of DriveTable
         The [[drive]] tables, in the order of the controls.
-    robot : str
-        Name for messages.
-    file : Path
-        Where the tables stand, for messages.
     """
 
-    model: pin.Model
-    locked: tuple[str, ...]
+    names: TableReader
     tables: tuple[DriveTable, ...]
-    robot: str
-    file: Path
 
     def driven(self) -> frozenset[int]:
         """Indices of the joints that drives move."""
@@ -81,16 +69,14 @@ class DriveReader:
         """Key of the table and index of each joint that a drive moves; none if they are locked."""
         names = table.joints or [table.joint or ""]
         key = f"drive[{number}].{'joints' if table.joints else 'joint'}"
-        locked = [name for name in names if name in self.locked]
+        locked = [name for name in names if name in self.names.locked]
         if locked and len(locked) < len(names):
-            self._refuse(key, f"joint {locked[0]!r} is locked: lock all joints of a drive or none")
+            self.names.refuse(key, f"joint {locked[0]!r} is locked: lock all joints of a drive or none")
         repeated = [name for name in names if names.count(name) > 1]
         if repeated:
-            self._refuse(key, f"joint {repeated[0]!r} is named twice")
+            self.names.refuse(key, f"joint {repeated[0]!r} is named twice")
         for name in names if not locked else ():
-            joint = joints.joint_id(self.model, name, self.robot)
-            refuse_follower(self.model, joint, self.robot)
-            yield key, joint
+            yield key, self.names.joint(name)
 
     def _drive(self, number: int, table: DriveTable, moved: list[int]) -> tuple[Drive, float]:
         dofs = tuple(dof for joint in moved for dof in self._dofs(joint))
@@ -100,39 +86,36 @@ class DriveReader:
             speed, limit = _SPEEDS["m"], np.inf
         else:
             frame, direction = None, np.zeros(3)
-            kind, name = joints.joint_kind(self.model, moved[0]), self.model.names[moved[0]]
+            kind, name = joints.joint_kind(self.names.model, moved[0]), self.names.model.names[moved[0]]
             if len(dofs) != 1:
-                self._refuse(
+                self.names.refuse(
                     f"drive[{number}].joint",
                     f"joint {name!r} is {kind.word} and has {len(dofs)} velocities: drive one of its frames "
                     "along a direction (frame, direction, joints)",
                 )
-            speed, limit = _SPEEDS[kind.v[0][1]], float(self.model.upperVelocityLimit[dofs[0]])
+            speed, limit = _SPEEDS[kind.v[0][1]], float(self.names.model.upperVelocityLimit[dofs[0]])
         unit, from_urdf = (speed, limit) if table.control == "velocity" else (f"{speed}^2", np.inf)
-        limit = table.limit or (from_urdf if 0.0 < from_urdf < _NO_LIMIT else np.inf)
+        limit = table.limit or limit_of(from_urdf)
         name = table.name or table.joint or table.frame or ""
         return Drive(name, table.control, dofs, frame, direction, unit, speed), limit
 
     def _frame(self, number: int, name: str) -> int:
-        frame = kinematics.frame_id(self.model, name, self.robot)
-        if self.model.frames[frame].parentJoint == 0:
-            self._refuse(f"drive[{number}].frame", f"frame {name!r} is fixed to the world")
+        frame = self.names.frame(name)
+        if self.names.model.frames[frame].parentJoint == 0:
+            self.names.refuse(f"drive[{number}].frame", f"frame {name!r} is fixed to the world")
         return frame
 
     def _dofs(self, joint: int) -> range:
-        where = joints.velocity_slice(self.model, joint)
+        where = joints.velocity_slice(self.names.model, joint)
         return range(where.start, where.stop)
 
     def _refuse_second_cause(self, key: str, joint: int, other: str | None, motor: bool) -> None:
-        name = self.model.names[joint]
+        name = self.names.model.names[joint]
         if other is not None:
-            self._refuse(key, f"joint {name!r} is already moved by drive {other!r}")
+            self.names.refuse(key, f"joint {name!r} is already moved by drive {other!r}")
         if motor:
-            self._refuse(
+            self.names.refuse(
                 key,
                 f"joint {name!r} has a motor, too: a drive prescribes its motion whatever the force. Take it "
                 "out of [actuation] joints, [[actuator]] or the option actuated, or drop the drive",
             )
-
-    def _refuse(self, key: str, reason: str) -> None:
-        raise RobotFileError(self.file, reason, key)

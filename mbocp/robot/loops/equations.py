@@ -9,7 +9,6 @@ import numpy as np
 
 from mbocp.robot.loops.constraints import (
     Constraint,
-    Coupling,
     FrameConstraint,
     Hinge,
     PointOnLine,
@@ -18,6 +17,7 @@ from mbocp.robot.loops.constraints import (
     Weld,
     perpendiculars,
 )
+from mbocp.robot.loops.coupling import Coupling
 
 __all__ = ["Kinematics", "constraint_rows"]
 

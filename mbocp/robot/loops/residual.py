@@ -12,7 +12,8 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot import joints
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.constraints import Constraint, Coupling
+from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.loops.equations import constraint_rows
 
 __all__ = ["Closure"]

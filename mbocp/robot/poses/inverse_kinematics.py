@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
-from mbocp.robot.loops.constraints import Coupling
+from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.loops.mechanism import Mechanism
 from mbocp.robot.loops.projection import assemble, violations
 from mbocp.robot.parts import Label, Limits

@@ -1,0 +1,65 @@
+"""What the tables of a robot.toml name, in one model; refusals say where the table stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import pinocchio as pin
+
+from mbocp.exceptions import RobotFileError
+from mbocp.robot import joints, kinematics
+from mbocp.robot.loading.locking import refuse_follower
+
+__all__ = ["TableReader"]
+
+
+@dataclass(frozen=True)
+class TableReader:
+    """Names of joints and frames as indices of one model.
+
+    Parameters
+    ----------
+    model : pin.Model
+        After locking.
+    locked : tuple of str
+        Names of the joints that were locked.
+    robot : str
+        Name for messages.
+    file : Path
+        Where the tables stand, for messages.
+    """
+
+    model: pin.Model
+    locked: tuple[str, ...]
+    robot: str
+    file: Path
+
+    def joint(self, name: str) -> int:
+        """Index of a joint that moves by itself. Raises `UnknownJoint`; refuses mimic joints."""
+        joint = joints.joint_id(self.model, name, self.robot)
+        refuse_follower(self.model, joint, self.robot)
+        return joint
+
+    def frame(self, name: str) -> int:
+        """Index of a frame by name. Raises `UnknownFrame`."""
+        return kinematics.frame_id(self.model, name, self.robot)
+
+    def pair(self, names: tuple[str, str], where: str) -> tuple[int, int]:
+        """Indices of two frames by name, which must be on bodies that move against each other."""
+        a, b = (self.frame(name) for name in names)
+        if self.model.frames[a].parentJoint == self.model.frames[b].parentJoint:
+            self.refuse(where, f"frames {names[0]!r} and {names[1]!r} are on the same rigid body")
+        return a, b
+
+    def refuse_repeated(self, what: str, names: Sequence[str]) -> None:
+        """Refuse a name that several elements have."""
+        repeated = [name for name in names if names.count(name) > 1]
+        if repeated:
+            self.refuse(what, f"the name {repeated[0]!r} is given twice")
+
+    def refuse(self, key: str, reason: str) -> NoReturn:
+        """Raise the error for a key of the file."""
+        raise RobotFileError(self.file, reason, key)
