@@ -10,6 +10,7 @@ from mbocp.robot.describe import describe
 from mbocp.robot.loading.checks import SingularMassMatrix
 from mbocp.robot.loading.load import load_robot, robot_from_spec
 from mbocp.robot.loading.sources import RobotEntry, list_robots
+from mbocp.robot.loading.world import load_parts
 from mbocp.robot.loops.constraints import Constraint, Hinge, Point, PointOnLine, PointOnPlane, Rod, Weld
 from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.loops.equations import Kinematics, constraint_rows
@@ -25,6 +26,7 @@ from mbocp.robot.parts import (
     SpringDamper,
 )
 from mbocp.robot.payload import Payload
+from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.poses.inverse_kinematics import InverseKinematics
 from mbocp.robot.poses.target import FrameTarget
 from mbocp.robot.resistance import JointResistance
@@ -59,6 +61,7 @@ __all__ = [
     "NormalisationWarning",
     "NotModelledWarning",
     "Payload",
+    "PlacedRobot",
     "Point",
     "PointOnLine",
     "PointOnPlane",
@@ -72,6 +75,7 @@ __all__ = [
     "constraint_rows",
     "describe",
     "list_robots",
+    "load_parts",
     "load_robot",
     "robot_from_spec",
     "singular_closure",

@@ -25,7 +25,7 @@ def describe(robot: Robot) -> dict[str, Any]:
     dict
         name, description, source, dimensions (nq, nv, nu, nc), dofs and mobility (degrees of freedom that the
         constraints leave), mass [kg], gravity [m/s^2], joints, actuators, actuated (their names), passive
-        (joints that none of them acts upon directly), drives, speeds, constraints, forces, payloads,
+        (joints that none of them acts upon directly), drives, speeds, constraints, forces, payloads, parts,
         frames, trace_frames, q0 [rad, m], rotations, fingerprint. Drives are among the actuators, last.
     """
     return {
@@ -52,6 +52,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "constraints": [_constraint(robot, constraint) for constraint in robot.constraints],
         "forces": [_force(force) for force in robot.forces],
         "payloads": [payload.table for payload in robot.payloads],
+        "parts": [part.table for part in robot.parts],
         "frames": list(robot.frame_names),
         "trace_frames": list(robot.trace_frames),
         "q0": robot.q0.tolist(),

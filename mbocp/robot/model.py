@@ -17,6 +17,7 @@ from mbocp.robot import joints, kinematics
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.payload import Payload
+from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import JointResistance
 
 __all__ = ["RobotModel"]
@@ -67,6 +68,8 @@ class RobotModel:
         Damping and friction of joints: the part of f(q, v) that acts on one velocity each.
     payloads : tuple of Payload
         Bodies that it carries; `model` and `visual_model` have them already.
+    parts : tuple of PlacedRobot
+        Robots that it is made of; empty for a single one.
     """
 
     name: str
@@ -86,6 +89,7 @@ class RobotModel:
     redundant_rows: tuple[int, ...] = ()
     resistances: tuple[JointResistance, ...] = ()
     payloads: tuple[Payload, ...] = ()
+    parts: tuple[PlacedRobot, ...] = ()
 
     def __post_init__(self) -> None:
         if self.rotations not in _ROTATIONS:
@@ -196,6 +200,12 @@ class RobotModel:
     def is_vector_space(self) -> bool:
         """Whether every joint's configuration is a plain vector (nq == nv, no circles, no quaternions)."""
         return all(joints.joint_kind(self.model, j).is_vector for j in range(1, self.model.njoints))
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        """The URDFs that it was read from."""
+        found = [self.source, *(part.source for part in self.parts)]
+        return tuple(dict.fromkeys(path for path in found if path is not None))
 
     @property
     def has_forces(self) -> bool:

@@ -85,6 +85,7 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
         Dotted key, for messages.
     """
     slots = list(_slots(robot))
+    written = _by_part(robot, written, key, [slot.nq for slot in slots], [s.n_written for s in slots])
     q = np.array(base, dtype=np.float64)
     active = np.zeros(robot.nv, dtype=np.bool_)
     for slot, numbers in _by_joint(robot, slots, written, key):
@@ -105,7 +106,7 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
         active[:] = True
         return value, active
     slots = tangent_slots(robot)
-    for name, entry in written.items():
+    for name, entry in _by_part(robot, written, key, [slot.nv for slot in _slots(robot)]).items():
         where = _find(slots, name, robot)
         numbers = _listed(entry)
         if len(numbers) != where.stop - where.start:
@@ -122,6 +123,8 @@ def weights_from(robot: Robot, written: float | Written, key: str) -> Array:
     if not isinstance(written, Mapping):
         return tangent_from(robot, written, key)[0]
     slots = {name: where.stop - where.start for name, where in tangent_slots(robot).items()}
+    for part in robot.parts:
+        slots[part.name] = sum(slot.nv for slot in _slots(robot) if slot.name.startswith(part.prefix))
     spread = {name: _spread(entry, _find(slots, name, robot)) for name, entry in written.items()}
     return tangent_from(robot, spread, key)[0]
 
@@ -146,6 +149,30 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
             raise DimensionMismatch(f"{key}.{name}", len(numbers), 1)
         u[names.index(name)] = numbers[0]
     return u
+
+
+def _by_part(robot: Robot, written: Written, key: str, *sizes: Sequence[int]) -> Any:
+    """Spread lists that stand for all joints of a part; each of `sizes` has the numbers of each joint."""
+    if not isinstance(written, Mapping):
+        return written
+    spread: dict[str, float | Sequence[float]] = {}
+    for name, entry in written.items():
+        part = next((part for part in robot.parts if part.name == name), None)
+        if part is None:
+            spread[name] = entry
+            continue
+        places = [i for i, slot in enumerate(_slots(robot)) if slot.name.startswith(part.prefix)]
+        names = [slot.name for slot in _slots(robot) if slot.name.startswith(part.prefix)]
+        numbers = _listed(entry)
+        fitting = [counts for counts in sizes if sum(counts[i] for i in places) == len(numbers)]
+        if not fitting:
+            expected = sum(sizes[0][i] for i in places)
+            raise DimensionMismatch(f"{key}.{name}", len(numbers), expected, f"joints: {', '.join(names)}")
+        start = 0
+        for joint, i in zip(names, places, strict=True):
+            spread[joint] = numbers[start : start + fitting[0][i]]
+            start += fitting[0][i]
+    return spread
 
 
 def joint_values(robot: Robot, value: Array, active: BoolArray) -> dict[str, Any]:

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.solver import SolverOptions
+from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.terms import COST_TERMS, PATH_TERMS
 from mbocp.terms.tables import TargetTable, WeightsTable
@@ -132,7 +133,8 @@ Ranges = Annotated[Any, BeforeValidator(_ranges)]
 class RobotTable(Table):
     """The robot and the options for loading it, as `mbocp.robot.robot_from_spec` takes them."""
 
-    name: str
+    name: str | None = None
+    part: list[PartTable] | None = None
     free_flyer: bool | None = None
     lock: Lock = None
     gravity: list[Finite] | None = Field(default=None, min_length=3, max_length=3)
@@ -145,6 +147,12 @@ class RobotTable(Table):
     label: str | None = None
     package_dirs: list[str] | None = None
     payload: list[PayloadTable] | None = None
+
+    @model_validator(mode="after")
+    def _a_name_or_parts(self) -> RobotTable:
+        if self.name is None and self.part is None:
+            raise ValueError("name is missing: name or path of a robot; or give tables [[robot.part]]")
+        return self
 
 
 class HorizonTable(Table):

@@ -60,12 +60,7 @@ class ActuationReader:
         columns = _Columns()
         reader = DriveReader(self.names, tuple(self.table.drives))
         declared = {a.joint: a.effort for a in self.table.actuators if isinstance(a, JointActuator)}
-        named = self.table.actuation.joints
-        if actuated is not None:
-            named = list(actuated)
-        elif named is not None or declared:
-            named = [*(named or []), *declared]
-        for joint in self._motors(named) if named is not None else self._default_motors(reader.driven()):
+        for joint in self._actuated(actuated, reader):
             self._add_joint(columns, joint, declared.get(self.names.model.names[joint]))
         for number, table in enumerate(self.table.actuators):
             if isinstance(table, Wrench | Thruster):
@@ -81,6 +76,20 @@ class ActuationReader:
         actuation = Actuation(selection, labels, tuple(columns.frames), drives)
         limits = [*columns.fixed_efforts, *columns.frame_efforts, *(limit for _, limit in pairs)]
         return actuation, np.array(limits)
+
+    def motors(self, actuated: Sequence[str] | None) -> list[str]:
+        """Names of the joints that have motors, in the order of their controls."""
+        reader = DriveReader(self.names, tuple(self.table.drives))
+        return [self.names.model.names[joint] for joint in self._actuated(actuated, reader)]
+
+    def _actuated(self, actuated: Sequence[str] | None, reader: DriveReader) -> list[int]:
+        named = self.table.actuation.joints
+        declared = [a.joint for a in self.table.actuators if isinstance(a, JointActuator)]
+        if actuated is not None:
+            named = list(actuated)
+        elif named is not None or declared:
+            named = [*(named or []), *declared]
+        return self._motors(named) if named is not None else self._default_motors(reader.driven())
 
     @cached_property
     def _effort_labels(self) -> tuple[Label, ...]:

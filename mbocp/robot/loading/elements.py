@@ -78,6 +78,10 @@ class Assembly:
         """B and the drives, and the limit of each control, see `ActuationReader`."""
         return ActuationReader(self._names, self.table).actuation(actuated)
 
+    def motors(self, actuated: Sequence[str] | None) -> list[str]:
+        """Names of the joints that have motors, in the order of their controls."""
+        return ActuationReader(self._names, self.table).motors(actuated)
+
     def constraints(self) -> tuple[Constraint, ...]:
         """Holonomic constraints."""
         found = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,7 +47,11 @@ class Losses:
 
 
 def joint_resistances(
-    model: pin.Model, followers: Sequence[Follower], losses: Losses, robot: str
+    model: pin.Model,
+    followers: Sequence[Follower],
+    losses: Losses,
+    robot: str,
+    among: Collection[str] | None = None,
 ) -> tuple[JointResistance, ...]:
     """Losses of a model's joints that are not zero, in the order of the model, then those of followers.
 
@@ -60,13 +64,16 @@ def joint_resistances(
     losses : Losses
     robot : str
         Name for messages.
+    among : collection of str, optional
+        Joints that are looked at; all of them by default.
 
     Warns
     -----
     NotModelledWarning
         If there is friction, and nothing is said about it.
     """
-    found = [*_of_joints(model), *_of_followers(model, followers)]
+    every = [*_of_joints(model), *_of_followers(model, followers)]
+    found = [resistance for resistance in every if among is None or resistance.name in among]
     rubbing = [resistance.name for resistance in found if resistance.friction]
     if rubbing and losses.friction is None:
         warnings.warn(

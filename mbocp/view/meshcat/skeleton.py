@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -28,10 +28,24 @@ def joints_without_visuals(robot: Robot) -> set[int]:
     """Joints to draw as sticks: all if the robot has no visual at all, else those with missing meshes."""
     carried = {shape_name(payload) for payload in robot.payloads}
     visuals = [visual for visual in robot.visual_model.geometryObjects if visual.name not in carried]
+    if not robot.parts:
+        return _bare(robot, visuals, range(robot.model.njoints), "", robot.source)
+    found = set[int]()
+    for part in robot.parts:
+        own = [visual for visual in visuals if visual.name.startswith(part.prefix)]
+        joints = [j for j in range(robot.model.njoints) if robot.model.names[j].startswith(part.prefix)]
+        found |= _bare(robot, own, joints, part.prefix, part.source)
+    return found
+
+
+def _bare(
+    robot: Robot, visuals: Sequence[pin.GeometryObject], joints: Iterable[int], prefix: str, urdf: Path | None
+) -> set[int]:
+    """All `joints` if they have no visual at all, else those with missing meshes."""
     if len(visuals) == 0:
-        return set(range(robot.model.njoints))
+        return set(joints)
     seen = {robot.model.frames[visual.parentFrame].name for visual in visuals}
-    links = _links_with_visuals(robot.source) - seen if robot.source else set()
+    links = {prefix + link for link in _links_with_visuals(urdf)} - seen if urdf else set()
     return {frame.parentJoint for frame in robot.model.frames if frame.name in links and _is_body(frame)}
 
 

@@ -46,8 +46,8 @@ def picture_folders(robot: Robot, mesh: Path) -> tuple[Path, ...]:
     for they may be foreign, too.
     """
     folders, files = [], [mesh.resolve()]
-    if robot.source is not None:
-        urdf = robot.source.resolve()
+    for source in robot.sources:
+        urdf = source.resolve()
         files.append(urdf)
         folders.append(urdf.parent)
         if urdf.parent.name in _URDF_FOLDERS:
