@@ -12,6 +12,7 @@ from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.length_terms import BEGINS_PHASE
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
     HAS_BEFORE,
@@ -25,7 +26,7 @@ from mbocp.formulation.parameters import (
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
-from mbocp.formulation.step_lengths import BEGINS_PHASE, begins_phase
+from mbocp.formulation.step_lengths import begins_phase
 from mbocp.formulation.steps import Steps
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace

@@ -10,8 +10,8 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
+from mbocp.formulation.length_terms import BEGINS_PHASE
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.step_lengths import BEGINS_PHASE
 from mbocp.terms import Sizes
 
 __all__ = [

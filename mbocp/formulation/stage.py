@@ -29,6 +29,7 @@ import casadi as ca
 
 from mbocp.formulation.accelerations import driven_acceleration
 from mbocp.formulation.layout import StateSpace
+from mbocp.formulation.length_terms import BEGINS_PHASE, idle_cost
 from mbocp.formulation.parameters import (
     HAS_BEFORE,
     TIME,
@@ -38,7 +39,6 @@ from mbocp.formulation.parameters import (
     pieces,
 )
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.step_lengths import BEGINS_PHASE, idle_cost
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point

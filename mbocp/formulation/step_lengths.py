@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
@@ -23,17 +22,13 @@ from mbocp.problem import Problem
 from mbocp.programme import Iterate
 
 __all__ = [
-    "BEGINS_PHASE",
     "begins_phase",
     "given_lengths",
-    "idle_cost",
     "length_bounds",
     "solved_lengths",
     "with_lengths",
     "without_lengths",
 ]
-
-BEGINS_PHASE = "begins_phase"  # the stage parameter e
 
 
 def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:
@@ -41,11 +36,6 @@ def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:
     e = np.zeros(num_steps)
     e[list(starts)] = 1.0
     return e
-
-
-def idle_cost(e: ca.SX, w: ca.SX) -> ca.SX:
-    """What makes a control that nothing depends on zero."""
-    return (1.0 - e) * w**2 / 2.0
 
 
 def length_bounds(problem: Problem) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import casadi as ca
 
 from mbocp.formulation.layout import StateSpace
-from mbocp.formulation.step_lengths import BEGINS_PHASE
+from mbocp.formulation.length_terms import BEGINS_PHASE
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
