@@ -1,8 +1,8 @@
 """A bead gets from one point to another in the least time, no faster than its fall makes it: 0.824759143 s.
 
 Bernoulli's bead slides on a wire, which pushes it across its way and takes no energy. Here any force may push
-it, and its kinetic energy is at most what it has lost in height. In the least time it uses all of that, which is
-the motion on the best wire: an arc of a cycloid.
+it, and its kinetic energy is at most what it has lost in height. In the least time it uses all of that, which
+is the motion on the best wire: an arc of a cycloid.
 """
 
 from pathlib import Path
