@@ -40,6 +40,7 @@ __all__ = [
     "UnknownJoint",
     "UnknownRobot",
     "UnreachableGoal",
+    "UnreachablePose",
     "Unreadable",
     "UnsupportedRobot",
     "suggest",
@@ -185,6 +186,30 @@ class InconsistentStart(ProblemError):
 
 class UnreachableGoal(ProblemError):
     """A goal to which a mechanism with closed loops does not get from the start."""
+
+
+class UnreachablePose(UnreachableGoal):
+    """A pose of a frame that no configuration within the limits has.
+
+    Attributes
+    ----------
+    robot, frame : str
+    distance : float
+        How far the frame's origin is from its target at the best try [m].
+    angle : float
+        The angle that is left there [rad].
+    joints : tuple of str
+        Joints that are at a limit there.
+    q : ndarray, shape (nq,)
+        The best try.
+    """
+
+    def __init__(
+        self, robot: str, frame: str, distance: float, angle: float, joints: Sequence[str], q: Any, words: str
+    ) -> None:
+        self.robot, self.frame, self.distance, self.angle = robot, frame, distance, angle
+        self.joints, self.q = tuple(joints), q
+        super().__init__(words)
 
 
 class OverdeterminedGoal(ProblemError):

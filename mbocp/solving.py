@@ -11,8 +11,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
@@ -86,7 +84,7 @@ def _formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:
     formulation = formulate(problem, deadline=deadline)
     if not formulation.end_rows_may_depend or problem.goal.redundant == "keep":
         return formulation, ""
-    projections = np.vstack(formulation.end_rows)
+    projections = formulation.end_rows.of_joints
     found = dependent_end_rows(formulation.programme, projections)
     rows = tuple(row for row in found if row < len(projections))  # conditions of one's own stay
     if not rows:

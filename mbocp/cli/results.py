@@ -35,6 +35,8 @@ def replay_result(
     path = output if output is not None or live else result.with_suffix(".html")
     if path is not None:
         check_output(path, "-o", PAGES)
+    from mbocp.robot.kinematics import WORLD
+    from mbocp.solution.problem_text import goal_targets_of
     from mbocp.view.replay import open_replay, write_replay
 
     signals.leave_in_order()
@@ -42,13 +44,15 @@ def replay_result(
     for frame in trace or ():
         robot.frame_id(frame)
     t, qs, title = solution.t, solution.qs, solution.problem_name or robot.name
+    known = {WORLD, *robot.frame_names}
+    goals = [g for g in goal_targets_of(solution.problem_text) if {g.name, g.relative_to} <= known]
     if path is not None:
         with _named(result, "cannot be drawn"):
-            write_replay(robot, t, qs, path, trace=trace, title=title, speed=speed)
+            write_replay(robot, t, qs, path, trace=trace, goals=goals, title=title, speed=speed)
         _tell(f"replay: {path}", quiet)
     if live:
         with _named(result, "cannot be drawn"):
-            open_replay(robot, t, qs, trace=trace, title=title, speed=speed)
+            open_replay(robot, t, qs, trace=trace, goals=goals, title=title, speed=speed)
 
 
 def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:

@@ -153,7 +153,10 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
     if outputs.replay is not None:
         from mbocp.view.replay import write_replay
 
-        page = write_replay(problem.robot, solution.t, solution.qs, outputs.replay, title=problem.name)
+        goals = [frame.target for frame in problem.goal.poses]
+        page = write_replay(
+            problem.robot, solution.t, solution.qs, outputs.replay, goals=goals, title=problem.name
+        )
         written.append(("replay", page))
     if outputs.plot is not None:
         from mbocp.view.plots import plot_solution

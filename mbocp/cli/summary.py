@@ -95,6 +95,12 @@ def goal_error(solution: Solution, problem: Problem) -> str:
         worst = int(np.abs(error).argmax())
         word = "momentum" if goal.rate == "p" else "velocity"
         parts.append(f"{word} by {abs(error[worst]):.2e} {labels[worst].unit} at {labels[worst].name}")
+    if goal.poses:
+        from mbocp.problem.frames import pose_errors
+
+        errors = pose_errors(robot, goal, solution.q_final)
+        for frame, distance, angle in zip(goal.poses, errors.positions, errors.angles, strict=True):
+            parts.append(f"{frame.name} off by {1e3 * distance:.2e} mm and {np.degrees(angle):.2e} deg")
     return ", ".join(parts)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.end import build_end_functions
-from mbocp.formulation.goal import EndRows, EndTarget
+from mbocp.formulation.goal import EndRows, EndTarget, frame_ends
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.length_terms import BEGINS_PHASE
 from mbocp.formulation.operations import check_operations
@@ -224,7 +224,7 @@ def signature_of(
         cost=running_terms(given),
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
         path=tuple(constraint.structure(_of_joints(joints)) for constraint in problem.path),
-        own_ends=own_ends(given),
+        ends=(*frame_ends(problem, rows), *own_ends(given)),
         is_flat=is_flat,
         guarded=guarded,
         has_free_lengths=problem.has_free_duration,
@@ -265,6 +265,6 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
         "joint_q": joints.coordinates(np.asarray(goal.q)[None])[0],
         "joint_rate": np.asarray(goal.value),
     }
-    for end_term in pieces.signature.own_ends:
+    for end_term in pieces.signature.ends:
         at_end |= end_term.numbers()
     return concatenated(named, layout.theta), np.ascontiguousarray(rho), concatenated(at_end, layout.terminal)

@@ -34,7 +34,7 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
     psi = (
         ca.SX(0) if signature.terminal is None else signature.terminal.expression(point, signature.goal, goal)
     )
-    for term in signature.own_ends:
+    for term in signature.ends:
         value = term.expression(point, goal)
         psi, g = (psi + value, g) if term.is_cost else (psi, ca.vertcat(g, value))
     hessian, _ = ca.hessian(psi + ca.dot(eta, g), d)

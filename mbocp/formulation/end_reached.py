@@ -19,6 +19,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.mechanics.diagnostics import constraint_violation
+from mbocp.problem.frames import pose_errors
 
 __all__ = ["EndMissed", "end_missed"]
 
@@ -52,9 +53,18 @@ def end_missed(formulation: Formulation, qs: Array) -> EndMissed | None:
     qs : ndarray, shape (N + 1, nq)
         Configurations [m, rad, unit quaternion].
     """
-    goal, robot = formulation.problem.goal, formulation.problem.robot
-    if not goal.is_exact or not goal.q_active.any():
+    goal = formulation.problem.goal
+    if not goal.is_exact:
         return None
+    if goal.q_active.any():
+        missed = _joints_missed(formulation, qs)
+        if missed is not None:
+            return missed
+    return _frames_missed(formulation, qs[-1]) if goal.poses else None
+
+
+def _joints_missed(formulation: Formulation, qs: Array) -> EndMissed | None:
+    goal, robot = formulation.problem.goal, formulation.problem.robot
     missing = robot.difference(goal.q, qs[-1])[goal.q_active]
     distance = float(np.linalg.norm(missing))
     if distance <= _REACHED:
@@ -77,4 +87,30 @@ def end_missed(formulation: Formulation, qs: Array) -> EndMissed | None:
         is_other_root=goal.guard,  # who takes the guard away asks for the condition as it stands
         words=f"but the end is {distance:.3g} off goal.q: the end condition, projected onto the constraints, "
         "has another root there; start from another guess",
+    )
+
+
+def _frames_missed(formulation: Formulation, q: Array) -> EndMissed | None:
+    """How the last configuration misses the poses of frames.
+
+    Their rows vanish at the goal alone. Where constraints decide some of them, those are not conditions.
+    """
+    goal, robot = formulation.problem.goal, formulation.problem.robot
+    errors = pose_errors(robot, goal, q)
+    worst = int(np.argmax(errors.positions + errors.angles))
+    distance, angle = float(errors.positions[worst]), float(errors.angles[worst])
+    if max(distance, angle) <= _REACHED:
+        return None
+    name = goal.poses[worst].name
+    off = f"but {name!r} ends {1e3 * distance:.3g} mm and {np.degrees(angle):.3g} deg off its goal"
+    violation = constraint_violation(robot, q[None], np.zeros((1, robot.nv))).position
+    if violation > _OPEN * max(distance, angle):
+        return EndMissed(
+            is_other_root=False,
+            words=f"{off}, since the scheme drifts off the loops (by {violation:.1e} there): take more steps",
+        )
+    return EndMissed(
+        is_other_root=goal.guard,
+        words=f"{off}: the end condition, projected onto the constraints, has another root there; start from "
+        "another guess",
     )

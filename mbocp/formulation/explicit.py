@@ -90,7 +90,7 @@ class ExplicitFormulation:
             num_algebraic=0,
             groups=(),
             end_rows=rows,
-            end=EndTarget(*rows, np.asarray(problem.goal.value)),
+            end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
             turning=turning_factors(robot.model, space, at),
             x_start=np.concatenate(start),
             speed_bounds=free_speed_bounds(problem),

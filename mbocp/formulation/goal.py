@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
@@ -12,36 +13,57 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Goal, Problem
+from mbocp.problem.frames import frame_projections
 from mbocp.robot import Robot
+from mbocp.terms import FrameEnd, FrameProjections
 
-__all__ = ["EndRows", "EndTarget", "end_condition_rows", "guarded_parts"]
+__all__ = ["EndRows", "EndTarget", "end_condition_rows", "frame_ends", "guarded_parts"]
 
 _RANK_TOLERANCE = (
     1e-9  # relative to the largest singular value: far above round-off, far below any real direction
 )
 
 
-class EndRows(NamedTuple):
-    """Projections of an exact end condition."""
+@dataclass(frozen=True, eq=False)
+class EndRows:
+    """Projections of an exact end condition.
 
-    D_q: Array  # (ng_q, nv), acts on the tangent-space difference of q and q_d
-    D_rate: Array  # (ng_rate, nv), acts on p - p_d or v - v_d
+    Attributes
+    ----------
+    D_q : ndarray, shape (ng_q, nv)
+        Acts on the tangent-space difference of q and q_d.
+    D_rate : ndarray, shape (ng_rate, nv)
+        Acts on p - p_d or v - v_d.
+    frames : FrameProjections
+        Act on the rows of goals of frames.
+    """
+
+    D_q: Array
+    D_rate: Array
+    frames: FrameProjections
+
+    @property
+    def of_joints(self) -> Array:
+        """Both projections of the joints, one below the other."""
+        return np.vstack([self.D_q, self.D_rate])
 
     def without(self, rows: Sequence[int]) -> EndRows:
-        """Return the same less some rows, counted through both."""
+        """Return the same less some rows of the joints, counted through both."""
         count = len(self.D_q)
         left_out = [r - count for r in rows if r >= count]
         return EndRows(
             np.delete(self.D_q, [r for r in rows if r < count], axis=0),
             np.delete(self.D_rate, left_out, axis=0),
+            self.frames,
         )
 
-    def words(self, robot: Robot) -> tuple[str, ...]:
+    def words(self, robot: Robot, goal: Goal) -> tuple[str, ...]:
         """What each row is mostly about."""
         pairs = [("", self.D_q), ("rate of ", self.D_rate)]
-        return tuple(
+        joints = (
             prefix + robot.v_labels[int(np.argmax(np.abs(row)))].name for prefix, D in pairs for row in D
         )
+        return (*joints, *self.frames.labels(goal.frames))
 
 
 class EndTarget(NamedTuple):
@@ -73,12 +95,29 @@ def end_condition_rows(robot: Robot, goal: Goal, speeds: Callable[[Array], Array
     -------
     EndRows
     """
-    if goal.enforce not in ("exact", "both"):
-        return EndRows(np.zeros((0, robot.nv)), np.zeros((0, robot.nv)))
+    if not goal.is_exact:
+        nothing = np.zeros((0, robot.nv))
+        return EndRows(nothing, nothing, FrameProjections(nothing, nothing))
     basis = tangent_space(robot, goal.q)
     reachable = basis if speeds is None else speeds(goal.q)
     moments = robot.mass_matrix(goal.q) @ reachable if goal.rate == "p" else reachable
-    return EndRows(_project(goal.q_active, basis, basis), _project(goal.rate_active, moments, reachable))
+    D_q, D_rate = _project(goal.q_active, basis, basis), _project(goal.rate_active, moments, reachable)
+    to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
+    frames = frame_projections(robot, goal, D_q, D_rate @ to_rate @ reachable, reachable)
+    return EndRows(D_q, D_rate, frames)
+
+
+def frame_ends(problem: Problem, rows: EndRows) -> tuple[FrameEnd, ...]:
+    """Goals of frames as a term of the end: conditions, a cost, or both."""
+    goal, robot = problem.goal, problem.robot
+    if not goal.frames:
+        return ()
+    found = []
+    if goal.is_penalised:
+        found.append(FrameEnd.cost(goal.frames, robot, problem.cost.terminal))
+    if goal.is_exact:
+        found.append(FrameEnd.conditions(goal.frames, robot, rows.frames))
+    return tuple(found)
 
 
 def guarded_parts(problem: Problem, space: ConfigurationSpace) -> tuple[int, ...]:

@@ -73,7 +73,7 @@ class ImplicitFormulation:
             num_algebraic=robot.nc,
             groups=(),
             end_rows=rows,
-            end=EndTarget(*rows, np.asarray(problem.goal.value)),
+            end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
             turning=turning_factors(robot.model, space, at),
             x_start=np.concatenate(start),
             speed_bounds=(np.asarray(problem.limits.v_lower), np.asarray(problem.limits.v_upper)),

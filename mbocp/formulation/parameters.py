@@ -71,7 +71,7 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     if signature.terminal is not None:
         _add(terminal, signature.terminal.parameters(sizes))
         weights.update(signature.terminal.weights)
-    for end in signature.own_ends:
+    for end in signature.ends:
         _add(terminal, end.parameters())
         weights.update(end.weights)
     return ParameterLayout(theta, stage, terminal, frozenset(weights))

@@ -64,7 +64,7 @@ def row_describer(
 ) -> Callable[[int, int], str]:
     """(stage, row) -> words, see `StagewiseProgramme.describe_row`."""
     robot, times = problem.robot, _Times(problem)
-    of_end, limits = rows.words(robot), _limits(problem, space, at, labels.speeds, bounds)
+    of_end, limits = rows.words(robot, problem.goal), _limits(problem, space, at, labels.speeds, bounds)
     nc = len(labels.constraints)
     for term in problem.terms:
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)

@@ -13,7 +13,7 @@ from typing import Any
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
-from mbocp.terms import Effort, ExactGoal, OwnEnd, OwnPath, PathTerm, RunningTerm, TerminalCost
+from mbocp.terms import Effort, ExactGoal, FrameEnd, OwnEnd, OwnPath, PathTerm, RunningTerm, TerminalCost
 
 __all__ = ["FunctionSignature"]
 
@@ -34,8 +34,8 @@ class FunctionSignature:
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
     path : tuple of PathTerm and OwnPath
-    own_ends : tuple of OwnEnd
-        Costs of a user's own at the end, and conditions, whose rows follow those of the goal.
+    ends : tuple of FrameEnd and OwnEnd
+        Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
         See `StateLayout`.
     guarded : tuple of int
@@ -50,7 +50,7 @@ class FunctionSignature:
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
     path: tuple[PathTerm | OwnPath, ...] = ()
-    own_ends: tuple[OwnEnd, ...] = ()
+    ends: tuple[FrameEnd | OwnEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
     has_free_lengths: bool = False
@@ -73,7 +73,7 @@ class FunctionSignature:
     @property
     def end_rows(self) -> int:
         """Number of end conditions."""
-        return self.goal.rows + sum(term.rows for term in self.own_ends)
+        return self.goal.rows + sum(term.rows for term in self.ends)
 
     def state_layout(self, nz: int, nv: int, ns: int, nu: int) -> StateLayout:
         """Pieces of a state, for configurations of `nz` coordinates and `nv` directions."""
@@ -101,7 +101,7 @@ class FunctionSignature:
                 **self.steps.end_key,
                 "goal": self.goal.signature,
                 "terminal": self.terminal and self.terminal.signature,
-                "own": [term.signature for term in self.own_ends],
+                "own": [term.signature for term in self.ends],
                 "guarded": self.guarded,
             }
         )

@@ -34,7 +34,7 @@ def units_of(
     parameters: ParameterLayout,
 ) -> Units:
     """The units that suit a problem, and the entries of its programme that count in them."""
-    robot, goal = problem.robot, signature.goal
+    robot, goal, of_end = problem.robot, signature.goal, np.arange(signature.end_rows)
     is_force = np.arange(robot.nu) < robot.nu - len(robot.drives)
     x, rows = np.zeros(at.nx, dtype=bool), np.zeros(at.ndx + num_algebraic, dtype=bool)
     if at.nr:
@@ -50,7 +50,7 @@ def units_of(
         x=x,
         u=is_force_u,
         rows=rows,
-        end_rows=(np.arange(goal.rows) >= goal.ng_q) & (goal.rate == "p"),
+        end_rows=(goal.ng_q <= of_end) & (of_end < goal.rows) & (goal.rate == "p"),
     )
 
 
@@ -78,7 +78,7 @@ def _typical_force(problem: Problem) -> float:
     Gravity is looked at in a bent pose, too: a pendulum that hangs takes none.
     """
     robot, goal, T = problem.robot, problem.goal, problem.duration
-    away = np.where(goal.q_active, np.abs(robot.difference(problem.q_start, goal.q)), 0.0)
+    away = np.where(goal.q_active | bool(goal.poses), np.abs(robot.difference(problem.q_start, goal.q)), 0.0)
     accelerations = np.maximum(4.0 * away / T**2, np.abs(problem.v_start) / T)
     data, still = working_data(robot.model), np.zeros(robot.nv)
     found = 0.0

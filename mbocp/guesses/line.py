@@ -23,8 +23,10 @@ _SAYS_ENOUGH = 1e-6  # part that written joints have in every motion that the co
 
 
 def is_whole(problem: Problem) -> bool:
-    """Whether the goal says all of the end configuration, or enough for the constraints to say the rest."""
+    """Whether goal.q is a whole end: given in full, or constraints or frames say the rest."""
     active = problem.goal.q_active
+    if problem.goal.poses and problem.goal.enforce != "none":  # goal.q is where they are
+        return True
     if active.all() or not active.any():
         return bool(active.all())
     allowed = tangent_space(problem.robot, problem.goal.q)

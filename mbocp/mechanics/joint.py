@@ -158,6 +158,10 @@ class JointMechanics:
         """Velocity of a frame's origin in world axes per velocity, shape (3, nv)."""
         return self._call(self._functions.frame_jacobian(frame_id, "local_world_aligned"), q)[0][:3, :]
 
+    def frame_rotation_jacobian(self, frame_id: int, q: ca.SX) -> ca.SX:
+        """Angular velocity of a frame in world axes per velocity, shape (3, nv)."""
+        return self._call(self._functions.frame_jacobian(frame_id, "local_world_aligned"), q)[0][3:, :]
+
     def frame_position(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Position of a frame's origin in the world, shape (3,) [m]."""
         return self._call(self._functions.frame_placement(frame_id), q)[1]

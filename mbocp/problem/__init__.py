@@ -10,10 +10,12 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem, ProblemWarning
 from mbocp.problem.solver import SolverOptions
+from mbocp.terms import FrameGoal
 
 __all__ = [
     "Bounds",
     "Cost",
+    "FrameGoal",
     "Goal",
     "Guess",
     "PathConstraint",

@@ -12,6 +12,7 @@ from mbocp.mechanisms.consistency import (
     allowed_velocities,
     tangent_space,
 )
+from mbocp.problem.frames import frame_rates, pose_jacobian, rate_jacobian
 from mbocp.problem.goal import Goal
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
@@ -21,6 +22,7 @@ __all__ = ["check_end_conditions", "check_goal_rate"]
 
 def check_goal_rate(robot: Robot, goal: Goal) -> None:
     """Refuse an exact end velocity or momentum that no motion on the constraints has."""
+    _check_frame_rates(robot, goal)
     if not robot.nc or not goal.rate_active.any():
         return
     wanted = np.flatnonzero(goal.rate_active)
@@ -39,6 +41,23 @@ def check_goal_rate(robot: Robot, goal: Goal) -> None:
     )
 
 
+def _check_frame_rates(robot: Robot, goal: Goal) -> None:
+    """Refuse velocities of frames that no motion has, together with the goal's velocity or momentum."""
+    asked = frame_rates(goal)
+    if not asked.size:
+        return
+    rows = np.vstack([_rate_matrix(robot, goal)[goal.rate_active], rate_jacobian(robot, goal)])
+    values = np.concatenate([goal.value[goal.rate_active], asked])
+    reachable = rows @ allowed_velocities(robot, goal.q)
+    error = np.abs(reachable @ np.linalg.lstsq(reachable, values, rcond=RANK_TOLERANCE)[0] - values)
+    if error.max() > CONSISTENCY_TOLERANCE * max(1.0, np.abs(values).max()):
+        names = ", ".join(repr(frame.name) for frame in goal.frames if frame.rates.size)
+        raise InconsistentStart(
+            f"goal.frame: no motion of robot {robot.name!r} through the goal gives {names} its velocity (the "
+            f"nearest differs by {error.max():.3g}); give one that the joints can make, or fewer conditions"
+        )
+
+
 def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
     """Return how many independent exact end conditions there are; refuse more than the controls can meet.
 
@@ -52,7 +71,11 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
         return 0
     P = tangent_space(robot, goal.q)
     rates = _rate_matrix(robot, goal) @ allowed_velocities(robot, goal.q)
-    counts = _rank(P[goal.q_active]), _rank(rates[goal.rate_active])
+    velocities = rate_jacobian(robot, goal) @ allowed_velocities(robot, goal.q)
+    counts = (
+        _rank(np.vstack([P[goal.q_active], pose_jacobian(robot, goal) @ P])),
+        _rank(np.vstack([rates[goal.rate_active], velocities])),
+    )
     mobility = robot.nv - robot.nc
     if max(counts) > mobility:
         raise OverdeterminedGoal(

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import natural_mechanics
+from mbocp.problem.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.robot import Robot
 
@@ -62,14 +63,15 @@ COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
 
 
 def check_coordinates(
-    robot: Robot, coordinates: str, scheme: str, limits: Bounds, *, is_free: bool = False
+    robot: Robot, coordinates: str, scheme: str, limits: Bounds, goal: Goal, *, is_free: bool = False
 ) -> None:
     """Refuse, by name, options that natural coordinates do not have.
 
     Raises
     ------
     ProblemError
-        For explicit schemes, limits on joints, and where the duration `is_free`.
+        For explicit schemes, limits on joints, velocities of frames that are not zero, and where the duration
+        `is_free`.
     UnsupportedRobot
         For joints that natural coordinates do not know.
     """
@@ -89,6 +91,12 @@ def check_coordinates(
             "horizon.duration: natural coordinates take steps of a given length; give a number, or take "
             'coordinates = "joint"'
         )
+    for frame in goal.frames:
+        if frame.rates.any():
+            raise ProblemError(
+                f"goal.frame: a velocity of {frame.name!r}, but in natural coordinates velocities of bodies "
+                'are those over a step: take 0, which is rest in any case, or coordinates = "joint"'
+            )
     for key, table in (("q", "position"), ("v", "velocity")):
         if limits.finite(key).any() and not data.limits_joints:
             raise ProblemError(

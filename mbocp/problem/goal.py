@@ -8,6 +8,7 @@ from typing import Literal
 from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
 from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.problem._checks import check_bool, check_choice, check_finite
+from mbocp.terms import FrameGoal
 
 __all__ = ["ENFORCE", "RATES", "REDUNDANT", "Enforce", "Goal", "Rate", "Redundant"]
 
@@ -39,6 +40,9 @@ class Goal:
         Momentum or velocity at the end.
     rate_active : ndarray of bool, shape (nv,)
         Which components of `value` are asked for.
+    frames : tuple of FrameGoal
+        Poses and velocities of frames. Where they ask for a pose, entries of `q` that are not active hold a
+        configuration at it, the one nearest to the start; see `mbocp.problem.frames`.
     enforce : {"exact", "penalty", "both", "none"}
         ``exact``: gamma = 1, null-space projected where the system has constraints, Eq. (14);
         ``penalty``: gamma = 0, the terminal cost draws the end to the goal, Eq. (9); ``both``; or
@@ -56,6 +60,7 @@ class Goal:
     rate: Rate = "p"
     value: Array
     rate_active: BoolArray
+    frames: tuple[FrameGoal, ...] = ()
     enforce: Enforce = "exact"
     guard: bool = True
     redundant: Redundant = "drop"
@@ -70,20 +75,26 @@ class Goal:
         object.__setattr__(
             self, "rate_active", frozen_mask(self.rate_active, size=nv, name="goal.rate_active")
         )
+        object.__setattr__(self, "frames", tuple(self.frames))
         check_choice("goal.enforce", self.enforce, ENFORCE)
         check_choice("goal.rate", self.rate, RATES)
         check_choice("goal.redundant", self.redundant, REDUNDANT)
         check_bool("goal.guard", self.guard)
         if self.enforce != "none" and self.is_empty:
             raise ProblemError(
-                f'goal: enforce = "{self.enforce}" needs something to enforce; give q, and v or p for the '
-                'end velocity, or say enforce = "none"'
+                f'goal: enforce = "{self.enforce}" needs something to enforce; give q or frame, and v or '
+                'p for the end velocity, or say enforce = "none"'
             )
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing at all is asked for."""
-        return not (self.q_active.any() or self.rate_active.any())
+        return not (self.q_active.any() or self.rate_active.any() or self.frames)
+
+    @property
+    def poses(self) -> tuple[FrameGoal, ...]:
+        """Goals of frames that ask for a pose, or a part of one."""
+        return tuple(frame for frame in self.frames if frame.has_pose)
 
     @property
     def is_exact(self) -> bool:

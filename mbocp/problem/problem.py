@@ -31,13 +31,14 @@ from mbocp.problem.drives import check_driven_rate, check_driven_start, without_
 from mbocp.problem.duration import check_duration
 from mbocp.problem.file.changes import changed
 from mbocp.problem.file.read import from_tables
+from mbocp.problem.frames import check_frames, goal_branches, with_configuration
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator, check_unused
 from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.solver import SolverOptions
-from mbocp.robot import Robot
+from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.loops.redundancy import singular_pose
 from mbocp.solvers.options import BOUNDED_METHODS
 from mbocp.terms import OwnPathConstraint, OwnTerm
@@ -129,6 +130,8 @@ class Problem:
         If start or exact goal violate a holonomic constraint, at position or velocity level.
     UnreachableGoal
         If closed loops keep the robot from getting to an exact goal.
+    UnreachablePose
+        If nothing within the limits brings a frame to the pose of an exact goal.
     OverdeterminedGoal
         If there are more exact end conditions than the controls can meet.
     """
@@ -169,7 +172,7 @@ class Problem:
             )
         object.__setattr__(self, "limits", self.limits.completed(self.robot))
         check_coordinates(
-            self.robot, self.coordinates, self.scheme, self.limits, is_free=self.has_free_duration
+            self.robot, self.coordinates, self.scheme, self.limits, self.goal, is_free=self.has_free_duration
         )
         self._take_terms()
         self._check_start()
@@ -199,6 +202,18 @@ class Problem:
     def p_start(self) -> Array:
         """Momentum at the start, shape (nv,) [kg m/s, N m s]."""
         return self.robot.momentum(self.q_start, self.v_start)
+
+    def goal_branches(self) -> InverseKinematics:
+        """Configurations at the poses that the goal asks of frames, the nearest to the start first.
+
+        `goal.q` is the first of them to which the robot gets; ``replace(goal, q=...)`` takes another.
+
+        Raises
+        ------
+        InvalidValue
+            If the goal asks for no pose.
+        """
+        return goal_branches(self.robot, self.goal, self.q_start, self.limits)
 
     @property
     def num_end_conditions(self) -> int:
@@ -322,6 +337,8 @@ class Problem:
         check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
         rates = robot.p_labels if goal.rate == "p" else robot.v_labels
         check_size(f"goal.{goal.rate}", goal.value, rates, MAX_RATE)
+        check_frames(robot, goal)
+        goal = with_configuration(robot, goal, self.q_start, self.limits)
         goal = without_driven_velocities(robot, goal)
         for key, default in (("guard", True), ("redundant", "drop")):
             check_unused(f"goal.{key}", getattr(goal, key), default, self.scheme)
@@ -332,7 +349,7 @@ class Problem:
             check_end_conditions(robot, goal, self.num_steps)
             self._warn_singular(goal.q, "goal.q")
         object.__setattr__(self, "goal", goal)
-        if goal.q_active.any():
+        if goal.q_active.any() or goal.poses:
             self._warn_limits(goal.q, "goal.q")
 
     def _check_cost(self) -> None:

@@ -193,6 +193,7 @@ class Robot(RobotModel):
         targets: Targets,
         start: ArrayLike | None = None,
         *,
+        fixed: Sequence[str] = (),
         branches: int | None = 1,
         restarts: int = 100,
         seed: int = 0,
@@ -208,6 +209,8 @@ class Robot(RobotModel):
             x, y, z, and rpy (roll, pitch, yaw about fixed axes [rad]).
         start : array_like, shape (nq,), optional
             Where the search begins and from where distances count; the initial pose by default.
+        fixed : sequence of str
+            Joints that stay where they are at the start.
         branches : int, optional
             The search ends with so many distinct configurations; None for all that the restarts lead to. A
             robot with more joints than the targets ask for has a continuum of which these are samples.
@@ -235,6 +238,7 @@ class Robot(RobotModel):
             self,
             targets,
             q,
+            fixed=fixed,
             branches=branches,
             restarts=restarts,
             seed=seed,

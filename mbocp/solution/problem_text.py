@@ -10,10 +10,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mbocp._arrays import Array
 from mbocp._files import parse_toml
-from mbocp.exceptions import InvalidValue, Unreadable
+from mbocp.exceptions import InvalidValue, MbocpError, Unreadable
+from mbocp.robot import FrameTarget
+from mbocp.robot.poses.target import target_from_words
 from mbocp.terms import PATH_TERMS
+from mbocp.terms.frame_goal import RATE_KEYS
 
-__all__ = ["duration_range_of", "integrator_of", "limits_of", "path_bounds_of"]
+__all__ = ["duration_range_of", "goal_targets_of", "integrator_of", "limits_of", "path_bounds_of"]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
 
@@ -43,6 +46,7 @@ class _Problem(_Part):
     horizon: _Horizon = _Horizon()
     integrator: _Integrator = _Integrator()
     robot: _Robot | str = _Robot()
+    goal: dict[str, Any] = {}
     limits: dict[str, Any] = {}
     path: list[dict[str, Any]] = []
     terms: list[dict[str, Any]] = []
@@ -99,6 +103,26 @@ def limits_of(problem_text: str) -> dict[str, Array]:
         for name, key in _KEYS.items()
         if _pairs(written.get(key))
     }
+
+
+def goal_targets_of(problem_text: str) -> tuple[FrameTarget, ...]:
+    """Poses that the goal asks of frames; those that cannot be understood are left out.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    tables = problem.goal.get("frame", []) if problem is not None else []
+    found = []
+    for table in tables if isinstance(tables, list) else [tables]:
+        try:
+            words = {key: value for key, value in table.items() if key not in RATE_KEYS}
+            found.append(target_from_words(words))
+        except (MbocpError, AttributeError, TypeError, ValueError):
+            continue
+    return tuple(target for target in found if not target.is_empty)
 
 
 def path_bounds_of(problem_text: str) -> dict[str, tuple[float, float, str]]:

@@ -13,6 +13,8 @@ from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Veloci
 
 from mbocp.terms.time import Time  # isort: skip  # keys in the order of the documentation
 from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
+from mbocp.terms.frame_goal import FrameGoal
+from mbocp.terms.frames import FrameEnd, FrameProjections
 from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
 from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
@@ -27,6 +29,9 @@ __all__ = [
     "CostWeights",
     "Effort",
     "ExactGoal",
+    "FrameEnd",
+    "FrameGoal",
+    "FrameProjections",
     "Kinematics",
     "OwnEnd",
     "OwnPath",

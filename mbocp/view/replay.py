@@ -17,7 +17,7 @@ from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion import Motion, sample_motion
 
 if TYPE_CHECKING:
-    from mbocp.robot import Robot
+    from mbocp.robot import FrameTarget, Robot
 
 __all__ = ["open_replay", "write_replay"]
 
@@ -29,6 +29,7 @@ def write_replay(
     path: str | Path,
     *,
     trace: Sequence[str] | None = None,
+    goals: Sequence[FrameTarget] = (),
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -47,6 +48,8 @@ def write_replay(
         The file; an old one is replaced only when the new one is complete.
     trace : sequence of str, optional
         Frames whose path is drawn; by default `robot.trace_frames`.
+    goals : sequence of FrameTarget
+        Poses of frames whose axes are drawn: where the motion was to end.
     title : str
         Shown above the picture; by default the robot's name.
     speed : float
@@ -67,7 +70,7 @@ def write_replay(
         If a traced frame does not exist.
     """
     motion = _motion(robot, t, qs, speed, samples_per_second)
-    scene = build_scene(robot, motion, trace=trace)
+    scene = build_scene(robot, motion, trace=trace, goals=goals)
     page = render_page(
         scene, title=title or robot.name, subtitle=_subtitle(robot, motion, title), speed=speed
     )
@@ -83,6 +86,7 @@ def open_replay(
     qs: ArrayLike,
     *,
     trace: Sequence[str] | None = None,
+    goals: Sequence[FrameTarget] = (),
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -106,7 +110,7 @@ def open_replay(
         If a traced frame does not exist.
     """
     motion = _motion(robot, t, qs, speed, samples_per_second)
-    scene = build_scene(robot, motion, trace=trace, speed=speed)
+    scene = build_scene(robot, motion, trace=trace, goals=goals, speed=speed)
     serve(scene, title=title or robot.name, browser=browser)
 
 

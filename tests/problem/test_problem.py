@@ -26,6 +26,10 @@ def same(a: object, b: object) -> None:
         for field in dataclasses.fields(a):
             if field.name not in ("source", "name"):
                 same(getattr(a, field.name), getattr(b, field.name))
+    elif isinstance(a, tuple) and isinstance(b, tuple):
+        assert len(a) == len(b)
+        for one, other in zip(a, b, strict=True):
+            same(one, other)
     elif isinstance(a, np.ndarray):
         np.testing.assert_allclose(np.asarray(a, float), np.asarray(b, float), atol=1e-15)
     else:

@@ -30,7 +30,7 @@ def load(*settings: str) -> Problem:
 def names(problem: Problem) -> list[str]:
     formulation = formulate(problem)
     programme = formulation.programme
-    rows = dependent_end_rows(programme, np.vstack(formulation.end_rows))
+    rows = dependent_end_rows(programme, formulation.end_rows.of_joints)
     return [programme.describe_row(-1, row) for row in rows]
 
 

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from mbocp.exceptions import ReplayError, UnknownFrame
-from mbocp.robot import MissingMeshWarning, load_robot
+from mbocp.robot import FrameTarget, MissingMeshWarning, load_robot
 from mbocp.view.replay import write_replay
 from tests.view.pages import OBJ, Page, angles, read_page, stl, write_arm
 
@@ -288,3 +288,21 @@ def test_nothing_warns_for_a_whole_robot(tmp_path):
         warnings.simplefilter("error")
         robot = load_robot("kinova")
         write_replay(robot, [0.0], [robot.q0], tmp_path / "kinova.html")
+
+
+def test_goals_of_frames_are_drawn_as_axes(tmp_path):
+    robot = load_robot("ur5")
+    qs = np.array([robot.q0, robot.integrate(robot.q0, [0.1, -0.5, 0.4, 0.0, 0.2, 0.0])])
+    goals = [
+        FrameTarget(name="tool0", position=[0.3, None, 0.5], axis=[0, 0, 1], direction=[0, 0, -1]),
+        FrameTarget(name="tool0", orientation=[0, 0, 0, 1], relative_to="forearm_link"),
+    ]
+    page = read_page(write_replay(robot, [0.0, 1.0], qs, tmp_path / "goal.html", goals=goals))
+    assert len(page.objects("/replay/world/goals")) == 6
+    placed = page.transform("/replay/world/goals/0_tool0")
+    reached = robot.frame_placement("tool0", qs[-1])
+    assert placed[:3, 3] == pytest.approx([0.3, reached.translation[1], 0.5])
+    assert placed[:3, 2] == pytest.approx([0, 0, -1])
+    relative = page.transform("/replay/world/goals/1_tool0")
+    assert relative[:3, :3] == pytest.approx(robot.frame_placement("forearm_link", qs[-1]).rotation)
+    assert relative[:3, 3] == pytest.approx(reached.translation)

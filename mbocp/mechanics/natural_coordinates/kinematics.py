@@ -118,6 +118,16 @@ class NaturalKinematics:
         """Velocity of a frame's origin in world axes per rate of the coordinates, shape (3, nv)."""
         return self.derivative(lambda at: self.frame_position(frame_id, at), q)
 
+    def frame_rotation_jacobian(self, frame_id: int, q: ca.SX) -> ca.SX:
+        """Angular velocity of a frame in world axes per rate of the coordinates, shape (3, nv).
+
+        Half the sum of the products d x d' of its axes d.
+        """
+        axes = self.frame_rotation(frame_id, q)
+        rates = self.derivative(lambda at: ca.vec(self.frame_rotation(frame_id, at)), q)
+        turns = [ca.skew(axes[:, i]) @ rates[3 * i : 3 * i + 3, :] / 2 for i in range(3)]
+        return turns[0] + turns[1] + turns[2]
+
     def relative(self, body: Body, q: ca.SX) -> Placement:
         """Frame of a body in its joint's own frame on the parent: the joint's displacement."""
         parent, at = self.placement(body.parent, q), self.placement(body.joint, q)

@@ -143,7 +143,8 @@ def _final_adjoint(problem: Problem, q: Array, p: Array, eta: Array) -> Array:
 
 def _end(problem: Problem, q: Array, p: Array) -> tuple[Array, Array]:
     """D of eq. (14), and y_N - y_d; the paper's goals are on momenta."""
-    D_q, D_p = end_condition_rows(problem.robot, problem.goal)
+    rows = end_condition_rows(problem.robot, problem.goal)
+    D_q, D_p = rows.D_q, rows.D_rate
     D = np.zeros((len(D_q) + len(D_p), 2 * problem.robot.nv))
     D[: len(D_q), : problem.robot.nv], D[len(D_q) :, problem.robot.nv :] = D_q, D_p
     return D, np.concatenate([q - problem.goal.q, p - problem.goal.value])

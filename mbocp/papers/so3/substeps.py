@@ -97,7 +97,7 @@ def stepped_programme(problem: Problem, method: Method) -> SteppedProgramme:
     method : Method
     """
     base = formulate(problem)
-    left_out = dependent_end_rows(base.programme, np.vstack(base.end_rows))
+    left_out = dependent_end_rows(base.programme, base.end_rows.of_joints)
     base = formulate(problem, left_out) if left_out else base
     kernels = _kernels(problem.robot, method)
     made = _Stage(problem, base, kernels, method.substeps).functions()

@@ -58,13 +58,9 @@ def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> P
     return ProblemFileError(path, reason + rest, key)
 
 
-_TOOL = (
-    "a goal is a configuration (q, v or p), of joints; where a tool should be has to be turned into one by "
-    "inverse kinematics first"
-)
+_TOOL = "where a tool should be is the table [goal.frame], with name, position and orientation"
 # What is wanted, and would otherwise be sent to a key of the same name that means something else.
 _NOT_THERE = {
-    "goal.frame": _TOOL,
     "goal.position": _TOOL,
     "goal.pose": _TOOL,
     "goal.point": _TOOL,

@@ -19,6 +19,7 @@ from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.cost import Cost, further_terms
 from mbocp.problem.drives import without_driven_velocities
 from mbocp.problem.duration import duration_from
+from mbocp.problem.file.frame_table import frames_from
 from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.file.messages import in_file, located, schema_error
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
@@ -175,7 +176,7 @@ def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
         value, rate_active = _tangent(robot, written, f"goal.{rate}")
     if table.assemble and rate == "v" and rate_active.all():
         value = assembled_velocity(robot, q, value, rate_active, assemble=True)
-    given = table.q is not None or written is not None
+    given = table.q is not None or written is not None or bool(table.frame)
     enforce = table.enforce if table.enforce is not None else ("exact" if given else "none")
     goal = Goal(
         q=q,
@@ -183,6 +184,7 @@ def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
         rate=rate,  # type: ignore[arg-type]
         value=value,
         rate_active=rate_active,
+        frames=frames_from(table.frame),
         enforce=enforce,  # type: ignore[arg-type]  # checked by the class
         guard=table.guard,
         redundant=table.redundant,  # type: ignore[arg-type]
@@ -246,6 +248,8 @@ class _CostReader:
         return _weights(self.robot, written, default, key)
 
     def check_weighed(self, weights: Array, given: BoolArray, key: str, source: str) -> None:
+        if source == "the goal" and self.goal.frames and not weights.any():
+            return  # frames have weights of their own
         _check_targets(self.robot, weights, given, key, source)
 
 

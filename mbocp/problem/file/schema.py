@@ -38,6 +38,7 @@ from mbocp.terms.written import (
 
 __all__ = [
     "CostTable",
+    "FrameGoalTable",
     "GoalTable",
     "GuessTable",
     "HorizonTable",
@@ -65,6 +66,16 @@ def _rate(value: Any) -> Vector | Named | float:
             f"got {shown(value)}, expected a list of numbers, a table by joint name, or 0 for rest"
         )
     return vector_or_named(value)
+
+
+def _listed(value: Any) -> Any:
+    """One table, or several."""
+    return [value] if isinstance(value, Mapping) else value
+
+
+def _triple_or_zero(value: Any) -> Any:
+    """Three numbers; 0 means that all are zero."""
+    return [0.0, 0.0, 0.0] if is_number(value) and value == 0 else value
 
 
 def _limit(value: Any, where: str = "") -> Limit:
@@ -124,6 +135,8 @@ def _named_solver(value: Any) -> Any:
 
 
 Rate = Annotated[Any, BeforeValidator(_rate)]
+Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
+TripleOrZero = Annotated[Triple, BeforeValidator(_triple_or_zero)]
 Lock = Annotated[Any, BeforeValidator(_lock)]
 Limits = Annotated[Any, BeforeValidator(_limits)]
 Duration = Annotated[Any, BeforeValidator(_duration)]
@@ -171,12 +184,31 @@ class StartTable(Table):
     assemble: bool = False
 
 
+class FrameGoalTable(Table):
+    """Pose and velocity of a frame at t = T, or parts of them."""
+
+    name: str
+    position: Triple = None
+    x: Finite | None = None
+    y: Finite | None = None
+    z: Finite | None = None
+    orientation: list[Finite] | None = Field(default=None, min_length=4, max_length=4)
+    rpy: Triple = None
+    axis: Triple = None
+    direction: Triple = None
+    relative_to: str | None = None
+    velocity: TripleOrZero = None
+    angular_velocity: TripleOrZero = None
+    weight: Finite | None = None
+
+
 class GoalTable(Table):
     """State at t = T."""
 
     q: VectorOrNamed = None
     v: Rate = None
     p: Rate = None
+    frame: Annotated[list[FrameGoalTable], BeforeValidator(_listed)] = Field(default_factory=list)
     assemble: bool = False
     enforce: str | None = None
     guard: bool = True

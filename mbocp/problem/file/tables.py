@@ -15,6 +15,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import SCHEMES
 from mbocp.problem.cost import Cost
 from mbocp.problem.duration import written_duration
+from mbocp.problem.file.frame_table import frame_tables
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.term_table import term_tables
@@ -123,6 +124,8 @@ def _goal(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
     for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
         if active.any():
             table[key] = _written(robot, value, active)
+    if goal.frames:
+        table["frame"] = frame_tables(goal.frames)
     return table
 
 

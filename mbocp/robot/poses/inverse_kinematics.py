@@ -15,11 +15,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
 from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.loops.mechanism import Mechanism
-from mbocp.robot.loops.projection import assemble, violations
+from mbocp.robot.loops.projection import assemble, components, violations
 from mbocp.robot.parts import Label, Limits
 from mbocp.robot.poses.bounds import JointBounds, inside, joint_bounds
 from mbocp.robot.poses.rows import PoseErrors, PoseRows
@@ -31,6 +31,7 @@ __all__ = ["InverseKinematics", "LimitChoice", "Posable", "solve_inverse_kinemat
 LimitChoice: TypeAlias = bool | tuple[ArrayLike, ArrayLike]
 
 _SAME = 1e-3  # [rad, m] between configurations that count as one
+_MIN_PUSH = 1e-6  # [m, rad] by [rad, m] that a joint at a limit would gain beyond it
 _MIN_TOLERANCE = 1e-12  # [m, rad] above round-off of some metres
 
 
@@ -48,6 +49,10 @@ class Posable(Mechanism, Protocol):
     @property
     def q_labels(self) -> tuple[Label, ...]:
         """Name and unit of each number of q."""
+
+    @property
+    def v_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each number of v."""
 
     def frame_id(self, name: str) -> int:
         """Index of a frame by name."""
@@ -74,7 +79,7 @@ class InverseKinematics:
     angle_errors : ndarray, shape (number of targets,)
         Angle between each frame and its orientation, or between axis and direction, at `q` [rad].
     at_limits : tuple of str
-        Joints that are at a limit at `q`.
+        Joints that are at a limit at `q`; out of reach, those that would have to go beyond it.
     attempts : int
         Number of starts from which the search began.
     """
@@ -111,22 +116,34 @@ class _Search:
     upper: Array
     start: Array
     tolerance: float
+    held: BoolArray
 
     def attempt(self, q: Array) -> tuple[Array, bool]:
         """Configuration from one start, and whether it may count."""
-        found, has_arrived = reach(self.rows, q, self.bounds, self.tolerance)
+        found, has_arrived = reach(self.rows, q, self.bounds, self.held, self.tolerance)
         if not has_arrived:
             return found, False
-        found = self.bounds.unwound(found, self.start)
+        found = self.with_held(self.bounds.unwound(found, self.start))
         is_closed = not self.robot.constraints or not violations(self.robot, found)
         return found, is_closed and inside(self.robot.model, found, self.lower, self.upper)
+
+    def with_held(self, q: Array) -> Array:
+        """The same, joints that are held where they are at the start."""
+        out = np.array(q)
+        for joint in self.robot.joint_names if self.held.any() else ():
+            if self.held[self.robot.velocity_indices(joint)].any():
+                where = self.robot.configuration_indices(joint)
+                out[where] = self.start[where]
+        return out
 
     def closed(self, q: Array) -> Array:
         """A best try with its loops closed to round-off."""
         if not self.robot.constraints:
             return q
         try:
-            return np.array(assemble(self.robot, q))
+            joints = self.robot.joint_names
+            fixed = [j for j in joints if self.held[self.robot.velocity_indices(j)].any()]
+            return np.array(assemble(self.robot, q, fixed))
         except LoopNotClosed:
             return self.start
 
@@ -140,6 +157,7 @@ def solve_inverse_kinematics(
     targets: Targets,
     start: Array,
     *,
+    fixed: Sequence[str] = (),
     branches: int | None = 1,
     restarts: int = 100,
     seed: int = 0,
@@ -152,13 +170,14 @@ def solve_inverse_kinematics(
     frames = [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in wanted]
     lower, upper = _limits(robot, within_limits)
     bounds = joint_bounds(robot.model, lower, upper, _coupled(robot))
-    search = _Search(robot, PoseRows(robot, wanted, frames), bounds, lower, upper, start, tolerance)
+    held = components(robot, fixed)
+    search = _Search(robot, PoseRows(robot, wanted, frames), bounds, lower, upper, start, tolerance, held)
     found: list[Array] = []
     best, least, attempts = start, np.inf, 0
     rng = np.random.default_rng(seed)
     for attempt in range(1 + restarts):
         q0 = start if attempt == 0 else bounds.random(robot.model, start, rng)
-        q, counts = search.attempt(bounds.clipped(q0))
+        q, counts = search.attempt(search.with_held(bounds.clipped(q0)))
         attempts += 1
         if counts and _is_new(search, q, found):
             found.append(q)
@@ -179,9 +198,20 @@ def solve_inverse_kinematics(
         distances=frozen_array(lengths[order]),
         position_errors=frozen_array(errors.positions),
         angle_errors=frozen_array(errors.angles),
-        at_limits=tuple(robot.q_labels[i].name for i in bounds.touched(nearest)),
+        at_limits=_at_limits(search, nearest, is_reached=bool(found)),
         attempts=attempts,
     )
+
+
+def _at_limits(search: _Search, q: Array, *, is_reached: bool) -> tuple[str, ...]:
+    robot, bounds = search.robot, search.bounds
+    if is_reached:
+        return tuple(robot.q_labels[i].name for i in bounds.touched(q))
+    e = search.rows.residual(q)
+    gradient = search.rows.jacobian(q).T @ e
+    pushed = np.where(np.abs(gradient) > _MIN_PUSH * np.linalg.norm(e), gradient, 0.0)
+    stopped = bounds.blocked(bounds.clipped(q), pushed)
+    return tuple(robot.v_labels[i].name for i in np.flatnonzero(stopped))
 
 
 def _check(branches: int | None, restarts: int, tolerance: float) -> None:

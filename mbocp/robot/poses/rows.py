@@ -1,13 +1,13 @@
 r"""Rows of a pose and their derivatives in numbers, by Pinocchio.
 
 Of a target there are the differences of positions in the axes of the reference frame [m], and the rotation
-vector from the target to the frame, in the same axes [rad]:
+vector from the target to the frame in the target's axes [rad]:
 
-.. math:: R_r^T (p_f - p_r) - p^*, \qquad \log\left(R_r^T R_f\, R^{*T}\right)
+.. math:: R_r^T (p_f - p_r) - p^*, \qquad \log\left(R^{*T} R_r^T R_f\right)
 
-or, where only an axis has a direction, the smallest rotation that takes the direction into the axis. The
-derivative of a rotation vector is taken to be the angular velocity itself. That gives the exact gradient of
-the square of the angle, and the exact derivative at the target.
+or, where only an axis has a direction, the two components normal to the direction of the arc from the one
+to the other. The derivative of a rotation vector is taken to be the angular velocity. That gives the exact
+gradient of the square of the angle, and the exact derivative at the target.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot.large import working_data
 from mbocp.robot.loops.mechanism import Mechanism
-from mbocp.robot.poses.target import FrameTarget, rotation_between
+from mbocp.robot.poses.target import FrameTarget, normals_to, rotation_between
 
 __all__ = ["CLOSURE_WEIGHT", "PoseErrors", "PoseRows", "placement_of"]
 
@@ -43,6 +43,7 @@ class _Part(NamedTuple):
     at: tuple[int, ...]  # coordinates that are asked for
     wanted: Array  # (3,) position
     rotation: Array | None  # (3, 3)
+    normals: Array | None  # (3, 2) to the direction of an axis
 
 
 class PoseRows:
@@ -70,6 +71,7 @@ class PoseRows:
                 tuple(int(i) for i in target.coordinates),
                 np.zeros(3) if target.position is None else np.array(target.position),
                 None if target.orientation is None else target.rotation,
+                None if target.direction is None else normals_to(target.direction),
             )
             for target, (frame, reference) in zip(targets, frame_ids, strict=True)
         ]
@@ -84,11 +86,15 @@ class PoseRows:
 
     def jacobian(self, q: Array) -> Array:
         """Derivative of the rows in tangent coordinates; call `residual` at the same q before."""
+        rows = self.pose_jacobian(q)
+        if not self.robot.constraints:
+            return rows
+        return np.concatenate([rows, CLOSURE_WEIGHT * self.robot.closure_jacobian(q)])
+
+    def pose_jacobian(self, q: Array) -> Array:
+        """Derivative of the targets' rows alone; call `residual` or `errors` at the same q before."""
         pin.computeJointJacobians(self.model, self._data, q)
-        rows = [row for part in self._parts for row in self._derivatives(part)]
-        if self.robot.constraints:
-            rows.append(CLOSURE_WEIGHT * self.robot.closure_jacobian(q))
-        return np.concatenate(rows)
+        return np.concatenate([row for part in self._parts for row in self._derivatives(part)])
 
     def errors(self, q: Array) -> PoseErrors:
         """Distance [m] and angle [rad] to each target."""
@@ -110,9 +116,10 @@ class PoseRows:
             p, R = base.rotation.T @ (p - base.translation), base.rotation.T @ R
         rows = [(p - part.wanted)[list(part.at)]] if part.at else []
         if part.rotation is not None:
-            rows.append(pin.log3(R @ part.rotation.T))
-        elif part.target.axis is not None and part.target.direction is not None:
-            rows.append(rotation_between(part.target.direction, R @ part.target.axis))
+            rows.append(pin.log3(part.rotation.T @ R))
+        elif part.normals is not None and part.target.direction is not None:
+            turn = rotation_between(part.target.direction, R @ part.target.axis)
+            rows.append(part.normals.T @ np.cross(turn, part.target.direction))
         return rows
 
     def _derivatives(self, part: _Part) -> list[Array]:
@@ -123,12 +130,13 @@ class PoseRows:
             moved = self._relative(part, moved)
         rows = [moved[list(part.at)]] if part.at else []
         if part.rotation is not None:
-            rows.append(moved[3:])
-        elif part.target.axis is not None:
+            rows.append(part.rotation.T @ moved[3:])
+        elif part.normals is not None and part.target.direction is not None:
             a = data.oMf[part.frame].rotation @ part.target.axis
             if part.reference:
                 a = data.oMf[part.reference].rotation.T @ a
-            rows.append(moved[3:] - np.outer(a, a @ moved[3:]))
+            turns = moved[3:] - np.outer(a, a @ moved[3:])
+            rows.append(np.cross(part.target.direction, part.normals, axisb=0) @ turns)
         return rows
 
     def _relative(self, part: _Part, moved: Array) -> Array:

@@ -26,7 +26,9 @@ _MAX_STALLED, _STALL_RATIO = 6, 0.98  # iterations in a row that leave more than
 _MIN_GRADIENT = 1e-9  # [m, rad] by [rad, m]: at a local minimum, relative to the residual
 
 
-def reach(rows: PoseRows, q: Array, bounds: JointBounds, tolerance: float) -> tuple[Array, bool]:
+def reach(
+    rows: PoseRows, q: Array, bounds: JointBounds, held: BoolArray, tolerance: float
+) -> tuple[Array, bool]:
     """Return the configuration that the steps from `q` lead to, and whether all rows vanish there.
 
     Parameters
@@ -35,6 +37,8 @@ def reach(rows: PoseRows, q: Array, bounds: JointBounds, tolerance: float) -> tu
     q : ndarray, shape (nq,)
         Within the bounds.
     bounds : JointBounds
+    held : ndarray of bool, shape (nv,)
+        Velocity components of joints that stay where they are.
     tolerance : float
         Of each row [m, rad].
     """
@@ -45,7 +49,7 @@ def reach(rows: PoseRows, q: Array, bounds: JointBounds, tolerance: float) -> tu
         has_arrived = np.abs(e).max() <= tolerance
         J = rows.jacobian(q)
         gradient = J.T @ e
-        free = ~bounds.blocked(q, gradient)
+        free = ~(bounds.blocked(q, gradient) | held)
         if not free.any() or np.abs(gradient[free]).max() <= _MIN_GRADIENT * np.sqrt(cost):
             return q, bool(has_arrived)
         found = _step(rows, q, J, gradient, free, factor * cost, bounds)

@@ -15,7 +15,7 @@ from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, suggest
 from mbocp.robot.kinematics import WORLD
 
-__all__ = ["FrameTarget", "Targets", "rotation_between", "targets_of"]
+__all__ = ["FrameTarget", "Targets", "normals_to", "rotation_between", "target_from_words", "targets_of"]
 
 _MIN_NORM = 1e-8  # below, a direction is noise
 _COORDINATES = ("x", "y", "z")
@@ -92,6 +92,17 @@ class FrameTarget:
         x, y, z, w = self.orientation if self.orientation is not None else (0.0, 0.0, 0.0, 1.0)
         return np.array(pin.Quaternion(w, x, y, z).matrix())
 
+    def completed(self, placement: pin.SE3) -> pin.SE3:
+        """The pose that is asked for, with what is left free as in a placement in the reference frame."""
+        position, rotation = np.array(placement.translation), np.array(placement.rotation)
+        if self.position is not None:
+            position[self.coordinates] = self.position[self.coordinates]
+        if self.orientation is not None:
+            rotation = self.rotation
+        elif self.axis is not None and self.direction is not None:
+            rotation = np.array(pin.exp3(rotation_between(rotation @ self.axis, self.direction))) @ rotation
+        return pin.SE3(rotation, position)
+
     @property
     def words(self) -> str:
         """What is asked for, for a person."""
@@ -165,8 +176,13 @@ def rotation_between(a: Array, b: Array) -> Array:
         return turned
     if cosine > 0.0:
         return np.zeros(3)
-    half_turn: Array = np.pi * np.linalg.svd(a[None])[2][1]  # about any axis normal to a
-    return half_turn
+    return np.pi * normals_to(a)[:, 0]  # a half-turn about any axis normal to a
+
+
+def normals_to(direction: Array) -> Array:
+    """Two unit vectors normal to a unit vector and to each other, as columns, shape (3, 2)."""
+    normals: Array = np.linalg.svd(direction[None])[2][1:].T
+    return normals
 
 
 def _position(name: str, value: Any) -> Array:

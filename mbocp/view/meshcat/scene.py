@@ -22,6 +22,7 @@ from mbocp.view.meshcat.commands import (
     shape_object,
 )
 from mbocp.view.meshcat.connectors import connector_commands
+from mbocp.view.meshcat.goals import goal_commands, goal_placements
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
 from mbocp.view.meshcat.surroundings import stage_commands
@@ -30,7 +31,7 @@ from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion import Motion
 
 if TYPE_CHECKING:
-    from mbocp.robot import Robot
+    from mbocp.robot import FrameTarget, Robot
 
 __all__ = ["WORLD", "Scene", "build_scene"]
 
@@ -70,7 +71,12 @@ class Scene:
 
 
 def build_scene(
-    robot: Robot, motion: Motion, *, trace: Sequence[str] | None = None, speed: float = 1.0
+    robot: Robot,
+    motion: Motion,
+    *,
+    trace: Sequence[str] | None = None,
+    goals: Sequence[FrameTarget] = (),
+    speed: float = 1.0,
 ) -> Scene:
     """Compose the scene of a motion.
 
@@ -80,6 +86,8 @@ def build_scene(
     motion : Motion
     trace : sequence of str, optional
         Frames whose path is drawn; by default the robot's own choice.
+    goals : sequence of FrameTarget
+        Poses of frames whose axes are drawn.
     speed : float
         Seconds of motion per second of watching; the animation's key times are divided by it.
 
@@ -92,7 +100,9 @@ def build_scene(
     paths = [motion.frame_positions(frame) for frame in frames]
     turn = upright(robot.model.gravity.linear)
     drawn, corners = _robot_commands(robot, motion)
-    lines = [*paths, *_connector_ends(robot, motion)]
+    placements = goal_placements(robot, goals, motion.qs[-1])
+    ends = [np.tile(placed.translation, (len(motion.times), 1)) for placed in placements]
+    lines = [*paths, *_connector_ends(robot, motion), *ends]
     swept = _swept(motion, corners, lines) @ turn.T
     size = max(float(np.linalg.norm(np.ptp(swept, axis=0))), 1e-3)
     picked = _poses(motion)
@@ -106,6 +116,7 @@ def build_scene(
         *drawn,
         *connectors,
         *_trace_commands(robot, frames, paths, size),
+        *goal_commands(goals, placements, WORLD, size),
     ]
     tracks = [*_joint_tracks(motion), *connector_tracks]
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]

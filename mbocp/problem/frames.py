@@ -1,0 +1,245 @@
+"""Goals of frames: the configuration that reaches them, and which of their rows are conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.exceptions import UnreachableGoal, UnreachablePose
+from mbocp.mechanisms.completion import complete_goal
+from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, tangent_space
+from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
+from mbocp.problem.goal import Goal
+from mbocp.problem.limits import Bounds
+from mbocp.robot import FrameTarget, InverseKinematics, Label, Robot
+from mbocp.robot.kinematics import frame_jacobian
+from mbocp.robot.loops.projection import violations
+from mbocp.robot.poses.bounds import inside
+from mbocp.robot.poses.inverse_kinematics import LimitChoice
+from mbocp.robot.poses.rows import PoseErrors, PoseRows
+from mbocp.terms import FrameGoal, FrameProjections
+
+__all__ = [
+    "check_frames",
+    "frame_projections",
+    "frame_rates",
+    "goal_branches",
+    "pose_errors",
+    "pose_jacobian",
+    "rate_jacobian",
+    "with_configuration",
+]
+
+_BRANCHES, _RESTARTS = 8, 24  # looked for at first; an arm of six joints has eight
+_MANY_RESTARTS = 200  # before a pose counts as out of reach
+_AT_POSE = 1e-8  # [m, rad] of a goal.q that is kept
+
+
+def check_frames(robot: Robot, goal: Goal) -> None:
+    """Refuse frames that the robot does not have, and numbers so large that digits would be lost."""
+    for frame in goal.frames:
+        for name in (frame.name, frame.target.relative_to):
+            robot.frame_id(name)
+        position = frame.target.position
+        if position is not None:
+            labels = [Label(f"{axis} of {frame.name}", "m") for axis in "xyz"]
+            check_size("goal.frame", np.nan_to_num(position), labels, MAX_POSITION)
+        rates = [Label(name, "m/s or rad/s") for name in frame.rate_labels]
+        check_size("goal.frame", frame.rates, rates, MAX_RATE)
+
+
+def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Goal:
+    """Return the goal with a `q` at the poses of its frames: the branch nearest to the start.
+
+    Joints that the goal gives stay there. A `q` that is at the poses already is kept.
+
+    Raises
+    ------
+    UnreachablePose
+        If nothing within the limits of the problem, or else of the robot, reaches an exact goal.
+    UnreachableGoal
+        If closed loops keep the robot from getting to any configuration that does.
+    """
+    if not goal.poses or goal.enforce == "none" or _is_kept(robot, goal, limits):
+        return goal
+    if robot.nc and goal.is_exact:
+        near = _within_reach(robot, goal, q_start, limits)
+        if near is not None:
+            return replace(goal, q=near)
+    found = goal_branches(robot, goal, q_start, limits)
+    if not found.reached:
+        if goal.is_exact:
+            raise _unreachable(robot, found)
+        return replace(goal, q=found.q)
+    return replace(goal, q=_within_mode(robot, found, q_start))
+
+
+def _within_reach(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Array | None:
+    """What the search finds from the start itself, if the mechanism gets there: as a rule it does."""
+    targets, start, fixed = _asked(robot, goal, q_start)
+    for choice in _limit_choices(limits):
+        found = robot.inverse_kinematics(targets, start, fixed=fixed, restarts=0, within_limits=choice)
+        if found.reached:
+            try:
+                return complete_goal(robot, found.q, np.ones(robot.nv, dtype=np.bool_), q_start)
+            except UnreachableGoal:
+                return None
+    return None
+
+
+def goal_branches(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> InverseKinematics:
+    """Configurations at the poses of a goal's frames, the nearest to the start first.
+
+    Within the position limits of the problem; where it has none, within the robot's if that is possible.
+    """
+    targets, start, fixed = _asked(robot, goal, q_start)
+    found: InverseKinematics | None = None
+    for choice in _limit_choices(limits):
+        for branches, restarts in ((_BRANCHES, _RESTARTS), (1, _MANY_RESTARTS)):
+            found_now = robot.inverse_kinematics(
+                targets, start, fixed=fixed, branches=branches, restarts=restarts, within_limits=choice
+            )
+            if found_now.reached:
+                return found_now
+        found = found or found_now
+    return found if found is not None else found_now
+
+
+def _asked(robot: Robot, goal: Goal, q_start: Array) -> tuple[list[FrameTarget], Array, list[str]]:
+    """Targets, where the search for them begins, and the joints that the goal gives."""
+    start, fixed = np.array(q_start), []
+    for joint in robot.joint_names:
+        if goal.q_active[robot.velocity_indices(joint)].any():
+            start[robot.configuration_indices(joint)] = goal.q[robot.configuration_indices(joint)]
+            fixed.append(joint)
+    return [frame.target for frame in goal.poses], start, fixed
+
+
+def pose_errors(robot: Robot, goal: Goal, q: Array) -> PoseErrors:
+    """Distance [m] and angle [rad] that are left to each pose of the goal at q."""
+    return _rows(robot, goal.poses).errors(q)
+
+
+def pose_jacobian(robot: Robot, goal: Goal) -> Array:
+    """Derivative of the rows of all poses at goal.q, which is at them, shape (rows, nv)."""
+    if not goal.poses:
+        return np.zeros((0, robot.nv))
+    rows = _rows(robot, goal.poses)
+    rows.errors(goal.q)
+    return rows.pose_jacobian(goal.q)
+
+
+def rate_jacobian(robot: Robot, goal: Goal) -> Array:
+    """Matrix from v to the velocities that are asked of frames, at goal.q, shape (rows, nv)."""
+    rows = [np.zeros((0, robot.nv))]
+    for frame in goal.frames:
+        whole = frame_jacobian(robot.model, goal.q, robot.frame_id(frame.name), pin.LOCAL_WORLD_ALIGNED)
+        rows += [whole[:3]] * (frame.velocity is not None) + [whole[3:]] * (
+            frame.angular_velocity is not None
+        )
+    return np.vstack(rows)
+
+
+def frame_rates(goal: Goal) -> Array:
+    """Velocities that are asked of frames, in the order of `rate_jacobian`."""
+    return np.concatenate([np.zeros(0), *(frame.rates for frame in goal.frames)])
+
+
+def frame_projections(
+    robot: Robot, goal: Goal, D_q: Array, rates: Array, reachable: Array
+) -> FrameProjections:
+    """Combinations of the rows of frames that the constraints and the goal's joints do not decide.
+
+    Parameters
+    ----------
+    D_q : ndarray, shape (k, nv)
+        Conditions on the configuration that there are beside.
+    rates : ndarray, shape (l, m)
+        Conditions on the velocity that there are beside, on the directions below.
+    reachable : ndarray, shape (nv, m)
+        Directions in which velocities can be.
+    """
+    basis = tangent_space(robot, goal.q)
+    free = basis @ null_space(D_q @ basis, RANK_TOLERANCE)
+    moving = reachable @ null_space(rates, RANK_TOLERANCE)
+    return FrameProjections(
+        _independent(pose_jacobian(robot, goal) @ free), _independent(rate_jacobian(robot, goal) @ moving)
+    )
+
+
+def _independent(rows: Array) -> Array:
+    """Orthonormal combinations of rows that are independent; the rows themselves if all are."""
+    count = len(rows)
+    if not rows.size:
+        return np.zeros((0, count))
+    left, values, _ = np.linalg.svd(rows, full_matrices=False)
+    rank = int(np.sum(values > RANK_TOLERANCE * max(values[0], 1.0)))
+    return np.eye(count) if rank == count else np.ascontiguousarray(left[:, :rank].T)
+
+
+def _rows(robot: Robot, frames: Sequence[FrameGoal]) -> PoseRows:
+    targets = [frame.target for frame in frames]
+    return PoseRows(
+        robot, targets, [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in targets]
+    )
+
+
+def _limit_choices(limits: Bounds) -> list[LimitChoice]:
+    return [(limits.q_lower, limits.q_upper)] if limits.finite("q").any() else [True, False]
+
+
+def _is_kept(robot: Robot, goal: Goal, limits: Bounds) -> bool:
+    """Whether goal.q is where the goal's frames are to be."""
+    errors = pose_errors(robot, goal, goal.q)
+    is_there = max(errors.positions.max(), errors.angles.max()) <= _AT_POSE
+    is_closed = not robot.nc or not violations(robot, goal.q, CONSISTENCY_TOLERANCE)
+    return is_there and is_closed and inside(robot.model, goal.q, limits.q_lower, limits.q_upper)
+
+
+def _within_mode(robot: Robot, found: InverseKinematics, q_start: Array) -> Array:
+    """The nearest branch to which the mechanism gets from the start with its loops closed."""
+    if not robot.nc:
+        return found.q
+    refused: UnreachableGoal | None = None
+    for q in found.branches:
+        try:
+            return complete_goal(robot, q, np.ones(robot.nv, dtype=np.bool_), q_start)
+        except UnreachableGoal as error:
+            refused = refused or error
+    words = ", ".join(repr(target.name) for target in found.targets)
+    raise UnreachableGoal(
+        f"goal.frame: {len(found.branches)} configurations of robot {robot.name!r} bring {words} there, but "
+        "none was reached from the start with its loops closed; give another pose, or another start"
+    ) from refused
+
+
+def _unreachable(robot: Robot, found: InverseKinematics) -> UnreachablePose:
+    worst = int(np.argmax(found.position_errors + found.angle_errors))
+    target = found.targets[worst]
+    distance, angle = float(found.position_errors[worst]), float(found.angle_errors[worst])
+    length = f"{1e3 * distance:.3g} mm" if distance < 1.0 else f"{distance:.3g} m"
+    left = [length] * (target.coordinates.size > 0)
+    left += [f"{np.degrees(angle):.3g} deg"] * (target.orientation is not None or target.axis is not None)
+    at = found.at_limits
+    why = (
+        f"with {', '.join(at)} at {'their limits' if len(at) > 1 else 'its limit'}"
+        if at
+        else "with no joint at a limit"
+    )
+    advice = "widen these limits, " if at else ""
+    return UnreachablePose(
+        robot.name,
+        target.name,
+        distance,
+        angle,
+        at,
+        found.q,
+        f"goal.frame: out of reach of robot {robot.name!r}: {target.words}; the nearest of {found.attempts} "
+        f"tries is {' and '.join(left)} away, {why}; {advice}move the goal, or leave a part of the pose free",
+    )

@@ -1,0 +1,391 @@
+"""Goals of frames: the tool ends where it is to be, in every choice of coordinates and schemes."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbocp
+from mbocp._arrays import Array
+from mbocp.cli.summary import goal_error
+from mbocp.exceptions import (
+    InconsistentStart,
+    InvalidValue,
+    OverdeterminedGoal,
+    ProblemFileError,
+    UnknownFrame,
+    UnreachableGoal,
+    UnreachablePose,
+)
+from mbocp.formulation import build, formulate
+from mbocp.problem import FrameGoal, Problem, load_problem, parse_problem, problem_to_toml
+from mbocp.problem.frames import pose_errors
+from mbocp.robot import FrameTarget, Robot, load_robot, robot_from_spec
+from mbocp.solution import Solution
+from tests.integrators.conftest import interpreted_functions
+
+PANDA = {"name": "panda", "lock": ["panda_finger_joint1", "panda_finger_joint2"]}
+DRONE = {"name": "hector", "actuated": ["root_joint"]}
+STEADY = {"effort": 1.0, "velocity": 10.0}
+
+
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Transcribe without a compiler: for one solve a shape the virtual machine is quicker."""
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+
+
+def solved(problem: Problem) -> Solution:
+    solution = mbocp.solve(problem)
+    assert solution.converged, solution.advice
+    return solution
+
+
+def velocity(robot: Robot, frame: str, solution: Solution) -> Array:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, solution.q_final, solution.vs[-1])
+    moved = pin.getFrameVelocity(robot.model, data, robot.frame_id(frame), pin.LOCAL_WORLD_ALIGNED)
+    return np.array(moved.vector)
+
+
+def rotation_vector(a: Array, b: Array) -> Array:
+    return np.array(pin.log3(a.T @ b))
+
+
+SCHEMES: dict[str, dict[str, Any]] = {
+    "se1": {},
+    "midpoint": {"scheme": "midpoint"},
+    "euler": {"scheme": "euler"},
+    "natural": {"coordinates": "natural"},
+}
+
+
+@pytest.mark.parametrize("words", SCHEMES.values(), ids=SCHEMES)
+def test_a_full_pose_at_rest(words: dict[str, Any]) -> None:
+    position, rpy = [0.45, 0.25, 0.35], [3.0, 0.2, 0.4]
+    goal = {"v": 0, "frame": {"name": "tool0", "position": position, "rpy": rpy}}
+    problem = Problem.create("ur5", 1.0, 12, goal=goal, cost={"velocity": 100.0}, **words)
+    solution = solved(problem)
+    assert solution.eta.size == 12
+    reached = problem.robot.frame_placement("tool0", solution.q_final)
+    assert reached.translation == pytest.approx(position, abs=1e-9)
+    assert rotation_vector(reached.rotation, pin.rpy.rpyToMatrix(*rpy)) == pytest.approx(
+        np.zeros(3), abs=1e-8
+    )
+    assert solution.vs[-1] == pytest.approx(np.zeros(6), abs=1e-8)
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_the_velocity_of_a_frame(name: str) -> None:
+    """Both velocities, and of the pose only the height: joints are free in what is left."""
+    robot = load_robot("ur5")
+    speed, turning = ([0.1, -0.2, 0.3], [0.0, 0.4, 0.1]) if name != "natural" else ([0.0] * 3, [0.0] * 3)
+    frame = {"name": "tool0", "z": 0.5, "velocity": speed, "angular_velocity": turning}
+    start = {"q": [0.1, -1.0, 1.2, -1.0, -1.3, 0.2]}
+    problem = Problem.create(
+        robot, 1.0, 12, start=start, goal={"frame": frame}, cost={"velocity": 100.0}, **SCHEMES[name]
+    )
+    solution = solved(problem)
+    assert solution.eta.size == 7
+    assert robot.frame_placement("tool0", solution.q_final).translation[2] == pytest.approx(0.5, abs=1e-9)
+    assert velocity(robot, "tool0", solution) == pytest.approx([*speed, *turning], abs=1e-8)
+
+
+def test_an_axis_along_a_direction_leaves_the_turn_about_it_free() -> None:
+    frame = {"name": "panda_hand", "position": [0.5, 0.1, 0.4], "axis": [0, 0, 1], "direction": [0, 0, -2]}
+    limits = {"position": True, "velocity": True, "effort": True}
+    start = {"q": [0, 0, 0, -1.5, 0, 1.5, 0]}
+    problem = Problem.create(
+        PANDA, 1.5, 15, start=start, goal={"v": 0, "frame": frame}, cost=STEADY, limits=limits
+    )
+    solution = solved(problem)
+    assert solution.eta.size == 12
+    assert solution.limit_violation <= 1e-9
+    reached = problem.robot.frame_placement("panda_hand", solution.q_final)
+    assert reached.translation == pytest.approx([0.5, 0.1, 0.4], abs=1e-9)
+    assert reached.rotation[:, 2] == pytest.approx([0, 0, -1], abs=1e-9)
+
+
+@pytest.mark.parametrize("words", [{}, {"scheme": "euler"}, {"coordinates": "natural"}])
+def test_a_free_flyer(words: dict[str, Any]) -> None:
+    goal = {"v": 0, "frame": {"name": "base_link", "position": [0.5, 0.2, 1.0], "rpy": [0, 0, 1.0]}}
+    problem = Problem.create(DRONE, 1.0, 20, goal=goal, cost=STEADY, **words)
+    solution = solved(problem)
+    reached = problem.robot.frame_placement("base_link", solution.q_final)
+    assert reached.translation == pytest.approx([0.5, 0.2, 1.0], abs=1e-9)
+    assert rotation_vector(reached.rotation, pin.rpy.rpyToMatrix(0, 0, 1.0)) == pytest.approx(
+        np.zeros(3), abs=1e-8
+    )
+
+
+LOOPS = [("parallelogram_arm", "joint"), ("parallelogram_arm", "natural"), ("delta", "joint")]
+
+
+@pytest.mark.parametrize(("name", "coordinates"), LOOPS)
+def test_closed_loops_decide_some_rows(name: str, coordinates: str) -> None:
+    """Of the full pose of a mechanism with two or three freedoms as many rows are conditions."""
+    robot, frame = load_robot(name), "tool"
+    mobility = robot.nv - robot.nc
+    away = 0.1 * np.random.default_rng(1).normal(size=robot.nv)
+    wanted = robot.frame_placement(frame, robot.assemble(robot.integrate(robot.q0, away)))
+    target = FrameTarget.at(frame, wanted)
+    words = {"name": frame, "position": target.position, "orientation": target.orientation}
+    problem = Problem.create(robot, 1.0, 12, goal={"v": 0, "frame": words}, coordinates=coordinates)
+    solution = solved(problem)
+    assert solution.eta.size == 2 * mobility
+    reached = robot.frame_placement(frame, solution.q_final)
+    assert reached.translation == pytest.approx(wanted.translation, abs=1e-7)
+    assert rotation_vector(reached.rotation, wanted.rotation) == pytest.approx(np.zeros(3), abs=1e-7)
+
+
+def test_relative_to_a_frame_that_moves_and_beside_joints() -> None:
+    robot = load_robot("ur5")
+    q = np.array([0.4, -1.1, 1.3, -0.9, -1.2, 0.3])
+    away = robot.frame_placement("tool0", q, "upper_arm_link").translation
+    height = robot.frame_placement("forearm_link", q).translation[2]
+    frames = [
+        {"name": "tool0", "position": away, "relative_to": "upper_arm_link"},
+        {"name": "forearm_link", "z": height},
+    ]
+    goal = {"v": 0, "q": {"wrist_3_joint": 0.3}, "frame": frames}
+    problem = Problem.create(robot, 1.0, 15, goal=goal, cost={"velocity": 100.0})
+    solution = solved(problem)
+    assert solution.eta.size == 6 + 5
+    assert robot.frame_placement("tool0", solution.q_final, "upper_arm_link").translation == pytest.approx(
+        away, abs=1e-9
+    )
+    assert robot.frame_placement("forearm_link", solution.q_final).translation[2] == pytest.approx(height)
+    assert solution.q_final[5] == pytest.approx(0.3, abs=1e-9)
+    assert problem.goal.q[5] == 0.3
+
+
+def test_the_numbers_of_a_pose_are_parameters() -> None:
+    def formulated(position: list[float], angle: float) -> Any:
+        frame = {"name": "tool0", "position": position, "rpy": [angle, 0, 0], "velocity": [angle, 0, 0]}
+        return formulate(Problem.create("ur5", 1.0, 10, goal={"frame": frame})).programme
+
+    first, second = formulated([0.4, 0.2, 0.4], 3.0), formulated([0.3, 0.3, 0.5], 2.0)
+    assert (first.rho_terminal != second.rho_terminal).any()
+    assert first.end_functions is second.end_functions
+
+
+NAMES = {
+    "implicit": ({"name": "ur5"}, "tool0", {}),
+    "group": (DRONE, "base_link", {}),
+    "natural": ({"name": "double_pendulum"}, "link2", {"coordinates": "natural"}),
+    "explicit": ({"name": "double_pendulum"}, "link2", {"scheme": "heun"}),
+    "loop": ({"name": "five_bar"}, "right_tip", {}),
+    "matrices": ({**DRONE, "rotations": "dcm"}, "base_link", {"scheme": "euler"}),
+}
+
+
+@pytest.mark.parametrize("enforce", ["exact", "penalty"])
+@pytest.mark.parametrize("kind", ["orientation", "axis"])
+@pytest.mark.parametrize("name", NAMES)
+def test_derivatives_are_exact_in_second_order(name: str, kind: str, enforce: str) -> None:
+    """Against central differences of fourth order along the manifold."""
+    spec, frame, others = NAMES[name]
+    robot, rng = robot_from_spec(spec), np.random.default_rng(5)
+    goal_q = robot.assemble(robot.integrate(robot.q0, 0.1 * rng.normal(size=robot.nv)))
+    at = robot.frame_placement(frame, goal_q)
+    turn = {
+        "orientation": {"orientation": FrameTarget.at(frame, at).orientation},
+        "axis": {"axis": [0.2, -0.3, 1], "direction": at.rotation @ [0.2, -0.3, 1]},
+    }[kind]
+    words = {"name": frame, "position": at.translation, "velocity": 0, "angular_velocity": 0, **turn}
+    goal = {"frame": words, "enforce": enforce}
+    cost = {"terminal": 3.0} if enforce == "penalty" else {}
+    formulation = formulate(Problem.create(robot, 1.0, 4, goal=goal, cost=cost, **others))
+    programme, layout = formulation.programme, formulation.layout
+    q = robot.integrate(goal_q, 0.2 * rng.normal(size=robot.nv))
+    x = np.concatenate(
+        [formulation.space.coordinates(q[None])[0], 0.3 * rng.normal(size=layout.nx - layout.nz)]
+    )
+    eta, rho = rng.normal(size=programme.ng), programme.rho_terminal
+    out = programme.end_functions.function("terminal_complete")(x, eta, rho)
+    _, _, dg_dx, dpsi_dx, upper = (np.asarray(ca.DM(value)) for value in out)
+    hessian = np.triu(upper) + np.triu(upper, 1).T
+    moved = programme.functions.function("retract")
+    for _ in range(3):
+        d = rng.normal(size=layout.ndx)
+        d /= np.linalg.norm(d)
+
+        def lagrangian(t: float, d: Array = d) -> float:
+            psi, g = programme.end_functions.function("terminal_values")(moved(x, t * d), rho)
+            return float(psi) + float(eta @ np.asarray(g).ravel())
+
+        h = 2e-3
+        a, b, c, e = (lagrangian(t) for t in (h, -h, 2 * h, -2 * h))
+        scale = 1.0 + max(map(abs, (a, b, c, e)))
+        slope = (dpsi_dx.ravel() + eta @ dg_dx) @ d
+        assert abs((8 * (a - b) - (c - e)) / (12 * h) - slope) < 5e-7 * scale
+        curvature = (16 * (a + b) - (c + e) - 30 * lagrangian(0.0)) / (12 * h * h)
+        assert abs(curvature - d @ hessian @ d) < 1e-5 * scale
+
+
+def test_rows_are_the_half_angle_vector() -> None:
+    """2 tan(theta/2) about the axis, in the axes of the target: no other root below a half-turn."""
+    robot = load_robot("ur5")
+    q = np.array([0.3, -1.0, 1.2, -0.6, -1.3, 0.2])
+    target = FrameTarget.at("tool0", robot.frame_placement("tool0", q))
+    goal = {"frame": {"name": "tool0", "orientation": target.orientation}}
+    formulation = formulate(Problem.create(robot, 1.0, 5, start={"q": q}, goal=goal))
+    values = formulation.programme.end_functions.function("terminal_values")
+    for angle in (1e-9, 1e-3, 1.0, 2.5, 3.1):
+        turned = q + np.array([0, 0, 0, 0, 0, angle])  # about the last axis
+        g = np.asarray(values(np.concatenate([turned, np.zeros(6)]), formulation.programme.rho_terminal)[1])
+        vector = rotation_vector(target.rotation, robot.frame_placement("tool0", turned).rotation)
+        expected = vector * 2 * np.tan(angle / 2) / angle
+        assert g.ravel() == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
+def test_the_goal_configuration_is_the_branch_nearest_to_the_start() -> None:
+    frame = {"name": "tool0", "position": [0.4, 0.3, 0.4], "rpy": [3.0, 0.1, 0.2]}
+    start = {"q": [0.1, -1.0, 1.2, -1.0, -1.3, 0.2]}
+    problem = Problem.create("ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame})
+    branches = problem.goal_branches()
+    assert len(branches.branches) == 8
+    assert problem.goal.q == pytest.approx(branches.branches[0], abs=1e-7)
+    other = problem.with_(goal=replace(problem.goal, q=branches.branches[3]))
+    assert (other.goal.q == branches.branches[3]).all()
+    moved = (
+        problem.with_(goal={"frame": {**frame, "x": 0.35, "position": None}} | {"v": 0}) if False else None
+    )
+    assert moved is None
+
+
+def test_limits_choose_the_branch() -> None:
+    frame = {"name": "tool0", "position": [0.4, 0.3, 0.4], "rpy": [3.0, 0.1, 0.2]}
+    start = {"q": [0.1, -1.0, 1.2, -1.0, -1.3, 0.2]}
+    free = Problem.create("ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame})
+    elbow = free.goal.q[2]
+    limits = {"position": {"elbow_joint": [-3.0, elbow - 0.1] if elbow > 1.3 else [elbow + 0.01, 3.0]}}
+    bounded = Problem.create("ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame}, limits=limits)
+    low, high = limits["position"]["elbow_joint"]
+    assert low <= bounded.goal.q[2] <= high
+    errors = pose_errors(bounded.robot, bounded.goal, bounded.goal.q)
+    assert max(errors.positions[0], errors.angles[0]) < 1e-8
+
+
+def test_a_pose_out_of_reach_is_refused_with_what_is_left() -> None:
+    with pytest.raises(UnreachablePose, match=r"tool0: x = 2 m.* 1\.\d+ m away") as caught:
+        Problem.create("ur5", 1.0, 10, goal={"frame": {"name": "tool0", "x": 2.0}})
+    assert caught.value.frame == "tool0"
+    assert caught.value.distance == pytest.approx(1.05, abs=0.2)
+    assert isinstance(caught.value, UnreachableGoal)
+    limits = {"position": {"elbow_joint": [-0.2, 0.2], "shoulder_lift_joint": [-2.0, -1.0]}}
+    with pytest.raises(UnreachablePose, match=r"at its limit|at their limits") as caught:
+        Problem.create(
+            "ur5", 1.0, 10, start={"q": [0, -1.5, 0, 0, 0, 0]}, limits=limits,
+            goal={"frame": {"name": "tool0", "position": [0.3, 0.1, 0.1]}},
+        )  # fmt: skip
+    assert set(caught.value.joints) & {"elbow_joint", "shoulder_lift_joint"}
+    assert "mm away" in str(caught.value)
+
+
+@pytest.mark.parametrize("enforce", ["penalty", "both"])
+def test_a_penalty_draws_the_frame_to_its_goal(enforce: str) -> None:
+    frame = {"name": "tool0", "position": [0.45, 0.25, 0.35], "rpy": [3.0, 0.2, 0.4], "weight": 10.0}
+    goal = {"enforce": enforce, "frame": frame}
+    misses = []
+    for terminal in (1e2, 1e4):
+        cost = {"velocity": 100.0, "terminal": terminal}
+        problem = Problem.create("ur5", 1.0, 12, goal=goal, cost=cost)
+        errors = pose_errors(problem.robot, problem.goal, solved(problem).q_final)
+        misses.append(errors.positions[0] + errors.angles[0])
+    assert misses[1] < (1e-9 if enforce == "both" else 0.1 * misses[0])
+
+
+def test_problems_write_and_read_back(tmp_path: Path) -> None:
+    frames = [
+        {"name": "tool0", "x": 0.3, "z": 0.4, "axis": [0, 0, 1], "direction": [0, 0, -1], "velocity": 0},
+        {"name": "forearm_link", "z": 0.4, "relative_to": "shoulder_link", "weight": 2.0},
+    ]
+    problem = Problem.create("ur5", 1.0, 10, goal={"v": 0, "frame": frames})
+    text = problem_to_toml(problem)
+    again = parse_problem(text)
+    assert problem_to_toml(again) == text
+    assert again.goal.q == pytest.approx(problem.goal.q, abs=1e-12)
+    path = tmp_path / "pose.toml"
+    path.write_text(
+        'robot = "ur5"\n[horizon]\nduration = 1.0\nsteps = 10\n[goal]\nv = 0\n'
+        '[goal.frame]\nname = "tool0"\nposition = [0.4, 0.2, 0.4]\n',
+        encoding="utf-8",
+    )
+    assert load_problem(path).goal.frames[0].target.position == pytest.approx([0.4, 0.2, 0.4])
+    moved = load_problem(path, ["goal.frame.position=[0.3, 0.3, 0.5]"])
+    assert moved.goal.frames[0].target.position == pytest.approx([0.3, 0.3, 0.5])
+    several = path.read_text(encoding="utf-8").replace("[goal.frame]", "[[goal.frame]]")
+    several += '[[goal.frame]]\nname = "forearm_link"\nz = 0.5\n'
+    path.write_text(several, encoding="utf-8")
+    assert [frame.name for frame in load_problem(path).goal.frames] == ["tool0", "forearm_link"]
+
+
+def test_another_start_finds_the_pose_again() -> None:
+    frame = {"name": "tool0", "position": [0.4, 0.3, 0.4], "rpy": [3.0, 0.1, 0.2]}
+    problem = Problem.create("ur5", 1.0, 10, goal={"v": 0, "frame": frame})
+    other = problem.with_(start={"q": [2.0, -1.0, 1.2, -1.0, -1.3, 0.2]})
+    errors = pose_errors(other.robot, other.goal, other.goal.q)
+    assert max(errors.positions[0], errors.angles[0]) < 1e-8
+    further = problem.with_(goal={"frame": {"name": "tool0", "position": [0.2, 0.3, 0.5]}})
+    assert further.robot.frame_placement("tool0", further.goal.q).translation == pytest.approx(
+        [0.2, 0.3, 0.5]
+    )
+
+
+def test_the_summary_says_how_well_it_is_met() -> None:
+    frame = {"name": "tool0", "position": [0.4, 0.3, 0.4]}
+    problem = Problem.create("ur5", 1.0, 12, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0})
+    assert "tool0 off by" in goal_error(solved(problem), problem)
+    assert " mm and " in goal_error(solved(problem), problem)
+
+
+@pytest.mark.parametrize(
+    ("frame", "error", "message"),
+    [
+        ({"name": "tool1", "x": 0.1}, UnknownFrame, "tool1"),
+        ({"name": "tool0"}, InvalidValue, "nothing for 'tool0'"),
+        ({"name": "tool0", "x": 0.1, "velocty": 0}, ProblemFileError, "velocity"),
+        ({"name": "tool0", "x": 0.1, "weight": -1.0}, ProblemFileError, "weight"),
+        ({"name": "tool0", "position": [0.1, 0.2]}, ProblemFileError, "a list of 3"),
+        (
+            {"name": "tool0", "rpy": [0, 0, 0], "axis": [0, 0, 1], "direction": [0, 0, 1]},
+            ProblemFileError,
+            "axis",
+        ),
+        ({"name": "tool0", "x": 1e10}, ProblemFileError, "x of tool0.*at most 1e\\+09 m"),
+        ({"name": "base_link", "velocity": [1, 0, 0]}, InconsistentStart, "velocity"),
+    ],
+)
+def test_what_is_wrong_is_refused(frame: dict[str, Any], error: type[Exception], message: str) -> None:
+    with pytest.raises((error, ProblemFileError), match=message):
+        Problem.create("ur5", 1.0, 10, goal={"frame": frame})
+
+
+def test_natural_coordinates_have_no_other_velocities_than_rest() -> None:
+    frame = {"name": "tool0", "velocity": [0.1, 0, 0]}
+    with pytest.raises(ProblemFileError, match="natural coordinates velocities of bodies"):
+        Problem.create("ur5", 1.0, 10, goal={"frame": frame}, coordinates="natural")
+
+
+def test_more_rows_than_the_controls_can_meet_are_refused() -> None:
+    frame = {"name": "tool0", "position": [0.4, 0.3, 0.4], "rpy": [3.0, 0.1, 0.2]}
+    with pytest.raises(OverdeterminedGoal, match="12 independent"):
+        Problem.create("ur5", 1.0, 1, goal={"v": 0, "frame": frame})
+
+
+def test_a_goal_of_a_frame_in_python() -> None:
+    with pytest.raises(InvalidValue, match="weight"):
+        FrameGoal(target=FrameTarget(name="tool0", position=(None, None, 0.3)), weight=np.nan)
+    goal = FrameGoal(target=FrameTarget(name="tool0"), velocity=np.zeros(3))
+    assert not goal.has_pose
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert goal.rate_labels == ("velocity x of tool0", "velocity y of tool0", "velocity z of tool0")
