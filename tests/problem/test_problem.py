@@ -30,6 +30,15 @@ def same(a: object, b: object) -> None:
         assert len(a) == len(b)
         for one, other in zip(a, b, strict=True):
             same(one, other)
+    elif isinstance(a, tuple):
+        assert isinstance(b, tuple)
+        for one, other in zip(a, b, strict=True):
+            same(one, other)
+    elif isinstance(a, dict):
+        assert isinstance(b, dict)
+        assert a.keys() == b.keys()
+        for key, value in a.items():
+            same(value, b[key])
     elif isinstance(a, np.ndarray):
         np.testing.assert_allclose(np.asarray(a, float), np.asarray(b, float), atol=1e-15)
     else:

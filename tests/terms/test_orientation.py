@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,3 +107,17 @@ def test_what_cannot_be_is_refused(ur5: Robot, changes: dict[str, Any], error: t
     with pytest.raises(ProblemError, match=reason) as caught:
         problem(ur5, {**DOWN, **changes})
     assert isinstance(caught.value, (error, ProblemError))
+
+
+def test_a_cup_stays_upright() -> None:
+    """The example: without the constraint the cup is tilted by three times as much."""
+    file = Path(__file__).parents[2] / "examples" / "arms" / "cup.toml"
+    tilts = []
+    for changes in ({}, {"path": []}):
+        solution = mbocp.solve(mbocp.load_problem(file, changes))
+        assert solution.converged, solution.advice
+        robot = mbocp.load_problem(file).robot
+        axes = [robot.frame_placement("cup", q).rotation[2, 2] for q in solution.qs]
+        tilts.append(np.arccos(np.minimum(axes, 1.0)).max())
+    assert 0.087 < tilts[0] < 0.0873 + 1e-6
+    assert tilts[1] > 3 * tilts[0]
