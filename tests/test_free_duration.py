@@ -12,7 +12,7 @@ import pytest
 
 import mbocp
 from mbocp.cli.summary import solution_rows
-from mbocp.exceptions import MbocpError
+from mbocp.exceptions import InconsistentStart, MbocpError
 from mbocp.formulation import formulate
 from mbocp.formulation.step_lengths import begins_phase
 from mbocp.guesses.kinds import plain_guess
@@ -235,6 +235,19 @@ def test_phases_have_lengths_of_their_own() -> None:
 def test_what_has_no_free_duration_is_refused(words: dict[str, Any], message: str) -> None:
     with pytest.raises(MbocpError, match=re.escape(message)):
         pendulum(**words)
+
+
+def test_a_start_that_fits_one_step_length_alone_is_refused() -> None:
+    """SE2 corrects the start velocity of constrained systems by what the first step makes of it."""
+    rod = load_problem(EXAMPLES / "paper" / "rigid_pendulum.toml")
+    T, words = rod.duration, {"integrator": {"scheme": "se2"}, "solver": {"method": "auto"}}
+    moving = rod.with_(duration={"min": T / 2, "max": 2 * T}, **words)
+    if not moving.v_start.any():
+        across = np.linalg.svd(rod.robot.constraint_jacobian(rod.q_start))[2][-1]
+        moving = moving.with_(start={"v": 0.1 * across}, **words)
+    with pytest.raises(InconsistentStart, match="leaves free"):
+        formulate(moving)
+    assert formulate(moving.with_(integrator={"scheme": "se1"})).programme.x_start[-1] == 1.0
 
 
 def test_a_weight_of_time_asks_for_a_free_duration() -> None:

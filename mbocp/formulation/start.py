@@ -32,10 +32,17 @@ def consistent_velocity(problem: Problem) -> Array:
     Raises
     ------
     InconsistentStart
-        If no such velocity is near: the steps are too long for the start velocity.
+        If no such velocity is near: the steps are too long for the start velocity. Or if the length of the
+        steps is free, so that there is none that fits before it is found.
     """
     robot, q, v = problem.robot, problem.q_start, problem.v_start
     if TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
+        if problem.has_free_duration:
+            raise InconsistentStart(
+                f"start.v: scheme {problem.scheme} begins with a velocity that fits the constraints of robot "
+                f"{robot.name!r} and the length of a step, which horizon.duration leaves free; take scheme "
+                "se1 or midpoint, or start at rest"
+            )
         return _discrete_velocity(robot, q, v, problem.dt)
     return v
 

@@ -93,6 +93,7 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "manifold_drift_resimulated": solution.manifold_drift_resimulated,
         "unknowns": solution.unknowns,
         "num_steps": solution.num_steps,
+        "duration": solution.duration,
         "wall_time_s": solution.wall_time_s,
         "phases": [
             {"name": p.name, "iterations": p.iterations, "wall_time_s": p.wall_time_s}

@@ -67,6 +67,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "manifold_drift_resimulated",
         "unknowns",
         "num_steps",
+        "duration",
         "wall_time_s",
         "phases",
         "history",
