@@ -132,6 +132,19 @@ def test_an_arm_in_minimum_time_within_its_limits() -> None:
     assert mean_hamiltonian(s) < 1e-6
 
 
+def test_the_tool_of_an_arm_gets_to_a_pose_in_the_least_time() -> None:
+    problem = load_problem(EXAMPLES / "arms" / "ur5_fastest.toml")
+    s = solved(problem, solver="monolithic")
+    wanted = np.array([[1, 0, 0, 0.35], [0, -1, 0, 0.45], [0, 0, -1, 0.25], [0, 0, 0, 1.0]])
+    assert np.allclose(problem.robot.frame_placement("tool0", s.qs[-1]), wanted, atol=1e-7)
+    assert {a.kind for a in s.active_limits} == {"velocity"}  # torques are no limit of this arm without a load
+    assert s.duration == pytest.approx(solved(problem, solver="ipopt").duration, rel=1e-6)
+    # No joint can be faster: one of them takes all of the time at its limit.
+    fastest = np.abs(np.diff(s.qs, axis=0)).sum(axis=0) / s.limits_v[1]
+    assert fastest.max() <= s.duration
+    assert fastest.max() > 0.9 * s.duration
+
+
 def test_bounds_of_the_duration_are_kept_and_named() -> None:
     for bounds, side in (({"min": 0.3, "max": 5.0}, "lower"), ({"min": 0.01, "max": 0.1}, "upper")):
         s = solved(pendulum(duration=bounds))

@@ -61,7 +61,7 @@ def test_example_loads_and_its_text_loads_as_the_same(path: Path) -> None:
 def test_all_examples_are_there() -> None:
     names = {str(path.relative_to(EXAMPLES)) for path in FILES}
     paper = {"elastic_pendulum", "rigid_pendulum", "cart_pendulum_rigid", "cart_pendulum_elastic"}
-    arms = {"ur5_reach", "ur5_limits", "panda_reach", "kinova_reach"}
+    arms = {"ur5_reach", "ur5_limits", "ur5_fastest", "panda_reach", "kinova_reach"}
     assert names >= {f"paper/{n}.toml" for n in paper} | {f"arms/{n}.toml" for n in arms} | {
         "free_flyer/drone_flip.toml",
         "so3/unicycle_pendulum.toml",
