@@ -137,7 +137,7 @@ def test_the_tool_of_an_arm_gets_to_a_pose_in_the_least_time() -> None:
     s = solved(problem, solver="monolithic")
     wanted = np.array([[1, 0, 0, 0.35], [0, -1, 0, 0.45], [0, 0, -1, 0.25], [0, 0, 0, 1.0]])
     assert np.allclose(problem.robot.frame_placement("tool0", s.qs[-1]), wanted, atol=1e-7)
-    assert {a.kind for a in s.active_limits} == {"velocity"}  # torques are no limit of this arm without a load
+    assert {a.kind for a in s.active_limits} == {"velocity"}  # torques are no limit without a load
     assert s.duration == pytest.approx(solved(problem, solver="ipopt").duration, rel=1e-6)
     # No joint can be faster: one of them takes all of the time at its limit.
     fastest = np.abs(np.diff(s.qs, axis=0)).sum(axis=0) / s.limits_v[1]
