@@ -178,7 +178,8 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
     pin.framesForwardKinematics(model, data, q)
     lines = []
     feet = sum(parent == 0 for parent in model.parents) - 1  # the first is the universe's own
-    is_over_ground = feet > 1 and bool(robot.constraints)  # loops may close over frames that are no link
+    # Loops may close over frames that are no link, and robots in one world stand apart.
+    is_over_ground = feet > 1 and bool(robot.constraints or robot.parts)
     turns = [False] * model.njoints
     for joint in range(1, model.njoints):
         parent = model.parents[joint]

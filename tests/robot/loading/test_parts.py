@@ -19,6 +19,7 @@ from mbocp.problem import Problem
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Payload, Robot, describe, load_parts, load_robot, robot_from_spec
+from mbocp.view.figures.path import frame_paths
 from mbocp.view.replay import write_replay
 from tests.mechanics import mimics
 from tests.robot import urdfs
@@ -402,6 +403,14 @@ def test_the_example_solves() -> None:
         rate = (solution.vs[n + 1] - solution.vs[n]) / dt
         torque = pin.rnea(model, data, solution.qs[n + 1], solution.vs[n + 1], rate)
         np.testing.assert_allclose(solution.us[n], torque, atol=1e-7)
+
+
+def test_plots_draw_no_line_between_them() -> None:
+    whole = two("ur5")
+    poses = frame_paths(whole, np.array([whole.q0, whole.q0])).poses
+    for lines in poses:
+        assert len(lines) == 12
+        assert np.linalg.norm(lines[:, 0] - lines[:, 1], axis=1).max() < 0.5  # they stand 1.2 m apart
 
 
 def test_replays_draw_all_of_them(tmp_path: Path) -> None:
