@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.step_lengths import length_bounds
@@ -13,7 +13,7 @@ from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 
-__all__ = ["free_speed_bounds", "state_bounds"]
+__all__ = ["free_speed_bounds", "path_nodes", "state_bounds"]
 
 
 def state_bounds(
@@ -29,7 +29,7 @@ def state_bounds(
     speeds : tuple of ndarray, shapes (ns,)
         Lower and upper bounds of the speeds.
     """
-    limits = problem.limits
+    limits, N = problem.limits, problem.num_steps
     lower, upper = np.full(at.nx, -np.inf), np.full(at.nx, np.inf)
     for part in space.parts:
         plain = part.at_q.stop - part.at_q.start if part.group.is_vector else 0
@@ -40,15 +40,34 @@ def state_bounds(
     lower[at.s], upper[at.s] = speeds
     lower[at.h], upper[at.h] = length_bounds(problem)
     free = np.full(at.nh, np.inf)
-    sides = [constraint.inner_bounds for constraint in problem.path]
+    path_lower, path_upper = _path_bounds(problem)
     return StateBounds(
-        x_lower=lower,
-        x_upper=upper,
-        u_lower=np.concatenate([limits.u_lower, -free]),
-        u_upper=np.concatenate([limits.u_upper, free]),
-        path_lower=np.concatenate([np.zeros(0), *(lower for lower, _ in sides)]),
-        path_upper=np.concatenate([np.zeros(0), *(upper for _, upper in sides)]),
+        x_lower=StateBounds.everywhere(lower, N),
+        x_upper=StateBounds.everywhere(upper, N),
+        u_lower=StateBounds.everywhere(np.concatenate([limits.u_lower, -free]), N),
+        u_upper=StateBounds.everywhere(np.concatenate([limits.u_upper, free]), N),
+        path_lower=path_lower,
+        path_upper=path_upper,
     )
+
+
+def _path_bounds(problem: Problem) -> tuple[Array, Array]:
+    """Bounds of the path functions, shape (N, nh); infinite at the nodes where a constraint does not hold."""
+    N = problem.num_steps
+    sides = [constraint.inner_bounds for constraint in problem.path]
+    lower = np.concatenate([np.zeros(0), *(lower for lower, _ in sides)])
+    upper = np.concatenate([np.zeros(0), *(upper for _, upper in sides)])
+    holds = path_nodes(problem)
+    if holds.all():
+        return StateBounds.everywhere(lower, N), StateBounds.everywhere(upper, N)
+    return np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)
+
+
+def path_nodes(problem: Problem) -> BoolArray:
+    """At which of the nodes 1..N each row of the path constraints holds, shape (N, nh)."""
+    N, dt = problem.num_steps, problem.dt
+    columns = [np.repeat(c.span.nodes(N, dt)[:, None], c.rows, axis=1) for c in problem.path]
+    return np.hstack(columns) if columns else np.ones((N, 0), dtype=np.bool_)
 
 
 def free_speed_bounds(problem: Problem) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
+from mbocp.formulation.bounds import path_nodes
 from mbocp.formulation.step_lengths import without_lengths
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
@@ -44,7 +45,8 @@ def _violation(problem: Problem, motion: Motion, path: Array) -> float:
     if problem.path:
         lower = np.concatenate([p.lower for p in problem.path])
         upper = np.concatenate([p.upper for p in problem.path])
-        pairs.append((path, lower, upper))
+        holds = path_nodes(problem)
+        pairs.append((path, np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)))
     if problem.duration_range is not None:
         shortest, longest = (np.array([side]) for side in problem.duration_range)
         pairs.append((motion.dts.sum(keepdims=True), shortest, longest))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
@@ -64,7 +66,7 @@ def row_describer(
 ) -> Callable[[int, int], str]:
     """(stage, row) -> words, see `StagewiseProgramme.describe_row`."""
     robot, times = problem.robot, _Times(problem)
-    of_end, limits = rows.words(robot, problem.goal), _limits(problem, space, at, labels.speeds, bounds)
+    of_end, limits = rows.words(robot, problem.goal), _limits(problem, space, at, labels.speeds)
     nc = len(labels.constraints)
     for term in problem.terms:
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
@@ -76,7 +78,8 @@ def row_describer(
             return f"end condition {row + 1} ({of_end[row]}) {times.end}"
         when = times.step(stage)
         if row >= at.ndx + nc:
-            return f"{limits[row - at.ndx - nc]} {when}"
+            entry = np.flatnonzero(bounds.limited[stage])[row - at.ndx - nc]
+            return f"{limits[entry]} {when}"
         if row < at.nw:
             name = labels.positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"
             return f"kinematics of {name} {when}"
@@ -96,9 +99,8 @@ def _limits(
     space: ConfigurationSpace | NaturalSpace,
     at: StateLayout,
     speeds: tuple[Label, ...],
-    bounds: StateBounds,
 ) -> list[str]:
-    """What the limits of a stage are, in their order."""
+    """What limits of the entries of a state, of the controls and of the path functions are called."""
     robot = problem.robot
     names = {at.s.start + i: f"velocity limit of {speeds[i].name}" for i in range(at.ns)}
     for part in space.parts:
@@ -107,5 +109,6 @@ def _limits(
             names[part.at_z.start + i] = f"position limit of {label.name}"
     names |= {at.h.start + i: "bound of horizon.duration" for i in range(at.nh)}
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
-    of_controls = [f"limit of control {robot.u_labels[i].name}" for i in bounds.limited_u]
-    return [*(names[i] for i in bounds.limited_x), *of_controls, *path]
+    of_controls = [f"limit of control {label.name}" for label in robot.u_labels]
+    of_controls += ["limit of a length"] * at.nh
+    return [*(names.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]

@@ -1,4 +1,4 @@
-"""Inequalities that frames of the robot keep along the motion."""
+"""Inequalities and equations that frames of the robot keep along the motion, or a part of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goal import Goal
 from mbocp.robot import Label, Robot
-from mbocp.terms import PATH_TERMS, OwnPathConstraint, PathTerm, Point
+from mbocp.terms import PATH_TERMS, OwnPathConstraint, PathTerm, Point, Span
 
 __all__ = ["PATH_KINDS", "PathConstraint", "check_path"]
 
@@ -25,11 +25,11 @@ PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathConstraint:
-    r"""Bounds on where a frame is, how far from something, or how fast.
+    r"""Bounds on where a frame is, how far from something, or how fast; equal ones make it an equation.
 
     .. math:: \underline{h} \le h(q_n, v_n) \le \overline{h}, \qquad n = 1, \ldots, N
 
-    with, for the origin p(q) of `frame` in the axes of the world:
+    or at the nodes of a part of the horizon; with, for the origin p(q) of `frame` in the axes of the world:
 
     - ``position``: the coordinates `axes` of p;
     - ``distance``: :math:`|p - p_b|` from the origin of the frame `other`, or from `point`;
@@ -53,6 +53,8 @@ class PathConstraint:
         [m] or [m/s]; infinite where there is none.
     further : mapping of str to ndarray
         Parameters of other kinds by name.
+    span : Span
+        When it holds: at all nodes 1..N, or at those of a part of the horizon.
     """
 
     name: str
@@ -64,6 +66,7 @@ class PathConstraint:
     lower: Array
     upper: Array
     further: Mapping[str, Any] = field(default_factory=dict)
+    span: Span = field(default_factory=Span)
 
     def __post_init__(self) -> None:
         key = f"path {self.name!r}"
@@ -80,8 +83,10 @@ class PathConstraint:
             value = frozen_array(getattr(self, side), shape=(rows,), name=f"{key}: {side}")
             object.__setattr__(self, side, value)
         for lo, hi in zip(self.lower, self.upper, strict=True):
-            if not lo < hi or not (np.isfinite(lo) or np.isfinite(hi)):
-                raise InvalidValue(key, [float(lo), float(hi)], "a finite bound, the lower below the upper")
+            if not lo <= hi or not (np.isfinite(lo) or np.isfinite(hi)):
+                expected = "a finite bound, the lower not above the upper"
+                raise InvalidValue(key, [float(lo), float(hi)], expected)
+        self.span.check(key)
         PATH_TERMS[self.kind].check(self, key)
 
     @property
@@ -164,18 +169,28 @@ def check_path(
     q_start: Array,
     v_start: Array,
     goal: Goal,
+    *,
+    num_steps: int,
+    dt: float,
+    is_free: bool = False,
 ) -> None:
-    """Refuse constraints that exclude the start, or an exact goal that says enough to tell."""
+    """Refuse constraints that exclude the start, or an exact goal that says enough to tell.
+
+    `num_steps` and `dt` [s] are those of the horizon, in which each has to hold somewhere; `is_free`: its
+    duration is found with the motion.
+    """
     names = [constraint.name for constraint in path]
     for name in names:
         if names.count(name) > 1:
             raise ProblemError(f"path {name!r}: there are several of this name; give each its own")
     for constraint in path:
         constraint.check_frames(robot)
+        constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, is_free=is_free)
         if constraint.structure("quaternion").remembers_controls:
             continue  # controls are not known before
-        _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
-        if not (goal.is_exact and goal.q_active.all()):
+        if constraint.span.has_start:
+            _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
+        if not (goal.is_exact and goal.q_active.all() and constraint.span.has_end(num_steps, dt)):
             continue
         if not constraint.term.has_velocity:
             _refuse_outside(constraint, constraint.values(robot, goal.q, np.zeros(robot.nv)), "goal")

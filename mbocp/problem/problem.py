@@ -383,7 +383,9 @@ class Problem:
     def _check_inequalities(self) -> None:
         """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
         check_limits(self.robot, self.limits, self.q_start, self.v_start, self.goal)
-        check_path(self.robot, self.path, self.q_start, self.v_start, self.goal)
+        N, dt, is_free = self.num_steps, self.dt, self.has_free_duration
+        ends = (self.q_start, self.v_start, self.goal)
+        check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, is_free=is_free)
         if self.is_bounded and self.solver.method not in BOUNDED_METHODS:
             what = "limits" if self.limits.any_finite else "path"
             able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)

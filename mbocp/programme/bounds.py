@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray
+from mbocp._arrays import Array, BoolArray
 
 __all__ = ["StateBounds"]
 
@@ -15,13 +15,16 @@ __all__ = ["StateBounds"]
 class StateBounds:
     """Bounds at the nodes 1..N and in all steps, infinite where there are none.
 
+    Rows that are the same at all nodes may be views of one: `everywhere`. Where both sides of a row are the
+    same, it is an equation.
+
     Attributes
     ----------
-    x_lower, x_upper : ndarray, shape (nx,)
+    x_lower, x_upper : ndarray, shape (N, nx)
         Of states.
-    u_lower, u_upper : ndarray, shape (nu,)
+    u_lower, u_upper : ndarray, shape (N, nu)
         Of controls.
-    path_lower, path_upper : ndarray, shape (nh,)
+    path_lower, path_upper : ndarray, shape (N, nh)
         Of the path functions; squares of distances and speeds.
     """
 
@@ -32,23 +35,52 @@ class StateBounds:
     path_lower: Array
     path_upper: Array
 
+    @staticmethod
+    def everywhere(row: Array, num_steps: int) -> Array:
+        """A row for every node, shape (N, n), in the memory of one."""
+        return np.broadcast_to(row, (num_steps, len(row)))
+
     @property
     def nh(self) -> int:
         """Number of path functions."""
-        return int(self.path_lower.size)
+        return int(self.path_lower.shape[1])
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing is bounded."""
-        sides = [np.isfinite(getattr(self, name)).any() for name in self.__dataclass_fields__]
-        return not any(sides) and not self.nh
+        return not (self.limited_x.any() or self.limited_u.any() or self.limited_path.any())
 
     @property
-    def limited_x(self) -> IntArray:
-        """Entries of a state that are bounded."""
-        return np.flatnonzero(np.isfinite(self.x_lower) | np.isfinite(self.x_upper))
+    def limited_x(self) -> BoolArray:
+        """Which entries of the states are bounded, shape (N, nx)."""
+        return _limited(self.x_lower, self.x_upper)
 
     @property
-    def limited_u(self) -> IntArray:
-        """Controls that are bounded."""
-        return np.flatnonzero(np.isfinite(self.u_lower) | np.isfinite(self.u_upper))
+    def limited_u(self) -> BoolArray:
+        """Which controls are bounded, shape (N, nu)."""
+        return _limited(self.u_lower, self.u_upper)
+
+    @property
+    def limited_path(self) -> BoolArray:
+        """Which path functions are bounded, shape (N, nh)."""
+        return _limited(self.path_lower, self.path_upper)
+
+    @property
+    def limited(self) -> BoolArray:
+        """Which entries of states, controls and path functions are bounded, shape (N, nx + nu + nh)."""
+        return np.hstack([self.limited_x, self.limited_u, self.limited_path])
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds of states, controls and path functions, shape (N, nx + nu + nh)."""
+        return np.hstack([self.x_lower, self.u_lower, self.path_lower])
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds of states, controls and path functions, shape (N, nx + nu + nh)."""
+        return np.hstack([self.x_upper, self.u_upper, self.path_upper])
+
+
+def _limited(lower: Array, upper: Array) -> BoolArray:
+    found: BoolArray = np.isfinite(lower) | np.isfinite(upper)
+    return found

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from mbocp._arrays import Array
 from mbocp.exceptions import NativeMismatch
+from mbocp.programme.bounds import StateBounds
 from mbocp.programme.compilation import CompiledFunctions, has_avx2
 from mbocp.programme.stagewise import StagewiseProgramme
 
@@ -92,7 +94,7 @@ def nlp_helpers() -> NlpHelpers:
 def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False) -> KernelProgramme:
     """Kernel programme with the functions and parameters of `programme`; the iterate is all zeros.
 
-    Its bounds and guards are part of it with `has_limits`, and have room between them then.
+    Its bounds and guards are part of it with `has_limits`.
     """
     native = kernel()
 
@@ -128,17 +130,26 @@ def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False)
     if has_limits:
         bounds = programme.bounds
         made.set_limits(
-            x_lower=bounds.x_lower,
-            x_upper=bounds.x_upper,
-            u_lower=bounds.u_lower,
-            u_upper=bounds.u_upper,
-            path_lower=bounds.path_lower,
-            path_upper=bounds.path_upper,
+            **_sides(bounds),
             path=function("path") if bounds.nh else None,
             num_guards=programme.num_guards,
             guard=_stage_function(native, programme.end_functions, "guard") if programme.num_guards else None,
         )
     return made
+
+
+def _sides(bounds: StateBounds) -> dict[str, Array]:
+    """Bounds of all nodes in a row, or of one where all are the same."""
+    sides = {}
+    for what in ("x", "u", "path"):
+        names = (f"{what}_lower", f"{what}_upper")
+        rows = [getattr(bounds, name) for name in names]
+        is_one = all((side == side[0]).all() for side in rows)
+        sides |= {
+            name: np.array(side[0]) if is_one else side.ravel()
+            for name, side in zip(names, rows, strict=True)
+        }
+    return sides
 
 
 def _stage_function(native: Kernel, functions: CompiledFunctions, name: str) -> StageFunction:

@@ -8,12 +8,12 @@ limits. Here is when mu falls: as soon as the conditions of the barrier problem 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
@@ -53,18 +53,17 @@ def init_barrier(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState
     """
     if not _has_limits(programme):
         return start(programme, iterate)
-    native = _loaded(programme, iterate)
+    native, rows = _loaded(programme, iterate), _Rows.of(programme)
     native.start_limits(_MIN_BARRIER, _MARGIN)
-    barrier = _BARRIER_BY_COST * abs(native.evaluate().cost) / native.num_limits
-    barrier = min(max(barrier, _MIN_BARRIER), _MAX_BARRIER) if math.isfinite(barrier) else _MAX_BARRIER
+    barrier = _first_barrier(native)
     if iterate.bounds is None:
         native.start_limits(barrier, _MARGIN)
     else:
         barrier *= _WARM_FACTOR
         native.start_limits(barrier, _WARM_MARGIN)
-        rows = _rows_of(iterate.bounds, programme)
-        native.z_lower = np.maximum(native.z_lower, -rows)
-        native.z_upper = np.maximum(native.z_upper, rows)
+        known = _rows_of(iterate.bounds, programme)
+        native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(native.z_lower, -known))
+        native.z_upper = np.where(rows.is_equation, known, np.maximum(native.z_upper, known))
     return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
 
 
@@ -84,15 +83,16 @@ def resumed(
     """
     if not _has_limits(programme):
         return start(programme, iterate)
-    native = _loaded(programme, iterate)
+    native, rows = _loaded(programme, iterate), _Rows.of(programme)
     barrier = _last_barrier(native, tolerance)
     native.start_limits(barrier, 0.0)
-    rows = np.zeros(native.num_limits) if iterate.bounds is None else _rows_of(iterate.bounds, programme)
-    native.z_lower, native.z_upper = np.maximum(-rows, 0.0), np.maximum(rows, 0.0)
+    known = np.zeros(native.slack.size) if iterate.bounds is None else _rows_of(iterate.bounds, programme)
+    native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(-known, 0.0))
+    native.z_upper = np.where(rows.is_equation, known, np.maximum(known, 0.0))
     if is_centred:
-        _centre(native, programme, barrier)
+        _centre(native, rows, barrier)
     else:
-        _drop_idle(native, programme)
+        _drop_idle(native, rows)
     return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
 
 
@@ -100,22 +100,23 @@ def largest_product(native: KernelProgramme, programme: StagewiseProgramme) -> f
     """Of the multipliers of limits and the distances from them."""
     if not native.num_limits:
         return 0.0
-    lower, upper = _sides(programme)
+    rows = _Rows.of(programme)
+    lower, upper = rows.lower, rows.upper
     of_lower = native.z_lower * np.where(np.isfinite(lower), native.slack - lower, 0.0)
     of_upper = native.z_upper * np.where(np.isfinite(upper), upper - native.slack, 0.0)
     return float(max(np.abs(of_lower).max(), np.abs(of_upper).max()))
 
 
-def _drop_idle(native: KernelProgramme, programme: StagewiseProgramme) -> None:
+def _drop_idle(native: KernelProgramme, rows: _Rows) -> None:
     """Leave out multipliers whose limit is farther than 1: less is left over without them."""
-    lower, upper = _sides(programme)
-    native.z_lower = np.where(native.slack - lower > 1.0, 0.0, native.z_lower)
-    native.z_upper = np.where(upper - native.slack > 1.0, 0.0, native.z_upper)
+    is_far = rows.upper - native.slack > 1.0
+    native.z_lower = np.where(native.slack - rows.lower > 1.0, 0.0, native.z_lower)
+    native.z_upper = np.where(is_far & ~rows.is_equation, 0.0, native.z_upper)
 
 
-def _centre(native: KernelProgramme, programme: StagewiseProgramme, barrier: float) -> None:
+def _centre(native: KernelProgramme, rows: _Rows, barrier: float) -> None:
     """Raise multipliers to the root of mu at most, and distances, until no product of them is below mu."""
-    lower, upper = _sides(programme)
+    lower, upper = rows.lower, rows.upper
     slack, room = native.slack, 0.5 * (upper - lower)
     for side, name, inwards in ((lower, "z_lower", 1.0), (upper, "z_upper", -1.0)):
         is_limited = np.isfinite(side)
@@ -125,18 +126,46 @@ def _centre(native: KernelProgramme, programme: StagewiseProgramme, barrier: flo
         z = np.maximum(getattr(native, name), least)
         moved = side + inwards * np.maximum(distance, np.minimum(barrier / z, room))
         slack = np.where(is_limited, moved, slack)
-        setattr(native, name, np.where(is_limited, z, 0.0))
+        unlimited = np.where(rows.is_equation, getattr(native, name), 0.0)
+        setattr(native, name, np.where(is_limited, z, unlimited))
     native.slack = slack
 
 
-def _sides(programme: StagewiseProgramme) -> tuple[Array, Array]:
-    """Lower and upper limits in the order of the kernel's rows."""
-    b, N = programme.bounds, programme.num_steps
-    x, u = b.limited_x, b.limited_u
-    guard = np.zeros(programme.num_guards)
-    lower = np.concatenate([b.x_lower[x], b.u_lower[u], b.path_lower])
-    upper = np.concatenate([b.x_upper[x], b.u_upper[u], b.path_upper])
-    return np.concatenate([np.tile(lower, N), guard]), np.concatenate([np.tile(upper, N), guard + np.inf])
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The kernel's rows of limits.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (num_limits,)
+        Sides; infinite for equations.
+    is_equation : ndarray of bool, shape (num_limits,)
+    """
+
+    lower: Array
+    upper: Array
+    is_equation: BoolArray
+
+    @classmethod
+    def of(cls, programme: StagewiseProgramme) -> _Rows:
+        limited, guard = programme.bounds.limited, np.zeros(programme.num_guards)
+        lower = np.concatenate([programme.bounds.lower[limited], guard])
+        upper = np.concatenate([programme.bounds.upper[limited], guard + np.inf])
+        is_equation = lower == upper
+        lower, upper = np.where(is_equation, -np.inf, lower), np.where(is_equation, np.inf, upper)
+        return cls(lower, upper, is_equation)
+
+
+def _first_barrier(native: KernelProgramme) -> float:
+    """Barrier parameter of a guess; 0: there are equations alone."""
+    if not native.num_limits:
+        return 0.0
+    barrier = _BARRIER_BY_COST * abs(native.evaluate().cost) / native.num_limits
+    return min(max(barrier, _MIN_BARRIER), _MAX_BARRIER) if math.isfinite(barrier) else _MAX_BARRIER
+
+
+def _last_barrier(native: KernelProgramme, tolerance: float) -> float:
+    return _SHARE * tolerance / math.sqrt(max(1, native.num_limits))
 
 
 def _has_limits(programme: StagewiseProgramme) -> bool:
@@ -154,16 +183,10 @@ def _loaded(programme: StagewiseProgramme, iterate: Iterate) -> KernelProgramme:
     return native
 
 
-def _last_barrier(native: KernelProgramme, tolerance: float) -> float:
-    return _SHARE * tolerance / math.sqrt(max(1, native.num_limits))
-
-
 def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     """Message about limits that the barrier cannot keep, or None."""
     bounds = programme.bounds
-    if (bounds.path_lower == bounds.path_upper).any():
-        return "keeps no path constraints that are equations"
-    if programme.kinds[0].groups and (bounds.nh or bounds.limited_x.size or programme.num_guards):
+    if programme.kinds[0].groups and (bounds.nh or bounds.limited_x.any() or programme.num_guards):
         return "keeps no path constraints in natural coordinates"
     return None
 
@@ -188,17 +211,16 @@ def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
 
 def _rows_of(bounds: BoundMultipliers, programme: StagewiseProgramme) -> Array:
     """Multipliers in the order of the kernel's rows."""
-    x, u = programme.bounds.limited_x, programme.bounds.limited_u
-    of_steps = np.hstack([bounds.xs[1:, x], bounds.us[:, u], bounds.path])
-    return np.concatenate([of_steps.ravel(), bounds.guard])
+    of_steps = np.hstack([bounds.xs[1:], bounds.us, bounds.path])
+    return np.concatenate([of_steps[programme.bounds.limited], bounds.guard])
 
 
 def multipliers_of(native: KernelProgramme, programme: StagewiseProgramme) -> BoundMultipliers:
     """Multipliers of the limits that a kernel programme holds."""
-    bounds, kind, N = programme.bounds, programme.kinds[0], programme.num_steps
-    found, x, u = native.limit_multipliers, bounds.limited_x, bounds.limited_u
-    rows = x.size + u.size + bounds.nh
-    of_steps = found[: N * rows].reshape(N, rows)
-    xs, us = np.zeros((N + 1, kind.nx)), np.zeros((N, kind.nu))
-    xs[1:, x], us[:, u] = of_steps[:, : x.size], of_steps[:, x.size : x.size + u.size]
-    return BoundMultipliers(xs=xs, us=us, path=of_steps[:, x.size + u.size :], guard=found[N * rows :])
+    bounds, kind, found = programme.bounds, programme.kinds[0], native.limit_multipliers
+    limited = bounds.limited
+    of_steps, rows = np.zeros(limited.shape), found.size - programme.num_guards
+    of_steps[limited] = found[:rows]
+    xs, us, path = np.split(of_steps, [kind.nx, kind.nx + kind.nu], axis=1)
+    xs = np.vstack([np.zeros((1, kind.nx)), xs])
+    return BoundMultipliers(xs=xs, us=us, path=path, guard=found[rows:])

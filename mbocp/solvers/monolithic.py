@@ -239,7 +239,7 @@ class GlobalisedNewton:
         """The same motion with multipliers that know nothing of the way there."""
         native = state.native
         native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
-        if state.barrier:
+        if native.slack.size:
             native.start_limits(state.barrier)
         evaluation = native.evaluate()
         return replace(

@@ -113,8 +113,8 @@ def _examined(case: _Case) -> _Found:
 
 
 def _random_controls(programme: StagewiseProgramme) -> Array:
-    bounds, size = programme.bounds, programme.num_steps
+    bounds = programme.bounds
     reach = np.minimum(np.minimum(np.abs(bounds.u_lower), np.abs(bounds.u_upper)), 1.0)
     rng = np.random.default_rng(1)
-    controls: Array = _AMPLITUDE * reach * rng.uniform(-1.0, 1.0, (size, reach.size))
+    controls: Array = _AMPLITUDE * reach * rng.uniform(-1.0, 1.0, reach.shape)
     return controls.ravel()

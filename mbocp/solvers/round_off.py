@@ -41,8 +41,8 @@ _OF_GRADIENT = 1e-4  # of the cost: what may be left of stationarity, however la
 def round_off(native: KernelProgramme, kind: StageKind) -> tuple[float, float]:
     """What round-off may leave of the primal and of the dual part of the residual."""
     m = native.m.reshape(-1, kind.scale_m.size) * kind.scale_m
-    bounds = native.limit_multipliers if native.num_limits else np.zeros(0)
-    return _ROUND_OFF * _norm(native.x, native.u), _ROUND_OFF * _norm(m.ravel(), native.eta, bounds)
+    multipliers = _norm(m.ravel(), native.eta, native.limit_multipliers)
+    return _ROUND_OFF * _norm(native.x, native.u), _ROUND_OFF * multipliers
 
 
 def relative_residual(native: KernelProgramme, kind: StageKind, evaluation: Norms, tolerance: float) -> float:

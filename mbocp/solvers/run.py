@@ -117,7 +117,7 @@ def _is_finite(record: IterationRecord) -> bool:
 
 
 def _iterate(state: SolverState, programme: StagewiseProgramme) -> Iterate:
-    bounds = multipliers_of(state.native, programme) if state.native.num_limits else None
+    bounds = multipliers_of(state.native, programme) if state.native.slack.size else None
     return Iterate.read_from(state.native, programme, bounds)
 
 

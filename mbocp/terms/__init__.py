@@ -20,6 +20,7 @@ from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cos
 from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
 from mbocp.terms.path import PATH_TERMS, PathTerm
 from mbocp.terms.point import Point, Sizes
+from mbocp.terms.span import Span
 
 __all__ = [
     "COST_TERMS",
@@ -43,6 +44,7 @@ __all__ = [
     "Reader",
     "RunningTerm",
     "Sizes",
+    "Span",
     "TermNumbers",
     "TerminalCost",
     "Time",

@@ -31,6 +31,7 @@ from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.point import Point
+from mbocp.terms.span import Span
 
 __all__ = [
     "ROLES",
@@ -88,6 +89,8 @@ class OwnTerm:
         Bounds of a path constraint, one for all rows or one for each; equal ones make it an equation.
     unit : str
         Of a path constraint's rows.
+    span : Span
+        When a path constraint holds.
     parameters : mapping of str to ndarray
         Numbers that the function asks for by name.
     """
@@ -99,6 +102,7 @@ class OwnTerm:
     lower: Array = field(default_factory=lambda: frozen_array(-np.inf))
     upper: Array = field(default_factory=lambda: frozen_array(np.inf))
     unit: str = ""
+    span: Span = field(default_factory=Span)
     parameters: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -114,6 +118,7 @@ class OwnTerm:
             if value.ndim > 1 or not np.isfinite(value).all():
                 raise InvalidValue(f"{key}: {name}", shown(value.tolist()), "a number or a list of them")
         object.__setattr__(self, "parameters", numbers)
+        self.span.check(key)
         for side in ("lower", "upper"):
             object.__setattr__(self, side, frozen_array(getattr(self, side), name=f"{key}: {side}"))
 
@@ -208,6 +213,8 @@ def path_constraint(
     lower: ArrayLike = -np.inf,
     upper: ArrayLike = np.inf,
     equals: ArrayLike | None = None,
+    since: float | None = None,
+    until: float | None = None,
     unit: str = "",
     name: str = "",
     **parameters: ArrayLike,
@@ -221,7 +228,9 @@ def path_constraint(
     lower, upper : float or array_like
         One for all rows, or one for each.
     equals : float or array_like, optional
-        Makes it an equation, which ``solver.method`` "ipopt" and "fatrop" keep.
+        Makes it an equation.
+    since, until : float, optional
+        At the nodes from one time to the other only, both included [s].
     unit : str
         Of the rows, for messages.
     name, **parameters
@@ -230,7 +239,7 @@ def path_constraint(
     if equals is not None:
         lower = upper = equals
     sides = {"lower": frozen_array(lower), "upper": frozen_array(upper)}
-    return _made("path", function, name, parameters, unit=unit, **sides)
+    return _made("path", function, name, parameters, unit=unit, span=Span(since, until), **sides)
 
 
 def end_condition(

@@ -14,6 +14,7 @@ from mbocp.robot import Label, Robot
 from mbocp.terms.cost import RunningTerm, TermNumbers, running_costs
 from mbocp.terms.own import OwnTerm, Traced
 from mbocp.terms.point import Point, Sizes
+from mbocp.terms.span import Span
 
 __all__ = ["OwnEnd", "OwnPath", "OwnPathConstraint", "OwnRunning", "own_ends", "running_terms"]
 
@@ -151,6 +152,11 @@ class OwnPathConstraint:
     def name(self) -> str:
         """What it is called."""
         return self.own.name
+
+    @property
+    def span(self) -> Span:
+        """When it holds."""
+        return self.own.span
 
     @property
     def rows(self) -> int:

@@ -163,12 +163,12 @@ def test_the_kernel_refuses_what_is_no_limit() -> None:
     programme, _, _ = begun(LIMITS)
     native = kernel_programme(programme)
     bounds = programme.bounds
-    sides = {name: getattr(bounds, name) for name in bounds.__dataclass_fields__}
+    sides = {name: getattr(bounds, name)[0] for name in bounds.__dataclass_fields__}
     rest = {"path": None, "num_guards": 0, "guard": None}
     with pytest.raises(ValueError, match="wrong length"):
-        native.set_limits(**{**sides, "u_lower": bounds.u_lower[:1]}, **rest)
+        native.set_limits(**{**sides, "u_lower": bounds.u_lower[0, :1]}, **rest)
     with pytest.raises(ValueError, match="no room"):
-        native.set_limits(**{**sides, "u_lower": bounds.u_upper}, **rest)
+        native.set_limits(**{**sides, "u_lower": bounds.u_upper[0] + 1.0}, **rest)
     with pytest.raises(ValueError, match="path functions are missing"):
         native.set_limits(**{**sides, "path_lower": np.zeros(1), "path_upper": np.ones(1)}, **rest)
 

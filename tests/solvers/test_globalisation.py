@@ -114,9 +114,8 @@ def test_slacks_begin_a_tenth_inside() -> None:
     problem = mbocp.load_problem(EXAMPLES / "paper/elastic_pendulum.toml", ["horizon.steps=12", limits])
     programme, _, state = begun(problem)
     bounds, native = programme.bounds, state.native
-    slacks = native.slack.reshape(12, -1)
-    lower = np.concatenate([bounds.x_lower[bounds.limited_x], bounds.u_lower])
-    upper = np.concatenate([bounds.x_upper[bounds.limited_x], bounds.u_upper])
+    slacks = native.slack
+    lower, upper = bounds.lower[bounds.limited], bounds.upper[bounds.limited]
     room = 0.1 * np.minimum(upper - lower, np.maximum(1.0, np.abs(upper)))
     assert np.all(slacks >= lower + room * (1.0 - 1e-12))
     assert np.all(slacks <= upper - room * (1.0 - 1e-12))

@@ -75,7 +75,7 @@ def stub(size: float, step: float) -> Any:
         y=np.zeros(0),
         m=size * unit,
         eta=np.zeros(1),
-        num_limits=0,
+        limit_multipliers=np.zeros(0),
         dx=0.0 * unit,
         du=0.0 * unit,
         dy=np.zeros(0),

@@ -260,15 +260,21 @@ def together(at: Kinematics) -> ca.SX:
     return at.q[0] + at.q[1]
 
 
-def test_equations_are_kept_by_ipopt_alone() -> None:
+def test_equations_are_kept_by_every_method() -> None:
     goal = {"q": {"joint1": 0.7}, "v": {"joint1": 0.0}}  # the equation says the rest
     ends: dict[str, Any] = {"start": {"q": [0.1, -0.1]}, "goal": goal}
     term = path_constraint(together, equals=0.0)
-    solution = mbocp.solve(pendulum(term, **ends), check=True)
-    assert np.abs(solution.qs.sum(axis=1)).max() < 1e-8
-    assert "IPOPT" in solution.solver
-    with pytest.raises(ProblemError, match='"monolithic" keeps no path constraints that are equations'):
-        mbocp.solve(pendulum(term, **ends, solver="monolithic"))
+    own, ipopt, fatrop = (
+        mbocp.solve(pendulum(term, **ends, solver={"method": method, "tolerance": 1e-9}), check=True)
+        for method in ("monolithic", "ipopt", "fatrop")
+    )
+    assert mbocp.solve(pendulum(term, **ends)).solver.startswith("auto: monolithic")
+    assert np.abs(own.qs.sum(axis=1)).max() < 1e-12
+    for other in (ipopt, fatrop):
+        assert own.cost == pytest.approx(other.cost, rel=1e-9)
+        for field in ("qs", "us", "lam_path"):
+            a, b = getattr(own, field), getattr(other, field)
+            np.testing.assert_allclose(a, b, atol=1e-8 * np.abs(b).max())
 
 
 def test_conditions_and_costs_of_the_end() -> None:

@@ -9,6 +9,15 @@ namespace {
 
 constexpr double least_rest = 1e-2;       // of a distance to a bound that a step has to leave: 1 - tau, or mu
 constexpr double most_off_centre = 1e10;  // z (s - lower) / mu stays between this and its inverse
+// Of equations, delta by what the controls of the step before do to the row; where that is not known yet, or they do
+// nothing, and between which limits, by the square of the row's slope. Smaller ones spoil what is beside the row by
+// round-off, with larger ones rows that depend on each other nearly take many steps.
+constexpr double delta_by_response = 1e-6, least_delta = 1e-16, most_delta = 1e-7, first_delta = 1e-9;
+constexpr double least_slope = 1e-6;   // squared
+constexpr double grain = 8 * 0x1p-52;  // of a row's terms: defects below it are round-off
+// Passes end with a change by this part of the multipliers' step, or of the multipliers themselves; two changes that
+// differ by less than this part are the same.
+constexpr double resolved = 1e-4, resolved_of_all = 1e-12, repeated = 0.1;
 
 bool has(double bound) { return std::isfinite(bound); }
 
@@ -32,6 +41,9 @@ void Barrier::set_limits(const Bounds& bounds, Function path, Function guard) {
     for (Numbers* v :
          {&slack, &z_lower, &z_upper, &h_, &defect_, &sigma_, &force_, &ds_, &dz_lower_, &dz_upper_, &slack_moved_})
         v->assign(static_cast<std::size_t>(num_rows()), 0.0);
+    for (Numbers* v : {&weight_, &response_, &missed_, &dlambda_, &reach_}) v->assign(limits_.equations.size(), 0.0);
+
+    pass_.assign(limits_.equations.empty() ? 0 : static_cast<std::size_t>(num_rows()), 0.0);
 }
 
 Numbers Barrier::multipliers() const {
@@ -43,6 +55,7 @@ Numbers Barrier::multipliers() const {
 bool Barrier::evaluate(const Point& at) {
     const bool ok = limits_.evaluate(at, multipliers(), h_);
     for (int i = 0; i < num_rows(); ++i) defect_[i] = h_[i] - slack[i];
+    for (std::size_t k = 0; k < reach_.size(); ++k) reach_[k] = limits_.reach(k, at);
     return ok;
 }
 
@@ -61,6 +74,7 @@ void Barrier::start(const Point& at, double parameter, double inside) {
         z_lower[i] = has(lower) ? parameter / (s - lower) : 0.0;
         z_upper[i] = has(upper) ? parameter / (upper - s) : 0.0;
     }
+    for (const Equation& e : limits_.equations) slack[e.row] = e.value;
 }
 
 void Barrier::set_parameter(double parameter) {
@@ -71,6 +85,12 @@ void Barrier::set_parameter(double parameter) {
         if (has(lower[i])) sigma += z_lower[i] / (slack[i] - lower[i]), force -= parameter / (slack[i] - lower[i]);
         if (has(upper[i])) sigma += z_upper[i] / (upper[i] - slack[i]), force += parameter / (upper[i] - slack[i]);
         sigma_[i] = sigma, force_[i] = force + sigma * defect_[i];
+    }
+    for (std::size_t k = 0; k < weight_.size(); ++k) {
+        const double slope = std::max(limits_.squared_slope(k), least_slope);
+        const double wanted = response_[k] == 0.0 ? first_delta * slope : delta_by_response * response_[k];
+        weight_[k] = 1.0 / std::min(std::max(wanted, least_delta * slope), most_delta * slope);
+        sigma_[limits_.equations[k].row] = weight_[k];
     }
     limits_.weigh(sigma_);
 }
@@ -96,8 +116,73 @@ void Barrier::finish(Evaluation& e) const {
 }
 
 void Barrier::add_to_controls(int n, double* Quu, int ld) const {
-    const double* sigma = sigma_.data() + limits_.first_of_u(n);
-    for (const int i : limits_.of_u()) Quu[i * (ld + 1)] += *sigma++;
+    if (empty()) return;
+    const Limits::Rows rows = limits_.of_stage(n);
+    for (int i = rows.u; i < rows.path; ++i) Quu[limits_.entry(i) * (ld + 1)] += sigma_[i];
+}
+
+void Barrier::start_equations() {
+    for (std::size_t k = 0; k < missed_.size(); ++k) {
+        const auto [row, value] = limits_.equations[k];
+        missed_[k] = defect_[row];
+    }
+    begin_equations();
+}
+
+void Barrier::correct_equations(double alpha) {
+    for (std::size_t k = 0; k < missed_.size(); ++k) {
+        const auto [row, value] = limits_.equations[k];
+        missed_[k] = alpha * defect_[row] + h_[row] - value;
+    }
+    begin_equations();
+}
+
+void Barrier::begin_equations() {
+    for (std::size_t k = 0; k < missed_.size(); ++k) {
+        const auto [row, value] = limits_.equations[k];
+        if (std::abs(missed_[k]) <= grain * std::max({1.0, std::abs(value), reach_[k]})) missed_[k] = 0.0;
+        dlambda_[k] = pass_[row] = 0.0, force_[row] = z_upper[row] + weight_[k] * missed_[k];
+    }
+}
+
+Barrier::Passes Barrier::resolve_equations(const Increment& step) {
+    limits_.along(step, ds_);
+    double change = 0, most = 0, all = 0, difference = 0;
+    for (std::size_t k = 0; k < missed_.size(); ++k) {
+        const int row = limits_.equations[k].row;
+        const double before = pass_[row];
+        pass_[row] = weight_[k] * (missed_[k] + ds_[row]);
+        dlambda_[k] += pass_[row], difference = std::max(difference, std::abs(pass_[row] - before));
+        change = std::max(change, std::abs(pass_[row])), most = std::max(most, std::abs(dlambda_[k]));
+        all = std::max(all, std::abs(z_upper[row]));
+    }
+    if (getenv("D_LOG")) {
+        double m = 0, r = 0;
+        int at = -1, atd = -1;
+        double dd = 0;
+        for (std::size_t k = 0; k < missed_.size(); ++k) {
+            const int row = limits_.equations[k].row;
+            m = std::max(m, std::abs(missed_[k]));
+            if (std::abs(missed_[k] + ds_[row]) > r) r = std::abs(missed_[k] + ds_[row]), at = row;
+            if (std::abs(pass_[row]) > dd) dd = std::abs(pass_[row]), atd = row;
+        }
+        printf("   missed %.2e left %.2e at %d change %.2e at %d of %.2e difference %.2e\n", m, r, at, change, atd,
+               most, difference);
+    }
+    if (!(change > resolved * most && change > resolved_of_all * all)) return Passes::enough;
+    return difference > repeated * change ? Passes::more : Passes::repeat;
+}
+
+void Barrier::learn(int n, const double* T, const double* Hss, int ldt, int nd) {
+    const auto [first, last] = limits_.equations_of(n);
+    for (int k = first; k < last; ++k) response_[k] = limits_.response(k, T, Hss, ldt, nd);
+}
+
+void Barrier::take_back(int passes) {
+    for (std::size_t k = 0; k < dlambda_.size(); ++k) {
+        double& pass = pass_[limits_.equations[k].row];
+        pass *= -passes, dlambda_[k] += pass;
+    }
 }
 
 void Barrier::find_step(const Increment& step, Direction& d) {
@@ -119,6 +204,7 @@ void Barrier::find_step(const Increment& step, Direction& d) {
             d.slope += mu * inverse * ds;
         }
     }
+    for (const Equation& e : limits_.equations) ds_[e.row] = 0.0;
     d.longest = approach > tau ? tau / approach : 1.0;
     d.longest_dual = decline > tau ? tau / decline : 1.0;
 }
@@ -139,13 +225,14 @@ bool Barrier::evaluate_moved(const Point& moved, Trial& t) {
     return ok && barrier.ok;
 }
 
-// Multipliers are kept near the central path.
-void Barrier::accept(double alpha) {
+// Multipliers of bounds are kept near the central path.
+void Barrier::accept(double alpha, double alpha_limits) {
     slack.swap(slack_moved_);
+    for (std::size_t k = 0; k < dlambda_.size(); ++k) z_upper[limits_.equations[k].row] += alpha * dlambda_[k];
     for (int i = 0; i < num_rows(); ++i) {
         const auto moved = [&](double z, double dz, double distance) {
             const double centre = parameter_ / distance;
-            return std::min(std::max(z + alpha * dz, centre / most_off_centre), centre * most_off_centre);
+            return std::min(std::max(z + alpha_limits * dz, centre / most_off_centre), centre * most_off_centre);
         };
         if (has(limits_.lower[i])) z_lower[i] = moved(z_lower[i], dz_lower_[i], slack[i] - limits_.lower[i]);
         if (has(limits_.upper[i])) z_upper[i] = moved(z_upper[i], dz_upper_[i], limits_.upper[i] - slack[i]);

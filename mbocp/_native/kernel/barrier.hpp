@@ -4,6 +4,12 @@
 // the barrier -mu log(s - lower) - mu log(upper - s), and the multipliers z of the bounds are unknowns of their own.
 // Slacks and multipliers are eliminated from the linear system: a row adds J' Sigma J to the Hessian of its state or
 // control, Sigma = z_l / (s - lower) + z_u / (upper - s).
+//
+// An equation h = b has a multiplier lambda, free in sign, and no slack that moves. Its row of the linear system is
+// regularised, J dx - delta dlambda = -(h - b), [Friedlander2012], so that it is eliminated, too: it adds J'J / delta
+// to the Hessian and J'(lambda + (h - b) / delta) to the gradient. Centred at the last lambda, this changes no
+// solution, and rows that repeat others do no harm. A direction is found in passes, each with the multipliers of the
+// one before, until delta has no part in it.
 #pragma once
 
 #include "limits.hpp"
@@ -20,7 +26,8 @@ public:
     bool empty() const { return limits_.empty(); }
     int num_rows() const { return limits_.num_rows(); }
 
-    Numbers slack, z_lower, z_upper;  // part of the iterate
+    // Part of the iterate. The slack of an equation is its value, and its multiplier, of any sign, is in z_upper.
+    Numbers slack, z_lower, z_upper;
     // Positive where an upper limit is active: rows of the stages, then guards.
     Numbers multipliers() const;
 
@@ -42,21 +49,42 @@ public:
     void add_products(int n, const double* dx, const double* du, double* Hx, double* Hu) const {
         limits_.add_products(n, sigma_, dx, du, Hx, Hu);
     }
+    // What delta of a stage's equations goes by: the stage's response (x, y) = T (state before, u), and its Hessian in
+    // the latter, both with leading dimension ld.
+    void learn(int n, const double* T, const double* Hss, int ld, int nd);
+    // Equations begin with their defects, or with alpha of these and those of the last `evaluate_moved`; before
+    // `add_gradients`.
+    void start_equations();
+    void correct_equations(double alpha);
+    // The equations' multipliers along the direction. Another pass may change them, and has what this one changed added
+    // to its right-hand side; where passes change nothing but always the same, as of rows that repeat others, that is
+    // taken back.
+    enum class Passes { enough, more, repeat };
+    Passes resolve_equations(const Increment& step);
+    void take_back(int passes);
+    void add_pass(Residual& out) const { limits_.add_transposed(pass_, out); }
+    bool has_equations() const { return !missed_.empty(); }
     // Slacks and multipliers along the direction, how far these allow to go, and the barrier's part of the slope.
     void find_step(const Increment& step, Direction& d);
 
     // Slacks moved along the direction; barrier and defects there; the move taken over, multipliers on their way.
     void move(double alpha);
     bool evaluate_moved(const Point& moved, Trial& t);
-    void accept(double alpha);
+    void accept(double alpha, double alpha_limits);
 
 private:
+    void begin_equations();
+
     Limits limits_;
     double parameter_ = 0;              // mu
     Numbers h_, defect_;                // values of the rows; h - s
     Numbers sigma_, force_;             // Sigma; what the row adds to the right-hand side's gradient, before J'
     Numbers ds_, dz_lower_, dz_upper_;  // of the last direction
     Numbers slack_moved_;
+    // Of the equations: 1 / delta, and what it goes by, 0 where that is not known; size of their terms; what the
+    // right-hand side has for their defects; multipliers along the direction.
+    Numbers weight_, response_, reach_, missed_, dlambda_;
+    Numbers pass_;  // by row, what the last pass has added to these
 };
 
 }  // namespace mbocp

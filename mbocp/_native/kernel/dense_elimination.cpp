@@ -7,14 +7,13 @@
 namespace mbocp {
 using dense::padded;
 
-std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier,
+std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data, Step& step, Barrier& barrier,
                                               EndMultiplier& eta) {
     if (problem.is_structured()) return std::make_unique<StructuredElimination>(problem, data, step, barrier, eta);
     return std::make_unique<DenseElimination>(problem, data, step, barrier, eta);
 }
 
-DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier,
-                                   EndMultiplier& eta)
+DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), step_(step), barrier_(barrier), controls_(problem, data, barrier, eta) {
     const std::size_t pw = padded(problem.max_nw), ps = padded(problem.max_ns), pg = padded(problem.ng);
     work_.allocate(std::max(pw * pw + pw * ps + ps * ps + ps * pg, pw + ps) + 32);
@@ -38,6 +37,7 @@ bool DenseElimination::condense(int n, const Weights& weights, Factorisation& re
     result.smallest_pivot = std::min(result.smallest_pivot, pivot);
     if (pivot < singular) return false;
     if (!barrier_.empty()) barrier_.add_to_value(n, s.P);
+    if (barrier_.has_equations()) barrier_.learn(n, s.T, s.Hss, ps, nd);
 
     // Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term.
     Space space(work_.data());

@@ -7,7 +7,7 @@ namespace mbocp {
 
 class DenseElimination final : public Elimination {
 public:
-    DenseElimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier, EndMultiplier& eta);
+    DenseElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta);
 
     void forget() override {}
     void forget_residual() override {}
@@ -26,7 +26,7 @@ private:
     const Problem& problem_;
     Data& data_;
     Step& step_;
-    const Barrier& barrier_;
+    Barrier& barrier_;
     Controls controls_;
     Pool work_;
 };

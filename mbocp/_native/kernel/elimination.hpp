@@ -44,7 +44,7 @@ public:
     virtual void feed_back_transposed(int n, const double* du, double* dx) const = 0;
 };
 
-std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier,
+std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data, Step& step, Barrier& barrier,
                                               EndMultiplier& eta);
 
 }  // namespace mbocp

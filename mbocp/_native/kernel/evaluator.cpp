@@ -89,13 +89,14 @@ Evaluation Evaluator::evaluate(double share) {
     for (int i = 0; i < ng; ++i) violations.add(data_.end.g[i], 1.0, -1, i);
     if (!barrier_.empty()) {
         ok = barrier_.evaluate(iterate_) && ok;
-        const int rows = barrier_.limits().rows_of_stage();
-        for (int i = 0; i < barrier_.num_rows(); ++i) {
-            const bool is_guard = i >= N * rows;
-            const int n = is_guard ? -1 : i / rows;
-            violations.add(barrier_.defect()[i], 1.0, n,
-                           is_guard ? ng + i - N * rows : problem_.kind(n).nc() + i % rows);
+        const Limits& limits = barrier_.limits();
+        for (int n = 0; n < N; ++n) {
+            const auto [first, u, path, end] = limits.of_stage(n);
+            for (int i = first; i < end; ++i)
+                violations.add(barrier_.defect()[i], 1.0, n, problem_.kind(n).nc() + i - first);
         }
+        for (int i = limits.first_guard(); i < limits.num_rows(); ++i)
+            violations.add(barrier_.defect()[i], 1.0, -1, ng + i - limits.first_guard());
     }
     const double dual = stationarity(e.barrier_error);
     e.primal = std::sqrt(violations.squared), e.dual = std::sqrt(dual);

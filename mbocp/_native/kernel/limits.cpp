@@ -13,16 +13,25 @@ using dense::padded;
 
 namespace {
 
-std::vector<int> limited(const Numbers& lower, const Numbers& upper, int size, const std::string& name) {
-    if (static_cast<int>(lower.size()) != size || lower.size() != upper.size())
-        throw std::invalid_argument("limits of " + name + ": wrong length");
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+// Entries of a row of bounds that are bounded in stage n.
+std::vector<int> limited(const Numbers& lower, const Numbers& upper, int n, int size, const std::string& name) {
+    const int first = static_cast<int>(lower.size()) == size ? 0 : n * size;
     std::vector<int> found;
     for (int i = 0; i < size; ++i) {
-        if (!std::isfinite(lower[i]) && !std::isfinite(upper[i])) continue;
-        if (!(lower[i] < upper[i])) throw std::invalid_argument("limits of " + name + ": no room");
+        const double low = lower[first + i], high = upper[first + i];
+        if (!std::isfinite(low) && !std::isfinite(high)) continue;
+        if (!(low <= high)) throw std::invalid_argument("limits of " + name + ": no room");
         found.push_back(i);
     }
     return found;
+}
+
+void check_length(const Numbers& lower, const Numbers& upper, int N, int size, const std::string& name) {
+    const int length = static_cast<int>(lower.size());
+    if ((length != size && length != N * size) || lower.size() != upper.size())
+        throw std::invalid_argument("limits of " + name + ": wrong length");
 }
 
 // Calls a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h; values into h, and, where J and H are not null,
@@ -48,57 +57,112 @@ void Limits::set(const Bounds& bounds, Function path, Function guard) {
     if (nx != problem_.ndx) throw std::invalid_argument("limits: states must be plain vectors");
     for (const auto& kind : problem_.kinds())
         if (kind.nu != nu) throw std::invalid_argument("limits: kinds differ in the number of controls");
-    std::vector<int> x = limited(bounds.x_lower, bounds.x_upper, nx, "states");
-    std::vector<int> u = limited(bounds.u_lower, bounds.u_upper, nu, "controls");
-    const int nh = static_cast<int>(bounds.path_lower.size()), num_guards = bounds.num_guards;
-    if (nh && !path) throw std::invalid_argument("limits: the path functions are missing");
-    if (num_guards && !guard) throw std::invalid_argument("limits: the guards are missing");
-    if (problem_.is_structured() && (nh || num_guards || !x.empty()))
-        throw std::invalid_argument("limits: where stages have a structure, only controls can have any");
-    x_ = std::move(x), u_ = std::move(u), nh_ = nh, num_guards_ = num_guards;
+    if (!bounds.path_lower.empty() && !path) throw std::invalid_argument("limits: the path functions are missing");
+    if (bounds.num_guards && !guard) throw std::invalid_argument("limits: the guards are missing");
+    nh_ = path ? path->outputs[0].rows : 0, num_guards_ = bounds.num_guards;
+    check_length(bounds.x_lower, bounds.x_upper, N, nx, "states");
+    check_length(bounds.u_lower, bounds.u_upper, N, nu, "controls");
+    check_length(bounds.path_lower, bounds.path_upper, N, nh_, "path functions");
     path_ = std::move(path), guard_ = std::move(guard);
 
-    Numbers low, high;
-    for (const int i : x_) low.push_back(bounds.x_lower[i]), high.push_back(bounds.x_upper[i]);
-    for (const int i : u_) low.push_back(bounds.u_lower[i]), high.push_back(bounds.u_upper[i]);
-    low.insert(low.end(), bounds.path_lower.begin(), bounds.path_lower.end());
-    high.insert(high.end(), bounds.path_upper.begin(), bounds.path_upper.end());
-    rows_ = static_cast<int>(low.size());
-    lower.clear(), upper.clear();
+    lower.clear(), upper.clear(), equations.clear(), of_equation_.clear(), stages_.clear(), entry_.clear();
+    at_node_.assign(static_cast<std::size_t>(N), -1);
+    first_equation_.assign(1, 0);
+    int nodes = 0;
+    bool has_states = num_guards_ > 0;
     for (int n = 0; n < N; ++n) {
-        lower.insert(lower.end(), low.begin(), low.end());
-        upper.insert(upper.end(), high.begin(), high.end());
+        const std::vector<int> x = limited(bounds.x_lower, bounds.x_upper, n, nx, "states"),
+                               u = limited(bounds.u_lower, bounds.u_upper, n, nu, "controls"),
+                               h = limited(bounds.path_lower, bounds.path_upper, n, nh_, "path functions");
+        Rows rows{};
+        rows.x = first_guard(), add_rows(n, x, bounds.x_lower, bounds.x_upper, nx);
+        rows.u = first_guard(), add_rows(n, u, bounds.u_lower, bounds.u_upper, nu);
+        rows.path = first_guard(), add_rows(n, h, bounds.path_lower, bounds.path_upper, nh_);
+        rows.end = first_guard();
+        stages_.push_back(rows);
+        first_equation_.push_back(static_cast<int>(equations.size()));
+        if (!h.empty()) at_node_[n] = nodes++;
+        has_states = has_states || !x.empty() || !h.empty();
     }
-    lower.insert(lower.end(), num_guards, 0.0);
-    upper.insert(upper.end(), num_guards, std::numeric_limits<double>::infinity());
+    if (problem_.is_structured() && has_states)
+        throw std::invalid_argument("limits: where stages have a structure, only controls can have any");
+    lower.insert(lower.end(), num_guards_, 0.0);
+    upper.insert(upper.end(), num_guards_, infinity);
 
-    const std::size_t px = padded(problem_.ndx), nodes = nh_ ? N : num_guards_ ? 1 : 0;
-    lambda_.assign(std::max(nh_, num_guards_), 0.0);
+    const std::size_t px = padded(problem_.ndx), num_J = static_cast<std::size_t>(nh_) * nodes;
+    const std::size_t matrices = nodes + (num_guards_ && at_node_.back() < 0);
+    lambda_.assign(std::max(nh_, num_guards_), 0.0), h_.assign(nh_, 0.0);
     gradient_x_.assign(problem_.dx_offset(N), 0.0), gradient_u_.assign(problem_.u_offset[N], 0.0);
-    J_.assign(static_cast<std::size_t>(nh_) * N * px, 0.0), guard_J_.assign(num_guards_ * px, 0.0);
-    H_.assign(nodes * px * px, 0.0), B_ = H_;
+    J_.assign(num_J * px, 0.0), guard_J_.assign(num_guards_ * px, 0.0);
+    H_.assign(matrices * px * px, 0.0), B_ = H_;
 }
 
-const double* Limits::jacobian(int n) const {
-    return J_.data() + static_cast<std::size_t>(n) * nh_ * padded(problem_.ndx);
+// The rows `found` of one stage, of `size` entries; equations get no sides.
+void Limits::add_rows(int n, const std::vector<int>& found, const Numbers& lower_side, const Numbers& upper_side,
+                      int size) {
+    const int first = static_cast<int>(lower_side.size()) == size ? 0 : n * size;
+    for (const int i : found) {
+        const double low = lower_side[first + i], high = upper_side[first + i];
+        const bool is_equation = low == high;
+        if (is_equation) equations.push_back({first_guard(), low}), of_equation_.push_back(n);
+        lower.push_back(is_equation ? -infinity : low), upper.push_back(is_equation ? infinity : high);
+        entry_.push_back(i);
+    }
 }
 
-// Of H and B; without path functions there is one for the guards alone.
+std::size_t Limits::jacobian_offset(int n) const {
+    return static_cast<std::size_t>(at_node_[n]) * nh_ * padded(problem_.ndx);
+}
+
+// Those of the guards come last where the last node has no path functions.
 std::size_t Limits::matrix_offset(int n) const {
     const std::size_t px = padded(problem_.ndx);
-    return nh_ ? static_cast<std::size_t>(n) * px * px : 0;
+    return has_path(n) ? static_cast<std::size_t>(at_node_[n]) * px * px : H_.size() - px * px;
 }
 
 const double* Limits::matrix(int n) const {
-    return nh_ > 0 || (num_guards_ > 0 && n == problem_.N - 1) ? B_.data() + matrix_offset(n) : nullptr;
+    return has_path(n) || (num_guards_ > 0 && n == problem_.N - 1) ? B_.data() + matrix_offset(n) : nullptr;
 }
 
-bool Limits::call_path(int n, const Point& at, double* h, double* J, double* H) {
+double Limits::squared_slope(std::size_t equation) const {
+    const int row = equations[equation].row, n = of_equation_[equation], nd = problem_.ndx;
+    if (row < of_stage(n).path) return 1.0;
+    const double* J = jacobian(n) + entry(row) * padded(nd);
+    return dense::dot(nd, J, J);
+}
+
+double Limits::response(std::size_t equation, const double* T, const double* Hss, int ld, int nd) const {
+    const int row = equations[equation].row, n = of_equation_[equation], nu = problem_.kind(n).nu;
+    const Rows rows = of_stage(n);
+    const auto slope = [&](int j) {  // in control j
+        if (row < rows.u) return T[entry(row) * ld + nd + j];
+        if (row < rows.path) return entry(row) == j ? 1.0 : 0.0;
+        const double* J = jacobian(n) + entry(row) * padded(nd);
+        double sum = 0;
+        for (int i = 0; i < nd; ++i) sum += J[i] * T[i * ld + nd + j];
+        return sum;
+    };
+    double sum = 0;
+    for (int j = 0; j < nu; ++j) {
+        const double a = slope(j), weight = std::abs(Hss[(nd + j) * (ld + 1)]);
+        if (a != 0.0) sum += a * a / weight;
+    }
+    return sum;
+}
+
+double Limits::reach(std::size_t equation, const Point& at) const {
+    const int n = of_equation_[equation], row = equations[equation].row;
+    const Rows rows = of_stage(n);
+    if (row >= rows.u && row < rows.path) return std::abs(at.u[problem_.u_offset[n] + entry(row)]);
+    return std::sqrt(squared_slope(equation)) * dense::largest(problem_.nx, at.x.data() + problem_.x_offset(n + 1));
+}
+
+bool Limits::call_path(int n, const Point& at, double* J, double* H) {
     path_->arg[0] = at.x.data() + problem_.x_offset(n + 1);
     path_->arg[1] = lambda_.data();
     path_->arg[2] = nullptr;  // zeros: what of a velocity a control prescribes is not limited
     path_->arg[3] = problem_.theta.data();
-    return call_rows(*path_, padded(problem_.ndx), h, J, H);
+    return call_rows(*path_, padded(problem_.ndx), h_.data(), J, H);
 }
 
 bool Limits::call_guard(const Point& at, double* h, double* J, double* H) {
@@ -111,42 +175,48 @@ bool Limits::call_guard(const Point& at, double* h, double* J, double* H) {
 // Of limited states and controls.
 void Limits::copy_values(int n, const Point& at, double* h) const {
     const double *x = at.x.data() + problem_.x_offset(n + 1), *u = at.u.data() + problem_.u_offset[n];
-    for (const int i : x_) *h++ = x[i];
-    for (const int i : u_) *h++ = u[i];
+    const Rows rows = of_stage(n);
+    for (int i = rows.x; i < rows.u; ++i) h[i] = x[entry(i)];
+    for (int i = rows.u; i < rows.path; ++i) h[i] = u[entry(i)];
 }
 
 bool Limits::values(const Point& at, Numbers& h) {
     bool ok = true;
     for (int n = 0; n < problem_.N; ++n) {
-        double* of_stage = h.data() + n * rows_;
-        copy_values(n, at, of_stage);
-        if (nh_) ok = call_path(n, at, of_stage + rows_ - nh_, nullptr, nullptr) && ok;
+        const Rows rows = of_stage(n);
+        copy_values(n, at, h.data());
+        if (!has_path(n)) continue;
+        ok = call_path(n, at, nullptr, nullptr) && ok;
+        for (int i = rows.path; i < rows.end; ++i) h[i] = h_[entry(i)];
     }
-    if (num_guards_) ok = call_guard(at, h.data() + problem_.N * rows_, nullptr, nullptr) && ok;
+    if (num_guards_) ok = call_guard(at, h.data() + first_guard(), nullptr, nullptr) && ok;
     return ok;
 }
 
 bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
     const int N = problem_.N, nd = problem_.ndx, px = padded(nd);
-    const int nlx = static_cast<int>(x_.size()), nlu = static_cast<int>(u_.size());
     bool ok = true;
     std::fill(gradient_x_.begin(), gradient_x_.end(), 0.0), std::fill(gradient_u_.begin(), gradient_u_.end(), 0.0);
     std::fill(H_.begin(), H_.end(), 0.0);
     for (int n = 0; n < N; ++n) {
-        const double* of_rows = lambda.data() + n * rows_;
-        double *of_stage = h.data() + n * rows_, *of_x = gradient_x_.data() + problem_.dx_offset(n);
-        copy_values(n, at, of_stage);
-        for (int i = 0; i < nlx; ++i) of_x[x_[i]] += of_rows[i];
-        for (int i = 0; i < nlu; ++i) gradient_u_[problem_.u_offset[n] + u_[i]] += of_rows[nlx + i];
-        if (!nh_) continue;
-        double* J = J_.data() + static_cast<std::size_t>(n) * nh_ * px;
-        std::copy(of_rows + nlx + nlu, of_rows + rows_, lambda_.begin());
-        ok = call_path(n, at, of_stage + nlx + nlu, J, H_.data() + matrix_offset(n)) && ok;
-        for (int i = 0; i < nh_; ++i) dense::axpy(nd, lambda_[i], J + i * px, of_x);
+        const Rows rows = of_stage(n);
+        double* of_x = gradient_x_.data() + problem_.dx_offset(n);
+        copy_values(n, at, h.data());
+        for (int i = rows.x; i < rows.u; ++i) of_x[entry(i)] += lambda[i];
+        for (int i = rows.u; i < rows.path; ++i) gradient_u_[problem_.u_offset[n] + entry(i)] += lambda[i];
+        if (!has_path(n)) continue;
+        std::fill(lambda_.begin(), lambda_.end(), 0.0);
+        for (int i = rows.path; i < rows.end; ++i) lambda_[entry(i)] = lambda[i];
+        double* J = J_.data() + jacobian_offset(n);
+        ok = call_path(n, at, J, H_.data() + matrix_offset(n)) && ok;
+        for (int i = rows.path; i < rows.end; ++i) {
+            h[i] = h_[entry(i)];
+            dense::axpy(nd, lambda[i], J + entry(i) * px, of_x);
+        }
     }
     if (!num_guards_) return ok;
-    std::copy(lambda.begin() + N * rows_, lambda.end(), lambda_.begin());
-    ok = call_guard(at, h.data() + N * rows_, guard_J_.data(), H_.data() + matrix_offset(N - 1)) && ok;
+    std::copy(lambda.begin() + first_guard(), lambda.end(), lambda_.begin());
+    ok = call_guard(at, h.data() + first_guard(), guard_J_.data(), H_.data() + matrix_offset(N - 1)) && ok;
     double* of_x = gradient_x_.data() + problem_.dx_offset(N - 1);
     for (int i = 0; i < num_guards_; ++i) dense::axpy(nd, lambda_[i], guard_J_.data() + i * px, of_x);
     return ok;
@@ -155,28 +225,28 @@ bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
 void Limits::along(const Increment& d, Numbers& rows) const {
     const int N = problem_.N, nd = problem_.ndx, px = padded(nd);
     for (int n = 0; n < N; ++n) {
-        double* out = rows.data() + n * rows_;
+        const Rows of = of_stage(n);
         const double* dx = d.dx.data() + problem_.dx_offset(n + 1);
-        for (const int i : x_) *out++ = dx[i];
-        for (const int i : u_) *out++ = d.du[problem_.u_offset[n] + i];
-        for (int i = 0; i < nh_; ++i) *out++ = dense::dot(nd, jacobian(n) + i * px, dx);
+        for (int i = of.x; i < of.u; ++i) rows[i] = dx[entry(i)];
+        for (int i = of.u; i < of.path; ++i) rows[i] = d.du[problem_.u_offset[n] + entry(i)];
+        for (int i = of.path; i < of.end; ++i) rows[i] = dense::dot(nd, jacobian(n) + entry(i) * px, dx);
     }
     const double* dx = d.dx.data() + problem_.dx_offset(N);
-    for (int i = 0; i < num_guards_; ++i) rows[N * rows_ + i] = dense::dot(nd, guard_J_.data() + i * px, dx);
+    for (int i = 0; i < num_guards_; ++i) rows[first_guard() + i] = dense::dot(nd, guard_J_.data() + i * px, dx);
 }
 
 void Limits::add_transposed(const Numbers& weights, Residual& out) const {
     const int N = problem_.N, nd = problem_.ndx, px = padded(nd);
     for (int n = 0; n < N; ++n) {
-        const double* weight = weights.data() + n * rows_;
+        const Rows rows = of_stage(n);
         double* w = out.w.data() + problem_.m_offset[n];
         double* of_u = out.s.data() + problem_.s_offset(n) + nd;
-        for (const int i : x_) w[i] += *weight++;
-        for (const int i : u_) of_u[i] += *weight++;
-        for (int i = 0; i < nh_; ++i) dense::axpy(nd, *weight++, jacobian(n) + i * px, w);
+        for (int i = rows.x; i < rows.u; ++i) w[entry(i)] += weights[i];
+        for (int i = rows.u; i < rows.path; ++i) of_u[entry(i)] += weights[i];
+        for (int i = rows.path; i < rows.end; ++i) dense::axpy(nd, weights[i], jacobian(n) + entry(i) * px, w);
     }
     double* w = out.w.data() + problem_.m_offset[N - 1];
-    for (int i = 0; i < num_guards_; ++i) dense::axpy(nd, weights[N * rows_ + i], guard_J_.data() + i * px, w);
+    for (int i = 0; i < num_guards_; ++i) dense::axpy(nd, weights[first_guard() + i], guard_J_.data() + i * px, w);
 }
 
 void Limits::weigh(const Numbers& weights) {
@@ -186,25 +256,28 @@ void Limits::weigh(const Numbers& weights) {
             if (row[i] != 0.0) dense::axpy(nd, weight * row[i], row, B + i * px);
     };
     B_ = H_;
-    for (int n = 0; nh_ && n < N; ++n)
-        for (int i = 0; i < nh_; ++i)
-            add_outer(weights[(n + 1) * rows_ - nh_ + i], jacobian(n) + i * px, B_.data() + matrix_offset(n));
+    for (int n = 0; n < N; ++n) {
+        const Rows rows = of_stage(n);
+        for (int i = rows.path; i < rows.end; ++i)
+            add_outer(weights[i], jacobian(n) + entry(i) * px, B_.data() + matrix_offset(n));
+    }
     for (int i = 0; i < num_guards_; ++i)
-        add_outer(weights[N * rows_ + i], guard_J_.data() + i * px, B_.data() + matrix_offset(N - 1));
+        add_outer(weights[first_guard() + i], guard_J_.data() + i * px, B_.data() + matrix_offset(N - 1));
 }
 
 void Limits::add_to_value(int n, const Numbers& weights, double* P) const {
     const int px = padded(problem_.ndx);
-    for (std::size_t i = 0; i < x_.size(); ++i) P[x_[i] * px + x_[i]] += weights[n * rows_ + i];
+    const Rows rows = of_stage(n);
+    for (int i = rows.x; i < rows.u; ++i) P[entry(i) * px + entry(i)] += weights[i];
     const double* B = matrix(n);
     for (int i = 0; B && i < problem_.ndx * px; ++i) P[i] += B[i];
 }
 
 void Limits::add_products(int n, const Numbers& weights, const double* dx, const double* du, double* Hx,
                           double* Hu) const {
-    const double* weight = weights.data() + n * rows_;
-    for (const int i : x_) Hx[i] += *weight++ * dx[i];
-    for (const int i : u_) Hu[i] += *weight++ * du[i];
+    const Rows rows = of_stage(n);
+    for (int i = rows.x; i < rows.u; ++i) Hx[entry(i)] += weights[i] * dx[entry(i)];
+    for (int i = rows.u; i < rows.path; ++i) Hu[entry(i)] += weights[i] * du[entry(i)];
     if (const double* B = matrix(n)) dense::gemv(problem_.ndx, problem_.ndx, B, padded(problem_.ndx), dx, Hx);
 }
 

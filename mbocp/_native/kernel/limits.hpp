@@ -1,40 +1,61 @@
-// Limits of states and controls, path functions and guards of the end condition: rows lower <= h(x, u) <= upper.
+// Limits of states and controls, path functions and guards of the end condition: rows lower <= h(x, u) <= upper, or
+// h(x, u) = value where both sides are the same.
 //
-// A stage's rows are those of the state at its end, of its controls, and of the path functions; the guards' come last.
-// States are plain vectors where there are any (nx = ndx). With a structure only controls can have limits.
+// A stage's rows are those of the state at its end, of its controls, and of the path functions, as far as they are
+// bounded there; the guards' come last. States are plain vectors where there are any (nx = ndx). With a structure only
+// controls can have limits.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "iterate.hpp"
 
 namespace mbocp {
 
-// Bounds at the nodes 1..N and in all steps, infinite where there are none.
+// Bounds at the nodes 1..N and in all steps, infinite where there are none: a row for each of them, or one for all.
 struct Bounds {
     Numbers x_lower, x_upper, u_lower, u_upper, path_lower, path_upper;
     int num_guards = 0;  // which must not be negative
 };
 
+struct Equation {
+    int row;
+    double value;
+};
+
 class Limits {
 public:
+    // Where the rows of a stage's state, controls and path functions begin, and where they end.
+    struct Rows {
+        int x, u, path, end;
+    };
+
     explicit Limits(const Problem& problem) : problem_(problem) {}
 
     // `path` is (x, m, u, theta) -> h, dh_dx, upper Hessian of m'h, at the end of a step; `guard` likewise of (x_N, m,
     // rho_terminal).
     void set(const Bounds& bounds, Function path, Function guard);
 
-    int rows_of_stage() const { return rows_; }
+    Rows of_stage(int n) const { return stages_[static_cast<std::size_t>(n)]; }
+    int first_guard() const { return static_cast<int>(entry_.size()); }
+    int entry(int row) const { return entry_[static_cast<std::size_t>(row)]; }  // of the state, the controls or h
     int num_rows() const { return static_cast<int>(lower.size()); }
+    int num_inequalities() const { return num_rows() - static_cast<int>(equations.size()); }
     bool empty() const { return lower.empty(); }
-    const std::vector<int>& of_u() const { return u_; }
-    int first_of_u(int n) const { return n * rows_ + static_cast<int>(x_.size()); }
 
     // h at a point; `evaluate` also its derivatives, and those of lambda'h in the nodes' states and in the controls.
     bool values(const Point& at, Numbers& h);
     bool evaluate(const Point& at, const Numbers& lambda, Numbers& h);
     const double* state_gradient(int n) const { return gradient_x_.data() + problem_.dx_offset(n); }
     const double* control_gradient(int n) const { return gradient_u_.data() + problem_.u_offset[n]; }
+    // |dh/d(x, u)|^2 of an equation at the point of the last `evaluate`.
+    double squared_slope(std::size_t equation) const;
+    // That slope times the size of the state, or of the controls: of what the equation's value is a sum.
+    double reach(std::size_t equation, const Point& at) const;
+    std::pair<int, int> equations_of(int n) const { return {first_equation_[n], first_equation_[n + 1]}; }
+    // dh_du diag(Huu)^-1 dh_du' of an equation, with the response and the Hessian of its stage as in `Barrier::learn`.
+    double response(std::size_t equation, const double* T, const double* Hss, int ld, int nd) const;
 
     // With J the rows' derivatives at the point of the last `evaluate`: rows <- J d, and adds J'weights to gradients.
     void along(const Increment& d, Numbers& rows) const;
@@ -46,21 +67,29 @@ public:
     // Hx += (that Hessian) dx, and likewise for the controls.
     void add_products(int n, const Numbers& weights, const double* dx, const double* du, double* Hx, double* Hu) const;
 
-    Numbers lower, upper;  // of all rows
+    Numbers lower, upper;  // of all rows; infinite for equations, which have no sides
+    std::vector<Equation> equations;
 
 private:
-    bool call_path(int n, const Point& at, double* h, double* J, double* H);
+    void add_rows(int n, const std::vector<int>& found, const Numbers& lower_side, const Numbers& upper_side, int size);
+    bool call_path(int n, const Point& at, double* J, double* H);
     bool call_guard(const Point& at, double* h, double* J, double* H);
     void copy_values(int n, const Point& at, double* h) const;
-    const double* jacobian(int n) const;  // of the path functions at a node
-    const double* matrix(int n) const;    // B, or null
+    bool has_path(int n) const { return at_node_[static_cast<std::size_t>(n)] >= 0; }
+    const double* jacobian(int n) const { return J_.data() + jacobian_offset(n); }
+    const double* matrix(int n) const;  // B, or null
+    // Of a node that has path functions; of the matrices, or has guards.
+    std::size_t jacobian_offset(int n) const;
     std::size_t matrix_offset(int n) const;
 
     const Problem& problem_;
-    std::vector<int> x_, u_;  // limited entries of a state and of the controls
-    int nh_ = 0, num_guards_ = 0, rows_ = 0;
+    std::vector<Rows> stages_;
+    std::vector<int> entry_;
+    std::vector<int> at_node_;                       // place of a stage's node among those with path functions, or -1
+    std::vector<int> first_equation_, of_equation_;  // of each stage; stage of each
+    int nh_ = 0, num_guards_ = 0;
     Function path_, guard_;
-    Numbers lambda_;                   // multipliers of the last `evaluate`
+    Numbers h_, lambda_;               // of all path functions at a node, or of the guards
     Numbers gradient_x_, gradient_u_;  // of lambda'h
     Numbers J_, guard_J_, H_, B_;      // of the nodes' path functions and of the guards
 };

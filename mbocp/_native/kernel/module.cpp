@@ -150,13 +150,13 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         programme, "eta", [](Programme& p) -> Numbers& { return p.iterate.eta; }, "Multipliers of the end condition.");
     vector_property(
         programme, "slack", [](Programme& p) -> Numbers& { return p.barrier.slack; },
-        "Slacks of the limits: stage after stage, then the guards.");
+        "Slacks of the limits: stage after stage, then the guards; of an equation its value.");
     vector_property(
         programme, "z_lower", [](Programme& p) -> Numbers& { return p.barrier.z_lower; },
         "Multipliers of the lower limits, not negative.");
     vector_property(
         programme, "z_upper", [](Programme& p) -> Numbers& { return p.barrier.z_upper; },
-        "Multipliers of the upper limits, not negative.");
+        "Multipliers of the upper limits, not negative, and of equations.");
 
     programme
         .def(
@@ -206,7 +206,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             [](Programme& p, double barrier, double inside) { p.barrier.start(p.iterate, barrier, inside); },
             nb::arg("barrier"), nb::arg("inside") = 1e-2)
         .def("weigh", &Programme::weigh, nb::arg("barrier"))
-        .def_prop_ro("num_limits", [](const Programme& p) { return p.barrier.num_rows(); });
+        .def_prop_ro("num_limits", [](const Programme& p) { return p.barrier.limits().num_inequalities(); });
     array_property(
         programme, "limit_multipliers", [](const Programme& p) { return p.barrier.multipliers(); },
         "Multipliers of the limits, positive where an upper one is active: rows of the stages, then guards.");

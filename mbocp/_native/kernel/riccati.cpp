@@ -7,6 +7,12 @@
 namespace mbocp {
 using dense::padded;
 
+namespace {
+
+constexpr int most_passes = 4;  // that the multipliers of equations are worth
+
+}  // namespace
+
 Riccati::Riccati(const Problem& problem, Data& data, Step& step, Barrier& barrier)
     : problem_(problem), data_(data), barrier_(barrier), eta_(problem),
       elimination_(make_elimination(problem, data, step, barrier, eta_)), check_(problem, data, step, barrier),
@@ -27,7 +33,7 @@ Factorisation Riccati::factorise(double shift, double augment) {
     f.smallest_pivot = 1.0;
     weights_ = {shift, augment};
     known_ = Known::nothing;
-    gather_residual();
+    gather_right_hand_side();
     if (!elimination_->start(rhs_, f)) return f;
     const Stage& last = data_.last();
     const int nd = problem_.nd, ng = problem_.ng, px = padded(nd), pg = padded(ng);
@@ -59,7 +65,13 @@ void Riccati::gather_residual() {
     }
     rhs_.x_terminal = data_.end.r_x;
     rhs_.g = data_.end.g;
-    if (!barrier_.empty()) barrier_.add_gradients(rhs_);
+}
+
+void Riccati::gather_right_hand_side() {
+    gather_residual();
+    if (barrier_.empty()) return;
+    barrier_.start_equations();
+    barrier_.add_gradients(rhs_);
 }
 
 void Riccati::backward(const Residual& rhs) {
@@ -76,7 +88,7 @@ void Riccati::forward(const Residual& rhs, Increment& out, KktCheck* check) {
 
 Direction Riccati::solve(int refinements) {
     if (known_ == Known::nothing) throw std::logic_error("solve: the last factorisation failed or is missing");
-    if (known_ != Known::backward) gather_residual();
+    if (known_ != Known::backward) gather_right_hand_side();
     return finish(refinements);
 }
 
@@ -84,6 +96,10 @@ Direction Riccati::correct(double alpha, const Numbers& c, const Numbers& g) {
     if (known_ == Known::nothing) throw std::logic_error("correct: the last factorisation failed or is missing");
     known_ = Known::factors;
     gather_residual();
+    if (!barrier_.empty()) {
+        barrier_.correct_equations(alpha);
+        barrier_.add_gradients(rhs_);
+    }
     for (std::size_t i = 0; i < rhs_.c.size(); ++i) rhs_.c[i] = alpha * rhs_.c[i] + c[i];
     for (std::size_t i = 0; i < rhs_.g.size(); ++i) rhs_.g[i] = alpha * rhs_.g[i] + g[i];
     return finish(0);
@@ -99,9 +115,19 @@ Direction Riccati::finish(int refinements) {
     double scale = 0;
     for (const Numbers* part : {&rhs_.c, &rhs_.w, &rhs_.s, &rhs_.g})
         scale = std::max(scale, dense::largest(static_cast<int>(part->size()), part->data()));
+    bool is_last = false;
     for (int pass = 0;; ++pass) {
         d.linear_residual = scale > 0 ? check_.largest / scale : check_.largest, d.curvature = check_.curvature;
-        if (pass >= refinements || !(check_.largest > 1e-11 * scale)) break;
+        const bool is_exact = pass >= refinements || !(check_.largest > 1e-11 * scale);
+        if (is_last || (is_exact && !barrier_.has_equations())) break;
+        if (barrier_.has_equations()) {
+            const Barrier::Passes passes = barrier_.resolve_equations(direction_);
+            if (is_exact && passes == Barrier::Passes::enough) break;
+            if (passes == Barrier::Passes::more && pass >= most_passes) break;
+            is_last = passes == Barrier::Passes::repeat;
+            if (is_last) barrier_.take_back(pass + 1);
+            barrier_.add_pass(rhs_), barrier_.add_pass(check_.left);
+        }
         backward(check_.left);
         forward(check_.left, correction_, nullptr);
         direction_.add(correction_);

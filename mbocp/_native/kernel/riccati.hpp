@@ -34,7 +34,8 @@ public:
 private:
     enum class Known { nothing, factors, backward };  // the latter: also the backward half for rhs_
 
-    void gather_residual();
+    void gather_residual();  // of stages and end
+    void gather_right_hand_side();
     void backward(const Residual& rhs);
     void forward(const Residual& rhs, Increment& out, KktCheck* check);
     Direction finish(int refinements);

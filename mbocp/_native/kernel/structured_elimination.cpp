@@ -3,7 +3,7 @@
 namespace mbocp {
 using dense::padded;
 
-StructuredElimination::StructuredElimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier,
+StructuredElimination::StructuredElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier,
                                              EndMultiplier& eta)
     : problem_(problem), data_(data), step_(step), controls_(problem, data, barrier, eta) {
     const std::size_t vectors = padded(problem.max_nw) + padded(problem.max_ns);

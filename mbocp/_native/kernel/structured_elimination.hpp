@@ -24,7 +24,7 @@ namespace mbocp {
 
 class StructuredElimination final : public Elimination {
 public:
-    StructuredElimination(const Problem& problem, Data& data, Step& step, const Barrier& barrier, EndMultiplier& eta);
+    StructuredElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta);
 
     void forget() override { known_ = Known::nothing; }
     void forget_residual() override { known_ = std::min(known_, Known::stages); }

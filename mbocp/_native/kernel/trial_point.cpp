@@ -52,7 +52,7 @@ void TrialPoint::accept(const Increment& step, double alpha, double alpha_limits
     iterate_.x.swap(moved_.x), iterate_.y.swap(moved_.y), iterate_.u.swap(moved_.u);
     for (std::size_t i = 0; i < iterate_.m.size(); ++i) iterate_.m[i] += alpha * step.dm[i];
     for (std::size_t i = 0; i < iterate_.eta.size(); ++i) iterate_.eta[i] += alpha * step.deta[i];
-    barrier_.accept(alpha_limits);
+    barrier_.accept(alpha, alpha_limits);
 }
 
 }  // namespace mbocp

@@ -10,13 +10,14 @@ from mbocp.problem.file.messages import located
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.terms import PATH_TERMS, OwnPathConstraint
+from mbocp.terms.span import SPAN, Span
 
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import PathHead
 
 __all__ = ["path_from", "path_tables"]
 
-_HEAD = ("name", "kind", "frame")
+_HEAD = ("name", "kind", "frame", *SPAN)
 
 
 def path_from(robot: Robot, tables: list[PathHead]) -> tuple[PathConstraint, ...]:
@@ -54,6 +55,7 @@ def _constraint(robot: Robot, table: PathHead, key: str) -> PathConstraint:
         name=table.name or f"{kind} of {table.frame}",
         kind=kind,
         frame=robot.frame_id(table.frame),
+        span=Span.read(table),
         further={name: value for name, value in values.items() if name not in known},
         **{name: value for name, value in values.items() if name in known},
     )
@@ -65,4 +67,5 @@ def _table(robot: Robot, constraint: PathConstraint) -> dict[str, Any]:
         "kind": constraint.kind,
         "frame": robot.frame_names[constraint.frame],
         **PATH_TERMS[constraint.kind].write(constraint, robot),
+        **constraint.span.write(),
     }

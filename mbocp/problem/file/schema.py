@@ -19,6 +19,7 @@ from mbocp.problem.solver import SolverOptions
 from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.terms import COST_TERMS, PATH_TERMS
+from mbocp.terms.span import SpanKeys
 from mbocp.terms.tables import TargetTable, WeightsTable
 from mbocp.terms.written import (
     Bound,
@@ -239,13 +240,13 @@ class PathHead(Table):
 PathTable = merged(
     "PathTable",
     "One constraint on a frame that holds along the motion: the keys of all kinds.",
-    (kind.Keys for kind in PATH_TERMS.values()),
+    (*(kind.Keys for kind in PATH_TERMS.values()), SpanKeys),
     PathHead,
 )
 
 
-class TermTable(Table):
-    """What the text of a problem says of a term of one's own, whose function it does not hold."""
+class TermHead(Table):
+    """Keys of a term of one's own."""
 
     name: str
     role: str
@@ -255,6 +256,14 @@ class TermTable(Table):
     lower: list[Bound] | None = None
     upper: list[Bound] | None = None
     parameters: dict[str, VectorOrNumber] = Field(default_factory=dict)
+
+
+TermTable = merged(
+    "TermTable",
+    "What the text of a problem says of a term of one's own, whose function it does not hold.",
+    (SpanKeys,),
+    TermHead,
+)
 
 
 class GuessTable(Table):
@@ -305,7 +314,7 @@ class ProblemTable(Table):
     cost: CostTable = CostTable()  # type: ignore[valid-type]  # made of its terms
     limits: LimitsTable = LimitsTable()
     path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
-    terms: list[TermTable] = Field(default_factory=list)
+    terms: list[TermTable] = Field(default_factory=list)  # type: ignore[valid-type]
     guess: GuessTable = GuessTable()
     integrator: IntegratorTable = IntegratorTable()
     solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable()

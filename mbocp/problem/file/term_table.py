@@ -12,9 +12,10 @@ import numpy as np
 from mbocp._arrays import frozen_array
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.file.schema import TermTable
+from mbocp.problem.file.schema import TermHead
 from mbocp.robot import Robot
 from mbocp.terms.own import ROLES, OwnTerm
+from mbocp.terms.span import Span
 
 __all__ = ["term_tables", "terms_from"]
 
@@ -24,7 +25,7 @@ def term_tables(robot: Robot, terms: Sequence[OwnTerm]) -> list[dict[str, Any]]:
     return [_table(robot, term) for term in terms]
 
 
-def terms_from(robot: Robot, tables: Sequence[TermTable], given: Sequence[OwnTerm]) -> tuple[OwnTerm, ...]:
+def terms_from(robot: Robot, tables: Sequence[TermHead], given: Sequence[OwnTerm]) -> tuple[OwnTerm, ...]:
     """Terms with the numbers of the tables, then those `given` that no table names.
 
     Raises
@@ -38,7 +39,7 @@ def terms_from(robot: Robot, tables: Sequence[TermTable], given: Sequence[OwnTer
     return (*found, *(term for term in given if term.name not in named))
 
 
-def _term(robot: Robot, table: TermTable, given: OwnTerm | None) -> OwnTerm:
+def _term(robot: Robot, table: TermHead, given: OwnTerm | None) -> OwnTerm:
     what = ROLES.get(table.role, table.role)
     if given is None or given.role != table.role:
         raise ProblemError(
@@ -56,6 +57,8 @@ def _term(robot: Robot, table: TermTable, given: OwnTerm | None) -> OwnTerm:
         changes["weight"] = table.weight
     if table.unit is not None:
         changes["unit"] = table.unit
+    if given.role == "path":
+        changes["span"] = Span.read(table)
     for side in ("lower", "upper"):
         if getattr(table, side) is not None:
             changes[side] = frozen_array(getattr(table, side))
@@ -76,7 +79,7 @@ def _table(robot: Robot, term: OwnTerm) -> dict[str, Any]:
         table["weight"] = term.weight
     if term.role == "path":
         lower, upper = term.bounds(robot)
-        table |= {"unit": term.unit, "lower": lower, "upper": upper}
+        table |= {"unit": term.unit, "lower": lower, "upper": upper, **term.span.write()}
     if term.parameters:
         table["parameters"] = {name: np.asarray(value) for name, value in term.parameters.items()}
     return table

@@ -279,8 +279,9 @@ def _ipopt_options(key: _Key) -> dict[str, Any]:
 
 def _fatrop_options(key: _Key) -> dict[str, Any]:
     lay = key.layout
+    bounds = key.programme.bounds
     equality = np.ones(lay.num_rows, dtype=bool)
-    equality[lay.path.ravel()] = False
+    equality[lay.path] = bounds.path_lower == bounds.path_upper
     equality[lay.guards] = False
     return {
         "structure_detection": "manual",
@@ -300,8 +301,8 @@ def _fatrop_options(key: _Key) -> dict[str, Any]:
 
 def _kinds_of_bounds(programme: StagewiseProgramme) -> bytes:
     bounds = programme.bounds
-    sides = (bounds.x_lower, bounds.x_upper, bounds.u_lower, bounds.u_upper)
-    return b"".join(np.isfinite(side).tobytes() for side in sides)
+    is_equation = bounds.lower == bounds.upper
+    return b"".join(kinds.tobytes() for kinds in (bounds.lower > -np.inf, bounds.upper < np.inf, is_equation))
 
 
 def _bounds(programme: StagewiseProgramme, lay: NlpLayout) -> dict[str, Array]:
