@@ -140,7 +140,7 @@ def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False)
 
 def _sides(bounds: StateBounds) -> dict[str, Array]:
     """Bounds of all nodes in a row, or of one where all are the same."""
-    sides = {}
+    sides: dict[str, Array] = {}
     for what in ("x", "u", "path"):
         names = (f"{what}_lower", f"{what}_upper")
         rows = [getattr(bounds, name) for name in names]

@@ -283,6 +283,15 @@ class Distance(_Squared):
             return {"frame_b": robot.frame_names[given.other], **finite_bounds(given)}
         return {"point": given.number("point"), **finite_bounds(given)}
 
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Refuse a distance that is zero, whose square has no slope."""
+        super().check(given, key)
+        if given.upper[0] <= 0.0:
+            raise InvalidValue(
+                f"{key}: max", float(given.upper[0]), 'a length above 0 (kind = "position" for a point)'
+            )
+
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the distance [m^2]."""
         position = at.mechanics.frame_position(self.frame, at.q)

@@ -167,10 +167,69 @@ def test_python_is_checked_too(load: Loader) -> None:
         ({"kind": "position"}, ProblemError, "path 'p': bounds nothing"),
         ({"lower": [0, 1]}, DimensionMismatch, r"path 'p': lower: got shape \(2,\), expected \(1,\)"),
         ({"upper": [np.inf]}, InvalidValue, r"path 'p': got \[-inf, inf\], expected a finite bound"),
-        ({"lower": [2.0]}, InvalidValue, "the lower below the upper"),
+        ({"lower": [2.0]}, InvalidValue, "the lower not above the upper"),
         ({"point": [0.0]}, DimensionMismatch, "path 'p': point"),
     ):
         with pytest.raises(error, match=reason):
             made(**changes)
     with pytest.raises(DimensionMismatch, match="path 'p': frame 999"):
         load().with_(path=[made(frame=999)])
+
+
+def part(load: Loader, times: str = "", *settings: str) -> Problem:
+    return load(f'path=[{{frame="tool0", kind="speed", max=0.5{times}}}]', *settings)
+
+
+def test_a_part_of_the_horizon_has_its_nodes(load: Loader) -> None:
+    problem = part(load, ", from=0.21, until=0.5")
+    N, dt = problem.num_steps, problem.dt
+    times = dt * np.arange(1, N + 1)
+    nodes = problem.path[0].span.nodes(N, dt)
+    assert np.array_equal(nodes, (times >= 0.21 - 1e-9) & (times <= 0.5 + 1e-9))
+    assert part(load).path[0].span.nodes(N, dt).all()
+    last = part(load, f", from={problem.duration}").path[0].span
+    assert np.flatnonzero(last.nodes(N, dt)).tolist() == [N - 1]
+    assert not last.has_start
+    assert last.has_end(N, dt)
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ("from=-0.1", "from: got -0.1, expected a time from the start on"),
+        ("from=0.5, until=0.4", "until: got 0.4, expected a time not before from = 0.5"),
+        ("until=99.0", "until: got 99.*within the horizon"),
+        ("from=99.0", "from: got 99.*within the horizon"),
+        ("until=0.0", "no node after the start is between from = 0 and until = 0 s"),
+        ('from="soon"', "from: .*number"),
+    ],
+)
+def test_times_outside_the_horizon_are_refused(load: Loader, times: str, message: str) -> None:
+    with pytest.raises(MbocpError, match=message):
+        part(load, f", {times}")
+
+
+def test_a_part_of_a_free_duration_is_refused(load: Loader) -> None:
+    with pytest.raises(MbocpError, match="from and until are times of a given duration"):
+        part(load, ", from=0.2", "horizon.duration={min=0.5, max=2.0}")
+
+
+def test_times_survive_the_text(load: Loader) -> None:
+    problem = part(load, ", from=0.25, until=0.5")
+    text = problem_to_toml(problem)
+    assert "from = 0.25" in text
+    assert parse_problem(text).path[0].span == problem.path[0].span
+    assert "until = " not in problem_to_toml(part(load))
+
+
+def test_a_constraint_away_from_start_and_goal_may_exclude_both(load: Loader) -> None:
+    far = 'path=[{{frame="tool0", kind="position", x=[5, 6], from={}, until=0.4}}]'
+    assert load(far.format(0.3)).path[0].rows == 1
+    with pytest.raises(MbocpError, match="at the start"):
+        load(far.format(0.0))
+
+
+def test_equal_bounds_are_an_equation(load: Loader) -> None:
+    problem = load('path=[{frame="tool0", kind="position", x=[5, 5], from=0.3, until=0.4}]')
+    lower, upper = problem.path[0].inner_bounds
+    assert lower == upper == 5.0

@@ -98,7 +98,7 @@ def test_it_reads_back(ur5: Robot) -> None:
     [
         ({"axis": [0, 0, 0]}, InvalidValue, r"axis: got \[0\.0, 0\.0, 0\.0\], expected a direction"),
         ({"max": 4.0}, InvalidValue, "max: got 4.0, expected an angle between 0 and pi"),
-        ({"min": 0.5}, InvalidValue, "the lower below the upper"),
+        ({"min": 0.5}, InvalidValue, "the lower not above the upper"),
         ({"x": [0, 1]}, ProblemError, 'kind = "orientation" does not use it, but axis, direction, min, max'),
         ({"axis": [1, 0, 0]}, ProblemError, "at the start orientation of tool0 is 1.57"),
     ],
