@@ -112,6 +112,7 @@ class Case:
     def write(self, folder: Path) -> Path:
         """Write the files; the path of the main one."""
         for name, data in self.files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(data)
         return folder / self.main
 

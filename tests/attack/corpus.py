@@ -54,8 +54,16 @@ def _entry(name: str, main: str, text: bytes, **others: bytes) -> Entry:
 
 def _of_examples() -> tuple[Entry, ...]:
     paths = sorted((ROOT / "examples").rglob("*.toml"))
-    paths = [path for path in paths if path.parent.name != "studies" and path.stem != "lattice"]
-    return tuple(_entry(path.stem, "problem.toml", path.read_bytes()) for path in paths)
+    paths = [path for path in paths if path.stem not in ("lattice", "robot") and path.parent.name != "studies"]
+    return tuple(
+        _entry(path.stem, "problem.toml", path.read_bytes(), **_robots_of(path.parent)) for path in paths
+    )
+
+
+def _robots_of(folder: Path) -> dict[str, bytes]:
+    """Robots that the examples of a folder bring along, by path from there."""
+    files = (path for path in sorted((folder / "robots").rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def _problems() -> tuple[Entry, ...]:
