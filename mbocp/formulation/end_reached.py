@@ -12,6 +12,7 @@ turned half around. That is no solution of what was asked for. Two ends beside t
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.mechanics.diagnostics import constraint_violation
+from mbocp.problem import Goal
 from mbocp.problem.frames import pose_errors
 
 __all__ = ["EndMissed", "end_missed"]
@@ -95,7 +97,9 @@ def _frames_missed(formulation: Formulation, q: Array) -> EndMissed | None:
 
     Their rows vanish at the goal alone. Where constraints decide some of them, those are not conditions.
     """
-    goal, robot = formulation.problem.goal, formulation.problem.robot
+    robot, goal = formulation.problem.robot, _without_tolerances(formulation.problem.goal)
+    if not goal.poses:
+        return None
     errors = pose_errors(robot, goal, q)
     worst = int(np.argmax(errors.positions + errors.angles))
     distance, angle = float(errors.positions[worst]), float(errors.angles[worst])
@@ -110,7 +114,12 @@ def _frames_missed(formulation: Formulation, q: Array) -> EndMissed | None:
             words=f"{off}, since the scheme drifts off the loops (by {violation:.1e} there): take more steps",
         )
     return EndMissed(
-        is_other_root=goal.guard,
+        is_other_root=formulation.problem.goal.guard,
         words=f"{off}: the end condition, projected onto the constraints, has another root there; start from "
         "another guess",
     )
+
+
+def _without_tolerances(goal: Goal) -> Goal:
+    """The goal less what has bounds of its own, which the solver's status speaks of."""
+    return replace(goal, frames=goal.conditions, enforce="none")

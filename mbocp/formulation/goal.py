@@ -63,7 +63,7 @@ class EndRows:
         joints = (
             prefix + robot.v_labels[int(np.argmax(np.abs(row)))].name for prefix, D in pairs for row in D
         )
-        return (*joints, *self.frames.labels(goal.frames))
+        return (*joints, *self.frames.labels(goal.conditions))
 
 
 class EndTarget(NamedTuple):
@@ -115,8 +115,8 @@ def frame_ends(problem: Problem, rows: EndRows) -> tuple[FrameEnd, ...]:
     found = []
     if goal.is_penalised:
         found.append(FrameEnd.cost(goal.frames, robot, problem.cost.terminal))
-    if goal.is_exact:
-        found.append(FrameEnd.conditions(goal.frames, robot, rows.frames))
+    if goal.is_exact and goal.conditions:
+        found.append(FrameEnd.conditions(goal.conditions, robot, rows.frames))
     return tuple(found)
 
 

@@ -13,7 +13,17 @@ from typing import Any
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
-from mbocp.terms import Effort, ExactGoal, FrameEnd, OwnEnd, OwnPath, PathTerm, RunningTerm, TerminalCost
+from mbocp.terms import (
+    Effort,
+    ExactGoal,
+    FrameEnd,
+    OwnEnd,
+    OwnPath,
+    PathTerm,
+    RunningTerm,
+    TerminalCost,
+    ToleranceTerm,
+)
 
 __all__ = ["FunctionSignature"]
 
@@ -33,7 +43,7 @@ class FunctionSignature:
     cost : tuple of RunningTerm
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
-    path : tuple of PathTerm and OwnPath
+    path : tuple of PathTerm, OwnPath and ToleranceTerm
     ends : tuple of FrameEnd and OwnEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
@@ -49,7 +59,7 @@ class FunctionSignature:
     goal: ExactGoal
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
-    path: tuple[PathTerm | OwnPath, ...] = ()
+    path: tuple[PathTerm | OwnPath | ToleranceTerm, ...] = ()
     ends: tuple[FrameEnd | OwnEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()

@@ -127,10 +127,11 @@ def pose_errors(robot: Robot, goal: Goal, q: Array) -> PoseErrors:
 
 
 def pose_jacobian(robot: Robot, goal: Goal) -> Array:
-    """Derivative of the rows of all poses at goal.q, which is at them, shape (rows, nv)."""
-    if not goal.poses:
+    """Derivative of the poses' rows without a tolerance at goal.q, which is at them, shape (rows, nv)."""
+    frames = [frame for frame in goal.conditions if frame.has_pose]
+    if not frames:
         return np.zeros((0, robot.nv))
-    rows = _rows(robot, goal.poses)
+    rows = _rows(robot, frames)
     rows.errors(goal.q)
     return rows.pose_jacobian(goal.q)
 
@@ -138,7 +139,7 @@ def pose_jacobian(robot: Robot, goal: Goal) -> Array:
 def rate_jacobian(robot: Robot, goal: Goal) -> Array:
     """Matrix from v to the velocities that are asked of frames, at goal.q, shape (rows, nv)."""
     rows = [np.zeros((0, robot.nv))]
-    for frame in goal.frames:
+    for frame in goal.conditions:
         whole = frame_jacobian(robot.model, goal.q, robot.frame_id(frame.name), pin.LOCAL_WORLD_ALIGNED)
         rows += [whole[:3]] * (frame.velocity is not None) + [whole[3:]] * (
             frame.angular_velocity is not None
@@ -148,7 +149,7 @@ def rate_jacobian(robot: Robot, goal: Goal) -> Array:
 
 def frame_rates(goal: Goal) -> Array:
     """Velocities that are asked of frames, in the order of `rate_jacobian`."""
-    return np.concatenate([np.zeros(0), *(frame.rates for frame in goal.frames)])
+    return np.concatenate([np.zeros(0), *(frame.rates for frame in goal.conditions)])
 
 
 def frame_projections(

@@ -80,6 +80,12 @@ class Goal:
         check_choice("goal.rate", self.rate, RATES)
         check_choice("goal.redundant", self.redundant, REDUNDANT)
         check_bool("goal.guard", self.guard)
+        for frame in self.frames:
+            if frame.has_tolerance and not self.is_exact:
+                raise ProblemError(
+                    f'goal.frame {frame.name!r}: a tolerance is for enforce = "exact" or "both", got '
+                    f'"{self.enforce}"; leave it out, or take one of them'
+                )
         if self.enforce != "none" and self.is_empty:
             raise ProblemError(
                 f'goal: enforce = "{self.enforce}" needs something to enforce; give q or frame, and v or '
@@ -95,6 +101,11 @@ class Goal:
     def poses(self) -> tuple[FrameGoal, ...]:
         """Goals of frames that ask for a pose, or a part of one."""
         return tuple(frame for frame in self.frames if frame.has_pose)
+
+    @property
+    def conditions(self) -> tuple[FrameGoal, ...]:
+        """Goals of frames without what has a tolerance."""
+        return tuple(exact for frame in self.frames if (exact := frame.conditions) is not None)
 
     @property
     def is_exact(self) -> bool:

@@ -16,7 +16,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goal import Goal
 from mbocp.robot import Label, Robot
-from mbocp.terms import PATH_TERMS, OwnPathConstraint, PathTerm, Point, Span
+from mbocp.terms import PATH_TERMS, FrameTolerance, OwnPathConstraint, PathTerm, Point, Span
 
 __all__ = ["PATH_KINDS", "PathConstraint", "check_path"]
 
@@ -165,7 +165,7 @@ class PathConstraint:
 
 def check_path(
     robot: Robot,
-    path: Sequence[PathConstraint | OwnPathConstraint],
+    path: Sequence[PathConstraint | OwnPathConstraint | FrameTolerance],
     q_start: Array,
     v_start: Array,
     goal: Goal,
@@ -199,7 +199,9 @@ def check_path(
             _refuse_outside(constraint, constraint.values(robot, goal.q, v), "goal")
 
 
-def _refuse_outside(constraint: PathConstraint | OwnPathConstraint, values: Array, where: str) -> None:
+def _refuse_outside(
+    constraint: PathConstraint | OwnPathConstraint | FrameTolerance, values: Array, where: str
+) -> None:
     outside = (values < constraint.lower - BOUND_TOLERANCE) | (values > constraint.upper + BOUND_TOLERANCE)
     if outside.any():
         i = int(np.flatnonzero(outside)[0])

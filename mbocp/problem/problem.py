@@ -41,7 +41,7 @@ from mbocp.problem.solver import SolverOptions
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.loops.redundancy import singular_pose
 from mbocp.solvers.options import BOUNDED_METHODS
-from mbocp.terms import OwnPathConstraint, OwnTerm
+from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolerances
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
@@ -106,7 +106,7 @@ class Problem:
     limits : Bounds
         On controls, velocities and configurations; none by default.
     path : tuple of PathConstraint
-        h: where frames may be, and how fast; and path constraints among `terms`.
+        h: where frames may be, and how fast; path constraints among `terms`; tolerances of the goal's frames.
     terms : tuple of OwnTerm
         Costs, path constraints and end conditions of one's own, see `mbocp.terms.own`.
     q_start : ndarray, shape (nq,)
@@ -148,7 +148,7 @@ class Problem:
     stabilisation: Stabilisation = field(default_factory=Stabilisation)
     goal: Goal
     limits: Bounds = field(default_factory=Bounds)
-    path: tuple[PathConstraint | OwnPathConstraint, ...] = ()
+    path: tuple[PathConstraint | OwnPathConstraint | FrameTolerance, ...] = ()
     terms: tuple[OwnTerm, ...] = ()
     q_start: Array
     v_start: Array
@@ -297,7 +297,7 @@ class Problem:
         return changed(self, changes)
 
     def _take_terms(self) -> None:
-        """Check terms of one's own; path constraints among them follow those of the file."""
+        """Check terms of one's own; path constraints among them follow those of the file, then tolerances."""
         terms = tuple(self.terms)
         names = [term.name for term in terms]
         for term in terms:
@@ -307,7 +307,8 @@ class Problem:
         own = (OwnPathConstraint(term, self.robot) for term in terms if term.role == "path")
         path = (constraint for constraint in self.path if isinstance(constraint, PathConstraint))
         object.__setattr__(self, "terms", terms)
-        object.__setattr__(self, "path", (*path, *own))
+        allowed = frame_tolerances(self.goal.frames, self.robot)
+        object.__setattr__(self, "path", (*path, *own, *allowed))
 
     def _check_start(self) -> None:
         robot = self.robot

@@ -13,8 +13,9 @@ from mbocp._files import parse_toml
 from mbocp.exceptions import InvalidValue, MbocpError, Unreadable
 from mbocp.robot import FrameTarget
 from mbocp.robot.poses.target import target_from_words
-from mbocp.terms import PATH_TERMS
-from mbocp.terms.frame_goal import RATE_KEYS
+from mbocp.terms import PATH_TERMS, FrameGoal
+from mbocp.terms.frame_goal import FURTHER_KEYS
+from mbocp.terms.frame_tolerance import tolerance_bounds
 
 __all__ = ["duration_range_of", "goal_targets_of", "integrator_of", "limits_of", "path_bounds_of"]
 
@@ -113,16 +114,20 @@ def goal_targets_of(problem_text: str) -> tuple[FrameTarget, ...]:
     InvalidValue
         If the text is TOML, but no problem.
     """
-    problem = _parsed(problem_text)
+    return tuple(goal.target for goal in _frame_goals(_parsed(problem_text)) if goal.has_pose)
+
+
+def _frame_goals(problem: _Problem | None) -> list[FrameGoal]:
     tables = problem.goal.get("frame", []) if problem is not None else []
     found = []
     for table in tables if isinstance(tables, list) else [tables]:
         try:
-            words = {key: value for key, value in table.items() if key not in RATE_KEYS}
-            found.append(target_from_words(words))
+            words = {key: value for key, value in table.items() if key not in FURTHER_KEYS}
+            further = {key: value for key, value in table.items() if key in FURTHER_KEYS}
+            found.append(FrameGoal(target=target_from_words(words), **further))
         except (MbocpError, AttributeError, TypeError, ValueError):
             continue
-    return tuple(target for target in found if not target.is_empty)
+    return found
 
 
 def path_bounds_of(problem_text: str) -> dict[str, tuple[float, float, str]]:
@@ -142,6 +147,7 @@ def path_bounds_of(problem_text: str) -> dict[str, tuple[float, float, str]]:
         ends = [table.get("min", -np.inf), table.get("max", np.inf)]
         pairs |= {name: ends} if not pairs and _pairs([ends]) else {}
         found |= {row: (float(lower), float(upper), unit) for row, (lower, upper) in pairs.items()}
+    found |= tolerance_bounds(_frame_goals(problem))
     for table in problem.terms if problem is not None else ():
         name, rows = str(table.get("name", "")), _rows_of(table)
         labels = [name] if len(rows) == 1 else [f"{name}.{i}" for i in range(len(rows))]

@@ -11,6 +11,7 @@ import numpy as np
 
 from mbocp.exceptions import StudyError, suggest
 from mbocp.problem import Problem
+from mbocp.problem.frames import pose_errors
 from mbocp.solution import Solution
 
 __all__ = [
@@ -118,9 +119,16 @@ def _recorded(solution: Solution, name: str) -> Any:
 
 
 def _goal_distance(problem: Problem, solution: Solution) -> float:
-    """Norm of the tangent vector from goal to end, over what the goal says; NaN if that is nothing."""
+    """Norm of what is left to the goal at the end, over what it says; NaN if that is nothing.
+
+    Of joints the tangent vector from goal to end, of frames distances [m] and angles [rad].
+    """
     goal = problem.goal
-    if not goal.q_active.any():
+    if not (goal.q_active.any() or goal.poses):
         return math.nan
     difference = problem.robot.difference(goal.q, solution.q_final)
-    return float(np.linalg.norm(difference[goal.q_active]))
+    left = [difference[goal.q_active]]
+    if goal.poses:
+        errors = pose_errors(problem.robot, goal, solution.q_final)
+        left += [errors.positions, errors.angles]
+    return float(np.linalg.norm(np.concatenate(left)))

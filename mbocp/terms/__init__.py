@@ -14,6 +14,7 @@ from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Veloci
 from mbocp.terms.time import Time  # isort: skip  # keys in the order of the documentation
 from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
 from mbocp.terms.frame_goal import FrameGoal
+from mbocp.terms.frame_tolerance import FrameTolerance, ToleranceTerm, frame_tolerances
 from mbocp.terms.frames import FrameEnd, FrameProjections
 from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
@@ -33,6 +34,7 @@ __all__ = [
     "FrameEnd",
     "FrameGoal",
     "FrameProjections",
+    "FrameTolerance",
     "Kinematics",
     "OwnEnd",
     "OwnPath",
@@ -48,10 +50,12 @@ __all__ = [
     "TermNumbers",
     "TerminalCost",
     "Time",
+    "ToleranceTerm",
     "Tracking",
     "Velocity",
     "Weighted",
     "end_condition",
+    "frame_tolerances",
     "own_ends",
     "path_constraint",
     "running_cost",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,10 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import FrameTarget
 
-__all__ = ["RATE_KEYS", "FrameGoal"]
+__all__ = ["FURTHER_KEYS", "FrameGoal"]
 
-RATE_KEYS = ("velocity", "angular_velocity", "weight")  # of a file, beside those of the pose
+# Keys of a file beside those of the pose.
+FURTHER_KEYS = ("velocity", "angular_velocity", "position_tolerance", "orientation_tolerance", "weight")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,6 +29,10 @@ class FrameGoal:
         Velocity of its origin in the axes of the world [m/s].
     angular_velocity : ndarray, shape (3,), optional
         Angular velocity in the axes of the world [rad/s].
+    position_tolerance : ndarray, shape (3,), optional
+        How far each coordinate may be from the target's at the end; one number stands for all [m].
+    orientation_tolerance : float, optional
+        Angle by which orientation or axis may be off at the end [rad].
     weight : float
         Of the squares of its errors [m^2, rad^2, m^2/s^2, rad^2/s^2] in the terminal cost.
     """
@@ -35,12 +40,15 @@ class FrameGoal:
     target: FrameTarget
     velocity: Array | None = None
     angular_velocity: Array | None = None
+    position_tolerance: Array | None = None
+    orientation_tolerance: float | None = None
     weight: float = 1.0
 
     def __post_init__(self) -> None:
         for key in ("velocity", "angular_velocity"):
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, _rate(f"goal.frame.{key}", getattr(self, key)))
+        self._check_tolerances()
         if not (np.isfinite(self.weight) and self.weight >= 0.0):
             raise InvalidValue("goal.frame.weight", self.weight, "a number >= 0")
         if self.target.is_empty and self.velocity is None and self.angular_velocity is None:
@@ -49,6 +57,41 @@ class FrameGoal:
                 f"nothing for {self.target.name!r}",
                 "a position, an orientation, an axis with its direction, or a velocity",
             )
+
+    def _check_tolerances(self) -> None:
+        target, where = self.target, f"goal.frame {self.target.name!r}"
+        if self.position_tolerance is not None:
+            box = np.broadcast_to(np.asarray(self.position_tolerance, dtype=np.float64), 3)
+            object.__setattr__(self, "position_tolerance", frozen_array(box))
+            if not (np.isfinite(box).all() and (box > 0.0).all() and target.coordinates.size):
+                got = box.tolist() if target.coordinates.size else "no position beside it"
+                expected = "lengths above 0 [m], beside a position"
+                raise InvalidValue(f"{where}: position_tolerance", got, expected)
+        if self.orientation_tolerance is not None:
+            has_turn = target.orientation is not None or target.axis is not None
+            if not (0.0 < self.orientation_tolerance < np.pi and has_turn):
+                got = self.orientation_tolerance if has_turn else "no orientation or axis beside it"
+                expected = "an angle between 0 and pi [rad], beside an orientation or an axis"
+                raise InvalidValue(f"{where}: orientation_tolerance", got, expected)
+
+    @property
+    def has_tolerance(self) -> bool:
+        """Whether some of it is a bound."""
+        return self.position_tolerance is not None or self.orientation_tolerance is not None
+
+    @property
+    def conditions(self) -> FrameGoal | None:
+        """What of it has no tolerance, or None if that is nothing."""
+        if not self.has_tolerance:
+            return self
+        target = self.target
+        if self.position_tolerance is not None:
+            target = replace(target, position=None)
+        if self.orientation_tolerance is not None:
+            target = replace(target, orientation=None, axis=None, direction=None)
+        if target.is_empty and self.velocity is None and self.angular_velocity is None:
+            return None
+        return replace(self, target=target, position_tolerance=None, orientation_tolerance=None)
 
     @property
     def name(self) -> str:

@@ -389,3 +389,103 @@ def test_a_goal_of_a_frame_in_python() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert goal.rate_labels == ("velocity x of tool0", "velocity y of tool0", "velocity z of tool0")
+
+
+TOLERANT = {"name": "tool0", "position": [0.45, 0.25, 0.35], "rpy": [3.0, 0.2, 0.4]}
+DIRECT = {"q": [0.1, -1.0, 1.2, -1.0, -1.3, 0.2]}
+
+
+@pytest.mark.parametrize("words", [{}, {"coordinates": "natural"}, {"scheme": "euler"}], ids=str)
+def test_tolerances_are_a_box_and_a_cone_at_the_end(words: dict[str, Any]) -> None:
+    """An optimum makes use of them, and no node before the last is bounded."""
+    frame = {**TOLERANT, "position_tolerance": [0.02, 0.03, 0.01], "orientation_tolerance": 0.1}
+    problem = Problem.create(
+        "ur5", 1.0, 12, start=DIRECT, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0}, **words
+    )
+    exact = problem.with_(goal={"frame": TOLERANT})
+    solution = solved(problem)
+    assert solution.cost < solved(exact).cost
+    assert solution.eta.size == 6
+    assert solution.limit_violation <= 1e-8
+    reached = problem.robot.frame_placement("tool0", solution.q_final)
+    away = np.abs(reached.translation - TOLERANT["position"])
+    angle = np.linalg.norm(rotation_vector(reached.rotation, pin.rpy.rpyToMatrix(*TOLERANT["rpy"])))
+    assert (away <= np.array([0.02, 0.03, 0.01]) + 1e-8).all()
+    assert angle <= 0.1 + 1e-8
+    assert (away > [0.019, 0.029, 0.009]).any() or angle > 0.099
+
+
+def test_a_tolerance_of_one_part_leaves_the_other_exact() -> None:
+    frame = {**TOLERANT, "orientation_tolerance": 0.2}
+    problem = Problem.create(
+        "ur5", 1.0, 12, start=DIRECT, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0}
+    )
+    solution = solved(problem)
+    assert solution.eta.size == 9
+    reached = problem.robot.frame_placement("tool0", solution.q_final)
+    assert reached.translation == pytest.approx(TOLERANT["position"], abs=1e-9)
+    angle = np.linalg.norm(rotation_vector(reached.rotation, pin.rpy.rpyToMatrix(*TOLERANT["rpy"])))
+    assert angle == pytest.approx(0.2, abs=1e-6)
+    text = problem_to_toml(problem)
+    assert problem_to_toml(parse_problem(text)) == text
+    assert [label.name for row in problem.path for label in row.labels] == ["goal of tool0, angle"]
+    (active,) = solution.active_limits
+    assert (active.name, active.bound, active.unit, active.count) == ("goal of tool0, angle", 0.2, "rad", 1)
+
+
+def test_values_of_a_tolerance_are_lengths_and_angles() -> None:
+    frame = {**TOLERANT, "position_tolerance": 0.05, "orientation_tolerance": 0.2}
+    problem = Problem.create("ur5", 1.0, 12, start=DIRECT, goal={"frame": frame})
+    box, cone = problem.path
+    q = np.array(problem.robot.integrate(problem.goal.q, [0.01, 0.02, -0.01, 0.03, 0.02, 0.01]))
+    errors = pose_errors(problem.robot, problem.goal, q)
+    assert np.linalg.norm(box.values(problem.robot, q, np.zeros(6))) == pytest.approx(errors.positions[0])
+    angle = cone.values(problem.robot, q, np.zeros(6))
+    assert angle == pytest.approx(errors.angles)
+    step = 1e-6  # the slope takes multipliers of the expression to those of the angle
+    scale = (2 * np.tan(0.1)) ** 2
+    expected = (4 * np.tan((angle + step) / 2) ** 2 - 4 * np.tan((angle - step) / 2) ** 2) / (
+        2 * step * scale
+    )
+    assert cone.slopes(angle) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"position_tolerance": 0.0}, "above 0"),
+        ({"position_tolerance": [0.1, 0.1, -0.1]}, "above 0"),
+        ({"orientation_tolerance": 3.2}, "between 0 and pi"),
+        ({"orientation_tolerance": 0.1, "rpy": None}, "beside an orientation"),
+    ],
+)
+def test_tolerances_that_cannot_be_right(words: dict[str, Any], message: str) -> None:
+    frame = {key: value for key, value in {**TOLERANT, **words}.items() if value is not None}
+    with pytest.raises(ProblemFileError, match=message):
+        Problem.create("ur5", 1.0, 12, goal={"frame": frame})
+
+
+def test_a_penalty_has_no_tolerance() -> None:
+    goal = {"enforce": "penalty", "frame": {**TOLERANT, "position_tolerance": 0.1}}
+    with pytest.raises(ProblemFileError, match="tolerance is for enforce"):
+        Problem.create("ur5", 1.0, 12, goal=goal, cost={"terminal": 1.0})
+
+
+def test_a_tolerance_in_the_least_time() -> None:
+    """The last node is the end, however long the motion takes."""
+    frame = {**TOLERANT, "position_tolerance": 0.02, "orientation_tolerance": 0.1}
+    problem = Problem.create(
+        "ur5",
+        {"min": 0.2, "max": 4.0, "guess": 1.0},
+        12,
+        start=DIRECT,
+        goal={"v": 0, "frame": frame},
+        cost={"effort": 1e-4, "time": 100.0},
+        limits={"effort": True},
+    )
+    solution = solved(problem)
+    errors = pose_errors(problem.robot, problem.goal, solution.q_final)
+    assert 0.0099 < errors.positions[0] < 0.02 * np.sqrt(3)
+    assert errors.angles[0] <= 0.1 + 1e-8
+    exact = solved(problem.with_(goal={"frame": TOLERANT}))
+    assert solution.duration < exact.duration

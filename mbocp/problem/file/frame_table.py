@@ -11,7 +11,7 @@ from mbocp.problem.file.messages import located
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.poses.target import target_from_words
 from mbocp.terms import FrameGoal
-from mbocp.terms.frame_goal import RATE_KEYS
+from mbocp.terms.frame_goal import FURTHER_KEYS
 
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import FrameGoalTable
@@ -31,7 +31,7 @@ def frames_from(tables: Sequence[FrameGoalTable]) -> tuple[FrameGoal, ...]:
     for table in tables:
         words = table.model_dump(exclude_none=True)
         with located("goal.frame"):
-            rates = {key: words.pop(key) for key in RATE_KEYS if key in words}
+            rates = {key: words.pop(key) for key in FURTHER_KEYS if key in words}
             found.append(FrameGoal(target=target_from_words(words), **rates))
     return tuple(found)
 
@@ -52,7 +52,7 @@ def _table(goal: FrameGoal) -> dict[str, Any]:
         table[key] = getattr(target, key)
     if target.relative_to != WORLD:
         table["relative_to"] = target.relative_to
-    table |= {"velocity": goal.velocity, "angular_velocity": goal.angular_velocity}
+    table |= {key: getattr(goal, key) for key in FURTHER_KEYS if key != "weight"}
     if goal.weight != 1.0:
         table["weight"] = goal.weight
     return {key: value for key, value in table.items() if value is not None}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from mbocp.exceptions import ProblemError
@@ -9,7 +10,7 @@ from mbocp.problem._checks import check_choice
 from mbocp.problem.file.messages import located
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
-from mbocp.terms import PATH_TERMS, OwnPathConstraint
+from mbocp.terms import PATH_TERMS
 from mbocp.terms.span import SPAN, Span
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ def path_from(robot: Robot, tables: list[PathHead]) -> tuple[PathConstraint, ...
     return tuple(found)
 
 
-def path_tables(robot: Robot, path: tuple[PathConstraint | OwnPathConstraint, ...]) -> list[dict[str, Any]]:
-    """Return the tables that read back as `path`; those of one's own are written as terms."""
+def path_tables(robot: Robot, path: Sequence[object]) -> list[dict[str, Any]]:
+    """Return the tables that read back as `path`; those of one's own and of goals are written elsewhere."""
     return [_table(robot, constraint) for constraint in path if isinstance(constraint, PathConstraint)]
 
 

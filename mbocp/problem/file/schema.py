@@ -200,6 +200,8 @@ class FrameGoalTable(Table):
     relative_to: str | None = None
     velocity: TripleOrZero = None
     angular_velocity: TripleOrZero = None
+    position_tolerance: VectorOrNumber = None
+    orientation_tolerance: Finite | None = None
     weight: Finite | None = None
 
 

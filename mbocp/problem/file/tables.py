@@ -26,7 +26,7 @@ from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.solver import SolverOptions
 from mbocp.robot import Robot
-from mbocp.terms import COST_TERMS, OwnPathConstraint, OwnTerm
+from mbocp.terms import COST_TERMS, FrameTolerance, OwnPathConstraint, OwnTerm
 
 __all__ = ["ProblemFields", "tables_of", "to_toml"]
 
@@ -62,7 +62,7 @@ class ProblemFields(Protocol):
     @property
     def limits(self) -> Bounds: ...  # noqa: D102
     @property
-    def path(self) -> tuple[PathConstraint | OwnPathConstraint, ...]: ...  # noqa: D102
+    def path(self) -> tuple[PathConstraint | OwnPathConstraint | FrameTolerance, ...]: ...  # noqa: D102
     @property
     def terms(self) -> tuple[OwnTerm, ...]: ...  # noqa: D102
     @property

@@ -18,6 +18,7 @@ from mbocp.robot.kinematics import WORLD
 __all__ = ["FrameTarget", "Targets", "normals_to", "rotation_between", "target_from_words", "targets_of"]
 
 _MIN_NORM = 1e-8  # below, a direction is noise
+_ROUND_OFF = 1e-15  # of a norm: what is written and read again stays as it is
 _COORDINATES = ("x", "y", "z")
 _WORDS = ("name", "position", *_COORDINATES, "orientation", "rpy", "axis", "direction", "relative_to")
 
@@ -199,4 +200,4 @@ def _unit(name: str, value: ArrayLike, size: int) -> Array:
     if not (np.isfinite(norm) and norm > _MIN_NORM):
         what = "a unit quaternion xyzw" if size == 4 else "a direction"
         raise InvalidValue(name, array.tolist(), f"{what}, finite and not zero")
-    return frozen_array(array / norm)
+    return frozen_array(array if abs(norm - 1.0) <= _ROUND_OFF else array / norm)

@@ -1,0 +1,193 @@
+"""Goals of frames with tolerances: bounds on the pose at the last node alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.mechanics import JointMechanics
+from mbocp.robot import Label, Robot
+from mbocp.terms.frame_goal import FrameGoal
+from mbocp.terms.frames import FrameShape
+from mbocp.terms.point import Point
+
+__all__ = ["AtEnd", "FrameTolerance", "ToleranceTerm", "frame_tolerances", "tolerance_bounds"]
+
+
+@dataclass(frozen=True)
+class AtEnd:
+    """The last node as the time when something holds, whatever the duration, see `mbocp.terms.Span`."""
+
+    has_start = False
+
+    def has_end(self, num_steps: int, dt: float) -> bool:
+        """Whether the last node belongs to it."""
+        return True
+
+    def nodes(self, num_steps: int, dt: float) -> BoolArray:
+        """Which of the nodes 1..N belong to it, shape (N,)."""
+        found: BoolArray = np.arange(1, num_steps + 1) == num_steps
+        return found
+
+    def check_horizon(self, key: str, num_steps: int, dt: float, *, is_free: bool) -> None:
+        """Every horizon has an end."""
+
+
+@dataclass(frozen=True)
+class ToleranceTerm:
+    """The structure of a tolerance: what its function depends on.
+
+    Attributes
+    ----------
+    shape : FrameShape
+        Either of the coordinates alone or of the axes alone.
+    """
+
+    shape: FrameShape
+
+    has_velocity = False
+    remembers_controls = False
+
+    @property
+    def is_cone(self) -> bool:
+        """Whether it is about an angle."""
+        return bool(self.shape.turn)
+
+    @property
+    def rows(self) -> int:
+        """One for each coordinate; one for an angle."""
+        return 1 if self.is_cone else len(self.shape.coordinates)
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Size of each parameter: those of the pose, and the tolerances."""
+        return {**self.shape.sizes, "tolerance": self.rows}
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its function depends on."""
+        return {"term": "tolerance", **dataclasses.asdict(self)}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Distances by their tolerances; the square of 2 tan(theta/2) by that of its tolerance."""
+        rows = self.shape.pose(at, p)
+        return ca.sumsqr(rows) / p["tolerance"] ** 2 if self.is_cone else rows / p["tolerance"]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTolerance:
+    """A tolerance of a problem among its path constraints, see `mbocp.problem.PathConstraint`."""
+
+    name: str
+    goal: FrameGoal
+    robot: Robot
+    tolerance: Array  # (rows,) [m, rad]
+
+    span = AtEnd()
+
+    @cached_property
+    def term(self) -> ToleranceTerm:
+        """Its structure, with its expression."""
+        return ToleranceTerm(FrameShape.of(self.goal, self.robot))
+
+    @property
+    def rows(self) -> int:
+        """Number of its values."""
+        return self.term.rows
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """Name and unit of each row."""
+        if self.term.is_cone:
+            return (Label(self.name, "rad"),)
+        return tuple(Label(f"{self.name}.{'xyz'[i]}", "m") for i in self.goal.target.coordinates)
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds, shape (rows,) [m]."""
+        return np.full(1, -np.inf) if self.term.is_cone else -self.tolerance
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds, shape (rows,) [m, rad]."""
+        return self.tolerance
+
+    @property
+    def inner_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the expression."""
+        ones = np.ones(self.rows)
+        return np.full(1, -np.inf) if self.term.is_cone else -ones, ones
+
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """Parameters by name."""
+        numbers = {**FrameShape.numbers(self.goal), "tolerance": self._scale}
+        return {name: numbers[name] for name in self.term.sizes}
+
+    @property
+    def _scale(self) -> Array:
+        return 2.0 * np.tan(self.tolerance / 2.0) if self.term.is_cone else self.tolerance
+
+    def structure(self, rotations: str) -> ToleranceTerm:
+        """The same in all coordinates of attitudes."""
+        return self.term
+
+    def check_frames(self, robot: Robot) -> None:
+        """Goals have been checked before."""
+
+    def values(self, robot: Robot, q: Array, v: Array) -> Array:
+        """Values at one state, shape (rows,) [m, rad]."""
+        found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
+        return found
+
+    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
+        """Values at each of n states, shape (n, rows) [m, rad]."""
+        mechanics, q = JointMechanics(robot), ca.SX.sym("q", robot.nq)
+        numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers.items()}
+        h = self.term.expression(Point(mechanics, q, ca.SX.zeros(robot.nv)), numbers)
+        found: Array = np.asarray(ca.Function("h", [q], [ca.densify(h)]).map(len(qs))(qs.T)).T
+        scaled: Array = found * self._scale
+        return 2.0 * np.arctan(np.sqrt(found) * self._scale / 2.0) if self.term.is_cone else scaled
+
+    def slopes(self, values: Array) -> Array:
+        """Derivatives of the expression in the values."""
+        if not self.term.is_cone:
+            return np.ones_like(values) / self._scale
+        slopes: Array = 4.0 * np.tan(values / 2.0) / (np.cos(values / 2.0) * self._scale) ** 2
+        return slopes
+
+
+def frame_tolerances(goals: tuple[FrameGoal, ...], robot: Robot) -> tuple[FrameTolerance, ...]:
+    """Tolerances of all goals: a box for each position that has one, a cone for each orientation."""
+    return tuple(FrameTolerance(name, part, robot, allowed) for name, part, allowed in _parts(goals))
+
+
+def tolerance_bounds(goals: Sequence[FrameGoal]) -> dict[str, tuple[float, float, str]]:
+    """Lower bound, upper bound and unit of each row, by its name."""
+    found = {}
+    for name, part, allowed in _parts(goals):
+        if not part.target.coordinates.size:
+            found[name] = (-np.inf, float(allowed[0]), "rad")
+        for i, size in zip(part.target.coordinates, allowed, strict=False):
+            found[f"{name}.{'xyz'[i]}"] = (-float(size), float(size), "m")
+    return found
+
+
+def _parts(goals: Sequence[FrameGoal]) -> Iterator[tuple[str, FrameGoal, Array]]:
+    """Name of each tolerance, what of the goal it is about, and how much it allows."""
+    for k, goal in enumerate(goals):
+        target = goal.target
+        name = f"goal of {goal.name}" if len(goals) == 1 else f"goal {k + 1}, of {goal.name}"
+        if goal.position_tolerance is not None:
+            part = FrameGoal(target=replace(target, orientation=None, axis=None, direction=None))
+            yield name, part, np.asarray(goal.position_tolerance)[target.coordinates]
+        if goal.orientation_tolerance is not None:
+            part = FrameGoal(target=replace(target, position=None))
+            yield f"{name}, angle", part, np.array([goal.orientation_tolerance])
