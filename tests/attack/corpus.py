@@ -52,9 +52,12 @@ def _entry(name: str, main: str, text: bytes, **others: bytes) -> Entry:
     return Entry(name, main, {main: text, **others}, (main,))
 
 
+_NO_PROBLEMS = ("lattice", "robot")  # a study, robots
+
+
 def _of_examples() -> tuple[Entry, ...]:
     paths = sorted((ROOT / "examples").rglob("*.toml"))
-    paths = [path for path in paths if path.stem not in ("lattice", "robot") and path.parent.name != "studies"]
+    paths = [path for path in paths if path.parent.name != "studies" and path.stem not in _NO_PROBLEMS]
     return tuple(
         _entry(path.stem, "problem.toml", path.read_bytes(), **_robots_of(path.parent)) for path in paths
     )
