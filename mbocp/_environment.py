@@ -1,4 +1,4 @@
-"""Numbers that environment variables set."""
+"""What the environment says: numbers that its variables set, and processors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 
 from mbocp.exceptions import InvalidValue
 
-__all__ = ["number_from"]
+__all__ = ["available_workers", "number_from"]
 
 
 def number_from(
@@ -41,3 +41,8 @@ def number_from(
     if not is_right:
         raise InvalidValue(name, repr(text), expected)
     return number
+
+
+def available_workers() -> int:
+    """Number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -14,9 +14,11 @@ from pathlib import Path
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
+from mbocp.guesses.several import solve_from_starts
 from mbocp.problem import Problem, load_problem
 from mbocp.solution import Solution
 from mbocp.solution.reading import read_solution
+from mbocp.solution.records import StartRecord
 from mbocp.solvers import IterationRecord, Phase
 from mbocp.solvers.reachability import dependent_end_rows
 from mbocp.solvers.records import timed
@@ -70,9 +72,13 @@ def solve(
     deadline = math.inf if limit is None else begun + limit
     with timed(phases, "compile"):
         formulation, left_out = _formulated(problem, deadline)
-    outcome, guess_used = solve_from_guesses(formulation, warm_start, callback, phases, deadline)
+    starts: tuple[StartRecord, ...] = ()
+    if problem.solver.starts == 1:
+        outcome, guess_used = solve_from_guesses(formulation, warm_start, callback, phases, deadline)
+    else:
+        outcome, guess_used, starts = solve_from_starts(formulation, warm_start, callback, phases, deadline)
     solution = read_solution(
-        formulation, outcome, phases, guess_used=guess_used, left_out=left_out, begun=begun
+        formulation, outcome, phases, guess_used=guess_used, left_out=left_out, begun=begun, starts=starts
     )
     if check and not solution.converged:
         raise NotConverged(solution)

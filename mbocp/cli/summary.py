@@ -24,6 +24,7 @@ _Rows = list[tuple[str, str | Text]]
 
 _MAX_NAMES = 12  # more names than that are counted
 _MAX_LIMITS = 8  # more lines than that nobody reads
+_MAX_STARTS = 6
 
 
 def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[str, Path]] = ()) -> None:
@@ -63,6 +64,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         *_carried(solution.robot_spec),
         ("horizon", f"{_duration(solution)} in {solution.num_steps} steps of {dt:.4g} s{_scheme(solution)}"),
         ("guess", solution.guess_used or "not recorded"),
+        *_starts(solution),
         ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
         ("status", verdict),
         ("cost", f"{solution.cost:.10g}"),
@@ -74,6 +76,20 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("conserved", _conserved(solution)),
         *_hamiltonian(solution),
     ]
+
+
+def _starts(solution: Solution) -> _Rows:
+    """What each of several guesses led to, a line each, the cheapest first."""
+    if not solution.starts:
+        return []
+    ranked = sorted(solution.starts, key=lambda start: (not start.status.is_stationary, start.cost))
+    lines = [
+        f"{start.status}, cost {start.cost:.6g} after {start.iterations} iterations: {start.guess}"
+        for start in ranked[:_MAX_STARTS]
+    ]
+    if len(ranked) > _MAX_STARTS:
+        lines.append(f"and {len(ranked) - _MAX_STARTS} more")
+    return [("starts", "\n".join(lines))]
 
 
 def goal_error(solution: Solution, problem: Problem) -> str:

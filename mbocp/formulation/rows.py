@@ -22,16 +22,18 @@ __all__ = ["RowLabels", "row_describer"]
 class _Times:
     """When steps and the end are; a free duration has no times before it is found."""
 
-    problem: Problem
+    num_steps: int
+    dt: float | None
+    duration: float | None
 
     def step(self, stage: int) -> str:
-        if self.problem.has_free_duration:
-            return f"in step {stage + 1} of {self.problem.num_steps}"
-        return f"in the step to t = {(stage + 1) * self.problem.dt:g} s"
+        if self.dt is None:
+            return f"in step {stage + 1} of {self.num_steps}"
+        return f"in the step to t = {(stage + 1) * self.dt:g} s"
 
     @property
     def end(self) -> str:
-        return "at the end" if self.problem.has_free_duration else f"at t = {self.problem.duration:g} s"
+        return "at the end" if self.duration is None else f"at t = {self.duration:g} s"
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,40 @@ class RowLabels:
     constraints: tuple[Label, ...] = ()
 
 
+@dataclass(frozen=True)
+class _RowWords:
+    """(stage, row) -> words, see `StagewiseProgramme.describe_row`; it can be sent to another process."""
+
+    at: StateLayout
+    labels: RowLabels
+    times: _Times
+    of_end: tuple[str, ...]
+    bounds: StateBounds
+    limits: tuple[str, ...]
+    controls: tuple[str, ...]
+
+    def __call__(self, stage: int, row: int) -> str:
+        at, labels, nc = self.at, self.labels, len(self.labels.constraints)
+        if stage < 0:
+            if row >= len(self.of_end):
+                return f"guard of the end condition {self.times.end}"
+            return f"end condition {row + 1} ({self.of_end[row]}) {self.times.end}"
+        when = self.times.step(stage)
+        if row >= at.ndx + nc:
+            entry = np.flatnonzero(self.bounds.limited[stage])[row - at.ndx - nc]
+            return f"{self.limits[entry]} {when}"
+        if row < at.nw:
+            name = labels.positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"
+            return f"kinematics of {name} {when}"
+        if row < at.nw + at.ns:
+            return f"{labels.balance} of {labels.speeds[row - at.nw].name} {when}"
+        if row < at.ndx - at.nh:
+            return f"previous control {self.controls[row - at.nw - at.ns]} {when}"
+        if row < at.ndx:
+            return f"length {when}"
+        return f"constraint {labels.constraints[row - at.ndx].name} {when}"
+
+
 def row_describer(
     problem: Problem,
     space: ConfigurationSpace | NaturalSpace,
@@ -65,33 +101,24 @@ def row_describer(
     bounds: StateBounds,
 ) -> Callable[[int, int], str]:
     """(stage, row) -> words, see `StagewiseProgramme.describe_row`."""
-    robot, times = problem.robot, _Times(problem)
-    of_end, limits = rows.words(robot, problem.goal), _limits(problem, space, at, labels.speeds)
-    nc = len(labels.constraints)
+    robot, of_end = problem.robot, tuple(rows.words(problem.robot, problem.goal))
     for term in problem.terms:
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
-
-    def describe(stage: int, row: int) -> str:
-        if stage < 0:
-            if row >= len(of_end):
-                return f"guard of the end condition {times.end}"
-            return f"end condition {row + 1} ({of_end[row]}) {times.end}"
-        when = times.step(stage)
-        if row >= at.ndx + nc:
-            entry = np.flatnonzero(bounds.limited[stage])[row - at.ndx - nc]
-            return f"{limits[entry]} {when}"
-        if row < at.nw:
-            name = labels.positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"
-            return f"kinematics of {name} {when}"
-        if row < at.nw + at.ns:
-            return f"{labels.balance} of {labels.speeds[row - at.nw].name} {when}"
-        if row < at.ndx - at.nh:
-            return f"previous control {robot.u_labels[row - at.nw - at.ns].name} {when}"
-        if row < at.ndx:
-            return f"length {when}"
-        return f"constraint {labels.constraints[row - at.ndx].name} {when}"
-
-    return describe
+    is_free = problem.has_free_duration
+    times = _Times(
+        problem.num_steps,
+        dt=None if is_free else problem.dt,
+        duration=None if is_free else problem.duration,
+    )
+    return _RowWords(
+        at,
+        labels,
+        times,
+        of_end,
+        bounds,
+        limits=tuple(_limits(problem, space, at, labels.speeds)),
+        controls=tuple(label.name for label in robot.u_labels),
+    )
 
 
 def _limits(

@@ -26,7 +26,7 @@ from mbocp.solvers import (
 )
 from mbocp.solvers.records import timed
 
-__all__ = ["solve_from_guesses"]
+__all__ = ["interrupted", "is_better", "solve_from_guesses", "with_end"]
 
 
 def solve_from_guesses(
@@ -57,7 +57,7 @@ def solve_from_guesses(
         except KeyboardInterrupt:
             if best is None:
                 raise  # there is nothing to return yet
-            best = (_interrupted(best[0]), best[1])
+            best = (interrupted(best[0]), best[1])
             break
         is_doubtful = best is not None and best[0].result.status is Status.INFEASIBLE
         left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
@@ -69,14 +69,14 @@ def solve_from_guesses(
             label="" if attempt == 0 else f" (guess: {kind})",
         )
         outcome = run_strategy(replace(settings, time_limit=left, is_doubtful=is_doubtful), start)
-        outcome = _with_end(formulation, outcome)
+        outcome = with_end(formulation, outcome)
         history += outcome.result.history
         phases += outcome.phases
         result = outcome.result
-        if best is None or result.status is Status.CONVERGED or _is_better(result, best[0].result):
+        if best is None or result.status is Status.CONVERGED or is_better(result, best[0].result):
             best = (outcome, words)
         elif result.status is Status.INTERRUPTED:
-            best = (_interrupted(best[0]), best[1])
+            best = (interrupted(best[0]), best[1])
         if result.status in (Status.CONVERGED, Status.INTERRUPTED, Status.TIME_LIMIT):
             break
     if best is None:
@@ -85,7 +85,7 @@ def solve_from_guesses(
     return replace(outcome, result=replace(outcome.result, history=tuple(history))), words
 
 
-def _with_end(formulation: Formulation, outcome: Outcome) -> Outcome:
+def with_end(formulation: Formulation, outcome: Outcome) -> Outcome:
     """Outcome that says so where it ends beside the goal; at another root it has not converged."""
     result = outcome.result
     if result.status is not Status.CONVERGED:
@@ -97,12 +97,12 @@ def _with_end(formulation: Formulation, outcome: Outcome) -> Outcome:
     return replace(outcome, result=replace(result, status=status, advice=f"{result.advice}; {missed.words}"))
 
 
-def _interrupted(outcome: Outcome) -> Outcome:
+def interrupted(outcome: Outcome) -> Outcome:
     """Outcome of an earlier guess, returned because a later one was interrupted."""
     return replace(outcome, result=outcome.result.interrupted())
 
 
-def _is_better(new: SolverResult, old: SolverResult) -> bool:
+def is_better(new: SolverResult, old: SolverResult) -> bool:
     """Whether one of two results that have not converged says more: another root, then `infeasible`."""
     if Status.OTHER_ROOT in (new.status, old.status):
         return old.status is not Status.OTHER_ROOT

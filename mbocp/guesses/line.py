@@ -10,11 +10,10 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.guesses.balance import balances
-from mbocp.mechanisms.closed_path import closed_path
-from mbocp.mechanisms.consistency import project_on_constraints, tangent_space
+from mbocp.guesses.ways import Way, straight
+from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
-from mbocp.robot import Robot
 
 __all__ = ["at_rest", "driven_line", "is_whole", "line"]
 
@@ -36,25 +35,25 @@ def is_whole(problem: Problem) -> bool:
     )
 
 
-def line(formulation: Formulation) -> Iterate:
-    """Straight line from start to goal, with the controls that this takes."""
+def line(formulation: Formulation, way: Way | None = None) -> Iterate:
+    """Straight line from start to goal, or another way, with the controls that this takes."""
     problem = formulation.problem
-    qs, vs = _line_states(formulation)
+    qs, vs = _line_states(formulation, way or straight(problem))
     accelerations = np.diff(vs, axis=0) / problem.dt
     dts = given_lengths(problem)
     us, lams = balances(problem.robot, *formulation.evaluation_points(qs, vs, dts), accelerations)
     return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
 
 
-def driven_line(formulation: Formulation) -> Iterate:
-    """Configurations on the line at a steady rate, with the velocities that go with it.
+def driven_line(formulation: Formulation, way: Way | None = None) -> Iterate:
+    """Configurations on the line, or another way, at a steady rate, with the velocities that go with it.
 
     Where controls prescribe velocities, a line is seldom a motion. A little of every drive's speed and
     control breaks the symmetry of tasks whose goal is where they start.
     """
     problem = formulation.problem
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
-    qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
+    qs = (way or straight(problem))(problem.q_start, np.linspace(0.0, 1.0, N + 1))
     rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dt for n in range(N)])
     us = np.zeros((N, robot.nu))
     us[:, robot.nu - len(robot.drives) :] = _NUDGE
@@ -70,29 +69,13 @@ def at_rest(formulation: Formulation) -> Iterate:
     """Configurations on the line, every velocity and control zero: agrees with no kinematics, on purpose."""
     problem = formulation.problem
     robot, N = problem.robot, problem.num_steps
-    qs = _straight(problem, np.linspace(0.0, 1.0, N + 1))
+    qs = straight(problem)(problem.q_start, np.linspace(0.0, 1.0, N + 1))
     still, us = np.zeros((N + 1, robot.nv)), np.zeros((N, robot.nu))
     return formulation.iterate_of(Motion(qs, still, us, given_lengths(problem)), np.zeros((N, robot.nc)))
 
 
-def _straight(problem: Problem, shares: Array) -> Array:
-    """Configurations between start and goal, shares of the way from one to the other."""
-    return _on_the_way(problem.robot, problem.q_start, problem.goal.q, shares)
-
-
-def _on_the_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array:
-    """Configurations on the straight line, or as near to it as closed loops allow."""
-    every = np.arange(robot.nv)
-    if robot.nc:
-        way = closed_path(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
-        if way is not None:
-            return way
-    qs = np.array([pin.interpolate(robot.model, q_start, q_goal, s) for s in shares])
-    return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs
-
-
-def _line_states(formulation: Formulation) -> tuple[Array, Array]:
-    """Nodes on the straight line from start to goal, with velocities that the scheme's kinematics ask for."""
+def _line_states(formulation: Formulation, way: Way) -> tuple[Array, Array]:
+    """Nodes on the way from start to goal, with velocities that the scheme's kinematics ask for."""
     problem = formulation.problem
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
     tau, v_start = formulation.tau, formulation.start_velocity
@@ -102,7 +85,7 @@ def _line_states(formulation: Formulation) -> tuple[Array, Array]:
         s = np.append(0.0, np.linspace(0.0, 1.0, N))
         q_start = pin.integrate(model, q_start, dt * v_start)
     blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
-    qs = _on_the_way(robot, q_start, problem.goal.q, blend)
+    qs = way(q_start, blend)
     qs[0] = problem.q_start
     steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)])
     if tau == 1.0:

@@ -23,11 +23,21 @@ __all__ = ["SolverOptions"]
 class SolverOptions(Options):
     """Choice of the solver and of its stopping rule, checked; `mbocp.solvers.Options` explains them.
 
+    Attributes
+    ----------
+    starts : int
+        Number of guesses from which the problem is solved; the best result is the solution.
+    seed : int
+        Of the random ones among them.
+
     Raises
     ------
     InvalidValue
         If an option is none of the words for it, or a number that cannot be right.
     """
+
+    starts: int = 1
+    seed: int = 0
 
     def __post_init__(self) -> None:
         check_choice("solver.method", self.method, METHODS)
@@ -38,6 +48,9 @@ class SolverOptions(Options):
         check_choice("solver.linear_solver", self.linear_solver, LINEAR_SOLVERS)
         for key in ("tolerance", "theta_max"):
             object.__setattr__(self, key, check_positive(f"solver.{key}", getattr(self, key)))
+        for key, least in (("starts", 1), ("seed", 0)):
+            number = check_integer(f"solver.{key}", getattr(self, key), minimum=least)
+            object.__setattr__(self, key, number)
         if self.max_iterations is not None:
             limit = check_integer("solver.max_iterations", self.max_iterations, minimum=1)
             object.__setattr__(self, "max_iterations", limit)

@@ -15,12 +15,12 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue
-from mbocp.solution.records import IterationRecord, Phase, Status
+from mbocp.solution.records import IterationRecord, Phase, StartRecord, Status
 from mbocp.storage.content import FileContent
 
 __all__ = ["check_content", "read_records"]
 
-_Record = TypeVar("_Record", Phase, IterationRecord)
+_Record = TypeVar("_Record", Phase, IterationRecord, StartRecord)
 
 
 class _Strict(BaseModel):
@@ -68,18 +68,26 @@ def _table_of(record: type) -> type[_Strict]:
     """Model of the table that a record is stored as."""
     hints = get_type_hints(record)
     fields: dict[str, Any] = {
-        f.name: (hints[f.name], ... if f.default is dataclasses.MISSING else f.default)
+        f.name: (_read_as(hints[f.name]), ... if f.default is dataclasses.MISSING else f.default)
         for f in dataclasses.fields(record)
     }
     return create_model(record.__name__, __base__=_Strict, **fields)
 
 
-_TABLES: dict[type, type[_Strict]] = {record: _table_of(record) for record in (Phase, IterationRecord)}
+def _read_as(hint: Any) -> Any:
+    """Kind of a stored value: a status is stored as its word."""
+    return Annotated[Status, Field(strict=False)] if hint is Status else hint
+
+
+_TABLES: dict[type, type[_Strict]] = {
+    record: _table_of(record) for record in (Phase, IterationRecord, StartRecord)
+}
 
 
 class _Structures(_Strict):
     phases: list[dict[str, Any]]
     history: list[dict[str, Any]]
+    starts: list[dict[str, Any]] = []  # of several guesses
     robot_spec: dict[str, Any]
     options: dict[str, Any]
     versions: dict[str, str]

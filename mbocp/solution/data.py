@@ -14,7 +14,7 @@ from mbocp.exceptions import DimensionMismatch
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
 from mbocp.solution.problem_text import duration_range_of, integrator_of, limits_of
-from mbocp.solution.records import IterationRecord, Labels, Phase, Status
+from mbocp.solution.records import IterationRecord, Labels, Phase, StartRecord, Status
 
 __all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "SolutionData"]
 
@@ -124,6 +124,7 @@ class SolutionData:
     robot_spec: Mapping[str, Any] = field(default_factory=dict)
     problem_text: str = ""
     guess_used: str = ""
+    starts: tuple[StartRecord, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     labels: Labels = field(default_factory=Labels)
@@ -145,6 +146,7 @@ class SolutionData:
         object.__setattr__(self, "control_momentum_meanings", self._meanings())
         object.__setattr__(self, "phases", tuple(self.phases))
         object.__setattr__(self, "history", tuple(self.history))
+        object.__setattr__(self, "starts", tuple(self.starts))
         for name in WORDS:
             object.__setattr__(self, name, str(getattr(self, name)))
         for name in NUMBERS:

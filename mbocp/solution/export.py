@@ -112,6 +112,10 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "u_first": solution.u_first.tolist(),
         "u_last": solution.u_last.tolist(),
         "eta": solution.eta.tolist(),
+        "starts": [
+            {"guess": s.guess, "status": str(s.status), "cost": s.cost, "iterations": s.iterations}
+            for s in solution.starts
+        ],
     }
     return {key: _finite(value) for key, value in result.items()}
 

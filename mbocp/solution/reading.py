@@ -13,21 +13,19 @@ import numpy as np
 
 from mbocp import __version__
 from mbocp._arrays import Array
-from mbocp.formulation import Formulation
-from mbocp.formulation.trajectory import Trajectory, read_trajectory
-from mbocp.mechanics.diagnostics import largest_turn
+from mbocp.formulation import Formulation, Motion
+from mbocp.formulation.resolution import unresolved
+from mbocp.formulation.trajectory import read_trajectory
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Robot, singular_closure
-from mbocp.solution.records import Labels
+from mbocp.solution.records import Labels, StartRecord
 from mbocp.solution.solution import Solution
 from mbocp.solvers import Outcome, Phase, SolverResult, Status
 from mbocp.solvers.records import timed
 
 __all__ = ["read_solution"]
-
-_LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size has lost all accuracy
 
 
 def read_solution(
@@ -38,6 +36,7 @@ def read_solution(
     guess_used: str,
     left_out: str,
     begun: float,
+    starts: tuple[StartRecord, ...] = (),
 ) -> Solution:
     """Solution of a formulation from what its solver has come to.
 
@@ -51,6 +50,8 @@ def read_solution(
         Words for the guess, and for rows of the end condition that were left out.
     begun : float
         Time of `time.perf_counter` at which the solve began.
+    starts : tuple of StartRecord
+        What each start came to, where there were several.
     """
     problem, result = formulation.problem, outcome.result
     last = result.record
@@ -58,7 +59,8 @@ def read_solution(
         trajectory = read_trajectory(formulation, result.iterate)
         meanings = _meanings(problem.robot, trajectory.control_momentum_names)
         told = left_out + _singular(problem.robot, trajectory.qs)
-    status, advice = _resolution(problem, result, trajectory)
+    motion = Motion(trajectory.qs, trajectory.vs, trajectory.us, np.diff(trajectory.t))
+    status, advice = _resolution(formulation, result, motion)
     return Solution(
         status=status,
         advice=advice + _compiled_long(problem, result, phases) + told,
@@ -76,6 +78,7 @@ def read_solution(
         robot_spec=dict(problem.robot.spec),
         problem_text=problem_to_toml(problem),
         guess_used=guess_used,
+        starts=starts,
         options=asdict(problem.solver),
         versions=dict(_versions()),
         labels=Labels.of_robot(problem.robot, formulation.constraint_labels),
@@ -107,13 +110,11 @@ def _singular(robot: Robot, qs: Array) -> str:
     return f"; {words}" if words else ""
 
 
-def _resolution(problem: Problem, result: SolverResult, found: Trajectory) -> tuple[Status, str]:
+def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) -> tuple[Status, str]:
     """Status and advice of a result, which is no motion where a joint turns too far in one step."""
-    dt = float(np.diff(found.t).max())
-    name, turn = largest_turn(problem.robot, found.qs, found.vs, dt, problem.substeps)
-    if not turn > _LARGEST_TURN:
+    words = unresolved(formulation, motion)
+    if words is None:
         return result.status, result.advice
-    words = f"{name} turns by {turn:.1f} rad in one step, which is no motion any more"
     remedy = "take more steps, or give cost.velocity a weight"
     if result.status is not Status.CONVERGED:
         return result.status, f"{result.advice}; {words}: {remedy}"

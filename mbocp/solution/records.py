@@ -12,7 +12,7 @@ from mbocp.solvers.records import IterationRecord, Phase, Status
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["Column", "IterationRecord", "Labels", "Phase", "Status", "dual_columns"]
+__all__ = ["Column", "IterationRecord", "Labels", "Phase", "StartRecord", "Status", "dual_columns"]
 
 
 class Column(NamedTuple):
@@ -25,6 +25,30 @@ class Column(NamedTuple):
     def header(self) -> str:
         """`name [unit]`; just the name for a number without unit."""
         return f"{self.name} [{self.unit}]" if self.unit not in ("", "1", "-") else self.name
+
+
+@dataclass(frozen=True)
+class StartRecord:
+    """What the solver came to from one of several guesses.
+
+    Attributes
+    ----------
+    guess : str
+        Words for the guess.
+    status : Status
+    cost : float
+        Objective J at the end.
+    iterations : int
+        Of all phases.
+    """
+
+    guess: str
+    status: Status
+    cost: float
+    iterations: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "status", Status(self.status))
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,8 @@ class Solution(SolutionData):
         Duration of the whole solve [s].
     phases : tuple of Phase
     history : tuple of IterationRecord
+    starts : tuple of StartRecord
+        With `solver.starts` above 1 what each guess led to; empty else.
     t : ndarray, shape (N + 1,)
         Time of the nodes [s].
     qs : ndarray, shape (N + 1, nq)

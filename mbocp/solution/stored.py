@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp.solution.checked import check_content, read_records
 from mbocp.solution.data import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, SolutionData
-from mbocp.solution.records import Column, IterationRecord, Labels, Phase, dual_columns
+from mbocp.solution.records import Column, IterationRecord, Labels, Phase, StartRecord, dual_columns
 from mbocp.storage.content import FileContent
 
 __all__ = ["content_of", "fields_of"]
@@ -25,6 +25,9 @@ def content_of(solution: SolutionData) -> FileContent:
     structures = {name: getattr(solution, name) for name in _STRUCTURES}
     for name in ("phases", "history"):
         structures[name] = [dataclasses.asdict(record) for record in structures[name]]
+    if solution.starts:
+        starts = [dataclasses.asdict(record) for record in solution.starts]
+        structures["starts"] = [{**record, "status": str(record["status"])} for record in starts]
     arrays = {name: getattr(solution, name) for name in ARRAYS}
     arrays |= {name: getattr(solution, name) for name in OPTIONAL if _says_something(solution, name)}
     return FileContent(
@@ -49,6 +52,7 @@ def fields_of(content: FileContent) -> dict[str, Any]:
     fields: dict[str, Any] = {**content.arrays, **content.summary, **content.structures, **content.texts}
     fields["phases"] = read_records(Phase, fields["phases"])
     fields["history"] = read_records(IterationRecord, fields["history"])
+    fields["starts"] = read_records(StartRecord, fields.get("starts", []))
     labels = {name: tuple(Column(*pair) for pair in content.columns[f"{name}s"]) for name in _LABELLED}
     fields["labels"] = Labels(**labels)
     fields["control_momentum_names"] = tuple(name for name, _ in content.columns["control_momenta"])

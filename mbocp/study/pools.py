@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from pebble import CONSTS, ProcessExpired, ProcessPool
 
+from mbocp._environment import available_workers
 from mbocp.exceptions import StudyError
 from mbocp.study.rows import CRASHED, TIMEOUT, failure_row
 
@@ -138,11 +139,6 @@ class ExecutorPool:
         """Take back what has not begun; the executor itself is not ours to shut down."""
         for future in list(self._pending):
             future.cancel()
-
-
-def available_workers() -> int:
-    """Number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _given_up(error: BaseException) -> StudyError:

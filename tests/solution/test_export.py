@@ -21,7 +21,7 @@ KEYS = [
     "manifold_drift_resimulated", "unknowns", "num_steps", "duration", "wall_time_s", "phases",
     "history",
     "control_hamiltonian", "control_momentum_drift",
-    "conserved", "q_final", "p_final", "u_first", "u_last", "eta",
+    "conserved", "q_final", "p_final", "u_first", "u_last", "eta", "starts",
 ]  # fmt: skip
 
 

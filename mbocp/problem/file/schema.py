@@ -303,6 +303,8 @@ class SolverTable(Table):
     switch_iterations: int = SolverOptions.switch_iterations
     time_limit: Finite | None = SolverOptions.time_limit
     linear_solver: str = SolverOptions.linear_solver
+    starts: int = SolverOptions.starts
+    seed: int = SolverOptions.seed
 
 
 class ProblemTable(Table):

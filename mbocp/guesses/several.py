@@ -1,0 +1,200 @@
+"""Solving from several guesses side by side, and the best of what they lead to.
+
+This process takes one start after the other; where they take their time, other processes help it. Each start
+is solved as if it were the only one, so that the result does not depend on who solves it.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+from mbocp._environment import available_workers
+from mbocp.formulation import Formulation
+from mbocp.formulation.resolution import unresolved
+from mbocp.guesses.attempts import interrupted, is_better, with_end
+from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
+from mbocp.solution import Solution
+from mbocp.solution.records import StartRecord
+from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
+from mbocp.solvers.elsewhere import Elsewhere, ElsewhereError
+from mbocp.solvers.records import timed
+
+__all__ = ["solve_from_starts"]
+
+_PATIENCE = 1.0  # [s] after which a process that helps is worth its beginning
+_SAME_COST = 1e-9  # relative: the same minimum, and the earlier start has found it
+
+_Callback: TypeAlias = Callable[[IterationRecord], object]
+
+
+def solve_from_starts(
+    formulation: Formulation,
+    warm_start: Solution | None,
+    callback: _Callback | None,
+    phases: list[Phase],
+    deadline: float,
+    workers: int | None = None,
+) -> tuple[Outcome, str, tuple[StartRecord, ...]]:
+    """Run the solver from `solver.starts` guesses; the best outcome, words for its guess, and all in short.
+
+    Where none of them converges, the kinds of guess that are left are tried in turn.
+    """
+    problem = formulation.problem
+    settings = SolverSettings.of(problem.solver, formulation.programme, has_inequalities=problem.is_bounded)
+    with timed(phases, "guess"):
+        guesses = start_guesses(formulation, warm_start)
+    clock = time.perf_counter()
+    batch = _Batch(formulation, settings, guesses, callback, deadline)
+    batch.run(_helpers() if workers is None else workers - 1)
+    tried = [guesses[i] for i in sorted(batch.outcomes)]
+    ends = [with_end(formulation, batch.outcomes[i]) for i in sorted(batch.outcomes)]
+    if not batch.is_over and not any(end.result.status is Status.CONVERGED for end in ends):
+        for guess in further_kinds(formulation, guesses):
+            end = with_end(formulation, batch.solve(guess, len(tried)))
+            tried, ends = [*tried, guess], [*ends, end]
+            if batch.is_over or end.result.status is Status.CONVERGED:
+                break
+    best = _best(formulation, ends)
+    outcome = interrupted(ends[best]) if batch.is_interrupted else ends[best]
+    seconds = time.perf_counter() - clock - sum(phase.wall_time_s for phase in outcome.phases)
+    phases += (*outcome.phases, Phase("other starts", 0, max(0.0, seconds)))
+    return (
+        outcome,
+        tried[best].words,
+        tuple(_record(formulation, *pair) for pair in zip(tried, ends, strict=True)),
+    )
+
+
+def _helpers() -> int:
+    """Processes that may help: none where this one is a worker among others."""
+    return 0 if multiprocessing.parent_process() is not None else available_workers() - 1
+
+
+@dataclass(eq=False)
+class _Batch:
+    """Starts that are solved side by side."""
+
+    formulation: Formulation
+    settings: SolverSettings
+    guesses: Sequence[StartGuess]
+    callback: _Callback | None
+    deadline: float
+    outcomes: dict[int, Outcome] = field(default_factory=dict)
+    is_interrupted: bool = False
+    _brought: dict[int, Outcome] = field(default_factory=dict)
+    _waiting: deque[int] = field(default_factory=deque)
+    _all_taken: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no further start is to begin."""
+        return self.is_interrupted or time.perf_counter() > self.deadline
+
+    def run(self, helpers: int) -> None:
+        """Solve from all guesses; from as many as there was time for, when interrupted."""
+        self._waiting = deque(range(len(self.guesses)))
+        processes = [Elsewhere() for _ in range(min(helpers, len(self.guesses) - 1))]
+        threads = [threading.Thread(target=self._help, args=(p,), daemon=True) for p in processes]
+        try:
+            for thread in threads:
+                thread.start()
+            self._take()
+            self._all_taken.set()
+            for thread in threads:
+                thread.join()
+            self._take()  # what a process could not do
+            self._show()
+        except KeyboardInterrupt:
+            if not self.outcomes:
+                raise
+            self.is_interrupted = True
+        finally:
+            self._all_taken.set()
+            self.outcomes |= self._brought
+            for process in processes:
+                process.close()
+
+    def solve(self, guess: StartGuess, number: int) -> Outcome:
+        """Outcome of one start, in this process."""
+        start = Start(self.formulation.programme, guess.iterate, self.callback, label=_label(number))
+        outcome = run_strategy(self._settings(), start)
+        self.is_interrupted |= outcome.result.status is Status.INTERRUPTED
+        return outcome
+
+    def _settings(self) -> SolverSettings:
+        left = None if math.isinf(self.deadline) else max(0.0, self.deadline - time.perf_counter())
+        return replace(self.settings, time_limit=left)
+
+    def _next(self) -> int | None:
+        try:
+            return self._waiting.popleft()
+        except IndexError:
+            return None
+
+    def _take(self) -> None:
+        while not self.is_interrupted and (number := self._next()) is not None:
+            self.outcomes[number] = self.solve(self.guesses[number], number)
+
+    def _show(self) -> None:
+        """Show the records of other processes, as if they came now."""
+        if self.callback is not None:
+            for number in sorted(self._brought):
+                for record in self._brought[number].result.history:
+                    self.callback(record)
+
+    def _help(self, process: Elsewhere) -> None:
+        """What a thread does: it has a process solve what is left, if that takes its time."""
+        if self._all_taken.wait(_PATIENCE):
+            return
+        while (number := self._next()) is not None:
+            iterate, label = self.guesses[number].iterate, _label(number)
+            try:
+                found = process.run(self._settings(), self.formulation.programme, iterate, label)
+            except ElsewhereError:
+                self._waiting.append(number)
+                return
+            self._brought[number] = found
+
+
+def _label(number: int) -> str:
+    return f" (start {number + 1})" if number else ""
+
+
+def _best(formulation: Formulation, ends: Sequence[Outcome]) -> int:
+    """Which outcome is the best: the cheapest that converged, motions that the steps resolve first."""
+    best, rank = 0, _rank(formulation, ends[0])
+    for i, end in enumerate(ends[1:], start=1):
+        new, old = _rank(formulation, end), rank
+        if new != old:
+            is_preferred = new < old
+        elif end.result.status is Status.CONVERGED:
+            cost, least = end.result.record.cost, ends[best].result.record.cost
+            is_preferred = cost < least - _SAME_COST * abs(least)
+        else:
+            is_preferred = is_better(end.result, ends[best].result)
+        best, rank = (i, new) if is_preferred else (best, rank)
+    return best
+
+
+def _rank(formulation: Formulation, end: Outcome) -> int:
+    status = _status(formulation, end)
+    return {Status.CONVERGED: 0, Status.UNDER_RESOLVED: 1}.get(status, 2)
+
+
+def _status(formulation: Formulation, end: Outcome) -> Status:
+    result = end.result
+    if result.status is not Status.CONVERGED:
+        return result.status
+    is_resolved = unresolved(formulation, formulation.motion_of(result.iterate)) is None
+    return Status.CONVERGED if is_resolved else Status.UNDER_RESOLVED
+
+
+def _record(formulation: Formulation, guess: StartGuess, end: Outcome) -> StartRecord:
+    return StartRecord(guess.words, _status(formulation, end), end.result.record.cost, end.iterations)

@@ -1,0 +1,121 @@
+"""The guesses from which a problem is solved several times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain, count
+
+import numpy as np
+
+from mbocp.exceptions import ProblemError
+from mbocp.formulation import Formulation
+from mbocp.guesses.from_solution import iterate_from_solution
+from mbocp.guesses.kinds import guess_candidates
+from mbocp.guesses.line import driven_line, line
+from mbocp.guesses.make import make_guess
+from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
+from mbocp.problem import Guess
+from mbocp.programme import Iterate
+from mbocp.solution import Solution
+
+__all__ = ["StartGuess", "further_kinds", "start_guesses"]
+
+_MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried
+
+_Maker = Callable[[], tuple[Iterate, str]]
+
+
+@dataclass(frozen=True, eq=False)
+class StartGuess:
+    """A guess, and words for it.
+
+    Attributes
+    ----------
+    kind : str
+        "" for those that a user cannot name.
+    words : str
+    iterate : Iterate
+    """
+
+    kind: str
+    words: str
+    iterate: Iterate
+
+
+def start_guesses(formulation: Formulation, warm_start: Solution | None) -> list[StartGuess]:
+    """As many guesses as the problem asks for, `solver.starts`, or as can be made.
+
+    First the warm start or the problem's own guess, then the other kinds that suit the problem, then lines to
+    other configurations with frames at the goal, then ways on which a joint turns the other way around, then
+    ways through random configurations.
+
+    Raises
+    ------
+    ProblemError
+        If the first one, asked for by name, cannot be made.
+    """
+    wanted = formulation.problem.solver.starts
+    found: list[StartGuess] = []
+    failed: list[ProblemError] = []
+    for kind, make in _makers(formulation, warm_start):
+        try:
+            iterate, words = make()
+        except ProblemError as error:
+            if formulation.problem.guess.kind == kind:
+                raise
+            failed.append(error)
+        else:
+            found.append(StartGuess(kind, words, iterate))
+        if len(found) == wanted or len(failed) == _MAX_FAILED:
+            break
+    if not found:
+        raise ProblemError("no initial guess could be made; give guess.kind and guess.u") from failed[0]
+    return found
+
+
+def further_kinds(formulation: Formulation, tried: list[StartGuess]) -> Iterator[StartGuess]:
+    """Guesses of the kinds that suit the problem and have not been tried."""
+    known = {guess.kind for guess in tried}
+    for kind in _kinds(formulation):
+        if kind not in known:
+            try:
+                iterate, words = make_guess(kind, formulation)
+            except ProblemError:
+                continue
+            yield StartGuess(kind, words, iterate)
+
+
+def _makers(formulation: Formulation, warm_start: Solution | None) -> Iterator[tuple[str, _Maker]]:
+    if warm_start is not None:
+        yield (
+            "warm start",
+            lambda: (iterate_from_solution(warm_start, formulation), "warm start from a solution"),
+        )
+    for kind in _kinds(formulation):
+        yield kind, partial(make_guess, kind, formulation)
+    for words, way in chain(
+        branch_ways(formulation.problem), turned_ways(formulation), _random_ways(formulation)
+    ):
+        yield "", partial(_along, formulation, words, way)
+
+
+def _kinds(formulation: Formulation) -> tuple[str, ...]:
+    """The problem's own kind, then those that suit the problem."""
+    problem = formulation.problem
+    own = guess_candidates(problem)
+    suited = guess_candidates(problem.with_(guess=Guess())) if problem.guess.kind != "auto" else ()
+    return (*own, *(kind for kind in suited if kind not in own))
+
+
+def _random_ways(formulation: Formulation) -> Iterator[tuple[str, Way]]:
+    problem = formulation.problem
+    for number in count(1):
+        rng = np.random.default_rng([problem.solver.seed, number])
+        yield f"line through random configuration {number}", random_way(problem, rng)
+
+
+def _along(formulation: Formulation, words: str, way: Way) -> tuple[Iterate, str]:
+    make = driven_line if formulation.problem.robot.drives else line
+    return make(formulation, way), words
