@@ -42,13 +42,23 @@ def state_bounds(
     free = np.full(at.nh, np.inf)
     path_lower, path_upper = _path_bounds(problem)
     return StateBounds(
-        x_lower=StateBounds.everywhere(lower, N),
-        x_upper=StateBounds.everywhere(upper, N),
+        x_lower=_of_states(lower, -np.inf, at, N),
+        x_upper=_of_states(upper, np.inf, at, N),
         u_lower=StateBounds.everywhere(np.concatenate([limits.u_lower, -free]), N),
         u_upper=StateBounds.everywhere(np.concatenate([limits.u_upper, free]), N),
         path_lower=path_lower,
         path_upper=path_upper,
     )
+
+
+def _of_states(row: Array, none: float, at: StateLayout, num_steps: int) -> Array:
+    """Bounds at all nodes, shape (N, nx); of the step length at the first alone, since the others repeat it."""
+    rows = StateBounds.everywhere(row, num_steps)
+    if not at.nh:
+        return rows
+    rows = np.array(rows)
+    rows[1:, at.h] = none
+    return rows
 
 
 def _path_bounds(problem: Problem) -> tuple[Array, Array]:

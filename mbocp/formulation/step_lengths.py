@@ -7,7 +7,7 @@ and 0 elsewhere,
 
 So all steps of a phase are as long as each other, and the programme stays one of stages: no solver has to
 know. Where e is 0 nothing depends on the control w. Half its square is added to the cost there, which is zero
-at the optimum. Bounds keep h positive.
+at the optimum. Bounds keep h_1 positive, and the rows above the others.
 """
 
 from __future__ import annotations
