@@ -24,7 +24,7 @@ from tests.campaign.tasks import draw
 from tests.checker import check_solution
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-FREE = {"min": 0.02, "max": 5.0, "guess": 0.2}
+FREE = {"min": 0.02, "max": 5.0, "guess": 0.17}
 
 
 def pendulum(scheme: str = "midpoint", steps: int = 24, **words: Any) -> mbocp.Problem:

@@ -52,7 +52,7 @@ def state_bounds(
 
 
 def _of_states(row: Array, none: float, at: StateLayout, num_steps: int) -> Array:
-    """Bounds at all nodes, shape (N, nx); of the step length at the first alone, since the others repeat it."""
+    """Bounds at all nodes, shape (N, nx); of the step length at the first: the others repeat it."""
     rows = StateBounds.everywhere(row, num_steps)
     if not at.nh:
         return rows
