@@ -38,6 +38,7 @@ __all__ = [
 
 _BRANCHES, _RESTARTS = 8, 24  # looked for at first; an arm of six joints has eight
 _MANY_RESTARTS = 200  # before a pose counts as out of reach
+_ORDINARY_NV, _MIN_RESTARTS = 12, 8
 _AT_POSE = 1e-8  # [m, rad] of a goal.q that is kept
 
 
@@ -103,12 +104,22 @@ def goal_branches(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> I
     for choice in _limit_choices(limits):
         for branches, restarts in ((_BRANCHES, _RESTARTS), (1, _MANY_RESTARTS)):
             found_now = robot.inverse_kinematics(
-                targets, start, fixed=fixed, branches=branches, restarts=restarts, within_limits=choice
+                targets,
+                start,
+                fixed=fixed,
+                branches=branches,
+                restarts=_affordable(restarts, robot.nv),
+                within_limits=choice,
             )
             if found_now.reached:
                 return found_now
         found = found or found_now
     return found if found is not None else found_now
+
+
+def _affordable(restarts: int, nv: int) -> int:
+    """Fewer restarts for robots of many joints: each takes longer, and the first reaches what is in reach."""
+    return max(_MIN_RESTARTS, round(restarts * min(1.0, (_ORDINARY_NV / max(nv, 1)) ** 2)))
 
 
 def _asked(robot: Robot, goal: Goal, q_start: Array) -> tuple[list[FrameTarget], Array, list[str]]:

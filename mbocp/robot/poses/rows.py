@@ -43,7 +43,7 @@ class _Part(NamedTuple):
     at: tuple[int, ...]  # coordinates that are asked for
     wanted: Array  # (3,) position
     rotation: Array | None  # (3, 3)
-    normals: Array | None  # (3, 2) to the direction of an axis
+    arc: Array | None  # (2, 3) from a rotation vector of an axis to the two rows of its arc
 
 
 class PoseRows:
@@ -71,7 +71,9 @@ class PoseRows:
                 tuple(int(i) for i in target.coordinates),
                 np.zeros(3) if target.position is None else np.array(target.position),
                 None if target.orientation is None else target.rotation,
-                None if target.direction is None else normals_to(target.direction),
+                None
+                if target.direction is None
+                else -normals_to(target.direction).T @ pin.skew(target.direction),
             )
             for target, (frame, reference) in zip(targets, frame_ids, strict=True)
         ]
@@ -117,9 +119,8 @@ class PoseRows:
         rows = [(p - part.wanted)[list(part.at)]] if part.at else []
         if part.rotation is not None:
             rows.append(pin.log3(part.rotation.T @ R))
-        elif part.normals is not None and part.target.direction is not None:
-            turn = rotation_between(part.target.direction, R @ part.target.axis)
-            rows.append(part.normals.T @ np.cross(turn, part.target.direction))
+        elif part.arc is not None and part.target.direction is not None:
+            rows.append(part.arc @ rotation_between(part.target.direction, R @ part.target.axis))
         return rows
 
     def _derivatives(self, part: _Part) -> list[Array]:
@@ -131,12 +132,11 @@ class PoseRows:
         rows = [moved[list(part.at)]] if part.at else []
         if part.rotation is not None:
             rows.append(part.rotation.T @ moved[3:])
-        elif part.normals is not None and part.target.direction is not None:
+        elif part.arc is not None:
             a = data.oMf[part.frame].rotation @ part.target.axis
             if part.reference:
                 a = data.oMf[part.reference].rotation.T @ a
-            turns = moved[3:] - np.outer(a, a @ moved[3:])
-            rows.append(np.cross(part.target.direction, part.normals, axisb=0) @ turns)
+            rows.append(part.arc @ (moved[3:] - np.outer(a, a @ moved[3:])))
         return rows
 
     def _relative(self, part: _Part, moved: Array) -> Array:
@@ -147,8 +147,14 @@ class PoseRows:
         base = base.reshape(6, self.model.nv)
         away = data.oMf[part.frame].translation - data.oMf[part.reference].translation
         turned: Array = data.oMf[part.reference].rotation.T
-        lines = moved[:3] - base[:3] + np.cross(away[:, None], base[3:], axis=0)
+        lines = moved[:3] - base[:3] + pin.skew(away) @ base[3:]
         return np.vstack([turned @ lines, turned @ (moved[3:] - base[3:])])
+
+
+def _arc(direction: Array) -> Array:
+    """Matrix from a rotation vector normal to a direction to its arc's components normal to it, (2, 3)."""
+    arc: Array = -normals_to(direction).T @ pin.skew(direction)
+    return arc
 
 
 def placement_of(model: pin.Model, q: Array, frame: int, reference: int) -> pin.SE3:

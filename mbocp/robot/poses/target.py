@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -170,10 +171,10 @@ def target_from_words(words: Mapping[str, Any]) -> FrameTarget:
 
 def rotation_between(a: Array, b: Array) -> Array:
     """Smallest rotation vector that takes the unit vector `a` into `b`, shape (3,) [rad]."""
-    normal = np.cross(a, b)
-    sine, cosine = float(np.linalg.norm(normal)), float(a @ b)
+    normal = pin.skew(a) @ b  # much quicker than np.cross
+    sine, cosine = math.sqrt(normal @ normal), float(a @ b)
     if sine > 0.0:
-        turned: Array = normal * (np.arctan2(sine, cosine) / sine)
+        turned: Array = normal * (math.atan2(sine, cosine) / sine)
         return turned
     if cosine > 0.0:
         return np.zeros(3)
