@@ -9,8 +9,9 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.solution.data import SolutionData
-from mbocp.solution.problem_text import duration_range_of, path_bounds_of
+from mbocp.solution.problem_text import PathRow, duration_range_of, path_rows_of
 from mbocp.solution.records import Column
+from mbocp.terms.span import Span
 
 __all__ = ["ActiveLimit", "active_limits"]
 
@@ -47,7 +48,10 @@ class ActiveLimit:
 
 
 def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
-    """Limits that the motion touches, in the order control, velocity, position, path, duration."""
+    """Limits that the motion touches, in the order control, velocity, position, path, duration.
+
+    Path constraints that are equations are none: every motion touches them.
+    """
     labels = solution.labels
     found: list[ActiveLimit] = []
     for kind, columns, values, limits in (
@@ -57,16 +61,18 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
     ):
         found += _touched(kind, columns, values, limits)
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
-    bounds = path_bounds_of(solution.problem_text) if solution.path_names else {}
+    rows = path_rows_of(solution.problem_text) if solution.path_names else {}
+    N, unknown = len(solution.t) - 1, PathRow(np.nan, np.nan, "", Span())
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
-        lower, upper, unit = bounds.get(name, (np.nan, np.nan, ""))
+        row = rows.get(name, unknown)
+        total = N if row.span == Span() else int(np.count_nonzero(row.span.nodes(N, solution.t[-1] / N)))
         for side, bound, active in (
-            ("lower", lower, multipliers < -pulls),
-            ("upper", upper, multipliers > pulls),
+            ("lower", row.lower, multipliers < -pulls),
+            ("upper", row.upper, multipliers > pulls),
         ):
-            if active.any():
+            if active.any() and not row.is_equation:
                 count = int(np.count_nonzero(active))
-                found.append(ActiveLimit("path", name, side, bound, unit, count, len(active)))
+                found.append(ActiveLimit("path", name, side, bound, row.unit, count, total))
     of_duration = duration_range_of(solution.problem_text)
     if of_duration is not None:
         taken = np.array([[float(solution.t[-1] - solution.t[0])]])

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mbocp._arrays import Array
 from mbocp._files import parse_toml
+from mbocp._numbers import is_number
 from mbocp.exceptions import InvalidValue, MbocpError, Unreadable
 from mbocp.robot import FrameTarget
 from mbocp.robot.poses.target import target_from_words
 from mbocp.terms import PATH_TERMS, FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
 from mbocp.terms.frame_tolerance import tolerance_bounds
+from mbocp.terms.span import SPAN, Span
 
-__all__ = ["duration_range_of", "goal_targets_of", "integrator_of", "limits_of", "path_bounds_of"]
+__all__ = ["PathRow", "duration_range_of", "goal_targets_of", "integrator_of", "limits_of", "path_rows_of"]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
 
@@ -130,8 +132,31 @@ def _frame_goals(problem: _Problem | None) -> list[FrameGoal]:
     return found
 
 
-def path_bounds_of(problem_text: str) -> dict[str, tuple[float, float, str]]:
-    """Lower bound, upper bound and unit of each row of the path constraints, by the row's name.
+class PathRow(NamedTuple):
+    """What a row of the path constraints says.
+
+    Attributes
+    ----------
+    lower, upper : float
+        Bounds; the same where it is an equation.
+    unit : str
+    span : Span
+        When it holds.
+    """
+
+    lower: float
+    upper: float
+    unit: str
+    span: Span
+
+    @property
+    def is_equation(self) -> bool:
+        """Whether both bounds are the same."""
+        return self.lower == self.upper
+
+
+def path_rows_of(problem_text: str) -> dict[str, PathRow]:
+    """What each row of the path constraints says, by the row's name.
 
     Raises
     ------
@@ -139,21 +164,29 @@ def path_bounds_of(problem_text: str) -> dict[str, tuple[float, float, str]]:
         If the text is TOML, but no problem.
     """
     problem = _parsed(problem_text)
-    found: dict[str, tuple[float, float, str]] = {}
+    found: dict[str, PathRow] = {}
     for table in problem.path if problem is not None else ():
         kind = PATH_TERMS.get(str(table.get("kind")))
         name, unit = str(table.get("name", "")), "" if kind is None else kind.unit
         pairs = {f"{name}.{axis}": table[axis] for axis in "xyz" if _pairs([table.get(axis)])}
         ends = [table.get("min", -np.inf), table.get("max", np.inf)]
         pairs |= {name: ends} if not pairs and _pairs([ends]) else {}
-        found |= {row: (float(lower), float(upper), unit) for row, (lower, upper) in pairs.items()}
-    found |= tolerance_bounds(_frame_goals(problem))
+        sides = {row: (float(lower), float(upper)) for row, (lower, upper) in pairs.items()}
+        found |= {row: PathRow(*bounds, unit, _span_of(table)) for row, bounds in sides.items()}
+    found |= {
+        row: PathRow(*bounds, Span()) for row, bounds in tolerance_bounds(_frame_goals(problem)).items()
+    }
     for table in problem.terms if problem is not None else ():
         name, rows = str(table.get("name", "")), _rows_of(table)
         labels = [name] if len(rows) == 1 else [f"{name}.{i}" for i in range(len(rows))]
-        unit = str(table.get("unit", ""))
-        found |= {label: (low, high, unit) for label, (low, high) in zip(labels, rows, strict=True)}
+        unit, span = str(table.get("unit", "")), _span_of(table)
+        found |= {label: PathRow(*bounds, unit, span) for label, bounds in zip(labels, rows, strict=True)}
     return found
+
+
+def _span_of(table: dict[str, Any]) -> Span:
+    """When a path constraint holds; times that are no numbers are left out."""
+    return Span(*(float(time) if is_number(time) else None for time in (table.get(key) for key in SPAN)))
 
 
 def _rows_of(table: dict[str, Any]) -> list[tuple[float, float]]:
