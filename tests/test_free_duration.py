@@ -145,6 +145,14 @@ def test_the_tool_of_an_arm_gets_to_a_pose_in_the_least_time() -> None:
     assert fastest.max() > 0.9 * s.duration
 
 
+def test_several_starts_find_the_way_aside() -> None:
+    """Straight about its axis a satellite takes 34.3 s, a stationary motion."""
+    words = {"horizon.steps": 60, "guess": {"kind": "auto"}}
+    path = EXAMPLES / "optima" / "reorientation.toml"
+    assert solved(load_problem(path, words)).duration == pytest.approx(34.3112, abs=1e-3)
+    assert solved(load_problem(path, {**words, "solver.starts": 8})).duration < 28.65
+
+
 def test_bounds_of_the_duration_are_kept_and_named() -> None:
     for bounds, side in (({"min": 0.3, "max": 5.0}, "lower"), ({"min": 0.01, "max": 0.1}, "upper")):
         s = solved(pendulum(duration=bounds))

@@ -69,6 +69,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "num_steps",
         "duration",
         "wall_time_s",
+        "starts",
         "phases",
         "history",
         "control_hamiltonian",
