@@ -6,6 +6,7 @@ cd "$(dirname "$0")/.."
 python=$PWD/.venv/bin/python
 build=$PWD/build/sanitize
 tree=$build/tree # a copy of the package with the instrumented modules in it
+mkdir -p "${build%/*}"
 
 "$python" -m cmake -G Ninja -S mbocp/_native -B "$build" -DMBOCP_SANITIZE=ON -DCMAKE_BUILD_TYPE=None \
     -DPython_EXECUTABLE="$python" -DCMAKE_MAKE_PROGRAM="$PWD/.venv/bin/ninja" >"$build.log" ||
