@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mbocp
+from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
@@ -115,6 +116,16 @@ def test_rows_that_repeat_others_do_no_harm() -> None:
     inner = slice(1, -2)
     np.testing.assert_allclose(twice.lam_path.sum(axis=1)[inner], once.lam_path[inner, 0], atol=1e-8)
     assert np.abs(once.qs @ [1.25, 1.0, 0.0] + 7.5).max() < 1e-13
+
+
+def test_fatrop_refuses_what_is_too_much_for_its_last_node() -> None:
+    problem = load("start.p=[-3, 3.75, 0]", terms=(plane(),))
+    with pytest.raises(
+        ProblemError, match='"fatrop" takes at most 6 equations at the last node, got 6 of the'
+    ):
+        mbocp.solve(problem, solver="fatrop")
+    early = load("start.p=[-3, 3.75, 0]", terms=(plane(until=4.5),))
+    agree(solved(early), solved(early, "fatrop"), 1e-7)
 
 
 def test_an_equation_is_the_limit_of_a_narrow_box() -> None:

@@ -22,6 +22,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._linear import norm
+from mbocp.exceptions import ProblemError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, calm_or_none, parameters
@@ -74,7 +75,15 @@ class InteriorPoint:
         phase: str = "",
         first: int = 0,
     ) -> SolverResult:
-        """Solve from an iterate; its multipliers are not used."""
+        """Solve from an iterate; its multipliers are not used.
+
+        Raises
+        ------
+        ProblemError
+            If there are more equations at the last node than fatrop takes.
+        """
+        if self.name == "fatrop":
+            _check_end(programme)
         compiled = _compiled(_Key.of(self, programme))
         lay, iteration_callback = compiled.layout, compiled.iteration_callback
         log = IterationLog(phase or self.name, first, callback)
@@ -249,6 +258,18 @@ class _Compiled:
     def violations(self, w: Array, p: Array, bounds: dict[str, Array]) -> Array:
         """By how much each row misses its bounds, shape (num_rows,)."""
         return _missed(np.array(self.functions.g(w, p)).ravel(), bounds, "g")
+
+
+def _check_end(programme: StagewiseProgramme) -> None:
+    """Refuse more equations than unknowns at the last node, which has no controls."""
+    bounds, nx = programme.bounds, programme.kinds[0].nx
+    of_path = int(np.count_nonzero(bounds.path_lower[-1] == bounds.path_upper[-1]))
+    ng = programme.ng
+    if ng + of_path > nx:
+        raise ProblemError(
+            f'solver.method: "fatrop" takes at most {nx} equations at the last node, got {ng} of the '
+            f'goal and {of_path} of path constraints; end these before it, or take "monolithic" or "ipopt"'
+        )
 
 
 def _missed(values: Array, bounds: dict[str, Array], letter: str) -> Array:
