@@ -10,20 +10,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.parameters import ParameterLayout, mask
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.problem import Problem
+from mbocp.problem.typical import typical_force
 from mbocp.programme.units import Units
-from mbocp.robot.large import working_data
 
 __all__ = ["ordinary_units", "units_of"]
 
 _ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]
 _ORDINARY_COST = (2.0**-10, 2.0**20)
-_BEND = 0.7  # of every joint [rad, m]
 
 
 def units_of(
@@ -56,7 +54,9 @@ def units_of(
 
 def ordinary_units(problem: Problem) -> tuple[float, float]:
     """Unit of force [N, N m] and factor of the cost, see `Units`; (1, 1): the user's."""
-    force = _typical_force(problem)
+    goal = problem.goal
+    is_asked = goal.q_active | bool(goal.poses)
+    force = typical_force(problem.robot, problem.q_start, problem.v_start, goal.q, is_asked, problem.duration)
     cost = _typical_cost(problem, force)
     if _is_within(force, _ORDINARY_FORCE) and _is_within(cost, _ORDINARY_COST):
         return 1.0, 1.0
@@ -70,24 +70,6 @@ def _is_within(value: float, band: tuple[float, float]) -> bool:
 
 def _power_of_two(value: float) -> float:
     return 2.0 ** round(math.log2(value)) if 0.0 < value < math.inf else 1.0
-
-
-def _typical_force(problem: Problem) -> float:
-    """Largest generalised force that gravity, or a motion from start to goal, takes [N, N m].
-
-    Gravity is looked at in a bent pose, too: a pendulum that hangs takes none.
-    """
-    robot, goal, T = problem.robot, problem.goal, problem.duration
-    away = np.where(goal.q_active | bool(goal.poses), np.abs(robot.difference(problem.q_start, goal.q)), 0.0)
-    accelerations = np.maximum(4.0 * away / T**2, np.abs(problem.v_start) / T)
-    data, still = working_data(robot.model), np.zeros(robot.nv)
-    found = 0.0
-    bent = robot.integrate(problem.q_start, np.full(robot.nv, _BEND))
-    for q in (problem.q_start, np.asarray(goal.q), np.asarray(bent)):
-        gravity = np.array(pin.rnea(robot.model, data, q, still, still))
-        inertia = np.array(pin.rnea(robot.model, data, q, still, accelerations)) - gravity
-        found = max(found, float(np.abs(gravity).max()), float(np.abs(inertia).max()))
-    return found
 
 
 def _typical_cost(problem: Problem, force: float) -> float:

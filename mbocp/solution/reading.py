@@ -115,7 +115,7 @@ def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) 
     words = unresolved(formulation, motion)
     if words is None:
         return result.status, result.advice
-    remedy = "take more steps, or give cost.velocity a weight"
+    remedy = 'take more steps, or give cost.velocity a weight ("auto")'
     if result.status is not Status.CONVERGED:
         return result.status, f"{result.advice}; {words}: {remedy}"
     return Status.UNDER_RESOLVED, f"{words}: {remedy}; the optimality conditions hold: {result.advice}"

@@ -13,7 +13,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Target, Weights
-from mbocp.terms.written import Control, Finite, Key, Table
+from mbocp.terms.written import Control, ControlOrAuto, Finite, Key, Table
 
 __all__ = ["Acceleration", "ControlRate", "Effort", "Fuel", "Potential", "Tracking", "Velocity"]
 
@@ -206,8 +206,14 @@ class Velocity(Weighted):
         """Keys."""
 
         velocity: Annotated[
-            Control,
-            Key("number, vector", "", "0", "W, diagonal: one weight for all, or one for each component of v"),
+            ControlOrAuto,
+            Key(
+                'number, vector, `"auto"`',
+                "",
+                '0; `"auto"` without [cost]',
+                'W, diagonal: one weight for all, or one for each component of v; `"auto"`: '
+                "[from forces and duration](#a-problem-without-cost)",
+            ),
         ] = None
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:

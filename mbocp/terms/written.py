@@ -13,8 +13,10 @@ from mbocp._numbers import as_float, finite_number, is_number
 from mbocp._text import shown
 
 __all__ = [
+    "AUTO",
     "Bound",
     "Control",
+    "ControlOrAuto",
     "Finite",
     "Key",
     "Named",
@@ -127,7 +129,13 @@ def _control(value: Any) -> float | Vector | Named:
     return finite_number(value)
 
 
+def _control_or_auto(value: Any) -> float | Vector | Named | str:
+    return AUTO if value == AUTO else _control(value)
+
+
+AUTO = "auto"  # what is written where mbocp is to choose
 VectorOrNamed = Annotated[Any, BeforeValidator(vector_or_named)]
+ControlOrAuto = Annotated[Any, BeforeValidator(_control_or_auto)]
 Trajectory = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
 Control = Annotated[Any, BeforeValidator(_control)]
 Finite = Annotated[float, BeforeValidator(finite_number)]

@@ -57,7 +57,7 @@ def test_tracking_with_zero_weights_is_refused(swing: Maker) -> None:
 
 def test_velocity_weights(ur5: Robot) -> None:
     goal = {"q": [0.1] * 6}
-    np.testing.assert_array_equal(Problem.create(ur5, 1.0, 10, goal=goal).cost.velocity, np.zeros(6))
+    np.testing.assert_array_equal(Problem.create(ur5, 1.0, 10, goal=goal, cost={}).cost.velocity, np.zeros(6))
     every = Problem.create(ur5, 1.0, 10, goal=goal, cost={"velocity": 2.0}).cost.velocity
     np.testing.assert_array_equal(every, np.full(6, 2.0))
     one = Problem.create(ur5, 1.0, 10, goal=goal, cost={"velocity": {"wrist_3_joint": 2.0}}).cost.velocity

@@ -94,6 +94,7 @@ def test_create_is_the_file(load: Loader) -> None:
         20,
         start={"q": np.array([0, -1.57, 0, -1.57, 0, 0])},
         goal={"q": (0.5, -1.2, 0.5, -0.3, 0.4, 0.2), "v": np.zeros(6)},
+        cost={"effort": 1.0},
     )
     same(created, load())
 

@@ -41,8 +41,10 @@ from mbocp.problem.guess import Guess
 from mbocp.problem.horizon import check_horizon
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.robot import Robot, robot_from_spec
 from mbocp.terms import COST_TERMS, OwnTerm
+from mbocp.terms.written import AUTO
 
 __all__ = ["from_tables"]
 
@@ -102,8 +104,11 @@ def _fields(
     check_horizon(num_steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
     q_start, v_start = _start(table.start, robot)
     goal = _goal(table.goal, robot, q_start)
+    is_left_to_us = "cost" not in table.model_fields_set and not (terms or table.terms)
+    written: Any = table.cost
+    cost = written.model_copy(update={"velocity": AUTO}) if is_left_to_us else written
     return {
-        "cost": _cost(table.cost, _CostReader(robot, goal, folder, horizon, num_steps)),
+        "cost": _cost(cost, _CostReader(robot, goal, folder, horizon, num_steps, q_start, v_start)),
         **horizon,
         "num_steps": num_steps,
         "robot": robot,
@@ -208,6 +213,8 @@ class _CostReader:
     folder: Path
     horizon: dict[str, Any]  # duration and its range
     num_steps: int
+    q_start: Array
+    v_start: Array
 
     def on_controls(self, written: Any, key: str) -> Any:
         if isinstance(written, float):
@@ -218,6 +225,10 @@ class _CostReader:
     def on_velocities(self, written: Any, key: str) -> Array:
         if written is None:
             return np.zeros(self.robot.nv)
+        if written == AUTO:
+            goal, T = self.goal, self.horizon["duration"]
+            ends = (self.q_start, self.v_start, goal.q, goal.q_active)
+            return velocity_weight(self.robot, typical_force(self.robot, *ends, T), T)
         with located(key):
             return weights_from(self.robot, written, key)
 
