@@ -6,7 +6,8 @@ import argparse
 import time
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median, quantiles
 
@@ -28,8 +29,8 @@ _FINGERS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
 _ARMS = {"ur5": ("tool0", {}), "panda": ("panda_hand_tcp", _FINGERS)}
 
 
-def pose_tasks(name: str, number: int, seed: int = 0) -> Iterator[Problem]:
-    """Rest to rest from a random configuration to the pose that the tool has at another.
+def pose_tasks(name: str, number: int, seed: int = 0, starts: int = 1) -> Iterator[Callable[[], Problem]]:
+    """What makes the problems: rest to rest from a random configuration to the pose of the tool at another.
 
     The duration is half a second more than 1.6 times what the slowest joint takes between the two at full
     speed, so that the goal is reachable and the motion is no idle one.
@@ -43,7 +44,8 @@ def pose_tasks(name: str, number: int, seed: int = 0) -> Iterator[Problem]:
     for _ in range(number):
         q0, q1 = rng.uniform(lower + room, upper - room, (2, robot.nq))
         pose = robot.frame_placement(frame, q1)
-        yield Problem.create(
+        yield partial(
+            Problem.create,
             robot,
             1.6 * float(np.max(np.abs(q1 - q0) / limits.velocity)) + 0.5,
             _STEPS,
@@ -51,6 +53,7 @@ def pose_tasks(name: str, number: int, seed: int = 0) -> Iterator[Problem]:
             goal={"v": 0, "frame": {"name": frame, "position": pose.translation, "orientation": _xyzw(pose)}},
             cost={"effort": 1.0, "velocity": 100.0},
             limits={"effort": True, "velocity": True, "position": True},
+            solver={"starts": starts},
         )
 
 
@@ -65,11 +68,10 @@ def poses_table(number: int, starts: Sequence[int] = (1, 4), seed: int = 0) -> T
         for count in starts:
             seconds, iterations = [], []
             ends: Counter[str] = Counter()
-            for problem in pose_tasks(name, number, seed):
-                task = problem if count == 1 else problem.with_(solver={"starts": count})
+            for make in pose_tasks(name, number, seed, count):
                 begun = time.perf_counter()
                 try:
-                    solution = mbocp.solve(task)
+                    solution = mbocp.solve(make())
                 except MbocpError as error:
                     ends[type(error).__name__] += 1
                     continue
@@ -93,9 +95,9 @@ def poses_table(number: int, starts: Sequence[int] = (1, 4), seed: int = 0) -> T
             print(*rows[-1], sep=" | ", flush=True)
     columns = ("arm", "starts", "converged", "others", "iterations", "median [ms]", "90 % [ms]")
     note = (
-        f"{_STEPS} steps; efforts, velocities and positions within the limits of the URDF. Wall time of "
-        "`mbocp.solve`, with guess, inverse kinematics and diagnostics; functions were compiled before, "
-        "one shape for each arm."
+        f"{_STEPS} steps; efforts, velocities and positions within the limits of the URDF. Wall time "
+        "from the pose to the solution: `Problem.create` with its inverse kinematics, and `mbocp.solve` with "
+        "guess and diagnostics. Robots were loaded and functions compiled before, one shape for each arm."
     )
     return Table("Random poses of the tool", columns, rows, note)
 

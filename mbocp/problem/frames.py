@@ -36,7 +36,8 @@ __all__ = [
     "with_configuration",
 ]
 
-_BRANCHES, _RESTARTS = 8, 24  # looked for at first; an arm of six joints has eight
+_NEAR_BRANCHES, _NEAR_RESTARTS = 3, 10  # where one is wanted: the nearest of a few is a good one
+_BRANCHES, _RESTARTS = 8, 24  # where several are wanted; an arm of six joints has eight
 _MANY_RESTARTS = 200  # before a pose counts as out of reach
 _ORDINARY_NV, _MIN_RESTARTS = 12, 8
 _AT_POSE = 1e-8  # [m, rad] of a goal.q that is kept
@@ -56,7 +57,7 @@ def check_frames(robot: Robot, goal: Goal) -> None:
 
 
 def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Goal:
-    """Return the goal with a `q` at the poses of its frames: the branch nearest to the start.
+    """Return the goal with a `q` at the poses of its frames: the nearest to the start of the first branches.
 
     Joints that the goal gives stay there. A `q` that is at the poses already is kept.
 
@@ -69,10 +70,9 @@ def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds)
     """
     if not goal.poses or goal.enforce == "none" or _is_kept(robot, goal, limits):
         return goal
-    if robot.nc and goal.is_exact:
-        near = _within_reach(robot, goal, q_start, limits)
-        if near is not None:
-            return replace(goal, q=near)
+    near = _near(robot, goal, q_start, limits)
+    if near is not None:
+        return replace(goal, q=near)
     found = goal_branches(robot, goal, q_start, limits)
     if not found.reached:
         if goal.is_exact:
@@ -81,17 +81,22 @@ def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds)
     return replace(goal, q=_within_mode(robot, found, q_start))
 
 
-def _within_reach(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Array | None:
-    """What the search finds from the start itself, if the mechanism gets there: as a rule it does."""
+def _near(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Array | None:
+    """What a short search from the start finds, if the mechanism gets there: as a rule it does."""
     targets, start, fixed = _asked(robot, goal, q_start)
-    for choice in _limit_choices(limits):
-        found = robot.inverse_kinematics(targets, start, fixed=fixed, restarts=0, within_limits=choice)
-        if found.reached:
-            try:
-                return complete_goal(robot, found.q, np.ones(robot.nv, dtype=np.bool_), q_start)
-            except UnreachableGoal:
-                return None
-    return None
+    branches, restarts = (1, 0) if robot.nc else (_NEAR_BRANCHES, _affordable(_NEAR_RESTARTS, robot.nv))
+    within = _limit_choices(limits)[0]
+    found = robot.inverse_kinematics(
+        targets, start, fixed=fixed, branches=branches, restarts=restarts, within_limits=within
+    )
+    if not found.reached:
+        return None
+    if not robot.nc:
+        return found.q
+    try:
+        return complete_goal(robot, found.q, np.ones(robot.nv, dtype=np.bool_), q_start)
+    except UnreachableGoal:
+        return None
 
 
 def goal_branches(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> InverseKinematics:

@@ -42,7 +42,7 @@ class Goal:
         Which components of `value` are asked for.
     frames : tuple of FrameGoal
         Poses and velocities of frames. Where they ask for a pose, entries of `q` that are not active hold a
-        configuration at it, the one nearest to the start; see `mbocp.problem.frames`.
+        configuration at it, one near the start; see `mbocp.problem.frames`.
     enforce : {"exact", "penalty", "both", "none"}
         ``exact``: gamma = 1, null-space projected where the system has constraints, Eq. (14);
         ``penalty``: gamma = 0, the terminal cost draws the end to the goal, Eq. (9); ``both``; or

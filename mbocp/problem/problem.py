@@ -206,7 +206,8 @@ class Problem:
     def goal_branches(self) -> InverseKinematics:
         """Configurations at the poses that the goal asks of frames, the nearest to the start first.
 
-        `goal.q` is the first of them to which the robot gets; ``replace(goal, q=...)`` takes another.
+        They are searched for now: a problem is made with a `goal.q` of a short search, the nearest to the
+        start of the first few that it finds. ``replace(goal, q=...)`` takes another.
 
         Raises
         ------
