@@ -8,7 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["norm", "null_space"]
+__all__ = ["independent_rows", "norm", "null_space"]
 
 _SMALL = 1e-150  # squares of what is smaller lose their digits
 
@@ -34,6 +34,27 @@ def null_space(matrix: Array, tolerance: float) -> Array:
     rank = int(np.count_nonzero(singular > tolerance * max(singular.max(initial=0.0), 1.0)))
     basis: Array = vt[rank:].T
     return basis
+
+
+def independent_rows(matrix: Array, tolerance: float) -> Array:
+    """Return orthonormal combinations of rows that are independent, or the identity if all rows are.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (m, n)
+    tolerance : float
+        Of singular values, as in `null_space`.
+
+    Returns
+    -------
+    combinations : ndarray, shape (rank, m)
+    """
+    count = len(matrix)
+    if not matrix.size:
+        return np.zeros((0, count))
+    left, values, _ = np.linalg.svd(matrix, full_matrices=False)
+    rank = int(np.sum(values > tolerance * max(values[0], 1.0)))
+    return np.eye(count) if rank == count else np.ascontiguousarray(left[:, :rank].T)
 
 
 def norm(vector: Array) -> float:

@@ -254,7 +254,8 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
         named |= term.numbers(given)
         rows |= term.stage_numbers(given)
     for k, constraint in enumerate(problem.path):
-        named |= {path_parameters(k, name): value for name, value in constraint.numbers.items()}
+        values = constraint.numbers_in(_of_joints(joints))
+        named |= {path_parameters(k, name): value for name, value in values.items()}
     rho = np.hstack([rows[name] for name in layout.stage]).ravel() if layout.stage else np.zeros(0)
     at_end: dict[str, Array] = {
         "q": space.coordinates(np.asarray(goal.q)[None])[0],

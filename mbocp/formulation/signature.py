@@ -23,6 +23,7 @@ from mbocp.terms import (
     RunningTerm,
     TerminalCost,
     ToleranceTerm,
+    ViaTerm,
 )
 
 __all__ = ["FunctionSignature"]
@@ -43,7 +44,7 @@ class FunctionSignature:
     cost : tuple of RunningTerm
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
-    path : tuple of PathTerm, OwnPath and ToleranceTerm
+    path : tuple of PathTerm, OwnPath, ToleranceTerm and ViaTerm
     ends : tuple of FrameEnd and OwnEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
@@ -59,7 +60,7 @@ class FunctionSignature:
     goal: ExactGoal
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
-    path: tuple[PathTerm | OwnPath | ToleranceTerm, ...] = ()
+    path: tuple[PathTerm | OwnPath | ToleranceTerm | ViaTerm, ...] = ()
     ends: tuple[FrameEnd | OwnEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()

@@ -18,7 +18,8 @@ __all__ = ["guess_candidates", "plain_guess"]
 def guess_candidates(problem: Problem) -> tuple[str, ...]:
     """Kinds of guess to try in turn: the one that was asked for, or those that suit the problem.
 
-    A goal that is given in full is approached on the straight line, with the controls that this takes. A
+    A goal that is given in full is approached on the straight line, with the controls that this takes, and so
+    are via points. A
     robot that can hold still at its start may begin by doing so. Zero control and a forward simulation
     always satisfies the dynamics.
     """
@@ -26,7 +27,7 @@ def guess_candidates(problem: Problem) -> tuple[str, ...]:
         return (problem.guess.kind,)
     if COORDINATES[problem.coordinates].takes_joint_guess:
         return ("joint", *guess_candidates(problem.with_(coordinates="joint")))
-    kinds = ["line"] if is_whole(problem) else []
+    kinds = ["line"] if is_whole(problem) or problem.via else []
     if can_hold(problem):
         kinds.append("hold")
     return (*kinds, "control")

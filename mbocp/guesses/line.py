@@ -10,6 +10,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.guesses.balance import balances
+from mbocp.guesses.through import line_of
 from mbocp.guesses.ways import Way, straight
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
@@ -38,7 +39,7 @@ def is_whole(problem: Problem) -> bool:
 def line(formulation: Formulation, way: Way | None = None) -> Iterate:
     """Straight line from start to goal, or another way, with the controls that this takes."""
     problem = formulation.problem
-    qs, vs = _line_states(formulation, way or straight(problem))
+    qs, vs = _line_states(formulation, way)
     accelerations = np.diff(vs, axis=0) / problem.dt
     dts = given_lengths(problem)
     us, lams = balances(problem.robot, *formulation.evaluation_points(qs, vs, dts), accelerations)
@@ -53,7 +54,7 @@ def driven_line(formulation: Formulation, way: Way | None = None) -> Iterate:
     """
     problem = formulation.problem
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
-    qs = (way or straight(problem))(problem.q_start, np.linspace(0.0, 1.0, N + 1))
+    qs = _evenly(problem, way)
     rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dt for n in range(N)])
     us = np.zeros((N, robot.nu))
     us[:, robot.nu - len(robot.drives) :] = _NUDGE
@@ -69,12 +70,27 @@ def at_rest(formulation: Formulation) -> Iterate:
     """Configurations on the line, every velocity and control zero: agrees with no kinematics, on purpose."""
     problem = formulation.problem
     robot, N = problem.robot, problem.num_steps
-    qs = straight(problem)(problem.q_start, np.linspace(0.0, 1.0, N + 1))
+    qs = _evenly(problem)
     still, us = np.zeros((N + 1, robot.nv)), np.zeros((N, robot.nu))
     return formulation.iterate_of(Motion(qs, still, us, given_lengths(problem)), np.zeros((N, robot.nc)))
 
 
-def _line_states(formulation: Formulation, way: Way) -> tuple[Array, Array]:
+def _evenly(problem: Problem, way: Way | None = None) -> Array:
+    """Configurations on a way, or on straight lines through the via points, at a steady rate."""
+    nodes = np.arange(problem.num_steps + 1.0)
+    if problem.waypoints and way is None:
+        return line_of(problem, problem.q_start, _end(problem)).evenly(nodes)
+    return (way or straight(problem))(problem.q_start, nodes / problem.num_steps)
+
+
+def _end(problem: Problem) -> Array:
+    """Where the line ends: at the goal, or at the last via point where the goal leaves the end open."""
+    if problem.via and not (problem.goal.q_active.any() or is_whole(problem)):
+        return problem.via[-1].goal.q
+    return problem.goal.q
+
+
+def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Array]:
     """Nodes on the way from start to goal, with velocities that the scheme's kinematics ask for."""
     problem = formulation.problem
     robot, N, dt = problem.robot, problem.num_steps, problem.dt
@@ -85,7 +101,11 @@ def _line_states(formulation: Formulation, way: Way) -> tuple[Array, Array]:
         s = np.append(0.0, np.linspace(0.0, 1.0, N))
         q_start = pin.integrate(model, q_start, dt * v_start)
     blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
-    qs = way(q_start, blend)
+    if problem.waypoints and way is None:
+        first = float(tau == 0.0 and N > 1)
+        qs = line_of(problem, q_start, _end(problem), first).smoothly(np.maximum(np.arange(N + 1.0), first))
+    else:
+        qs = (way or straight(problem))(q_start, blend)
     qs[0] = problem.q_start
     steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)])
     if tau == 1.0:

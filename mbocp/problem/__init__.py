@@ -10,6 +10,7 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem, ProblemWarning
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.via import ViaPoint
 from mbocp.terms import FrameGoal
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "ProblemWarning",
     "SolverOptions",
     "Stabilisation",
+    "ViaPoint",
     "load_problem",
     "parse_problem",
     "problem_to_toml",

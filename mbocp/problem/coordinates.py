@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -11,6 +11,7 @@ from mbocp.integrators import SCHEMES
 from mbocp.mechanics import natural_mechanics
 from mbocp.problem.goal import Goal
 from mbocp.problem.limits import Bounds
+from mbocp.problem.via import ViaPoint
 from mbocp.robot import Robot
 
 __all__ = ["COORDINATES", "CoordinatesData", "check_coordinates"]
@@ -63,14 +64,22 @@ COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
 
 
 def check_coordinates(
-    robot: Robot, coordinates: str, scheme: str, limits: Bounds, goal: Goal, *, is_free: bool = False
+    robot: Robot,
+    coordinates: str,
+    scheme: str,
+    limits: Bounds,
+    goal: Goal,
+    *,
+    via: Sequence[ViaPoint] = (),
+    is_free: bool = False,
 ) -> None:
     """Refuse, by name, options that natural coordinates do not have.
 
     Raises
     ------
     ProblemError
-        For explicit schemes, limits on joints, velocities of frames that are not zero, and where the duration
+        For explicit schemes, limits on joints, velocities of frames that are not zero, states of joints at
+        via points, and where the duration
         `is_free`.
     UnsupportedRobot
         For joints that natural coordinates do not know.
@@ -96,6 +105,13 @@ def check_coordinates(
             raise ProblemError(
                 f"goal.frame: a velocity of {frame.name!r}, but in natural coordinates velocities of bodies "
                 'are those over a step: take 0, which is rest in any case, or coordinates = "joint"'
+            )
+    for point in via:
+        asked = point.goal
+        if asked.q_active.any() or asked.rate_active.any() or any(frame.rates.size for frame in asked.frames):
+            raise ProblemError(
+                f"via {point.name!r}: natural coordinates have no joint positions and velocities; give "
+                'poses of frames, or take coordinates = "joint"'
             )
     for key, table in (("q", "position"), ("v", "velocity")):
         if limits.finite(key).any() and not data.limits_joints:

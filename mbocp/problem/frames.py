@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._linear import null_space
+from mbocp._linear import independent_rows, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import UnreachableGoal, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal
@@ -186,18 +186,9 @@ def frame_projections(
     free = basis @ null_space(D_q @ basis, RANK_TOLERANCE)
     moving = reachable @ null_space(rates, RANK_TOLERANCE)
     return FrameProjections(
-        _independent(pose_jacobian(robot, goal) @ free), _independent(rate_jacobian(robot, goal) @ moving)
+        independent_rows(pose_jacobian(robot, goal) @ free, RANK_TOLERANCE),
+        independent_rows(rate_jacobian(robot, goal) @ moving, RANK_TOLERANCE),
     )
-
-
-def _independent(rows: Array) -> Array:
-    """Orthonormal combinations of rows that are independent; the rows themselves if all are."""
-    count = len(rows)
-    if not rows.size:
-        return np.zeros((0, count))
-    left, values, _ = np.linalg.svd(rows, full_matrices=False)
-    rank = int(np.sum(values > RANK_TOLERANCE * max(values[0], 1.0)))
-    return np.eye(count) if rank == count else np.ascontiguousarray(left[:, :rank].T)
 
 
 def _rows(robot: Robot, frames: Sequence[FrameGoal]) -> PoseRows:

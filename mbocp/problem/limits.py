@@ -14,7 +14,7 @@ from mbocp.problem.goal import Goal
 from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
 
-__all__ = ["LIMITS", "Bounds", "check_limits", "is_plain"]
+__all__ = ["LIMITS", "Bounds", "check_end_limits", "check_limits", "is_plain"]
 
 LIMITS = {"u": "limits.effort", "v": "limits.velocity", "q": "limits.position"}  # keys of a problem file
 
@@ -127,8 +127,14 @@ def check_limits(robot: Robot, bounds: Bounds, q_start: Array, v_start: Array, g
     for where, letter, value, asked, labels in (
         ("start", "q", q_start, everything[0], robot.q_labels),
         ("start", "v", v_start, everything[1], robot.v_labels),
-        *_ends(robot, goal),
     ):
+        _refuse_outside(bounds, where, letter, value, asked, labels)
+    check_end_limits(robot, bounds, goal)
+
+
+def check_end_limits(robot: Robot, bounds: Bounds, goal: Goal) -> None:
+    """Refuse limits that exclude an exact goal."""
+    for where, letter, value, asked, labels in _ends(robot, goal):
         _refuse_outside(bounds, where, letter, value, asked, labels)
 
 

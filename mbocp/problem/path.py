@@ -15,6 +15,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goal import Goal
+from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Label, Robot
 from mbocp.terms import PATH_TERMS, FrameTolerance, OwnPathConstraint, PathTerm, Point, Span
 
@@ -114,6 +115,10 @@ class PathConstraint:
         """Parameters of the expression by name."""
         return {name: self.number(name) for name in self.term.sizes}
 
+    def numbers_in(self, rotations: str) -> dict[str, Array]:
+        """The same where attitudes are in these coordinates."""
+        return self.numbers
+
     def number(self, key: str) -> Array:
         """Value of one of its parameters."""
         value: Array = self.point if key == "point" else self.further[key]
@@ -165,7 +170,7 @@ class PathConstraint:
 
 def check_path(
     robot: Robot,
-    path: Sequence[PathConstraint | OwnPathConstraint | FrameTolerance],
+    path: Sequence[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint],
     q_start: Array,
     v_start: Array,
     goal: Goal,
@@ -200,7 +205,7 @@ def check_path(
 
 
 def _refuse_outside(
-    constraint: PathConstraint | OwnPathConstraint | FrameTolerance, values: Array, where: str
+    constraint: PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint, values: Array, where: str
 ) -> None:
     outside = (values < constraint.lower - BOUND_TOLERANCE) | (values > constraint.upper + BOUND_TOLERANCE)
     if outside.any():

@@ -38,6 +38,9 @@ from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrat
 from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.via import ViaPoint
+from mbocp.problem.via_constraint import ViaConstraint
+from mbocp.problem.via_points import via_constraints, via_nodes
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.loops.redundancy import singular_pose
 from mbocp.solvers.options import BOUNDED_METHODS
@@ -105,8 +108,11 @@ class Problem:
         g_T and gamma.
     limits : Bounds
         On controls, velocities and configurations; none by default.
+    via : tuple of ViaPoint
+        States, or poses of frames, that the motion goes through.
     path : tuple of PathConstraint
-        h: where frames may be, and how fast; path constraints among `terms`; tolerances of the goal's frames.
+        h: where frames may be, and how fast; path constraints among `terms`; tolerances of the goal's
+            frames; `via`.
     terms : tuple of OwnTerm
         Costs, path constraints and end conditions of one's own, see `mbocp.terms.own`.
     q_start : ndarray, shape (nq,)
@@ -148,7 +154,8 @@ class Problem:
     stabilisation: Stabilisation = field(default_factory=Stabilisation)
     goal: Goal
     limits: Bounds = field(default_factory=Bounds)
-    path: tuple[PathConstraint | OwnPathConstraint | FrameTolerance, ...] = ()
+    via: tuple[ViaPoint, ...] = ()
+    path: tuple[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint, ...] = ()
     terms: tuple[OwnTerm, ...] = ()
     q_start: Array
     v_start: Array
@@ -172,10 +179,17 @@ class Problem:
             )
         object.__setattr__(self, "limits", self.limits.completed(self.robot))
         check_coordinates(
-            self.robot, self.coordinates, self.scheme, self.limits, self.goal, is_free=self.has_free_duration
+            self.robot,
+            self.coordinates,
+            self.scheme,
+            self.limits,
+            self.goal,
+            via=self.via,
+            is_free=self.has_free_duration,
         )
         self._take_terms()
         self._check_start()
+        self._take_via()
         self._check_goal()
         self._check_cost()
         self._check_inequalities()
@@ -232,6 +246,7 @@ class Problem:
         goal: Mapping[str, Any] | None = None,
         cost: Mapping[str, Any] | None = None,
         limits: Mapping[str, Any] | None = None,
+        via: Sequence[Mapping[str, Any]] | None = None,
         path: Sequence[Mapping[str, Any]] | None = None,
         terms: Sequence[OwnTerm] = (),
         guess: Mapping[str, Any] | None = None,
@@ -252,8 +267,8 @@ class Problem:
         steps : int
         start, goal, cost, limits, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
-        path : sequence of mapping, optional
-            The tables `[[path]]`.
+        via, path : sequence of mapping, optional
+            The tables `[[via]]` and `[[path]]`.
         terms : sequence of OwnTerm
             Terms of one's own, see `mbocp.terms.own`.
         scheme : str
@@ -269,6 +284,7 @@ class Problem:
             "goal": goal,
             "cost": cost,
             "limits": limits,
+            "via": via,
             "path": path,
             "guess": guess,
             "solver": solver,
@@ -288,7 +304,7 @@ class Problem:
         ----------
         **changes
             Fields of this class, or words of `create`: of a table only the keys that are given change
-            (``cost={"velocity": 1.0}``), `guess` and `path` are replaced as a whole.
+            (``cost={"velocity": 1.0}``), `guess`, `via` and `path` are replaced as a whole.
 
         Raises
         ------
@@ -310,6 +326,20 @@ class Problem:
         object.__setattr__(self, "terms", terms)
         allowed = frame_tolerances(self.goal.frames, self.robot)
         object.__setattr__(self, "path", (*path, *own, *allowed))
+
+    def _take_via(self) -> None:
+        """Find nodes and configurations of via points; as path constraints they come last."""
+        nodes = via_nodes(self.via, self.num_steps, self.duration, is_free=self.has_free_duration)
+        found = via_constraints(self.robot, self.via, nodes, self.q_start, self.limits)
+        object.__setattr__(self, "via", tuple(constraint.via for constraint in found))
+        object.__setattr__(self, "path", (*self.path, *found))
+        for constraint in found:
+            self._warn_singular(constraint.via.goal.q, f"via {constraint.name!r}")
+
+    @property
+    def waypoints(self) -> tuple[ViaConstraint, ...]:
+        """The via points among the path constraints, in the order of their nodes."""
+        return tuple(constraint for constraint in self.path if isinstance(constraint, ViaConstraint))
 
     def _check_start(self) -> None:
         robot = self.robot
@@ -340,7 +370,8 @@ class Problem:
         rates = robot.p_labels if goal.rate == "p" else robot.v_labels
         check_size(f"goal.{goal.rate}", goal.value, rates, MAX_RATE)
         check_frames(robot, goal)
-        goal = with_configuration(robot, goal, self.q_start, self.limits)
+        before = self.via[-1].goal.q if self.via else self.q_start
+        goal = with_configuration(robot, goal, before, self.limits)
         goal = without_driven_velocities(robot, goal)
         for key, default in (("guard", True), ("redundant", "drop")):
             check_unused(f"goal.{key}", getattr(goal, key), default, self.scheme)
@@ -375,7 +406,7 @@ class Problem:
                 ProblemWarning,
                 stacklevel=4,
             )
-        if goal.enforce == "none" and cost.tracking == 0.0 and not self.terms:
+        if goal.enforce == "none" and cost.tracking == 0.0 and not (self.terms or self.via):
             warnings.warn(
                 "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
                 ProblemWarning,
@@ -389,7 +420,7 @@ class Problem:
         ends = (self.q_start, self.v_start, self.goal)
         check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, is_free=is_free)
         if self.is_bounded and self.solver.method not in BOUNDED_METHODS:
-            what = "limits" if self.limits.any_finite else "path"
+            what = "limits" if self.limits.any_finite else "via" if self.via else "path"
             able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)
             cannot, remedy = f"keep [{what}]", f"leave out [{what}]"
             if self.has_free_duration:

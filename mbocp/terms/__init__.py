@@ -15,13 +15,14 @@ from mbocp.terms.time import Time  # isort: skip  # keys in the order of the doc
 from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
 from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.frame_tolerance import FrameTolerance, ToleranceTerm, frame_tolerances
-from mbocp.terms.frames import FrameEnd, FrameProjections
+from mbocp.terms.frames import FrameEnd, FrameProjections, FrameShape
 from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
 from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
 from mbocp.terms.path import PATH_TERMS, PathTerm
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.span import Span
+from mbocp.terms.via import ViaFrameShape, ViaTerm
 
 __all__ = [
     "COST_TERMS",
@@ -34,6 +35,7 @@ __all__ = [
     "FrameEnd",
     "FrameGoal",
     "FrameProjections",
+    "FrameShape",
     "FrameTolerance",
     "Kinematics",
     "OwnEnd",
@@ -53,6 +55,8 @@ __all__ = [
     "ToleranceTerm",
     "Tracking",
     "Velocity",
+    "ViaFrameShape",
+    "ViaTerm",
     "Weighted",
     "end_condition",
     "frame_tolerances",

@@ -131,6 +131,10 @@ class FrameTolerance:
         numbers = {**FrameShape.numbers(self.goal), "tolerance": self._scale}
         return {name: numbers[name] for name in self.term.sizes}
 
+    def numbers_in(self, rotations: str) -> dict[str, Array]:
+        """The same where attitudes are in these coordinates."""
+        return self.numbers
+
     @property
     def _scale(self) -> Array:
         return 2.0 * np.tan(self.tolerance / 2.0) if self.term.is_cone else self.tolerance

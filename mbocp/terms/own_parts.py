@@ -188,6 +188,10 @@ class OwnPathConstraint:
         """Parameters by name."""
         return dict(self.own.parameters)
 
+    def numbers_in(self, rotations: str) -> dict[str, Array]:
+        """The same where attitudes are in these coordinates."""
+        return self.numbers
+
     @property
     def term(self) -> OwnPath:
         """Its structure, with its expression."""

@@ -52,7 +52,7 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
         if name in ("start", "integrator"):
             raise ProblemError(f"{name}: got {shown(value)}, expected a table")
         if name not in known:
-            words = [*_TABLES, "path", "steps", *known]
+            words = [*_TABLES, "via", "path", "steps", *known]
             raise ProblemError(
                 f"{name}: a problem has no such field: {suggest(name, dict.fromkeys(words), 40)}"
             )
@@ -60,7 +60,7 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
 
 
 def _is_table(name: str, value: Any) -> bool:
-    if name == "path":
+    if name in ("via", "path"):
         return isinstance(value, (list, tuple)) and any(isinstance(entry, Mapping) for entry in value)
     return name in _TABLES and isinstance(value, Mapping)
 
@@ -70,7 +70,7 @@ def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
     document = parse_toml(to_toml(tables_of(problem)))
     for name, value in tables.items():
         table = plain(value)
-        if name in ("path", "guess"):  # a list, and a kind with what belongs to it
+        if name in ("via", "path", "guess"):  # lists, and a kind with what belongs to it
             document[name] = table
             continue
         old = document.get(name, {})

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["frame_tables", "frames_from"]
 
 
-def frames_from(tables: Sequence[FrameGoalTable]) -> tuple[FrameGoal, ...]:
-    """Make the goals from the tables.
+def frames_from(tables: Sequence[FrameGoalTable], *, key: str = "goal.frame") -> tuple[FrameGoal, ...]:
+    """Make the goals from the tables at `key`.
 
     Raises
     ------
@@ -30,8 +30,8 @@ def frames_from(tables: Sequence[FrameGoalTable]) -> tuple[FrameGoal, ...]:
     found = []
     for table in tables:
         words = table.model_dump(exclude_none=True)
-        with located("goal.frame"):
-            rates = {key: words.pop(key) for key in FURTHER_KEYS if key in words}
+        with located(key):
+            rates = {name: words.pop(name) for name in FURTHER_KEYS if name in words}
             found.append(FrameGoal(target=target_from_words(words), **rates))
     return tuple(found)
 

@@ -37,7 +37,7 @@ def path_from(robot: Robot, tables: list[PathHead]) -> tuple[PathConstraint, ...
 
 
 def path_tables(robot: Robot, path: Sequence[object]) -> list[dict[str, Any]]:
-    """Return the tables that read back as `path`; those of one's own and of goals are written elsewhere."""
+    """Return the tables that read back as `path`; others are written elsewhere."""
     return [_table(robot, constraint) for constraint in path if isinstance(constraint, PathConstraint)]
 
 

@@ -36,6 +36,7 @@ from mbocp.problem.file.schema import (
 )
 from mbocp.problem.file.target import read_target
 from mbocp.problem.file.term_table import terms_from
+from mbocp.problem.file.via_table import via_from
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.horizon import check_horizon
@@ -119,6 +120,7 @@ def _fields(
         "stabilisation": _stabilisation(table.integrator),
         "goal": goal,
         "limits": bounds_from(robot, table.limits.effort, table.limits.velocity, table.limits.position),
+        "via": via_from(robot, table.via, q_start),
         "path": path_from(robot, table.path),
         "terms": terms_from(robot, table.terms, terms),
         "q_start": q_start,

@@ -52,6 +52,7 @@ __all__ = [
     "SolverTable",
     "StartTable",
     "TargetTable",
+    "ViaTable",
     "WeightsTable",
 ]
 
@@ -218,6 +219,17 @@ class GoalTable(Table):
     redundant: str = "drop"
 
 
+class ViaTable(Table):
+    """What holds at one node between start and end."""
+
+    name: str | None = None
+    time: Finite | None = None
+    share: Finite | None = None
+    q: VectorOrNamed = None
+    v: Rate = None
+    frame: Annotated[list[FrameGoalTable], BeforeValidator(_listed)] = Field(default_factory=list)
+
+
 CostTable = merged(
     "CostTable", "What is minimised: the keys of all terms.", (t.Keys for t in COST_TERMS), Table
 )
@@ -317,6 +329,7 @@ class ProblemTable(Table):
     goal: GoalTable = GoalTable()
     cost: CostTable = CostTable()  # type: ignore[valid-type]  # made of its terms
     limits: LimitsTable = LimitsTable()
+    via: list[ViaTable] = Field(default_factory=list)
     path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
     terms: list[TermTable] = Field(default_factory=list)  # type: ignore[valid-type]
     guess: GuessTable = GuessTable()

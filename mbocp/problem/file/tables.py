@@ -19,12 +19,15 @@ from mbocp.problem.file.frame_table import frame_tables
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.term_table import term_tables
+from mbocp.problem.file.via_table import via_tables
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.via import ViaPoint
+from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Robot
 from mbocp.terms import COST_TERMS, FrameTolerance, OwnPathConstraint, OwnTerm
 
@@ -62,7 +65,9 @@ class ProblemFields(Protocol):
     @property
     def limits(self) -> Bounds: ...  # noqa: D102
     @property
-    def path(self) -> tuple[PathConstraint | OwnPathConstraint | FrameTolerance, ...]: ...  # noqa: D102
+    def via(self) -> tuple[ViaPoint, ...]: ...  # noqa: D102
+    @property
+    def path(self) -> tuple[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint, ...]: ...  # noqa: D102
     @property
     def terms(self) -> tuple[OwnTerm, ...]: ...  # noqa: D102
     @property
@@ -89,6 +94,7 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
     robot = problem.robot
     return {
         "coordinates": problem.coordinates,
+        "via": via_tables(robot, problem.via) or None,
         "path": path_tables(robot, problem.path) or None,
         "terms": term_tables(robot, problem.terms) or None,
         "robot": dict(robot.spec),

@@ -1,0 +1,100 @@
+"""The line of a guess through via points: pieces from the start to the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.mechanisms.closed_path import closed_path
+from mbocp.mechanisms.consistency import project_on_constraints
+from mbocp.problem import Problem
+from mbocp.robot import Robot
+
+__all__ = ["Line", "line_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Configurations at some nodes, and velocities with which the motion goes through them.
+
+    Attributes
+    ----------
+    robot : Robot
+    nodes : ndarray, shape (k,)
+        Numbers of the nodes, rising.
+    qs : ndarray, shape (k, nq)
+    vs : ndarray, shape (k, nv)
+        In units of a tangent vector per step; zero at both ends.
+    """
+
+    robot: Robot
+    nodes: Array
+    qs: Array
+    vs: Array
+
+    def evenly(self, at: Array) -> Array:
+        """Configurations on straight lines from one to the next, at numbers of nodes, shape (m, nq)."""
+        return self._legs(at, is_smooth=False)
+
+    def smoothly(self, at: Array) -> Array:
+        """Configurations at numbers of nodes, from rest to rest with continuous velocities, shape (m, nq).
+
+        Each leg is a quintic of De Casteljau's construction with geodesics in place of lines, without
+        acceleration at its ends. Closed loops stop at every via point.
+        """
+        return self._legs(at, is_smooth=True)
+
+    def _legs(self, at: Array, *, is_smooth: bool) -> Array:
+        found = np.empty((len(at), self.robot.nq))
+        leg_of = np.clip(np.searchsorted(self.nodes, at, side="right") - 1, 0, len(self.nodes) - 2)
+        for leg in range(len(self.nodes) - 1):
+            mine = leg_of == leg
+            if mine.any():
+                first, last = self.nodes[leg], self.nodes[leg + 1]
+                found[mine] = self._leg(leg, (at[mine] - first) / (last - first), is_smooth)
+        return found
+
+    def _leg(self, leg: int, s: Array, is_smooth: bool) -> Array:
+        robot, (q0, q1) = self.robot, self.qs[leg : leg + 2]
+        blend = s**3 * (10 - 15 * s + 6 * s**2) if is_smooth else s
+        every = np.arange(robot.nv)
+        if robot.nc:
+            way = closed_path(robot, project_on_constraints(robot, q0, every), q1, blend)
+            if way is not None:
+                return way
+        moves = is_smooth and not robot.nc and self.vs[leg : leg + 2].any()
+        if not moves:
+            qs = np.array([pin.interpolate(robot.model, q0, q1, x) for x in blend])
+            return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs
+        v0, v1 = (self.nodes[leg + 1] - self.nodes[leg]) * self.vs[leg : leg + 2]
+        steps = np.array([0.0, 0.2, 0.4])
+        corners = [robot.integrate(q0, a * v0) for a in steps]
+        corners += [robot.integrate(q1, -a * v1) for a in steps[::-1]]
+        return np.array([_de_casteljau(robot.model, corners, x) for x in s])
+
+
+def line_of(problem: Problem, q_first: Array, q_end: Array, first: float = 0.0) -> Line:
+    """From a configuration at the node `first` through the via points to the end."""
+    robot, N = problem.robot, problem.num_steps
+    points = [point for point in problem.waypoints if first < point.node < N]
+    nodes = np.array([first, *(point.node for point in points), N], dtype=np.float64)
+    qs = np.array([q_first, *(point.via.goal.q for point in points), q_end])
+    vs = np.zeros((len(nodes), robot.nv))
+    for k, point in enumerate(points, start=1):
+        before, after = nodes[k] - nodes[k - 1], nodes[k + 1] - nodes[k]
+        rate_before = -pin.difference(robot.model, qs[k], qs[k - 1]) / before
+        rate_after = pin.difference(robot.model, qs[k], qs[k + 1]) / after
+        vs[k] = (after * rate_before + before * rate_after) / (before + after)
+        asked = point.via.goal.rate_active
+        vs[k][asked] = problem.dt * point.via.goal.value[asked]
+    return Line(robot, nodes, qs, vs)
+
+
+def _de_casteljau(model: pin.Model, corners: list[Array], s: float) -> Array:
+    while len(corners) > 1:
+        corners = [pin.interpolate(model, a, b, s) for a, b in pairwise(corners)]
+    return corners[0]

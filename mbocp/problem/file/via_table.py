@@ -1,0 +1,79 @@
+"""Via points as people write them: `[[via]]`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.problem.file.frame_table import frame_tables, frames_from
+from mbocp.problem.file.messages import located
+from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
+from mbocp.problem.goal import Goal
+from mbocp.problem.via import ViaPoint
+from mbocp.robot import Robot
+
+if TYPE_CHECKING:
+    from mbocp.problem.file.schema import ViaTable
+
+__all__ = ["via_from", "via_tables"]
+
+
+def via_from(robot: Robot, tables: Sequence[ViaTable], q_start: Array) -> tuple[ViaPoint, ...]:
+    """Make the via points from the tables of `[[via]]`.
+
+    Raises
+    ------
+    ProblemError, UnknownFrame, InvalidValue
+        If a frame or joint is unknown, or a value cannot be right.
+    """
+    return tuple(_point(robot, table, i, q_start) for i, table in enumerate(tables))
+
+
+def via_tables(robot: Robot, via: Sequence[ViaPoint]) -> list[dict[str, Any]]:
+    """Return the tables that read back as the same via points."""
+    return [_table(robot, point) for point in via]
+
+
+def _point(robot: Robot, table: ViaTable, index: int, q_start: Array) -> ViaPoint:
+    key = f"via.{index}"
+    q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
+    value, rate_active = np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
+    if table.q is not None:
+        with located(f"{key}.q"):
+            q, q_active = configuration_from(robot, table.q, q_start, f"{key}.q")
+            q = robot.normalise(q, name=f"{key}.q")
+    if isinstance(table.v, float):  # 0 for all
+        rate_active = np.ones(robot.nv, dtype=np.bool_)
+    elif table.v is not None:
+        with located(f"{key}.v"):
+            value, rate_active = tangent_from(robot, table.v, f"{key}.v")
+    with located(key):
+        goal = Goal(
+            q=q,
+            q_active=q_active,
+            rate="v",
+            value=value,
+            rate_active=rate_active,
+            frames=frames_from(table.frame, key=f"{key}.frame"),
+        )
+        return ViaPoint(
+            name=table.name or str(index + 1),
+            goal=goal,
+            time=table.time,
+            share=table.share,
+        )
+
+
+def _table(robot: Robot, point: ViaPoint) -> dict[str, Any]:
+    goal = point.goal
+    states = (("q", goal.q, goal.q_active), ("v", goal.value, goal.rate_active))
+    return {
+        "name": point.name,
+        "time": point.time,
+        "share": point.share,
+        **{k: x if a.all() else joint_values(robot, x, a) for k, x, a in states if a.any()},
+        **({"frame": frame_tables(goal.frames)} if goal.frames else {}),
+    }

@@ -1,0 +1,61 @@
+"""Via points: states, or poses of frames, that the motion goes through on its way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._numbers import is_number
+from mbocp._text import shown
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.problem.goal import Goal
+
+__all__ = ["ViaPoint"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ViaPoint:
+    """What holds at one node between the start and the end.
+
+    Attributes
+    ----------
+    name : str
+        What it is called in messages, results and plots.
+    goal : Goal
+        What is asked of joints and frames there, by the words of a goal: exact, and velocities, no momenta.
+        Entries of `q` that are not active hold a configuration that is there.
+    time : float, optional
+        When it holds [s].
+    share : float, optional
+        In place of the time: part of the horizon that is over by then, between 0 and 1.
+    """
+
+    name: str
+    goal: Goal
+    time: float | None = None
+    share: float | None = None
+
+    def __post_init__(self) -> None:
+        key = f"via {self.name!r}"
+        goal = self.goal
+        if goal.enforce != "exact" or goal.rate != "v":
+            raise ProblemError(f"{key}: takes q, v and frame; no momentum, and no weight instead of it")
+        for frame in goal.frames:
+            if frame.weight != 1.0:
+                raise ProblemError(
+                    f"{key}: weight of {frame.name!r}: is for goal.frame; a via point is no cost"
+                )
+        if self.time is not None and self.share is not None:
+            raise ProblemError(f"{key}: give time or share, not both")
+        for name, value, largest in (("time", self.time, np.inf), ("share", self.share, 1.0)):
+            if value is not None and not (is_number(value) and 0.0 < value < largest):
+                what = (
+                    "a time after the start [s]" if name == "time" else "a part of the horizon, 0 < share < 1"
+                )
+                raise InvalidValue(f"{key}: {name}", shown(value), what)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether its time is found with the motion."""
+        return self.time is None and self.share is None
