@@ -71,14 +71,29 @@ def solve(
     limit = problem.solver.time_limit
     deadline = math.inf if limit is None else begun + limit
     with timed(phases, "compile"):
-        formulation, left_out = _formulated(problem, deadline)
+        formulated = [
+            (place if problem.goals else None, *_formulated(member, deadline))
+            for place, member in problem.members
+        ]
+        formulation = formulated[0][1]
     starts: tuple[StartRecord, ...] = ()
-    if problem.solver.starts == 1:
+    if problem.solver.starts == 1 and not problem.goals:
         outcome, guess_used = solve_from_guesses(formulation, warm_start, callback, phases, deadline)
     else:
-        outcome, guess_used, starts = solve_from_starts(formulation, warm_start, callback, phases, deadline)
+        members = [(place, member) for place, member, _ in formulated]
+        formulation, outcome, guess_used, starts = solve_from_starts(
+            members, warm_start, callback, phases, deadline
+        )
+    left_out = next(words for _, member, words in formulated if member is formulation)
     solution = read_solution(
-        formulation, outcome, phases, guess_used=guess_used, left_out=left_out, begun=begun, starts=starts
+        formulation,
+        outcome,
+        phases,
+        guess_used=guess_used,
+        left_out=left_out,
+        begun=begun,
+        starts=starts,
+        asked=problem,
     )
     if check and not solution.converged:
         raise NotConverged(solution)

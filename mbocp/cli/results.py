@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -36,7 +36,7 @@ def replay_result(
     if path is not None:
         check_output(path, "-o", PAGES)
     from mbocp.robot.kinematics import WORLD
-    from mbocp.solution.problem_text import goal_targets_of
+    from mbocp.solution.problem_text import goal_targets_of, other_goal_targets_of
     from mbocp.view.replay import open_replay, write_replay
 
     signals.leave_in_order()
@@ -45,14 +45,25 @@ def replay_result(
         robot.frame_id(frame)
     t, qs, title = solution.t, solution.qs, solution.problem_name or robot.name
     known = {WORLD, *robot.frame_names}
-    goals = [g for g in goal_targets_of(solution.problem_text) if {g.name, g.relative_to} <= known]
+    text, place = solution.problem_text, solution.goal_place
+    goals, others = (
+        [goal for goal in found(text, place) if {goal.name, goal.relative_to} <= known]
+        for found in (goal_targets_of, other_goal_targets_of)
+    )
+    drawn: dict[str, Any] = {
+        "trace": trace,
+        "goals": goals,
+        "other_goals": others,
+        "title": title,
+        "speed": speed,
+    }
     if path is not None:
         with _named(result, "cannot be drawn"):
-            write_replay(robot, t, qs, path, trace=trace, goals=goals, title=title, speed=speed)
+            write_replay(robot, t, qs, path, **drawn)
         _tell(f"replay: {path}", quiet)
     if live:
         with _named(result, "cannot be drawn"):
-            open_replay(robot, t, qs, trace=trace, goals=goals, title=title, speed=speed)
+            open_replay(robot, t, qs, **drawn)
 
 
 def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:

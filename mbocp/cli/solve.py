@@ -153,9 +153,22 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
     if outputs.replay is not None:
         from mbocp.view.replay import write_replay
 
-        goals = [frame.target for frame in problem.goal.poses]
+        place = solution.goal_place
+        goals, others = (
+            [frame.target for goal in several for frame in goal.poses]
+            for several in (
+                [problem.member(place).goal],
+                [goal for i, goal in enumerate(problem.goals) if i != place],
+            )
+        )
         page = write_replay(
-            problem.robot, solution.t, solution.qs, outputs.replay, goals=goals, title=problem.name
+            problem.robot,
+            solution.t,
+            solution.qs,
+            outputs.replay,
+            goals=goals,
+            other_goals=others,
+            title=problem.name,
         )
         written.append(("replay", page))
     if outputs.plot is not None:

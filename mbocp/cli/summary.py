@@ -94,7 +94,7 @@ def _starts(solution: Solution) -> _Rows:
 
 def goal_error(solution: Solution, problem: Problem) -> str:
     """Say how far the end is from the goal, in the worst direction of position and of velocity."""
-    robot, goal = problem.robot, problem.goal
+    robot, goal = problem.robot, problem.member(solution.goal_place).goal
     if goal.enforce == "none":
         return ""
     parts = []

@@ -1,4 +1,4 @@
-"""Solving from several guesses side by side, and the best of what they lead to.
+"""Solving from several guesses, and to several goals, side by side, and the best of what they lead to.
 
 This process takes one start after the other; where they take their time, other processes help it. Each start
 is solved as if it were the only one, so that the result does not depend on who solves it.
@@ -35,41 +35,53 @@ _Callback: TypeAlias = Callable[[IterationRecord], object]
 
 
 def solve_from_starts(
-    formulation: Formulation,
+    members: Sequence[tuple[int | None, Formulation]],
     warm_start: Solution | None,
     callback: _Callback | None,
     phases: list[Phase],
     deadline: float,
     workers: int | None = None,
-) -> tuple[Outcome, str, tuple[StartRecord, ...]]:
-    """Run the solver from `solver.starts` guesses; the best outcome, words for its guess, and all in short.
+) -> tuple[Formulation, Outcome, str, tuple[StartRecord, ...]]:
+    """Run the solver from `solver.starts` guesses to each goal; the best outcome, its guess, all in short.
 
-    Where none of them converges, the kinds of guess that are left are tried in turn.
+    Where none of those to a goal converges, the kinds of guess that are left for it are tried in turn.
+
+    Parameters
+    ----------
+    members : sequence of (int or None, Formulation)
+        Place of a goal among several, and the problem with it; None where there is one goal.
     """
-    problem = formulation.problem
-    settings = SolverSettings.of(problem.solver, formulation.programme, has_inequalities=problem.is_bounded)
     with timed(phases, "guess"):
-        guesses = start_guesses(formulation, warm_start)
+        tasks = [
+            _Task(formulation, guess, place)
+            for place, formulation in members
+            for guess in start_guesses(formulation, warm_start)
+        ]
     clock = time.perf_counter()
-    batch = _Batch(formulation, settings, guesses, callback, deadline)
+    batch = _Batch(tasks, callback, deadline)
     batch.run(_helpers() if workers is None else workers - 1)
-    tried = [guesses[i] for i in sorted(batch.outcomes)]
-    ends = [with_end(formulation, batch.outcomes[i]) for i in sorted(batch.outcomes)]
-    if not batch.is_over and not any(end.result.status is Status.CONVERGED for end in ends):
-        for guess in further_kinds(formulation, guesses):
-            end = with_end(formulation, batch.solve(guess, len(tried)))
-            tried, ends = [*tried, guess], [*ends, end]
-            if batch.is_over or end.result.status is Status.CONVERGED:
+    tried = [tasks[i] for i in sorted(batch.outcomes)]
+    ends = [
+        with_end(task.formulation, batch.outcomes[i]) for i, task in enumerate(tasks) if i in batch.outcomes
+    ]
+    for place, formulation in members:
+        mine = [(task, end) for task, end in zip(tried, ends, strict=True) if task.goal == place]
+        if any(end.result.status is Status.CONVERGED for _, end in mine):
+            continue
+        for guess in further_kinds(formulation, [task.guess for task, _ in mine]):
+            if batch.is_over:
                 break
-    best = _best(formulation, ends)
+            task = _Task(formulation, guess, place)
+            end = with_end(formulation, batch.solve(task, len(tried)))
+            tried, ends = [*tried, task], [*ends, end]
+            if end.result.status is Status.CONVERGED:
+                break
+    best = _best(tried, ends)
     outcome = interrupted(ends[best]) if batch.is_interrupted else ends[best]
     seconds = time.perf_counter() - clock - sum(phase.wall_time_s for phase in outcome.phases)
     phases += (*outcome.phases, Phase("other starts", 0, max(0.0, seconds)))
-    return (
-        outcome,
-        tried[best].words,
-        tuple(_record(formulation, *pair) for pair in zip(tried, ends, strict=True)),
-    )
+    records = tuple(_record(task, end) for task, end in zip(tried, ends, strict=True))
+    return tried[best].formulation, outcome, tried[best].words, records
 
 
 def _helpers() -> int:
@@ -77,13 +89,34 @@ def _helpers() -> int:
     return 0 if multiprocessing.parent_process() is not None else available_workers() - 1
 
 
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """One guess for one goal."""
+
+    formulation: Formulation
+    guess: StartGuess
+    goal: int | None
+
+    @property
+    def words(self) -> str:
+        """Words for the guess, with the goal where there are several."""
+        return self.guess.words if self.goal is None else f"to goal.any.{self.goal}, {self.guess.words}"
+
+    def settings(self, deadline: float) -> SolverSettings:
+        """Settings of the solver, with the time that is left."""
+        problem = self.formulation.problem
+        settings = SolverSettings.of(
+            problem.solver, self.formulation.programme, has_inequalities=problem.is_bounded
+        )
+        left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
+        return replace(settings, time_limit=left)
+
+
 @dataclass(eq=False)
 class _Batch:
     """Starts that are solved side by side."""
 
-    formulation: Formulation
-    settings: SolverSettings
-    guesses: Sequence[StartGuess]
+    tasks: Sequence[_Task]
     callback: _Callback | None
     deadline: float
     outcomes: dict[int, Outcome] = field(default_factory=dict)
@@ -99,8 +132,8 @@ class _Batch:
 
     def run(self, helpers: int) -> None:
         """Solve from all guesses; from as many as there was time for, when interrupted."""
-        self._waiting = deque(range(len(self.guesses)))
-        processes = [Elsewhere() for _ in range(min(helpers, len(self.guesses) - 1))]
+        self._waiting = deque(range(len(self.tasks)))
+        processes = [Elsewhere() for _ in range(min(helpers, len(self.tasks) - 1))]
         threads = [threading.Thread(target=self._help, args=(p,), daemon=True) for p in processes]
         try:
             for thread in threads:
@@ -121,16 +154,12 @@ class _Batch:
             for process in processes:
                 process.close()
 
-    def solve(self, guess: StartGuess, number: int) -> Outcome:
+    def solve(self, task: _Task, number: int) -> Outcome:
         """Outcome of one start, in this process."""
-        start = Start(self.formulation.programme, guess.iterate, self.callback, label=_label(number))
-        outcome = run_strategy(self._settings(), start)
+        start = Start(task.formulation.programme, task.guess.iterate, self.callback, label=_label(number))
+        outcome = run_strategy(task.settings(self.deadline), start)
         self.is_interrupted |= outcome.result.status is Status.INTERRUPTED
         return outcome
-
-    def _settings(self) -> SolverSettings:
-        left = None if math.isinf(self.deadline) else max(0.0, self.deadline - time.perf_counter())
-        return replace(self.settings, time_limit=left)
 
     def _next(self) -> int | None:
         try:
@@ -140,7 +169,7 @@ class _Batch:
 
     def _take(self) -> None:
         while not self.is_interrupted and (number := self._next()) is not None:
-            self.outcomes[number] = self.solve(self.guesses[number], number)
+            self.outcomes[number] = self.solve(self.tasks[number], number)
 
     def _show(self) -> None:
         """Show the records of other processes, as if they came now."""
@@ -154,9 +183,10 @@ class _Batch:
         if self._all_taken.wait(_PATIENCE):
             return
         while (number := self._next()) is not None:
-            iterate, label = self.guesses[number].iterate, _label(number)
+            task = self.tasks[number]
+            settings, programme = task.settings(self.deadline), task.formulation.programme
             try:
-                found = process.run(self._settings(), self.formulation.programme, iterate, label)
+                found = process.run(settings, programme, task.guess.iterate, _label(number))
             except ElsewhereError:
                 self._waiting.append(number)
                 return
@@ -167,19 +197,19 @@ def _label(number: int) -> str:
     return f" (start {number + 1})" if number else ""
 
 
-def _best(formulation: Formulation, ends: Sequence[Outcome]) -> int:
+def _best(tasks: Sequence[_Task], ends: Sequence[Outcome]) -> int:
     """Which outcome is the best: the cheapest that converged, motions that the steps resolve first."""
-    best, rank = 0, _rank(formulation, ends[0])
+    ranks = [_rank(task.formulation, end) for task, end in zip(tasks, ends, strict=True)]
+    best = 0
     for i, end in enumerate(ends[1:], start=1):
-        new, old = _rank(formulation, end), rank
-        if new != old:
-            is_preferred = new < old
+        if ranks[i] != ranks[best]:
+            is_preferred = ranks[i] < ranks[best]
         elif end.result.status is Status.CONVERGED:
             cost, least = end.result.record.cost, ends[best].result.record.cost
             is_preferred = cost < least - _SAME_COST * abs(least)
         else:
             is_preferred = is_better(end.result, ends[best].result)
-        best, rank = (i, new) if is_preferred else (best, rank)
+        best = i if is_preferred else best
     return best
 
 
@@ -196,5 +226,6 @@ def _status(formulation: Formulation, end: Outcome) -> Status:
     return Status.CONVERGED if is_resolved else Status.UNDER_RESOLVED
 
 
-def _record(formulation: Formulation, guess: StartGuess, end: Outcome) -> StartRecord:
-    return StartRecord(guess.words, _status(formulation, end), end.result.record.cost, end.iterations)
+def _record(task: _Task, end: Outcome) -> StartRecord:
+    status = _status(task.formulation, end)
+    return StartRecord(task.words, status, end.result.record.cost, end.iterations, task.goal)

@@ -33,6 +33,7 @@ from mbocp.problem.file.changes import changed
 from mbocp.problem.file.read import from_tables
 from mbocp.problem.frames import check_frames, goal_branches, with_configuration
 from mbocp.problem.goal import Goal
+from mbocp.problem.goal_set import reachable_members
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator, check_unused
 from mbocp.problem.limits import Bounds, check_limits
@@ -105,7 +106,9 @@ class Problem:
     stabilisation : Stabilisation
         Rates for ``lie = "baumgarte"`` and for holonomic constraints.
     goal : Goal
-        g_T and gamma.
+        g_T and gamma; of several goals the first that is not out of reach.
+    goals : tuple of Goal
+        Several of which the best is taken; empty where there is one goal.
     limits : Bounds
         On controls, velocities and configurations; none by default.
     via : tuple of ViaPoint
@@ -135,7 +138,7 @@ class Problem:
     InconsistentStart
         If start or exact goal violate a holonomic constraint, at position or velocity level.
     UnreachableGoal
-        If closed loops keep the robot from getting to an exact goal.
+        If closed loops keep the robot from getting to an exact goal, or all of several are out of reach.
     UnreachablePose
         If nothing within the limits brings a frame to the pose of an exact goal.
     OverdeterminedGoal
@@ -153,6 +156,8 @@ class Problem:
     substeps: int = 1
     stabilisation: Stabilisation = field(default_factory=Stabilisation)
     goal: Goal
+    goals: tuple[Goal, ...] = ()
+    _members: tuple[tuple[int, Problem], ...] = field(init=False, repr=False, default=())
     limits: Bounds = field(default_factory=Bounds)
     via: tuple[ViaPoint, ...] = ()
     path: tuple[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint, ...] = ()
@@ -165,6 +170,10 @@ class Problem:
     name: str = "problem"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "goals", tuple(self.goals))
+        if self.goals:
+            self._take_members()
+            return
         duration, duration_range = check_duration(self.duration, self.duration_range)
         object.__setattr__(self, "duration", duration)
         object.__setattr__(self, "duration_range", duration_range)
@@ -229,6 +238,15 @@ class Problem:
             If the goal asks for no pose.
         """
         return goal_branches(self.robot, self.goal, self.q_start, self.limits)
+
+    @property
+    def members(self) -> tuple[tuple[int, Problem], ...]:
+        """Place among `goals` and problem of each that is in reach; of one goal the problem itself."""
+        return self._members or ((0, self),)
+
+    def member(self, place: int | None) -> Problem:
+        """The problem of one of several goals by its place among `goals`; None: of the first in reach."""
+        return dict(self._members).get(place, self) if place is not None else self
 
     @property
     def num_end_conditions(self) -> int:
@@ -312,6 +330,14 @@ class Problem:
             If there is no such field or word, or a value is of the wrong kind.
         """
         return changed(self, changes)
+
+    def _take_members(self) -> None:
+        """Problems of the goals that are not out of reach; all but the goals is as in the first of them."""
+        members = reachable_members(self)
+        object.__setattr__(self, "_members", members)
+        for name in self.__dataclass_fields__:
+            if name not in ("goals", "_members"):
+                object.__setattr__(self, name, getattr(members[0][1], name))
 
     def _take_terms(self) -> None:
         """Check terms of one's own; path constraints among them follow those of the file, then tolerances."""

@@ -159,6 +159,11 @@ class SolutionData:
         object.__setattr__(self, "labels", self.labels.completed(**sizes, lam=self.nc, zeta=self.nc))
 
     @property
+    def goal_place(self) -> int | None:
+        """Place of the goal that was taken among several; None where there is one."""
+        return next((start.goal for start in self.starts if start.guess == self.guess_used), None)
+
+    @property
     def converged(self) -> bool:
         """Whether the tolerances were met, by a motion that the steps resolve."""
         return self.status is Status.CONVERGED

@@ -114,6 +114,7 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "eta": solution.eta.tolist(),
         "starts": [
             {"guess": s.guess, "status": str(s.status), "cost": s.cost, "iterations": s.iterations}
+            | ({} if s.goal is None else {"goal": s.goal})
             for s in solution.starts
         ],
     }

@@ -61,7 +61,7 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
     ):
         found += _touched(kind, columns, values, limits)
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
-    rows = path_rows_of(solution.problem_text) if solution.path_names else {}
+    rows = path_rows_of(solution.problem_text, solution.goal_place) if solution.path_names else {}
     N, unknown = len(solution.t) - 1, PathRow(np.nan, np.nan, "", Span())
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
         row = rows.get(name, unknown)

@@ -19,7 +19,15 @@ from mbocp.terms.frame_goal import FURTHER_KEYS
 from mbocp.terms.frame_tolerance import tolerance_bounds
 from mbocp.terms.span import SPAN, Span
 
-__all__ = ["PathRow", "duration_range_of", "goal_targets_of", "integrator_of", "limits_of", "path_rows_of"]
+__all__ = [
+    "PathRow",
+    "duration_range_of",
+    "goal_targets_of",
+    "integrator_of",
+    "limits_of",
+    "other_goal_targets_of",
+    "path_rows_of",
+]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
 
@@ -108,19 +116,43 @@ def limits_of(problem_text: str) -> dict[str, Array]:
     }
 
 
-def goal_targets_of(problem_text: str) -> tuple[FrameTarget, ...]:
+def goal_targets_of(problem_text: str, place: int | None = None) -> tuple[FrameTarget, ...]:
     """Poses that the goal asks of frames; those that cannot be understood are left out.
+
+    Parameters
+    ----------
+    problem_text : str
+    place : int, optional
+        Of the goal among several.
 
     Raises
     ------
     InvalidValue
         If the text is TOML, but no problem.
     """
-    return tuple(goal.target for goal in _frame_goals(_parsed(problem_text)) if goal.has_pose)
+    return tuple(goal.target for goal in _frame_goals(_parsed(problem_text), place) if goal.has_pose)
 
 
-def _frame_goals(problem: _Problem | None) -> list[FrameGoal]:
-    tables = problem.goal.get("frame", []) if problem is not None else []
+def other_goal_targets_of(problem_text: str, place: int | None) -> tuple[FrameTarget, ...]:
+    """The same of all goals among several but the one at `place`.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    several = problem.goal.get("any") if problem is not None else None
+    others = [i for i in range(len(several) if isinstance(several, list) else 0) if i != place]
+    return tuple(target for i in others for target in goal_targets_of(problem_text, i))
+
+
+def _frame_goals(problem: _Problem | None, place: int | None) -> list[FrameGoal]:
+    goal: Any = problem.goal if problem is not None else {}
+    several = goal.get("any")
+    if isinstance(several, list) and place is not None:
+        goal = several[place] if place < len(several) else {}
+    tables = goal.get("frame", []) if isinstance(goal, dict) else []
     found = []
     for table in tables if isinstance(tables, list) else [tables]:
         try:
@@ -155,8 +187,14 @@ class PathRow(NamedTuple):
         return self.lower == self.upper
 
 
-def path_rows_of(problem_text: str) -> dict[str, PathRow]:
+def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathRow]:
     """What each row of the path constraints says, by the row's name.
+
+    Parameters
+    ----------
+    problem_text : str
+    place : int, optional
+        Of the goal among several.
 
     Raises
     ------
@@ -174,7 +212,8 @@ def path_rows_of(problem_text: str) -> dict[str, PathRow]:
         sides = {row: (float(lower), float(upper)) for row, (lower, upper) in pairs.items()}
         found |= {row: PathRow(*bounds, unit, _span_of(table)) for row, bounds in sides.items()}
     found |= {
-        row: PathRow(*bounds, Span()) for row, bounds in tolerance_bounds(_frame_goals(problem)).items()
+        row: PathRow(*bounds, Span())
+        for row, bounds in tolerance_bounds(_frame_goals(problem, place)).items()
     }
     for table in problem.terms if problem is not None else ():
         name, rows = str(table.get("name", "")), _rows_of(table)

@@ -37,6 +37,7 @@ def read_solution(
     left_out: str,
     begun: float,
     starts: tuple[StartRecord, ...] = (),
+    asked: Problem | None = None,
 ) -> Solution:
     """Solution of a formulation from what its solver has come to.
 
@@ -52,6 +53,8 @@ def read_solution(
         Time of `time.perf_counter` at which the solve began.
     starts : tuple of StartRecord
         What each start came to, where there were several.
+    asked : Problem, optional
+        What was asked for, if it has several goals.
     """
     problem, result = formulation.problem, outcome.result
     last = result.record
@@ -76,7 +79,7 @@ def read_solution(
         problem_name=problem.name,
         robot_name=problem.robot.name,
         robot_spec=dict(problem.robot.spec),
-        problem_text=problem_to_toml(problem),
+        problem_text=problem_to_toml(problem if asked is None else asked),
         guess_used=guess_used,
         starts=starts,
         options=asdict(problem.solver),

@@ -40,12 +40,15 @@ class StartRecord:
         Objective J at the end.
     iterations : int
         Of all phases.
+    goal : int, optional
+        Place of the goal among several; None where there is one.
     """
 
     guess: str
     status: Status
     cost: float
     iterations: int
+    goal: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "status", Status(self.status))

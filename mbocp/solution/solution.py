@@ -50,7 +50,7 @@ class Solution(SolutionData):
     phases : tuple of Phase
     history : tuple of IterationRecord
     starts : tuple of StartRecord
-        With `solver.starts` above 1 what each guess led to; empty else.
+        With `solver.starts` above 1 or several goals what each guess led to; empty else.
     t : ndarray, shape (N + 1,)
         Time of the nodes [s].
     qs : ndarray, shape (N + 1, nq)

@@ -30,6 +30,7 @@ def write_replay(
     *,
     trace: Sequence[str] | None = None,
     goals: Sequence[FrameTarget] = (),
+    other_goals: Sequence[FrameTarget] = (),
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -50,6 +51,8 @@ def write_replay(
         Frames whose path is drawn; by default `robot.trace_frames`.
     goals : sequence of FrameTarget
         Poses of frames whose axes are drawn: where the motion was to end.
+    other_goals : sequence of FrameTarget
+        Faint ones: where it might have ended, too.
     title : str
         Shown above the picture; by default the robot's name.
     speed : float
@@ -70,7 +73,7 @@ def write_replay(
         If a traced frame does not exist.
     """
     motion = _motion(robot, t, qs, speed, samples_per_second)
-    scene = build_scene(robot, motion, trace=trace, goals=goals)
+    scene = build_scene(robot, motion, trace=trace, goals=goals, other_goals=other_goals)
     page = render_page(
         scene, title=title or robot.name, subtitle=_subtitle(robot, motion, title), speed=speed
     )
@@ -87,6 +90,7 @@ def open_replay(
     *,
     trace: Sequence[str] | None = None,
     goals: Sequence[FrameTarget] = (),
+    other_goals: Sequence[FrameTarget] = (),
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -110,7 +114,7 @@ def open_replay(
         If a traced frame does not exist.
     """
     motion = _motion(robot, t, qs, speed, samples_per_second)
-    scene = build_scene(robot, motion, trace=trace, goals=goals, speed=speed)
+    scene = build_scene(robot, motion, trace=trace, goals=goals, other_goals=other_goals, speed=speed)
     serve(scene, title=title or robot.name, browser=browser)
 
 

@@ -37,7 +37,7 @@ def pendulum(**solver: object) -> mbocp.Problem:
 
 
 def from_starts(problem: mbocp.Problem, **options: object) -> tuple:
-    return several.solve_from_starts(formulate(problem), None, None, [], np.inf, **options)
+    return several.solve_from_starts([(None, formulate(problem))], None, None, [], np.inf, **options)[1:]
 
 
 def test_the_best_of_all_starts_is_the_solution():

@@ -45,7 +45,9 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
         values = {**duration_from(written), **values}
         if tables:  # at once: what they ask for may need it
             tables["horizon"] = {"duration": written}
-    known = [field.name for field in fields(problem)]
+    if isinstance(values.get("goal"), Goal):
+        values.setdefault("goals", ())  # in the place of several
+    known = [field.name for field in fields(problem) if field.init]
     for name, value in values.items():
         if name in _VALUES and not isinstance(value, _VALUES[name]):
             raise ProblemError(f"{name}: got {shown(value)}, expected a table, or a {_VALUES[name].__name__}")
@@ -65,6 +67,14 @@ def _is_table(name: str, value: Any) -> bool:
     return name in _TABLES and isinstance(value, Mapping)
 
 
+def _goal_of_several(old: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
+    """Several goals take the place of what there was; other keys change in each of those that there are."""
+    if "any" in table:
+        return dict(table)
+    others = [{k: v for k, v in member.items() if _RATES.get(k) not in table} for member in old["any"]]
+    return {"any": [{**member, **table} for member in others]}
+
+
 def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
     """Write the problem down, put keys into its tables, and read it again."""
     document = parse_toml(to_toml(tables_of(problem)))
@@ -74,6 +84,9 @@ def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
             document[name] = table
             continue
         old = document.get(name, {})
+        if name == "goal" and "any" in {**old, **table}:
+            document[name] = _goal_of_several(old, table)
+            continue
         if name in ("start", "goal"):
             old = {key: entry for key, entry in old.items() if _RATES.get(key) not in table}
         document[name] = {**old, **table}

@@ -26,6 +26,7 @@ from mbocp.problem.file.named_values import configuration_from, control_from, ta
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.path_table import path_from
 from mbocp.problem.file.schema import (
+    GoalMemberTable,
     GoalTable,
     GuessTable,
     IntegratorTable,
@@ -37,7 +38,8 @@ from mbocp.problem.file.schema import (
 from mbocp.problem.file.target import read_target
 from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import via_from
-from mbocp.problem.goal import Goal
+from mbocp.problem.goal import RATES, Goal
+from mbocp.problem.goal_set import of_member
 from mbocp.problem.guess import Guess
 from mbocp.problem.horizon import check_horizon
 from mbocp.problem.integration import Stabilisation
@@ -104,9 +106,12 @@ def _fields(
     horizon, num_steps = duration_from(table.horizon.duration), table.horizon.steps
     check_horizon(num_steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
     q_start, v_start = _start(table.start, robot)
-    goal = _goal(table.goal, robot, q_start)
+    goals = _goals(table.goal, robot, q_start)
+    goal = goals[0] if goals else _goal(table.goal, robot, q_start)
     is_left_to_us = "cost" not in table.model_fields_set and not (terms or table.terms)
     written: Any = table.cost
+    if goals and written.tracking and written.target is None and written.target_file is None:
+        raise ProblemError("cost.tracking: of several goals none is the target; give cost.target")
     cost = written.model_copy(update={"velocity": AUTO}) if is_left_to_us else written
     return {
         "cost": _cost(cost, _CostReader(robot, goal, folder, horizon, num_steps, q_start, v_start)),
@@ -119,6 +124,7 @@ def _fields(
         "substeps": table.integrator.substeps,
         "stabilisation": _stabilisation(table.integrator),
         "goal": goal,
+        "goals": goals,
         "limits": bounds_from(robot, table.limits.effort, table.limits.velocity, table.limits.position),
         "via": via_from(robot, table.via, q_start),
         "path": path_from(robot, table.path),
@@ -165,7 +171,20 @@ def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
     return q, assembled_velocity(robot, q, v, active, assemble=table.assemble)
 
 
-def _goal(table: GoalTable, robot: Robot, q_start: Array) -> Goal:
+def _goals(table: GoalTable, robot: Robot, q_start: Array) -> tuple[Goal, ...]:
+    """Several goals, each with what is common to all where it says nothing itself."""
+    common = {key: getattr(table, key) for key in table.model_fields_set - {"any"}}
+    goals = []
+    for place, member in enumerate(table.any):
+        given = member.model_fields_set
+        own = given | (set(RATES) if given & set(RATES) else set())
+        inherited = {key: value for key, value in common.items() if key not in own}
+        with of_member(place):
+            goals.append(_goal(member.model_copy(update=inherited), robot, q_start))
+    return tuple(goals)
+
+
+def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
     q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
     value, rate_active = np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
     if table.q is not None:

@@ -65,7 +65,8 @@ def _rate(value: Any) -> Vector | Named | float:
         return 0.0
     if is_number(value):
         raise ValueError(
-            f"got {shown(value)}, expected a list of numbers, a table by joint name, or 0 for rest"
+            f"got {shown(value)}, expected 0 for rest, a list of as many numbers as mbocp robots NAME "
+            "counts for v, or a table by joint name such as { elbow_joint = 0.5 }"
         )
     return vector_or_named(value)
 
@@ -206,8 +207,8 @@ class FrameGoalTable(Table):
     weight: Finite | None = None
 
 
-class GoalTable(Table):
-    """State at t = T."""
+class GoalMemberTable(Table):
+    """State at t = T, one of several."""
 
     q: VectorOrNamed = None
     v: Rate = None
@@ -228,6 +229,12 @@ class ViaTable(Table):
     q: VectorOrNamed = None
     v: Rate = None
     frame: Annotated[list[FrameGoalTable], BeforeValidator(_listed)] = Field(default_factory=list)
+
+
+class GoalTable(GoalMemberTable):
+    """State at t = T; beside several that are given, what is common to them."""
+
+    any: list[GoalMemberTable] = Field(default_factory=list)
 
 
 CostTable = merged(

@@ -63,6 +63,8 @@ class ProblemFields(Protocol):
     @property
     def goal(self) -> Goal: ...  # noqa: D102
     @property
+    def goals(self) -> tuple[Goal, ...]: ...  # noqa: D102
+    @property
     def limits(self) -> Bounds: ...  # noqa: D102
     @property
     def via(self) -> tuple[ViaPoint, ...]: ...  # noqa: D102
@@ -103,7 +105,9 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
             "steps": problem.num_steps,
         },
         "start": {"q": problem.q_start, "v": problem.v_start},
-        "goal": _goal(problem.goal, robot, problem.scheme),
+        "goal": {"any": [_goal(goal, robot, problem.scheme) for goal in problem.goals]}
+        if problem.goals
+        else _goal(problem.goal, robot, problem.scheme),
         "cost": _cost(problem.cost),
         "guess": _guess(problem.guess),
         "limits": _limits(problem.limits),

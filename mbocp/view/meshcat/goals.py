@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["goal_commands", "goal_placements"]
 
 _LENGTH, _RADIUS = 0.08, 0.004  # of the scene's size
+_FAINT = 0.3  # opacity
 _COLOURS = ((0.85, 0.15, 0.15), (0.15, 0.65, 0.2), (0.15, 0.3, 0.85))  # x, y, z
 
 
@@ -32,7 +33,7 @@ def goal_placements(robot: Robot, goals: Sequence[FrameTarget], q: Array) -> lis
 
 
 def goal_commands(
-    goals: Sequence[FrameTarget], placements: Sequence[pin.SE3], root: str, size: float
+    goals: Sequence[FrameTarget], placements: Sequence[pin.SE3], root: str, size: float, bold: int
 ) -> Iterator[Command]:
     """Draw three axes for each goal.
 
@@ -42,13 +43,16 @@ def goal_commands(
         Node of the scene.
     size : float
         Extent of the scene [m].
+    bold : int
+        How many of them, from the first; the others are faint.
     """
     for index, (goal, placed) in enumerate(zip(goals, placements, strict=True)):
         path = f"{root}/goals/{index}_{goal.name.replace('/', '|')}"
         for axis, colour in enumerate(_COLOURS):
             line = np.zeros((2, 3))
             line[1, axis] = _LENGTH * size
-            material = mg.MeshLambertMaterial(vertexColors=True)
+            faint = {} if index < bold else {"transparent": True, "opacity": _FAINT}
+            material = mg.MeshLambertMaterial(vertexColors=True, **faint)
             drawn = tube(line, _RADIUS * size, np.tile(colour, (2, 1)))
             yield set_object(f"{path}/{'xyz'[axis]}", shape_object(drawn, material))
         yield set_transform(path, placed.rotation, placed.translation)

@@ -76,6 +76,7 @@ def build_scene(
     *,
     trace: Sequence[str] | None = None,
     goals: Sequence[FrameTarget] = (),
+    other_goals: Sequence[FrameTarget] = (),
     speed: float = 1.0,
 ) -> Scene:
     """Compose the scene of a motion.
@@ -88,6 +89,8 @@ def build_scene(
         Frames whose path is drawn; by default the robot's own choice.
     goals : sequence of FrameTarget
         Poses of frames whose axes are drawn.
+    other_goals : sequence of FrameTarget
+        Those of which the motion goes to another: faint.
     speed : float
         Seconds of motion per second of watching; the animation's key times are divided by it.
 
@@ -100,7 +103,7 @@ def build_scene(
     paths = [motion.frame_positions(frame) for frame in frames]
     turn = upright(robot.model.gravity.linear)
     drawn, corners = _robot_commands(robot, motion)
-    placements = goal_placements(robot, goals, motion.qs[-1])
+    placements = goal_placements(robot, [*goals, *other_goals], motion.qs[-1])
     ends = [np.tile(placed.translation, (len(motion.times), 1)) for placed in placements]
     lines = [*paths, *_connector_ends(robot, motion), *ends]
     swept = _swept(motion, corners, lines) @ turn.T
@@ -116,7 +119,7 @@ def build_scene(
         *drawn,
         *connectors,
         *_trace_commands(robot, frames, paths, size),
-        *goal_commands(goals, placements, WORLD, size),
+        *goal_commands([*goals, *other_goals], placements, WORLD, size, bold=len(goals)),
     ]
     tracks = [*_joint_tracks(motion), *connector_tracks]
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]
