@@ -78,6 +78,8 @@ def reachable_members(problem: P) -> tuple[tuple[int, P], ...]:
                 with of_member(place):
                     found.append((place, replace(problem, goal=goal, goals=())))
             except UnreachableGoal as error:
+                if not str(error).startswith("goal"):
+                    raise  # a via point
                 refused.append(error)
                 told[f"{error}; this goal is left out"] = ProblemWarning
         told |= {_named(place, str(entry.message)): entry.category for entry in caught}
