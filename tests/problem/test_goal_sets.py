@@ -146,7 +146,7 @@ def test_what_cannot_be_a_set_is_refused() -> None:
     assert "tool0" in str(caught.value)
     with pytest.raises(ProblemFileError, match=r"goal\.any\.0\.q"):
         Problem.create("ur5", 1.0, 15, goal={"any": [{"q": [0.0, 1.0]}]})
-    with pytest.raises(ProblemFileError, match="unknown key"):
+    with pytest.raises(ProblemFileError, match=r"goal\.any\.0\.pose: unknown key; where a tool should be is"):
         Problem.create("ur5", 1.0, 15, goal={"any": [{"pose": [0.0, 1.0]}]})
     with pytest.raises(ProblemFileError, match=r"give cost\.target"):
         Problem.create("ur5", 1.0, 15, goal={"any": [NEAR]}, cost={"tracking": 1.0})

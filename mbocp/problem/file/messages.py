@@ -68,6 +68,7 @@ _NOT_THERE = {
     "limits.jerk": "there is no such limit; cost.control_rate smooths the controls",
 }
 
+_REPEATED = frozenset({"goal.any", "goal.any.frame"})  # keys that another table has alike
 _MAX_VALUE_LENGTH = 60  # characters of a value
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 
@@ -126,8 +127,9 @@ def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
     listed = f"{where}: {', '.join(valid)}"
     if name in _LETTERS:
         return f"unknown key, did you mean {_LETTERS[name]}? ({listed})"
-    elsewhere = [f"{table}.{name}" if table else name for table, keys in tables.items() if name in keys]
-    if (advice := _NOT_THERE.get(".".join([*above, name]))) is not None:
+    others = {table: keys for table, keys in tables.items() if table not in _REPEATED}
+    elsewhere = [f"{table}.{name}" if table else name for table, keys in others.items() if name in keys]
+    if (advice := _NOT_THERE.get(".".join([*above, name]).replace("goal.any.", "goal."))) is not None:
         return f"unknown key; {advice} ({listed})"
     if elsewhere:
         return f"unknown key, did you mean {' or '.join(elsewhere)}? ({listed})"
