@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the 
 from benchmarks.machine import header
 from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
 from benchmarks.paper.__main__ import PAGE, replaced
+from benchmarks.quality import WAYS, quality_table, tasks
 from benchmarks.random_tasks import random_problems
 from benchmarks.reliability import reliability_table
 from benchmarks.rivals import compare, reach
@@ -116,3 +117,15 @@ def test_reliability_counts_what_is_solved() -> None:
     statuses = ("converged", "under_resolved", "infeasible", "stagnated", "infeasible")
     table = reliability_table([{**row, "status": status} for status in statuses])
     assert table.rows == [("a", "2 / 5", "4 / 4 / 4", "2 / 2 / 2", "2", "2 infeasible, 1 stagnated")]
+
+
+def test_quality_compares_with_the_best_of_all() -> None:
+    made = quality_table(["double pendulum"], ["effort"], number=2, seed=1, time_limit=30.0)
+    assert [row[1] for row in made.rows] == list(WAYS)
+    by_way = {row[1]: row for row in made.rows}
+    assert {row[2] for row in made.rows} == {"2"}
+    assert by_way["auto, 4 starts"][4] == "100.0 %"  # nothing else starts from as many guesses
+    first, second = tasks("double pendulum", "auto", 2, 1)
+    assert not first.is_bounded
+    assert first.cost.velocity.any()
+    assert not np.array_equal(first.goal.q, second.goal.q)
