@@ -88,16 +88,7 @@ def quality_table(
             results = [measure(problem, time_limit) for problem in tasks(name, cost, number, seed)]
             for way in WAYS:
                 rows.append((f"{name}, {cost}", way, *_cells(results, way)))
-    columns = (
-        "tasks",
-        "way",
-        "solved by any",
-        "within 1 %",
-        "share",
-        "worst",
-        "under-resolved",
-        "iterations",
-    )
+    columns = ("tasks", "way", "solved", "one guess", "all", "worst", "under-resolved", "iterations")
     note = (
         f"{number} tasks of each set, seed {seed}. solved: by any way, with a motion that the steps resolve; "
         "one guess: within 1 % of the lowest cost that a single guess leads to; all: of the lowest cost of "
