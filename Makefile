@@ -1,4 +1,4 @@
-# make demo | test | attack | lint | bench | bench-dense | sanitize | campaign | clean; each installs what it needs
+# make demo | test | quick | test-all | attack | lint | bench | bench-dense | sanitize | campaign | clean; each installs what it needs
 # into .venv first.
 PYTHON ?= python3
 VENV   := .venv
@@ -8,14 +8,26 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo test attack lint bench bench-dense sanitize campaign setup clean
+.PHONY: demo test quick test-all attack lint bench bench-dense sanitize campaign setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
 
 # One process a core, at most eight; the tests of a file stay together.
+PARALLEL := -n auto --maxprocesses 8 --dist loadfile
+
 test: setup
-	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist loadfile
+	$(BIN)/python -m pytest $(PARALLEL) --durations 20
+
+# What needs little compiling: for every save.
+QUICK := tests/lie tests/programme tests/problem tests/terms tests/robot/loops tests/mechanics/symmetries \
+         tests/test_architecture.py tests/test_switches.py tests/test_stubs.py tests/test_text.py tests/test_linear.py
+
+quick: setup
+	$(BIN)/python -m pytest $(PARALLEL) $(QUICK)
+
+test-all: setup
+	$(BIN)/python -m pytest $(PARALLEL) -m 'slow or not slow' --durations 20
 
 # COUNT mutated inputs, a tenth of them guided by coverage where atheris has a wheel for this Python.
 COUNT ?= 100000
