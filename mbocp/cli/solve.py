@@ -151,6 +151,7 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
     if outputs.result is not None:
         written.append(("result", solution.save(outputs.result)))
     if outputs.replay is not None:
+        from mbocp.view.marks import marks_of
         from mbocp.view.replay import write_replay
 
         place = solution.goal_place
@@ -168,6 +169,7 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
             outputs.replay,
             goals=goals,
             other_goals=others,
+            marks=marks_of(problem),
             title=problem.name,
         )
         written.append(("replay", page))

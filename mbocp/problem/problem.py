@@ -367,6 +367,11 @@ class Problem:
         """The via points among the path constraints, in the order of their nodes."""
         return tuple(constraint for constraint in self.path if isinstance(constraint, ViaConstraint))
 
+    @property
+    def frame_constraints(self) -> tuple[PathConstraint, ...]:
+        """The path constraints of `[[path]]`."""
+        return tuple(constraint for constraint in self.path if isinstance(constraint, PathConstraint))
+
     def _check_start(self) -> None:
         robot = self.robot
         q = frozen_array(self.q_start, name="start.q")

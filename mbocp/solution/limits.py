@@ -64,7 +64,7 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
     rows = path_rows_of(solution.problem_text, solution.goal_place) if solution.path_names else {}
     N, unknown = len(solution.t) - 1, PathRow(np.nan, np.nan, "", Span())
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
-        row = rows.get(name, unknown)
+        row = rows.get(name) or rows.get(name.partition(": ")[0] + ": ", unknown)
         total = N if row.span == Span() else int(np.count_nonzero(row.span.nodes(N, solution.t[-1] / N)))
         for side, bound, active in (
             ("lower", row.lower, multipliers < -pulls),

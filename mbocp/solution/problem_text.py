@@ -59,6 +59,7 @@ class _Problem(_Part):
     robot: _Robot | str = _Robot()
     goal: dict[str, Any] = {}
     limits: dict[str, Any] = {}
+    via: list[dict[str, Any]] = []
     path: list[dict[str, Any]] = []
     terms: list[dict[str, Any]] = []
 
@@ -152,7 +153,12 @@ def _frame_goals(problem: _Problem | None, place: int | None) -> list[FrameGoal]
     several = goal.get("any")
     if isinstance(several, list) and place is not None:
         goal = several[place] if place < len(several) else {}
-    tables = goal.get("frame", []) if isinstance(goal, dict) else []
+    return _frame_goals_of(goal) if isinstance(goal, dict) else []
+
+
+def _frame_goals_of(asked: dict[str, Any]) -> list[FrameGoal]:
+    """Goals of frames of a goal or a via point."""
+    tables = asked.get("frame", [])
     found = []
     for table in tables if isinstance(tables, list) else [tables]:
         try:
@@ -209,17 +215,44 @@ def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathR
         pairs = {f"{name}.{axis}": table[axis] for axis in "xyz" if _pairs([table.get(axis)])}
         ends = [table.get("min", -np.inf), table.get("max", np.inf)]
         pairs |= {name: ends} if not pairs and _pairs([ends]) else {}
+        pairs |= _kept(name, table.get("tolerance"))
         sides = {row: (float(lower), float(upper)) for row, (lower, upper) in pairs.items()}
         found |= {row: PathRow(*bounds, unit, _span_of(table)) for row, bounds in sides.items()}
     found |= {
         row: PathRow(*bounds, Span())
         for row, bounds in tolerance_bounds(_frame_goals(problem, place)).items()
     }
+    for table in problem.via if problem is not None else ():
+        found |= _via_rows(table)
     for table in problem.terms if problem is not None else ():
         name, rows = str(table.get("name", "")), _rows_of(table)
         labels = [name] if len(rows) == 1 else [f"{name}.{i}" for i in range(len(rows))]
         unit, span = str(table.get("unit", "")), _span_of(table)
         found |= {label: PathRow(*bounds, unit, span) for label, bounds in zip(labels, rows, strict=True)}
+    return found
+
+
+def _kept(name: str, tolerance: Any) -> dict[str, list[float]]:
+    """Rows of a constraint that has a tolerance; equations where it is zero."""
+    if not is_number(tolerance):
+        return {}
+    return (
+        {f"{name}.{axis}": [0.0, 0.0] for axis in "xyz"} if tolerance == 0 else {name: [-np.inf, tolerance]}
+    )
+
+
+def _via_rows(table: dict[str, Any]) -> dict[str, PathRow]:
+    """Boxes and cones of a via point; under its name and a colon what holds of all others, equations."""
+    name = str(table.get("name", ""))
+    found = {f"{name}: ": PathRow(0.0, 0.0, "", Span())}
+    for goal in _frame_goals_of(table):
+        if goal.position_tolerance is not None:
+            for i in goal.target.coordinates:
+                side = float(goal.position_tolerance[i])
+                found[f"{name}: {'xyz'[i]} of {goal.name}"] = PathRow(-side, side, "m", Span())
+        if goal.orientation_tolerance is not None:
+            cone = PathRow(-np.inf, goal.orientation_tolerance, "rad", Span())
+            found[f"{name}: angle of {goal.name}"] = cone
     return found
 
 

@@ -20,6 +20,8 @@ from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
 from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
 from mbocp.terms.path import PATH_TERMS, PathTerm
+
+from mbocp.terms.kept import Line, OrientationKept  # isort: skip  # kinds in the order of the documentation
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.span import Span
 from mbocp.terms.via import ViaFrameShape, ViaTerm
@@ -38,6 +40,8 @@ __all__ = [
     "FrameShape",
     "FrameTolerance",
     "Kinematics",
+    "Line",
+    "OrientationKept",
     "OwnEnd",
     "OwnPath",
     "OwnPathConstraint",

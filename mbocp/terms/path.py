@@ -17,6 +17,7 @@ from typing import Annotated, Any, ClassVar, Protocol
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 from pydantic import Field
 
 from mbocp._arrays import Array
@@ -99,6 +100,21 @@ class PathTerm(ABC):
     def of(cls, given: PathNumbers) -> PathTerm:
         """The structure of a constraint."""
         return cls(given.frame)
+
+    @classmethod
+    def completed(
+        cls, given: Mapping[str, Any], start: pin.SE3, end: Array | None, key: str
+    ) -> dict[str, Any]:
+        """The keys that are written, with those that follow from the start and the goal of the frame.
+
+        Parameters
+        ----------
+        start : pinocchio.SE3
+            Placement of the frame at the start.
+        end : ndarray, shape (3,), optional
+            Position of the frame at the goal, where that says it [m].
+        """
+        return dict(given)
 
     @classmethod
     @abstractmethod

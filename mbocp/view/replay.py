@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_file
+from mbocp.view.marks import Marks
 from mbocp.view.meshcat.live import LiveReplay, ends_gently
 from mbocp.view.meshcat.page import render_page
 from mbocp.view.meshcat.scene import Scene, build_scene
@@ -31,6 +32,7 @@ def write_replay(
     trace: Sequence[str] | None = None,
     goals: Sequence[FrameTarget] = (),
     other_goals: Sequence[FrameTarget] = (),
+    marks: Marks | None = None,
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -53,6 +55,8 @@ def write_replay(
         Poses of frames whose axes are drawn: where the motion was to end.
     other_goals : sequence of FrameTarget
         Faint ones: where it might have ended, too.
+    marks : Marks, optional
+        Via points and lines, see `mbocp.view.marks.marks_of`.
     title : str
         Shown above the picture; by default the robot's name.
     speed : float
@@ -73,7 +77,7 @@ def write_replay(
         If a traced frame does not exist.
     """
     motion = _motion(robot, t, qs, speed, samples_per_second)
-    scene = build_scene(robot, motion, trace=trace, goals=goals, other_goals=other_goals)
+    scene = build_scene(robot, motion, trace=trace, goals=goals, other_goals=other_goals, marks=marks)
     page = render_page(
         scene, title=title or robot.name, subtitle=_subtitle(robot, motion, title), speed=speed
     )
@@ -91,6 +95,7 @@ def open_replay(
     trace: Sequence[str] | None = None,
     goals: Sequence[FrameTarget] = (),
     other_goals: Sequence[FrameTarget] = (),
+    marks: Marks | None = None,
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -114,7 +119,9 @@ def open_replay(
         If a traced frame does not exist.
     """
     motion = _motion(robot, t, qs, speed, samples_per_second)
-    scene = build_scene(robot, motion, trace=trace, goals=goals, other_goals=other_goals, speed=speed)
+    scene = build_scene(
+        robot, motion, trace=trace, goals=goals, other_goals=other_goals, marks=marks, speed=speed
+    )
     serve(scene, title=title or robot.name, browser=browser)
 
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice
 from mbocp.problem.file.messages import located
+from mbocp.problem.goal import Goal
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
+from mbocp.robot.kinematics import WORLD
 from mbocp.terms import PATH_TERMS
 from mbocp.terms.span import SPAN, Span
 
@@ -21,7 +26,7 @@ __all__ = ["path_from", "path_tables"]
 _HEAD = ("name", "kind", "frame", *SPAN)
 
 
-def path_from(robot: Robot, tables: list[PathHead]) -> tuple[PathConstraint, ...]:
+def path_from(robot: Robot, tables: list[PathHead], q_start: Array, goal: Goal) -> tuple[PathConstraint, ...]:
     """Make the constraints from the tables of `[[path]]`.
 
     Raises
@@ -32,7 +37,7 @@ def path_from(robot: Robot, tables: list[PathHead]) -> tuple[PathConstraint, ...
     found = []
     for i, table in enumerate(tables):
         with located(f"path.{i}"):
-            found.append(_constraint(robot, table, f"path.{i}"))
+            found.append(_constraint(robot, table, f"path.{i}", q_start, goal))
     return tuple(found)
 
 
@@ -41,7 +46,7 @@ def path_tables(robot: Robot, path: Sequence[object]) -> list[dict[str, Any]]:
     return [_table(robot, constraint) for constraint in path if isinstance(constraint, PathConstraint)]
 
 
-def _constraint(robot: Robot, table: PathHead, key: str) -> PathConstraint:
+def _constraint(robot: Robot, table: PathHead, key: str, q_start: Array, goal: Goal) -> PathConstraint:
     kind = check_choice(f"{key}.kind", table.kind, PATH_TERMS)
     term = PATH_TERMS[kind]
     written = {name: getattr(table, name) for name in type(table).model_fields if name not in _HEAD}
@@ -50,16 +55,29 @@ def _constraint(robot: Robot, table: PathHead, key: str) -> PathConstraint:
         if name not in term.Keys.model_fields:
             used = ", ".join(term.Keys.model_fields)
             raise ProblemError(f'{key}.{name}: kind = "{kind}" does not use it, but {used}')
-    values = term.read(given, robot, key)
+    frame = robot.frame_id(table.frame)
+    start = robot.frame_placement(table.frame, q_start)
+    values = term.read(
+        term.completed(given, start, _goal_position(robot, table.frame, goal), key), robot, key
+    )
     known = PathConstraint.__dataclass_fields__
     return PathConstraint(
         name=table.name or f"{kind} of {table.frame}",
         kind=kind,
-        frame=robot.frame_id(table.frame),
+        frame=frame,
         span=Span.read(table),
         further={name: value for name, value in values.items() if name not in known},
         **{name: value for name, value in values.items() if name in known},
     )
+
+
+def _goal_position(robot: Robot, frame: str, goal: Goal) -> Array | None:
+    """Where the goal says that a frame is, shape (3,) [m]; None where it does not."""
+    for of_frame in goal.frames:
+        position = of_frame.target.position
+        if of_frame.name == frame and of_frame.target.relative_to == WORLD and position is not None:
+            return position if np.isfinite(position).all() else None
+    return robot.frame_placement(frame, goal.q).translation if goal.q_active.all() else None
 
 
 def _table(robot: Robot, constraint: PathConstraint) -> dict[str, Any]:

@@ -127,7 +127,7 @@ def _fields(
         "goals": goals,
         "limits": bounds_from(robot, table.limits.effort, table.limits.velocity, table.limits.position),
         "via": via_from(robot, table.via, q_start),
-        "path": path_from(robot, table.path),
+        "path": path_from(robot, table.path, q_start, goal),
         "terms": terms_from(robot, table.terms, terms),
         "q_start": q_start,
         "v_start": v_start,

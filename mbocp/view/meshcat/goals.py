@@ -1,25 +1,31 @@
-"""Goals of frames in a replay: the axes of the pose that was asked for."""
+"""Goals of frames in a replay: the axes of poses, balls and boxes at via points, lines."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.view.marks import Marks
 from mbocp.view.meshcat.commands import Command, set_object, set_transform, shape_object
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.viewer import mg
+from mbocp.view.motion import Motion
 
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, Robot
+    from mbocp.terms import FrameGoal
 
-__all__ = ["goal_commands", "goal_placements"]
+__all__ = ["goal_commands", "goal_placements", "mark_commands", "mark_points"]
 
 _LENGTH, _RADIUS = 0.08, 0.004  # of the scene's size
 _FAINT = 0.3  # opacity
+_BALL = 0.012
+_VIA, _LINE = (0.95, 0.55, 0.1), (0.3, 0.3, 0.3)  # RGB
+_CORNERS = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 8).T
 _COLOURS = ((0.85, 0.15, 0.15), (0.15, 0.65, 0.2), (0.15, 0.3, 0.85))  # x, y, z
 
 
@@ -56,3 +62,66 @@ def goal_commands(
             drawn = tube(line, _RADIUS * size, np.tile(colour, (2, 1)))
             yield set_object(f"{path}/{'xyz'[axis]}", shape_object(drawn, material))
         yield set_transform(path, placed.rotation, placed.translation)
+
+
+def mark_points(robot: Robot, marks: Marks, motion: Motion) -> list[Array]:
+    """Points that the picture is to hold, as paths of the length of the motion."""
+    points = [placed.translation for placed in _via_placements(robot, marks, motion)]
+    points += [point for line in marks.lines for point in line]
+    return [np.tile(point, (len(motion.times), 1)) for point in points]
+
+
+def mark_commands(robot: Robot, marks: Marks, motion: Motion, root: str, size: float) -> Iterator[Command]:
+    """Draw a ball or its box at each via point, its axes where it has an orientation, and all lines.
+
+    Parameters
+    ----------
+    root : str
+        Node of the scene.
+    size : float
+        Extent of the scene [m].
+    """
+    for index, (mark, placed) in enumerate(
+        zip(marks.via, _via_placements(robot, marks, motion), strict=True)
+    ):
+        path = f"{root}/via/{index}"
+        target = mark.goal.target
+        if target.coordinates.size and mark.goal.position_tolerance is None:
+            ball = mg.Sphere(_BALL * size)
+            colour = int("".join(f"{round(255 * c):02x}" for c in _VIA), 16)
+            yield set_object(f"{path}/ball", shape_object(ball, mg.MeshLambertMaterial(color=colour)))
+            yield set_transform(f"{path}/ball", np.eye(3), placed.translation)
+        if target.orientation is not None or target.axis is not None:
+            yield from goal_commands([target], [placed], path, size, bold=1)
+        if mark.goal.position_tolerance is not None:
+            base = _reference(robot, mark.goal, _at(motion, mark.share))
+            for number, edge in enumerate(_edges(mark.goal.position_tolerance)):
+                line = placed.translation + edge @ base.rotation.T
+                yield set_object(f"{path}/edge_{number}", _tube(line, 0.5 * _RADIUS * size, _VIA))
+    for index, line in enumerate(marks.lines):
+        yield set_object(f"{root}/lines/{index}", _tube(np.array(line), 0.4 * _RADIUS * size, _LINE))
+
+
+def _via_placements(robot: Robot, marks: Marks, motion: Motion) -> list[pin.SE3]:
+    return [goal_placements(robot, [mark.goal.target], _at(motion, mark.share))[0] for mark in marks.via]
+
+
+def _reference(robot: Robot, goal: FrameGoal, q: Array) -> pin.SE3:
+    return robot.frame_placement(goal.target.relative_to, q)
+
+
+def _at(motion: Motion, share: float) -> Array:
+    """Configuration when a part of the motion is over."""
+    q: Array = motion.qs[int(np.argmin(np.abs(motion.times - share * motion.duration)))]
+    return q
+
+
+def _edges(sides: Array) -> list[Array]:
+    """The twelve edges of a box with these half sides, each of shape (2, 3)."""
+    pairs = [(a, b) for i, a in enumerate(_CORNERS) for b in _CORNERS[:i] if np.sum(a != b) == 1]
+    return [np.array(pair) * sides for pair in pairs]
+
+
+def _tube(line: Array, radius: float, colour: tuple[float, float, float]) -> Any:
+    material = mg.MeshLambertMaterial(vertexColors=True)
+    return shape_object(tube(line, radius, np.tile(colour, (2, 1))), material)

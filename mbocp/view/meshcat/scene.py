@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
 from mbocp.view.camera import Camera, fit_camera, upright
+from mbocp.view.marks import Marks
 from mbocp.view.meshcat.commands import (
     Command,
     Track,
@@ -22,7 +23,7 @@ from mbocp.view.meshcat.commands import (
     shape_object,
 )
 from mbocp.view.meshcat.connectors import connector_commands
-from mbocp.view.meshcat.goals import goal_commands, goal_placements
+from mbocp.view.meshcat.goals import goal_commands, goal_placements, mark_commands, mark_points
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
 from mbocp.view.meshcat.surroundings import stage_commands
@@ -77,6 +78,7 @@ def build_scene(
     trace: Sequence[str] | None = None,
     goals: Sequence[FrameTarget] = (),
     other_goals: Sequence[FrameTarget] = (),
+    marks: Marks | None = None,
     speed: float = 1.0,
 ) -> Scene:
     """Compose the scene of a motion.
@@ -91,6 +93,8 @@ def build_scene(
         Poses of frames whose axes are drawn.
     other_goals : sequence of FrameTarget
         Those of which the motion goes to another: faint.
+    marks : Marks, optional
+        Via points and lines.
     speed : float
         Seconds of motion per second of watching; the animation's key times are divided by it.
 
@@ -105,7 +109,8 @@ def build_scene(
     drawn, corners = _robot_commands(robot, motion)
     placements = goal_placements(robot, [*goals, *other_goals], motion.qs[-1])
     ends = [np.tile(placed.translation, (len(motion.times), 1)) for placed in placements]
-    lines = [*paths, *_connector_ends(robot, motion), *ends]
+    drawn_marks = marks or Marks()
+    lines = [*paths, *_connector_ends(robot, motion), *ends, *mark_points(robot, drawn_marks, motion)]
     swept = _swept(motion, corners, lines) @ turn.T
     size = max(float(np.linalg.norm(np.ptp(swept, axis=0))), 1e-3)
     picked = _poses(motion)
@@ -120,6 +125,7 @@ def build_scene(
         *connectors,
         *_trace_commands(robot, frames, paths, size),
         *goal_commands([*goals, *other_goals], placements, WORLD, size, bold=len(goals)),
+        *mark_commands(robot, drawn_marks, motion, WORLD, size),
     ]
     tracks = [*_joint_tracks(motion), *connector_tracks]
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]

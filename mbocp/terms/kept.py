@@ -1,0 +1,226 @@
+"""Path constraints that keep a frame on a straight line, or its orientation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+
+from mbocp._arrays import Array
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.robot import Label, Robot
+from mbocp.robot.poses.target import normals_to
+from mbocp.terms.path import PathNumbers, PathTerm
+from mbocp.terms.point import Point
+from mbocp.terms.written import Finite, Key, Table
+
+__all__ = ["Line", "OrientationKept"]
+
+_Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
+_SHORTEST = 1e-9  # [m] a shorter line has no direction
+
+
+@dataclass(frozen=True)
+class Line(PathTerm):
+    """The frame's origin on a straight line, or within a distance of it."""
+
+    is_exact: bool
+
+    kind = "line"
+    unit = "m"
+    sizes: ClassVar[Mapping[str, int]] = {"a": 3, "b": 3, "normals": 6}
+
+    class Keys(Table):
+        """Keys."""
+
+        a: Annotated[
+            _Triple,
+            Key(
+                "3 numbers each",
+                "m",
+                "where the frame is at the start, and its goal",
+                'kind `"line"`: two points of the straight line on which the origin stays',
+                ("b",),
+            ),
+        ] = None
+        b: _Triple = None
+        tolerance: Annotated[
+            Finite | None,
+            Key(
+                "number >= 0",
+                "m, rad",
+                "0",
+                'how far from a `"line"`, and from a kept orientation; 0: exactly there, an equation',
+            ),
+        ] = None
+
+    @classmethod
+    def of(cls, given: PathNumbers) -> Line:
+        """Two equations, or a bound on the distance."""
+        return cls(given.frame, len(given.lower) == 2)
+
+    @classmethod
+    def completed(
+        cls, given: Mapping[str, Any], start: pin.SE3, end: Array | None, key: str
+    ) -> dict[str, Any]:
+        """From where the frame is at the start to the position of its goal."""
+        found = {"a": start.translation, **({"b": end} if end is not None else {}), **given}
+        if "b" not in found:
+            raise ProblemError(f"{key}: where does the line end? Give b, or a position in goal.frame")
+        return found
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """Points, directions normal to the line, and bounds."""
+        a, b = np.array(given["a"], dtype=np.float64), np.array(given["b"], dtype=np.float64)
+        length = float(np.linalg.norm(b - a))
+        if not length > _SHORTEST:
+            raise InvalidValue(f"{key}: b", b.tolist(), f"another point than a, {a.tolist()}")
+        normals = normals_to((b - a) / length).ravel(order="F")
+        return {"a": a, "b": b, "normals": normals, **_within(given, 2, key)}
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """Points and tolerance."""
+        return {"a": given.number("a"), "b": given.number("b"), "tolerance": float(given.upper[0])}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Distances normal to the line [m], or their squares [m^2]."""
+        position = at.mechanics.frame_position(self.frame, at.q)
+        aside = ca.reshape(p["normals"], 3, 2).T @ (position - p["a"])
+        return aside if self.is_exact else ca.sumsqr(aside)
+
+    @property
+    def rows(self) -> int:
+        """Two directions, or one distance."""
+        return 2 if self.is_exact else 1
+
+    @classmethod
+    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
+        """Distances."""
+        return _numbered(given.name, len(given.lower), cls.unit)
+
+    @classmethod
+    def inner(cls, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Squares of distances."""
+        return bounds if len(bounds[1]) == 2 else (np.full(1, -np.inf), bounds[1] ** 2)
+
+    @classmethod
+    def value(cls, h: Array) -> Array:
+        """Distance [m]."""
+        found: Array = h if h.shape[-1] == 2 else np.sqrt(h)
+        return found
+
+    @classmethod
+    def slope(cls, value: Array) -> Array:
+        """d(h^2) = 2 h dh."""
+        return np.ones_like(value) if value.shape[-1] == 2 else 2.0 * value
+
+
+@dataclass(frozen=True)
+class OrientationKept(PathTerm):
+    """The frame turned by no more than an angle from an orientation."""
+
+    is_exact: bool
+
+    kind = "orientation_kept"
+    unit = "rad"
+    sizes: ClassVar[Mapping[str, int]] = {"rotation": 9}
+
+    class Keys(Table):
+        """Keys."""
+
+        rpy: Annotated[
+            _Triple,
+            Key(
+                "3 numbers",
+                "rad",
+                "as at the start",
+                'kind `"orientation_kept"`: roll, pitch and yaw of the frame in the world',
+            ),
+        ] = None
+        tolerance: Finite | None = None
+
+    @classmethod
+    def of(cls, given: PathNumbers) -> OrientationKept:
+        """Three equations, or a bound on the angle."""
+        return cls(given.frame, len(given.lower) == 3)
+
+    @classmethod
+    def completed(
+        cls, given: Mapping[str, Any], start: pin.SE3, end: Array | None, key: str
+    ) -> dict[str, Any]:
+        """As at the start."""
+        return {"rpy": pin.rpy.matrixToRpy(start.rotation), **given}
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """Rotation matrix by columns, and bounds."""
+        rotation = pin.rpy.rpyToMatrix(*np.array(given["rpy"], dtype=np.float64))
+        return {"rotation": rotation.ravel(order="F"), **_within(given, 3, key)}
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """Angles and tolerance."""
+        rotation = given.number("rotation").reshape(3, 3, order="F")
+        return {"rpy": pin.rpy.matrixToRpy(rotation), "tolerance": float(given.upper[0])}
+
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Refuse angles that are none."""
+        super().check(given, key)
+        if not given.upper[0] < np.pi:
+            raise InvalidValue(f"{key}: tolerance", float(given.upper[0]), "an angle below pi [rad]")
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Sines of the rotation that is left, or the cosine of its angle."""
+        E = ca.reshape(p["rotation"], 3, 3).T @ at.mechanics.frame_rotation(self.frame, at.q)
+        if self.is_exact:
+            return ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
+        return (ca.trace(E) - 1) / 2
+
+    @property
+    def rows(self) -> int:
+        """Three axes, or one angle."""
+        return 3 if self.is_exact else 1
+
+    @classmethod
+    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
+        """Angles."""
+        return _numbered(given.name, len(given.lower), cls.unit)
+
+    @classmethod
+    def inner(cls, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Cosines of angles."""
+        return bounds if len(bounds[1]) == 3 else (np.cos(bounds[1]), np.full(1, np.inf))
+
+    @classmethod
+    def value(cls, h: Array) -> Array:
+        """Angle [rad]; of equations its sines."""
+        found: Array = h if h.shape[-1] == 3 else np.arccos(np.clip(h, -1.0, 1.0))
+        return found
+
+    @classmethod
+    def slope(cls, value: Array) -> Array:
+        """Derivative of the cosine."""
+        return np.ones_like(value) if value.shape[-1] == 3 else -np.sin(value)
+
+
+def _within(given: Mapping[str, Any], rows: int, key: str) -> dict[str, Any]:
+    """Bounds of `rows` equations, or of one distance or angle."""
+    tolerance = given.get("tolerance", 0.0)
+    if not tolerance >= 0.0:
+        raise InvalidValue(f"{key}: tolerance", tolerance, "a number >= 0")
+    if tolerance == 0.0:
+        return {"lower": np.zeros(rows), "upper": np.zeros(rows)}
+    return {"lower": [-np.inf], "upper": [tolerance]}
+
+
+def _numbered(name: str, rows: int, unit: str) -> tuple[Label, ...]:
+    names = [name] if rows == 1 else [f"{name}.{'xyz'[i]}" for i in range(rows)]
+    return tuple(Label(word, unit) for word in names)
