@@ -34,6 +34,7 @@ def tumbling(scheme: str, steps: int) -> mbocp.Solution:
             start={"v": [0.4, -0.3, 0.2, 1.5, -2.0, 1.0]},
             goal={"enforce": "none"},
             scheme=scheme,
+            cost={},
         )
     solution = mbocp.solve(problem, check=True)
     assert np.abs(solution.us).max() < 1e-9
@@ -99,6 +100,7 @@ def swung(robot: Any, scheme: str, steps: int) -> mbocp.Solution:
         steps,
         goal={"q": {"crank": 1.5}, "v": [0, 0, 0]},
         scheme=scheme,
+        cost={},
     )
     return mbocp.solve(problem, check=True)
 

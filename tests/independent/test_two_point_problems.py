@@ -90,6 +90,7 @@ def bob_problem(_: Any, __: float, scheme: str, steps: int) -> mbocp.Problem:
         start={"q": BOB_FROM, "v": BOB_SPEED},
         goal={"q": BOB_TO, "v": [0.0, 0.0, 0.0]},
         scheme=scheme,
+        cost={},
     )
 
 

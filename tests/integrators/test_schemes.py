@@ -139,6 +139,7 @@ def by_hand(name: str, scheme: str, steps: int) -> Problem:
         goal={"v": np.zeros(nv)},
         guess={"u": np.linspace(0.5, -1.0, nv)},
         scheme=scheme,
+        cost={},
     )
 
 
