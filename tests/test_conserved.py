@@ -241,7 +241,7 @@ def test_info_says_when_nothing_is_conserved(tmp_path: Path) -> None:
     name, *settings = CARTS[0]
     path = solve(name, *settings, "cost.tracking_weights={q=[1, 0, 1]}").save(tmp_path / "cart.h5")
     assert (
-        "none: robot and running cost have no symmetry" in CliRunner().invoke(app, ["info", str(path)]).stdout
+        "none: no translation or rotation of the robot" in CliRunner().invoke(app, ["info", str(path)]).stdout
     )
 
 

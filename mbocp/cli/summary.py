@@ -24,6 +24,7 @@ _Rows = list[tuple[str, str | Text]]
 
 _MAX_NAMES = 12  # more names than that are counted
 _MAX_LIMITS = 8  # more lines than that nobody reads
+_NO_SYMMETRY = "no translation or rotation of the robot, or of one of several, leaves"
 _MAX_STARTS = 6
 
 
@@ -215,8 +216,8 @@ def _conserved(solution: Solution) -> str | Text:
     """Control momenta, each with what it is on a line of its own."""
     if not solution.conserved:
         if _is_bounded(solution):
-            return "none: no symmetry of robot, running cost and limits is known"
-        return "none: robot and running cost have no symmetry"
+            return f"none: {_NO_SYMMETRY} equations, running cost and limits as they are, as far as is known"
+        return f"none: {_NO_SYMMETRY} equations and running cost as they are"
     text = Text()
     for quantity in solution.conserved:
         kept = f"{quantity.value:.9g}, drift {quantity.drift:.1e}, relative {quantity.relative_drift:.1e}"

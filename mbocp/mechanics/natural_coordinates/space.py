@@ -110,6 +110,8 @@ class NaturalSpace:
             moved[:, :num] = symmetry.constant[dofs] + zs[:, :num] @ block.T
             turned[:, :num] = ws[:, :num] @ block.T
         for body in tree.turning:
+            if body.joint not in symmetry.joints:
+                continue
             for k in range(4):
                 at = slice(body.at + 3 * k, body.at + 3 * k + 3)
                 moved[:, at] = np.cross(angular, zs[:, at]) + (linear if k == 0 else 0.0)

@@ -72,6 +72,8 @@ class Symmetry:
         Omega, skew; zero where the control does not turn along.
     coordinates : ndarray of int, shape (nv,)
         Where in q the plain coordinate of each v is; -1 where there is none.
+    joints : frozenset of int
+        Those that move the bodies that it moves: all but in a world of several robots.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Symmetry:
     blocks: tuple[LieBlock, ...]
     control: Array
     coordinates: Any
+    joints: frozenset[int]
 
     def generator(self, qs: Array) -> Array:
         """X(q) for each row of `qs`, in the robot's tangent coordinates, shape (n, nv)."""
@@ -116,8 +119,8 @@ class Symmetry:
 class Ansatz:
     """X(q) = features(q) @ theta: constants, a matrix on plain coordinates, a twist for each Lie joint."""
 
-    def __init__(self, robot: Robot, support: Any) -> None:
-        self.robot = robot
+    def __init__(self, robot: Robot, support: Any, joints: frozenset[int]) -> None:
+        self.robot, self.joints = robot, joints
         self.coordinates = np.full(robot.nv, -1)
         self.lie: list[tuple[str, int, int]] = []
         constants = []
@@ -205,6 +208,7 @@ class Ansatz:
             blocks=tuple(blocks),
             control=frozen_array(_without_round_off(control)),
             coordinates=self.coordinates,
+            joints=self.joints,
         )
 
 

@@ -1,4 +1,4 @@
-r"""Rigid motions of the whole robot that change nothing about its equations, and their momentum maps.
+r"""Rigid motions of a robot that change nothing about its equations, and their momentum maps.
 
 A spatial twist s (about the origin of the world, linear before angular) is a symmetry if there is a field
 X(q) of joint velocities that moves every body by it,
@@ -17,11 +17,13 @@ hinges is symmetric, too, but Euler angles and Euler steps do not commute with r
 .. math:: X(q) = c + A\,q + \mathrm{Ad}_q^{-1}\sigma, \qquad X_v(q, v) = A\,v
 
 generate the motion of configurations and velocities, with constants c, A and sigma that linear algebra finds.
+Robots in one world that do not act on each other move one by one: "all bodies" are then those of one of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -31,6 +33,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.mechanics.symmetries.fields import Ansatz, Symmetry, skew
+from mbocp.mechanics.symmetries.parts import independent_parts, part_name
 from mbocp.robot import Robot, SpringDamper
 from mbocp.robot.large import working_data
 
@@ -54,14 +57,24 @@ def find_symmetries(robot: Robot) -> tuple[Symmetry, ...]:
     Returns
     -------
     symmetries : tuple of Symmetry
-        A basis: first translations, then rotations, along the axes of the world where possible.
+        A basis for each part that nothing joins to others: first translations, then rotations, along the
+        axes of the world where possible.
     """
-    ansatz = Ansatz(robot, _support(robot))
+    parts = independent_parts(robot)
+    found = [(joints, symmetry) for joints in parts for symmetry in _symmetries_of(robot, joints)]
+    if len(parts) == 1:
+        return tuple(symmetry for _, symmetry in found)
+    return tuple(replace(s, name=f"{s.name} of {part_name(robot, joints)}") for joints, s in found)
+
+
+def _symmetries_of(robot: Robot, joints: frozenset[int]) -> tuple[Symmetry, ...]:
+    """Symmetries of the bodies on some joints, which nothing joins to others."""
+    ansatz = Ansatz(robot, _support(robot, joints), joints)
     if ansatz.size == 0:
         return ()
     rows = list(ansatz.static_rows())
     for q in _random_configurations(robot, ansatz.size + 8):
-        rows += _motion_rows(robot, q, ansatz.features(q))
+        rows += _motion_rows(robot, q, ansatz.features(q), joints)
     basis = _moving(null_space(np.vstack(rows), _RANK_TOLERANCE))
     basis, omegas = _with_actuation(robot, ansatz, basis)
     return tuple(
@@ -104,12 +117,12 @@ def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
         yield pin.integrate(robot.model, pin.neutral(robot.model), rng.uniform(-1.2, 1.2, robot.nv))
 
 
-def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
+def _body_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]) -> Iterator[Array]:
     """Rows of J_i X - s = 0 in the coordinates of each body with mass or inertia; X = features @ theta."""
     model = robot.model
     data = working_data(model)
     pin.computeJointJacobians(model, data, q)
-    for joint in range(1, model.njoints):
+    for joint in sorted(joints):
         inertia = model.inertias[joint]
         values, axes = np.linalg.eigh(inertia.inertia)
         turning = axes[:, np.abs(values) > _MIN_INERTIA_RATIO * inertia.mass]  # none of a point mass
@@ -122,15 +135,17 @@ def _body_rows(robot: Robot, q: Array, features: Array) -> Iterator[Array]:
         yield turning.T @ excess[3:]
 
 
-def _motion_rows(robot: Robot, q: Array, features: Array) -> list[Array]:
+def _motion_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]) -> list[Array]:
     """Conditions on (theta, s) at q: bodies move rigidly, force elements and constraints do not notice."""
-    rows = list(_body_rows(robot, q, features))
+    rows = list(_body_rows(robot, q, features, joints))
     model, data = robot.model, working_data(robot.model)
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     rows.append(np.hstack([robot.closure_jacobian(q) @ features, np.zeros((len(robot.closure_labels), 6))]))
     for element in robot.forces:
         a, b = element.frame_a, element.frame_b
+        if not joints & {model.frames[frame].parentJoint for frame in (a, b)}:
+            continue
         d = data.oMf[a].translation - data.oMf[b].translation
         rate = (_point_jacobian(robot, data, a) - _point_jacobian(robot, data, b)) @ features
         # How d moves beyond turning with the whole: s_ang x d = -skew(d) s_ang.
@@ -148,16 +163,20 @@ def _point_jacobian(robot: Robot, data: Any, frame: int) -> Array:
     return jacobian
 
 
-def _support(robot: Robot) -> Any:
+def _support(robot: Robot, joints: frozenset[int]) -> Any:
     """Velocity components that can take part in a rigid motion of all bodies, at some configuration."""
     eye, moving = np.eye(robot.nv), np.zeros(robot.nv, dtype=bool)
     for q in _random_configurations(robot, 3):
-        rows = [np.zeros((0, robot.nv + 6)), *_body_rows(robot, q, eye)]
+        rows = [np.zeros((0, robot.nv + 6)), *_body_rows(robot, q, eye, joints)]
         null = null_space(np.vstack(rows), _RANK_TOLERANCE)
         # Massless joints move nothing: only what goes along with a twist s counts.
         null = null @ np.linalg.pinv(null[-6:], rcond=_RANK_TOLERANCE)
         moving |= np.abs(null[:-6]).max(axis=1, initial=0.0) > _RANK_TOLERANCE
-    return moving
+    own = np.zeros(robot.nv, dtype=bool)
+    for joint in joints:
+        entry = robot.model.joints[joint]
+        own[entry.idx_v : entry.idx_v + entry.nv] = True
+    return moving & own
 
 
 def _moving(basis: Array) -> Array:

@@ -12,6 +12,7 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.integrators import TAU
 from mbocp.mechanics.symmetries.finding import find_symmetries, momentum_map
+from mbocp.mechanics.symmetries.parts import independent_parts
 from mbocp.robot import FrameActuator, QuarticSpring, Robot, Rod, SpringDamper
 from tests.mechanics.models import (
     BODY,
@@ -91,6 +92,38 @@ CASES: list[tuple[str, Callable[[], Robot], list[str]]] = [
 @pytest.mark.parametrize(("build", "expected"), [c[1:] for c in CASES], ids=[c[0] for c in CASES])
 def test_what_is_found(build: Callable[[], Robot], expected: list[str]) -> None:
     assert names(build()) == expected
+
+
+def two_bobs(*forces: Any) -> Robot:
+    """Two hinges one upon the other, and one beside them on a branch of its own."""
+    model, _ = chain("RZ RY", prefix="left_")
+    aside = model.addJoint(0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.0, 2.0, 0.0])), "right_0")
+    model.appendBodyToJoint(aside, BODY, pin.SE3.Identity())
+    lever = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
+    a = model.addFrame(pin.Frame("a", 2, 0, lever, pin.FrameType.OP_FRAME))
+    b = model.addFrame(pin.Frame("b", aside, 0, lever, pin.FrameType.OP_FRAME))
+    return robot(model, B=np.eye(3), forces=tuple(force(a, b) for force in forces))
+
+
+def test_robots_that_nothing_joins_have_symmetries_of_their_own() -> None:
+    apart = two_bobs()
+    assert [len(joints) for joints in independent_parts(apart)] == [2, 1]
+    left, right = find_symmetries(apart)
+    assert left.name.startswith("rotation about z of left_")
+    assert right.name == "rotation about z through (0, 2, 0) of right_0"
+    assert left.constant == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+    assert right.constant == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
+    tied = two_bobs(lambda a, b: QuarticSpring("band", a, b, 1.0, 1.0))
+    assert len(independent_parts(tied)) == 1
+    assert names(tied) == []
+
+
+def test_what_joins_two_parts() -> None:
+    apart = two_bobs()
+    geared = np.array([[1.0, 0.0], [0.0, 1.0], [0.5, 0.0]])  # one motor turns both
+    assert len(independent_parts(robot(apart.model, B=geared))) == 1
+    a, b = (apart.model.getFrameId(name) for name in "ab")
+    assert len(independent_parts(robot(apart.model, B=np.eye(3), constraints=(Rod("rod", a, b, 2.0),)))) == 1
 
 
 def test_a_second_pivot_breaks_the_symmetry() -> None:
