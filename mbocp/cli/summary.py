@@ -26,6 +26,7 @@ _MAX_NAMES = 12  # more names than that are counted
 _MAX_LIMITS = 8  # more lines than that nobody reads
 _NO_SYMMETRY = "no translation or rotation of the robot, or of one of several, leaves"
 _MAX_STARTS = 6
+_AT_NODES = ("velocity", "position", "path")  # kinds of limits; the others hold in steps
 
 
 def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[str, Path]] = ()) -> None:
@@ -193,7 +194,7 @@ def _is_bounded(solution: Solution) -> bool:
 
 def _touches(limit: ActiveLimit) -> str:
     where = f"{limit.kind} {limit.name}"
-    times = f"in {limit.count} of {limit.total} {'steps' if limit.kind == 'control' else 'nodes'}"
+    times = f"in {limit.count} of {limit.total} {'nodes' if limit.kind in _AT_NODES else 'steps'}"
     if limit.kind == "duration":
         return f"duration at its {limit.side} bound {limit.bound:.6g} s"
     if limit.kind == "path":

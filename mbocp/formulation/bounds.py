@@ -64,7 +64,7 @@ def _of_states(row: Array, none: float, at: StateLayout, num_steps: int) -> Arra
 def _path_bounds(problem: Problem) -> tuple[Array, Array]:
     """Bounds of the path functions, shape (N, nh); infinite at the nodes where a constraint does not hold."""
     N = problem.num_steps
-    sides = [constraint.inner_bounds for constraint in problem.path]
+    sides = [constraint.inner_bounds for constraint in problem.inequalities]
     lower = np.concatenate([np.zeros(0), *(lower for lower, _ in sides)])
     upper = np.concatenate([np.zeros(0), *(upper for _, upper in sides)])
     holds = path_nodes(problem)
@@ -76,7 +76,7 @@ def _path_bounds(problem: Problem) -> tuple[Array, Array]:
 def path_nodes(problem: Problem) -> BoolArray:
     """At which of the nodes 1..N each row of the path constraints holds, shape (N, nh)."""
     N, dt = problem.num_steps, problem.dt
-    columns = [np.repeat(c.span.nodes(N, dt)[:, None], c.rows, axis=1) for c in problem.path]
+    columns = [np.repeat(c.span.nodes(N, dt)[:, None], c.rows, axis=1) for c in problem.inequalities]
     return np.hstack(columns) if columns else np.ones((N, 0), dtype=np.bool_)
 
 

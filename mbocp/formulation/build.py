@@ -13,9 +13,9 @@ from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.goal import EndRows, EndTarget, frame_ends
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.length_terms import BEGINS_PHASE
+from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
-    HAS_BEFORE,
     TIME,
     ParameterLayout,
     Sizes,
@@ -23,6 +23,7 @@ from mbocp.formulation.parameters import (
     parameter_layout,
     path_parameters,
 )
+from mbocp.formulation.remembered import memory_units
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
@@ -158,7 +159,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         control_weight=_control_weight(problem),
         describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
         units=units_of(problem, signature, at, pieces.num_algebraic, layout),
-        path_names=tuple(label.name for constraint in problem.path for label in constraint.labels),
+        path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=signature.has_free_lengths,
     )
 
@@ -223,7 +224,7 @@ def signature_of(
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
         cost=running_terms(given),
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
-        path=tuple(constraint.structure(_of_joints(joints)) for constraint in problem.path),
+        path=tuple(constraint.structure(_of_joints(joints)) for constraint in problem.inequalities),
         ends=(*frame_ends(problem, rows), *own_ends(given)),
         is_flat=is_flat,
         guarded=guarded,
@@ -253,7 +254,11 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     for term in pieces.signature.cost:
         named |= term.numbers(given)
         rows |= term.stage_numbers(given)
-    for k, constraint in enumerate(problem.path):
+    units = memory_units(problem)
+    named |= {
+        unit_of(name): np.array([units[name]]) for name in pieces.signature.memory if MEMORY[name].has_unit
+    }
+    for k, constraint in enumerate(problem.inequalities):
         values = constraint.numbers_in(_of_joints(joints))
         named |= {path_parameters(k, name): value for name, value in values.items()}
     rho = np.hstack([rows[name] for name in layout.stage]).ravel() if layout.stage else np.zeros(0)

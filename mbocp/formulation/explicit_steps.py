@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import casadi as ca
 
 from mbocp.formulation.accelerations import rate_of_speeds
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.memory import MEMORY
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
@@ -118,8 +119,9 @@ def _explicit_derivatives(
         (kinematic,) = chain.apply(_differences(mechanics), [after.z, reached.z])
     pieces = [kinematic, reached.s - after.s]
     if layout.nr:
-        previous = d1[layout.dr]
-        pieces.append(u - (previous if layout.is_flat else previous + at.x1[layout.r]))
+        kept = d1[layout.dr]
+        following = _remembered(chain, at, (before.s, reached.s, u, d0[layout.dr]), dt)
+        pieces.append(following - (kept if layout.is_flat else kept + at.x1[layout.r]))
     if layout.nh:
         pieces.append(Affine(at.length_rows, {0: ca.jacobian(at.length_rows, unknowns)}))
     c = Affine.join(pieces)
@@ -141,6 +143,24 @@ def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca
         return State(d[at.z], d[at.s])
     (z,) = chain.apply(_retraction(mechanics), [d[: at.nw]], [x[at.z]])
     return State(z, d[at.ds] + x[at.s])
+
+
+def _remembered(
+    chain: Chain, at: StepSymbols, moving: tuple[Affine, Affine, Affine, Affine], dt: Affine | ca.SX
+) -> Affine:
+    """What the state after the step has to remember, of speeds before and after, controls and memories."""
+    layout = at.space.layout
+    s0, s1, u, d = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
+    r = d if layout.is_flat else d + at.x0[layout.r]
+    step, start = ca.SX.sym("dt"), layout.r.start
+    before = {name: r[at_x.start - start : at_x.stop - start] for name, at_x in layout.remembered.items()}
+    passage = replace(at.remembering(s0, s1, before), u=u, dt=step)
+    rows = ca.vertcat(*[MEMORY[name].following(passage) for name in before])
+    given = [at.x0, at.theta, at.rho]
+    function = ca.Function("remembered", [s0, s1, u, d, step, *given], [ca.densify(rows)])
+    if isinstance(dt, Affine):
+        return chain.apply(function, [*moving, dt], given)[0]
+    return chain.apply(function, moving, [dt, *given])[0]
 
 
 def _retraction(mechanics: Mechanics) -> ca.Function:

@@ -71,7 +71,7 @@ class ImplicitSteps:
 
 
 def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
-    """Kinematics, momentum balance, previous controls and constraints, with their derivatives."""
+    """Kinematics, momentum balance, memory and constraints, with their derivatives."""
     mechanics, space, layout = at.mechanics, at.space, at.space.layout
     dt, force = at.dt, at.given["force"]
     before = State(at.at0[layout.z], at.at0[layout.s])
@@ -80,8 +80,7 @@ def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
     impulse, difference = force * at.y, space.configuration_difference
     rows = step_rows(mechanics, scheme, before, after, point, impulse, at.controls, dt, difference=difference)
     momentum = (1.0 / force) * rows.momentum
-    previous = at.u - at.at1[layout.r] if layout.nr else ca.SX.zeros(0, 1)
-    c = ca.densify(ca.vertcat(rows.kinematic, momentum, previous, at.length_rows, rows.constraint))
+    c = ca.densify(ca.vertcat(rows.kinematic, momentum, at.memory_rows, at.length_rows, rows.constraint))
     cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))
     z = ca.vertcat(at.d1, at.y, at.d0, at.inputs)
     hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)

@@ -10,6 +10,7 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
 from mbocp.formulation.bounds import path_nodes
 from mbocp.formulation.step_lengths import without_lengths
+from mbocp.mechanics.rates import rates_along
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 
@@ -18,9 +19,9 @@ __all__ = ["inequalities", "path_along"]
 
 def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Any]:
     """Fields of a solution that speak of inequalities, by name."""
-    problem, qs, vs = formulation.problem, motion.qs, motion.vs
-    path = path_along(problem, qs, vs, motion.us)
-    names = tuple(label.name for constraint in problem.path for label in constraint.labels)
+    problem = formulation.problem
+    path = path_along(problem, motion)
+    names = tuple(label.name for constraint in problem.inequalities for label in constraint.labels)
     return {
         **_multipliers(formulation, iterate, path),
         "path_names": names,
@@ -28,11 +29,12 @@ def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> 
     }
 
 
-def path_along(problem: Problem, qs: Array, vs: Array, us: Array) -> Array:
-    """Values of the path constraints at the nodes 1..N, shape (N, nh), in their own units."""
-    if not problem.path:
-        return np.zeros((len(qs) - 1, 0))
-    return np.hstack([c.values_along(problem.robot, qs[1:], vs[1:], us) for c in problem.path])
+def path_along(problem: Problem, motion: Motion) -> Array:
+    """Values of path constraints and limited rates at the nodes 1..N, shape (N, nh), in their own units."""
+    robot, qs, vs, us = problem.robot, motion.qs, motion.vs, motion.us
+    along = [c.values_along(robot, qs[1:], vs[1:], us) for c in problem.path]
+    rates = [rates_along(robot, qs, vs, us, motion.dts)[c.key][:, c.columns] for c in problem.rate_limits]
+    return np.hstack([np.zeros((len(us), 0)), *along, *rates])
 
 
 def _violation(problem: Problem, motion: Motion, path: Array) -> float:
@@ -42,9 +44,9 @@ def _violation(problem: Problem, motion: Motion, path: Array) -> float:
         (qs[1:], limits.q_lower, limits.q_upper),
         (vs[1:], limits.v_lower, limits.v_upper),
     ]
-    if problem.path:
-        lower = np.concatenate([p.lower for p in problem.path])
-        upper = np.concatenate([p.upper for p in problem.path])
+    if problem.inequalities:
+        lower = np.concatenate([p.lower for p in problem.inequalities])
+        upper = np.concatenate([p.upper for p in problem.inequalities])
         holds = path_nodes(problem)
         pairs.append((path, np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)))
     if problem.duration_range is not None:
@@ -74,7 +76,9 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
             :, part.at_z.start : part.at_z.start + plain
         ]
     lam_vs = formulation.velocity_multipliers(bounds.xs)
-    factors = [c.slopes(values) for c, values in zip(problem.path, _columns(problem, path), strict=True)]
+    factors = [
+        c.slopes(values) for c, values in zip(problem.inequalities, _columns(problem, path), strict=True)
+    ]
     slopes = np.hstack(factors) if factors else np.ones_like(path)
     lam_us = without_lengths(formulation.layout, bounds.us)
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
@@ -82,5 +86,5 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
 
 def _columns(problem: Problem, path: Array) -> list[Array]:
     """The columns of each path constraint."""
-    ends = np.cumsum([constraint.rows for constraint in problem.path])
-    return np.split(path, ends[:-1], axis=1) if problem.path else []
+    ends = np.cumsum([constraint.rows for constraint in problem.inequalities])
+    return np.split(path, ends[:-1], axis=1) if problem.inequalities else []

@@ -85,8 +85,8 @@ def momenta_of(robot: Robot, qs: Array, vs: Array) -> Array:
 def momenta_of_symmetries(
     problem: Problem, qs: Array, vs: Array, costates: Array
 ) -> tuple[Array, tuple[str, ...]]:
-    """Control momenta; none where drives or path constraints are, whose symmetries are not looked for."""
-    if problem.robot.drives or problem.path:
+    """Control momenta; none where drives, path constraints or limits of rates are: not looked for there."""
+    if problem.robot.drives or problem.inequalities:
         return np.zeros((len(qs), 0)), ()
     return control_momenta(problem.robot, qs, vs, costates, tracked=weighed_components(problem))
 

@@ -1,4 +1,4 @@
-"""Where the pieces of a state are: coordinates of the configuration, speeds, previous controls, length."""
+"""Where the pieces of a state are: coordinates of the configuration, speeds, memory, length."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class StateLayout:
         Tangent directions of the configuration.
     ns : int
         Speeds: the velocities v, unless controls prescribe some of them.
-    nr : int
-        Remembered controls, those of the step before; for a cost on the rate of the controls.
+    memory : tuple of (str, int)
+        Names and sizes of what it remembers of the step that led to it, see `memory`.
     is_flat : bool
         Whether the state is taken as a plain vector, although its configurations may form a group: what a
         general nonlinear programming solver and integrators that leave the group need.
@@ -35,9 +35,31 @@ class StateLayout:
     nz: int
     nv: int
     ns: int
-    nr: int
     is_flat: bool
+    memory: tuple[tuple[str, int], ...] = ()
     nh: int = 0
+
+    @property
+    def nr(self) -> int:
+        """Entries of what is remembered."""
+        return sum(size for _, size in self.memory)
+
+    @property
+    def remembered(self) -> dict[str, slice]:
+        """Places of the blocks in a state, by name."""
+        return self._blocks(self.nz + self.ns)
+
+    @property
+    def remembered_rows(self) -> dict[str, slice]:
+        """Places of the blocks in a tangent, and in the rows of a step, by name."""
+        return self._blocks(self.nw + self.ns)
+
+    def _blocks(self, start: int) -> dict[str, slice]:
+        found = {}
+        for name, size in self.memory:
+            found[name] = slice(start, start + size)
+            start += size
+        return found
 
     @property
     def nx(self) -> int:
@@ -66,7 +88,7 @@ class StateLayout:
 
     @property
     def r(self) -> slice:
-        """Remembered controls in a state."""
+        """All that is remembered in a state."""
         return slice(self.nz + self.ns, self.nz + self.ns + self.nr)
 
     @property
@@ -81,7 +103,7 @@ class StateLayout:
 
     @property
     def dr(self) -> slice:
-        """Remembered controls in a tangent, and in the rows of a step."""
+        """All that is remembered in a tangent, and in the rows of a step."""
         return slice(self.nw + self.ns, self.nw + self.ns + self.nr)
 
     @property

@@ -18,6 +18,7 @@ from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.joint import boundary_duals, duals_of_momenta, stage_costs, weighed_components
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.natural_steps import NaturalSteps
+from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.step_lengths import given_lengths
@@ -117,9 +118,8 @@ class NaturalFormulation:
             xs[1:, at.s] = np.diff(xs[:, at.z], axis=0) / motion.dts[:, None]
         else:
             xs[:, at.s] = self.space.rates(motion.qs, motion.vs)
-        if at.nr:
-            xs[1:, at.r] = motion.us
         xs[0] = programme.x_start
+        xs = with_memory(self.problem, at, xs, motion.us)
         return zero_multipliers(programme, xs, _impulses(programme, at, xs, motion.us), motion.us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
@@ -161,7 +161,7 @@ class NaturalFormulation:
         """
         at, robot = self.layout, self.problem.robot
         nodes, tracked = len(iterate.xs), weighed_components(self.problem)
-        if self.problem.path:
+        if self.problem.inequalities:
             return np.zeros((nodes, 0)), ()
         mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
         kept = [s for s in find_symmetries(robot) if not s.touches(mask)]

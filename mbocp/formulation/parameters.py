@@ -11,11 +11,11 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
 from mbocp.formulation.length_terms import BEGINS_PHASE
+from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.terms import Sizes
 
 __all__ = [
-    "HAS_BEFORE",
     "TIME",
     "ParameterLayout",
     "Sizes",
@@ -26,7 +26,6 @@ __all__ = [
 ]
 
 TIME = "t"  # at which a step is evaluated [s]
-HAS_BEFORE = "has_before"  # 1 in steps that have one before them, else 0
 
 
 @dataclass(frozen=True)
@@ -57,13 +56,14 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     for term in signature.cost:
         _add(theta, term.parameters(sizes))
         _add(stage, term.stage_parameters(sizes))
-    if signature.couples_steps:
+    if signature.asks_for_first:
         stage[HAS_BEFORE] = 1
     if signature.uses_time:
         stage[TIME] = 1
     if signature.has_free_lengths:
         stage[BEGINS_PHASE] = 1
     _add(theta, signature.steps.parameters)
+    _add(theta, {unit_of(name): 1 for name in signature.memory if MEMORY[name].has_unit})
     for k, constraint in enumerate(signature.path):
         _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})
     terminal = signature.goal.parameters(sizes)

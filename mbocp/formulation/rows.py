@@ -9,6 +9,7 @@ import numpy as np
 
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.memory import MEMORY
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
@@ -16,6 +17,13 @@ from mbocp.programme import StateBounds
 from mbocp.robot import Label
 
 __all__ = ["RowLabels", "row_describer"]
+
+_REMEMBERED = {
+    "control": "previous control",
+    "control_rate": "rate of control",
+    "acceleration": "acceleration of",
+    "jerk": "jerk of",
+}
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,7 @@ class _RowWords:
     of_end: tuple[str, ...]
     bounds: StateBounds
     limits: tuple[str, ...]
-    controls: tuple[str, ...]
+    memory: tuple[str, ...]
 
     def __call__(self, stage: int, row: int) -> str:
         at, labels, nc = self.at, self.labels, len(self.labels.constraints)
@@ -86,7 +94,7 @@ class _RowWords:
         if row < at.nw + at.ns:
             return f"{labels.balance} of {labels.speeds[row - at.nw].name} {when}"
         if row < at.ndx - at.nh:
-            return f"previous control {self.controls[row - at.nw - at.ns]} {when}"
+            return f"{self.memory[row - at.nw - at.ns]} {when}"
         if row < at.ndx:
             return f"length {when}"
         return f"constraint {labels.constraints[row - at.ndx].name} {when}"
@@ -117,7 +125,7 @@ def row_describer(
         of_end,
         bounds,
         limits=tuple(_limits(problem, space, at, labels.speeds)),
-        controls=tuple(label.name for label in robot.u_labels),
+        memory=tuple(_memory(problem, at, labels.speeds)),
     )
 
 
@@ -136,6 +144,17 @@ def _limits(
             names[part.at_z.start + i] = f"position limit of {label.name}"
     names |= {at.h.start + i: "bound of horizon.duration" for i in range(at.nh)}
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
+    path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
     of_controls = [f"limit of control {label.name}" for label in robot.u_labels]
     of_controls += ["limit of a length"] * at.nh
     return [*(names.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
+
+
+def _memory(problem: Problem, at: StateLayout, speeds: tuple[Label, ...]) -> list[str]:
+    """What the rows of what is remembered are."""
+    labels = {"s": speeds, "u": problem.robot.u_labels}
+    return [
+        f"{_REMEMBERED.get(name, name)} {label.name}"
+        for name, _ in at.memory
+        for label in labels[MEMORY[name].of]
+    ]

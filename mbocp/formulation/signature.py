@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.memory import MEMORY, ordered
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
 from mbocp.terms import (
@@ -20,6 +21,7 @@ from mbocp.terms import (
     OwnEnd,
     OwnPath,
     PathTerm,
+    RateTerm,
     RunningTerm,
     TerminalCost,
     ToleranceTerm,
@@ -44,7 +46,7 @@ class FunctionSignature:
     cost : tuple of RunningTerm
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
-    path : tuple of PathTerm, OwnPath, ToleranceTerm and ViaTerm
+    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm and ViaTerm
     ends : tuple of FrameEnd and OwnEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
@@ -60,7 +62,7 @@ class FunctionSignature:
     goal: ExactGoal
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
-    path: tuple[PathTerm | OwnPath | ToleranceTerm | ViaTerm, ...] = ()
+    path: tuple[PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm, ...] = ()
     ends: tuple[FrameEnd | OwnEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
@@ -72,9 +74,15 @@ class FunctionSignature:
         return any(term.couples_steps for term in self.cost)
 
     @property
-    def has_previous_controls(self) -> bool:
-        """Whether a state holds the controls of the step before."""
-        return self.couples_steps or any(term.remembers_controls for term in self.path)
+    def memory(self) -> tuple[str, ...]:
+        """Names of what a state remembers of the step that led to it, see `memory`."""
+        of_cost = {"control"} if self.couples_steps else set()
+        return ordered(of_cost.union(*(term.remembers for term in self.path)))
+
+    @property
+    def asks_for_first(self) -> bool:
+        """Whether functions of a step ask whether it is the first."""
+        return self.couples_steps or any(MEMORY[name].asks_for_first for name in self.memory)
 
     @property
     def uses_time(self) -> bool:
@@ -88,8 +96,10 @@ class FunctionSignature:
 
     def state_layout(self, nz: int, nv: int, ns: int, nu: int) -> StateLayout:
         """Pieces of a state, for configurations of `nz` coordinates and `nv` directions."""
-        nr = nu if self.has_previous_controls else 0
-        return StateLayout(nz=nz, nv=nv, ns=ns, nr=nr, is_flat=self.is_flat, nh=int(self.has_free_lengths))
+        sizes = {"u": nu, "s": ns}
+        memory = tuple((name, sizes[MEMORY[name].of]) for name in self.memory)
+        nh = int(self.has_free_lengths)
+        return StateLayout(nz=nz, nv=nv, ns=ns, memory=memory, is_flat=self.is_flat, nh=nh)
 
     @property
     def stage_text(self) -> str:
@@ -124,7 +134,7 @@ class FunctionSignature:
             "robot": self.robot,
             **self.steps.state_key,
             "is_flat": self.is_flat,
-            "has_previous_controls": self.has_previous_controls,
+            "memory": self.memory,
             **({"has_free_lengths": True} if self.has_free_lengths else {}),  # given ones keep their key
         }
 

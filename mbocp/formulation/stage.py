@@ -1,7 +1,7 @@
 """Stage functions of a problem's signature, with exact first and second derivatives.
 
-A state is x = (z, s, r, h): coordinates of the configuration, speeds, the controls of the step before where
-their rate costs something, and the length of the steps where it is free. Derivatives are taken along the
+A state is x = (z, s, r, h): coordinates of the configuration, speeds, what it remembers of the step before
+for terms that ask for it, and the length of the steps where it is free. Derivatives are taken along the
 retraction x -> (z exp(dq), s + ds, r + dr, h + dh) at dx = 0, so that every Newton update stays on the
 joints' Lie group; or, where the signature is flat, in the coordinates themselves.
 
@@ -14,7 +14,7 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - path      (x1, m, u, theta)               -> h, dh_dx1, upper Hessian of m'h in x1; with path constraints
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
-The rows of c are kinematics, momentum balance (or speeds), previous controls, step length, constraints. Which
+The rows of c are kinematics, momentum balance (or speeds), memory, step length, constraints. Which
 equations these are is for the formulation's `Steps` to say. Controls that are forces, y and the momentum
 balance count in a unit of force that is one of the parameters, see `Units`.
 """
@@ -30,8 +30,8 @@ import casadi as ca
 from mbocp.formulation.accelerations import driven_acceleration
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.length_terms import BEGINS_PHASE, idle_cost
+from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.parameters import (
-    HAS_BEFORE,
     TIME,
     Sizes,
     parameter_layout,
@@ -92,7 +92,8 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     dt, moment = stretched * given["dt"], given.get(TIME)
     moment = None if moment is None else stretched * moment
     controls = units_of_u * u
-    change = units_of_u * (u - at0[at.r]) if signature.has_previous_controls else None
+    before = at.remembered.get("control")
+    change = None if before is None else units_of_u * (u - at0[before])
     node = partial(Point, mechanics, u=controls, change=change, moment=moment)
     idle = idle_cost(given[BEGINS_PHASE], w) if at.nh else ca.SX(0)
     return StepSymbols(
@@ -155,8 +156,10 @@ def _path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
     mechanics, layout, rows = at.mechanics, at.space.layout, []
     q, s = at.x1[layout.z], at.x1[layout.s]
     node = Point(mechanics, q, mechanics.velocity(q, s, at.controls))
-    if signature.has_previous_controls:
-        u = at.units_of_u * at.x1[layout.r]
+    remembered = {name: _unit(at, name) * at.x1[where] for name, where in layout.remembered.items()}
+    node = replace(node, remembered=remembered)
+    if "control" in remembered:
+        u = remembered["control"]
         node = replace(node, u=u, acceleration=partial(driven_acceleration, node, u))
     for k, term in enumerate(signature.path):
         rows.append(term.expression(node, {n: at.given[path_parameters(k, n)] for n in term.sizes}))
@@ -165,3 +168,8 @@ def _path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
     hessian, _ = ca.hessian(ca.dot(m, h), at.x1)
     outputs = [h, ca.jacobian(h, at.x1), ca.triu(hessian)]
     return ca.Function("path", [at.x1, m, at.inputs, at.theta], ca.cse(outputs))
+
+
+def _unit(at: StepSymbols, name: str) -> ca.SX:
+    """What a block of what is remembered is multiplied by."""
+    return at.given[unit_of(name)] if MEMORY[name].has_unit else at.units_of_u

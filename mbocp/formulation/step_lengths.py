@@ -25,6 +25,7 @@ __all__ = [
     "begins_phase",
     "given_lengths",
     "length_bounds",
+    "lengths_of_states",
     "solved_lengths",
     "with_lengths",
     "without_lengths",
@@ -53,7 +54,12 @@ def given_lengths(problem: Problem) -> Array:
 
 def solved_lengths(problem: Problem, at: StateLayout, iterate: Iterate) -> Array:
     """Step lengths [s] of an iterate, shape (N,)."""
-    return problem.dt * iterate.xs[1:, at.h][:, 0] if at.nh else given_lengths(problem)
+    return lengths_of_states(problem, at, iterate.xs)
+
+
+def lengths_of_states(problem: Problem, at: StateLayout, xs: Array) -> Array:
+    """Step lengths [s] that states (N + 1, nx) say, shape (N,)."""
+    return problem.dt * xs[1:, at.h][:, 0] if at.nh else given_lengths(problem)
 
 
 def with_lengths(problem: Problem, at: StateLayout, xs: Array, us: Array, dts: Array) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ import casadi as ca
 
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.length_terms import BEGINS_PHASE
+from mbocp.formulation.memory import HAS_BEFORE, MEMORY, Passage, unit_of
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
@@ -90,6 +91,21 @@ class StepSymbols:
     def inputs(self) -> ca.SX:
         """All controls of the programme, shape (nu + nh,)."""
         return ca.vertcat(self.u, self.w)
+
+    def remembering(self, s0: ca.SX, s1: ca.SX, before: Mapping[str, ca.SX]) -> Passage:
+        """The step as the rules of what is remembered see it, with these speeds and memories."""
+        units = {name: self.given[unit_of(name)] for name in before if MEMORY[name].has_unit}
+        has_before = self.given.get(HAS_BEFORE, ca.SX(1))
+        return Passage(s0, s1, self.u, self.units_of_u, self.dt, has_before, before, units)
+
+    @property
+    def memory_rows(self) -> ca.SX:
+        """What the state after the step has to remember, less what it does, shape (nr,)."""
+        at = self.space.layout
+        before = {name: self.at0[where] for name, where in at.remembered.items()}
+        passage = self.remembering(self.at0[at.s], self.at1[at.s], before)
+        rows = [MEMORY[name].following(passage) - self.at1[where] for name, where in at.remembered.items()]
+        return ca.vertcat(ca.SX.zeros(0, 1), *rows)
 
     @property
     def length_rows(self) -> ca.SX:

@@ -35,8 +35,8 @@ def units_of(
     robot, goal, of_end = problem.robot, signature.goal, np.arange(signature.end_rows)
     is_force = np.arange(robot.nu) < robot.nu - len(robot.drives)
     x, rows = np.zeros(at.nx, dtype=bool), np.zeros(at.ndx + num_algebraic, dtype=bool)
-    if at.nr:
-        x[at.r] = rows[at.dr] = is_force
+    if "control" in at.remembered:
+        x[at.remembered["control"]] = rows[at.remembered_rows["control"]] = is_force
     is_force_u = np.append(is_force, np.zeros(at.nh, dtype=bool))
     rows[at.ds] = not signature.steps.rows_are_gaps
     force, cost = ordinary_units(problem)

@@ -10,9 +10,10 @@ from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import natural_mechanics
 from mbocp.problem.goal import Goal
-from mbocp.problem.limits import Bounds
+from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.via import ViaPoint
 from mbocp.robot import Robot
+from mbocp.terms import RATE_TERMS
 
 __all__ = ["COORDINATES", "CoordinatesData", "check_coordinates"]
 
@@ -113,9 +114,10 @@ def check_coordinates(
                 f"via {point.name!r}: natural coordinates have no joint positions and velocities; give "
                 'poses of frames, or take coordinates = "joint"'
             )
-    for key, table in (("q", "position"), ("v", "velocity")):
-        if limits.finite(key).any() and not data.limits_joints:
+    of_joints = [term.letter for term in RATE_TERMS.values() if term.needs_joints]
+    for letter in ("q", "v", *of_joints):
+        if limits.finite(letter).any() and not data.limits_joints:
             raise ProblemError(
-                f"limits.{table}: natural coordinates have no joint positions and velocities to limit; take "
-                'coordinates = "joint", or path constraints'
+                f"{LIMITS[letter]}: natural coordinates have no joint positions and velocities to limit; "
+                'take coordinates = "joint", or path constraints'
             )

@@ -13,10 +13,17 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem.goal import Goal
 from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
+from mbocp.terms import RATE_TERMS
 
 __all__ = ["LIMITS", "Bounds", "check_end_limits", "check_limits", "is_plain"]
 
-LIMITS = {"u": "limits.effort", "v": "limits.velocity", "q": "limits.position"}  # keys of a problem file
+LIMITS = {  # keys of a problem file
+    "u": "limits.effort",
+    "v": "limits.velocity",
+    "q": "limits.position",
+    **{term.letter: f"limits.{key}" for key, term in RATE_TERMS.items()},
+}
+_STORED = ("u", "v", "q")  # by the side of trajectories; a problem's text has all
 
 
 def _unbounded() -> Array:
@@ -30,8 +37,8 @@ class Bounds:
     .. math:: \underline{u} \le u_n \le \overline{u}, \qquad
         \underline{v} \le v_n \le \overline{v}, \qquad \underline{q} \le q_n \le \overline{q}
 
-    at the nodes n = 1, ..., N, and in all N steps for u: eq. (32) of [Manara2017]_. What is left out is
-    unbounded; a `Problem` fills it in.
+    at the nodes n = 1, ..., N, and in all N steps for u: eq. (32) of [Manara2017]_; and bounds on rates, see
+    `mbocp.terms.RateTerm`. What is left out is unbounded; a `Problem` fills it in.
 
     Attributes
     ----------
@@ -41,6 +48,14 @@ class Bounds:
         Velocities [m/s, rad/s].
     q_lower, q_upper : ndarray, shape (nq,)
         Configuration [m, rad]: plain numbers only, no quaternions and no cosines and sines.
+    a_lower, a_upper : ndarray, shape (nv,)
+        Mean accelerations of the steps [m/s^2, rad/s^2].
+    j_lower, j_upper : ndarray, shape (nv,)
+        Jerks [m/s^3, rad/s^3].
+    du_lower, du_upper : ndarray, shape (nu,)
+        Rates of the controls [N/s, N m/s].
+    power_lower, power_upper : ndarray, shape (nu,)
+        Powers of the controls [W].
     """
 
     u_lower: Array = field(default_factory=_unbounded)
@@ -49,6 +64,14 @@ class Bounds:
     v_upper: Array = field(default_factory=_unbounded)
     q_lower: Array = field(default_factory=_unbounded)
     q_upper: Array = field(default_factory=_unbounded)
+    a_lower: Array = field(default_factory=_unbounded)
+    a_upper: Array = field(default_factory=_unbounded)
+    j_lower: Array = field(default_factory=_unbounded)
+    j_upper: Array = field(default_factory=_unbounded)
+    du_lower: Array = field(default_factory=_unbounded)
+    du_upper: Array = field(default_factory=_unbounded)
+    power_lower: Array = field(default_factory=_unbounded)
+    power_upper: Array = field(default_factory=_unbounded)
 
     def __post_init__(self) -> None:
         for letter, key in LIMITS.items():
@@ -72,7 +95,8 @@ class Bounds:
     def completed(self, robot: Robot) -> Bounds:
         """Return the same with infinite bounds where none were given, checked against `robot`."""
         sides: dict[str, Array] = {}
-        for letter, size in (("u", robot.nu), ("v", robot.nv), ("q", robot.nq)):
+        of_rates = ((term.letter, getattr(robot, f"n{term.over}")) for term in RATE_TERMS.values())
+        for letter, size in (("u", robot.nu), ("v", robot.nv), ("q", robot.nq), *of_rates):
             for side, infinity in (("lower", -np.inf), ("upper", np.inf)):
                 name = f"{letter}_{side}"
                 value = getattr(self, name)
@@ -96,11 +120,11 @@ class Bounds:
             f"limits_{letter}": np.vstack(
                 [getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")]
             )
-            for letter in LIMITS
+            for letter in _STORED
         }
 
     def finite(self, letter: str) -> BoolArray:
-        """Which entries of "u", "v" or "q" have a bound on at least one side."""
+        """Which entries of a letter of `LIMITS` have a bound on at least one side."""
         lower, upper = getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")
         mask: BoolArray = np.isfinite(lower) | np.isfinite(upper)
         return mask

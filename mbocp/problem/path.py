@@ -34,7 +34,8 @@ class PathConstraint:
 
     - ``position``: the coordinates `axes` of p;
     - ``distance``: :math:`|p - p_b|` from the origin of the frame `other`, or from `point`;
-    - ``speed``: :math:`|\dot p|`.
+    - ``speed``: :math:`|\dot p|`;
+    - ``angular_speed``: :math:`|\omega|`.
 
     Attributes
     ----------
@@ -191,7 +192,7 @@ def check_path(
     for constraint in path:
         constraint.check_frames(robot)
         constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, is_free=is_free)
-        if constraint.structure("quaternion").remembers_controls:
+        if constraint.structure("quaternion").remembers:
             continue  # controls are not known before
         if constraint.span.has_start:
             _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")

@@ -38,6 +38,7 @@ from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator, check_unused
 from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.path import PathConstraint, check_path
+from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
@@ -220,6 +221,18 @@ class Problem:
     def is_bounded(self) -> bool:
         """Whether there are inequalities: limits, path constraints or bounds of a free duration."""
         return self.limits.any_finite or bool(self.path) or self.has_free_duration
+
+    @property
+    def rate_limits(self) -> tuple[RateLimit, ...]:
+        """Limits of accelerations, jerks, rates of controls and powers, one for each key that has some."""
+        return rate_limits(self.robot, self.limits)
+
+    @property
+    def inequalities(
+        self,
+    ) -> tuple[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | RateLimit, ...]:
+        """Path constraints and limits of rates: functions of a state that have bounds."""
+        return (*self.path, *self.rate_limits)
 
     @property
     def p_start(self) -> Array:
@@ -446,6 +459,7 @@ class Problem:
 
     def _check_inequalities(self) -> None:
         """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
+        check_rates(self.robot, self.limits)
         check_limits(self.robot, self.limits, self.q_start, self.v_start, self.goal)
         N, dt, is_free = self.num_steps, self.dt, self.has_free_duration
         ends = (self.q_start, self.v_start, self.goal)

@@ -9,8 +9,9 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.solution.data import SolutionData
-from mbocp.solution.problem_text import PathRow, duration_range_of, path_rows_of
+from mbocp.solution.problem_text import PathRow, duration_range_of, path_rows_of, rate_bounds_of
 from mbocp.solution.records import Column
+from mbocp.terms import RATE_TERMS
 from mbocp.terms.span import Span
 
 __all__ = ["ActiveLimit", "active_limits"]
@@ -26,7 +27,7 @@ class ActiveLimit:
     Attributes
     ----------
     kind : str
-        "control", "velocity", "position", "path" or "duration".
+        "control", "velocity", "position", "path", "duration", or a key of `mbocp.terms.RATE_TERMS`.
     name : str
         Of the control, joint or path constraint; "horizon" of a free duration.
     side : str
@@ -62,8 +63,12 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         found += _touched(kind, columns, values, limits)
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
     rows = path_rows_of(solution.problem_text, solution.goal_place) if solution.path_names else {}
+    rates = _rate_bounds(solution) if solution.path_names else {}
     N, unknown = len(solution.t) - 1, PathRow(np.nan, np.nan, "", Span())
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
+        if name in rates:
+            found += _pulled(rates[name], multipliers, pulls)
+            continue
         row = rows.get(name) or rows.get(name.partition(": ")[0] + ": ", unknown)
         total = N if row.span == Span() else int(np.count_nonzero(row.span.nodes(N, solution.t[-1] / N)))
         for side, bound, active in (
@@ -79,6 +84,29 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         bounds_of_it = np.array(of_duration)[:, None]
         found += _touched("duration", (Column("horizon", "s"),), taken, bounds_of_it)
     return tuple(found)
+
+
+def _rate_bounds(solution: SolutionData) -> dict[str, tuple[str, str, float, float, str]]:
+    """Kind, name, bounds and unit of limited rates, by the name of their row."""
+    found = {}
+    for key, (lower, upper) in rate_bounds_of(solution.problem_text).items():
+        term = RATE_TERMS[key]
+        columns = solution.labels.v if term.over == "v" else solution.labels.u
+        for column, low, high in zip(columns, lower, upper, strict=False):
+            found[term.row_name(column.name)] = (key, column.name, low, high, term.unit(column.unit))
+    return found
+
+
+def _pulled(
+    row: tuple[str, str, float, float, str], multipliers: Array, pulls: float
+) -> Iterator[ActiveLimit]:
+    """Sides of a limited rate whose multipliers, times the limit, count beside the adjoints."""
+    kind, name, lower, upper, unit = row
+    for side, bound, sign in (("lower", lower, -1.0), ("upper", upper, 1.0)):
+        if np.isfinite(bound):
+            count = int(np.count_nonzero(sign * multipliers * max(1.0, abs(bound)) > pulls))
+            if count:
+                yield ActiveLimit(kind, name, side, float(bound), unit, count, len(multipliers))
 
 
 def _largest(values: Array) -> float:

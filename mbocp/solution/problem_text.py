@@ -14,7 +14,7 @@ from mbocp._numbers import is_number
 from mbocp.exceptions import InvalidValue, MbocpError, Unreadable
 from mbocp.robot import FrameTarget
 from mbocp.robot.poses.target import target_from_words
-from mbocp.terms import PATH_TERMS, FrameGoal
+from mbocp.terms import PATH_TERMS, RATE_TERMS, FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
 from mbocp.terms.frame_tolerance import tolerance_bounds
 from mbocp.terms.span import SPAN, Span
@@ -27,6 +27,7 @@ __all__ = [
     "limits_of",
     "other_goal_targets_of",
     "path_rows_of",
+    "rate_bounds_of",
 ]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
@@ -115,6 +116,19 @@ def limits_of(problem_text: str) -> dict[str, Array]:
         for name, key in _KEYS.items()
         if _pairs(written.get(key))
     }
+
+
+def rate_bounds_of(problem_text: str) -> dict[str, Array]:
+    """Bounds of accelerations, jerks, rates of controls and powers, shape (2, n), by key in `[limits]`.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    written = problem.limits if problem is not None else {}
+    return {key: np.array(written[key], dtype=np.float64).T for key in RATE_TERMS if _pairs(written.get(key))}
 
 
 def goal_targets_of(problem_text: str, place: int | None = None) -> tuple[FrameTarget, ...]:

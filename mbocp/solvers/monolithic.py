@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
@@ -218,12 +219,7 @@ class GlobalisedNewton:
         though the residual is as small as it gets.
         """
         status = check_termination(state, self.tolerance, self.max_iterations)
-        is_noise = (
-            state.still > 1
-            and state.evaluation.residual <= _RESOLVED * self.tolerance
-            and state.increment <= _NOISE * self.tolerance
-        )
-        is_there = is_noise or _is_resolved(state, self.tolerance)
+        is_there = _is_noise(state, self.tolerance) or _is_resolved(state, self.tolerance)
         return Status.CONVERGED if is_there and state.failure is None else status
 
     def _direction(self, state: NewtonState, shift: float) -> tuple[Factorisation, float, Direction | None]:
@@ -315,6 +311,25 @@ class GlobalisedNewton:
             reference=None,
             patience=_PAUSE,
         )
+
+
+def _is_noise(state: NewtonState, tolerance: float) -> bool:
+    """Whether the residual is far below the tolerance, and increments are no more than round-off.
+
+    With limits the barrier leaves something of the residual by construction, which does not count. Where they
+    are active from end to end, multipliers are sums of many others, and jump though the motion rests.
+    """
+    evaluation, native = state.evaluation, state.native
+    left, is_still = evaluation.residual, state.still > 1
+    if state.barrier:
+        left = evaluation.barrier_error
+        is_still |= norm(native.dx) <= tolerance and norm(native.du) <= tolerance
+    return (
+        is_still
+        and evaluation.residual <= tolerance
+        and left <= _RESOLVED * tolerance
+        and state.increment <= _NOISE * tolerance
+    )
 
 
 def _is_resolved(state: NewtonState, tolerance: float) -> bool:

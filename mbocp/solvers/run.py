@@ -145,7 +145,7 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, t
             if e.residual > tolerance:
                 noise = f"the residual ({e.residual:.0e}) is round-off"
                 return f"a strict local minimum: {noise}, since multipliers or states are large"
-            if state.still > 1:
+            if state.increment > tolerance:
                 noise = f"the increments are round-off ({state.increment:.0e})"
                 return f"a strict local minimum: the residual is below the tolerance, {noise}"
             return "a strict local minimum: residual and increment are below the tolerance"

@@ -23,12 +23,14 @@ from mbocp.terms.path import PATH_TERMS, PathTerm
 
 from mbocp.terms.kept import Line, OrientationKept  # isort: skip  # kinds in the order of the documentation
 from mbocp.terms.point import Point, Sizes
+from mbocp.terms.rates import RATE_TERMS, RateTerm
 from mbocp.terms.span import Span
 from mbocp.terms.via import ViaFrameShape, ViaTerm
 
 __all__ = [
     "COST_TERMS",
     "PATH_TERMS",
+    "RATE_TERMS",
     "ControlRate",
     "CostTerm",
     "CostWeights",
@@ -49,6 +51,7 @@ __all__ = [
     "PathTerm",
     "Point",
     "Potential",
+    "RateTerm",
     "Reader",
     "RunningTerm",
     "Sizes",

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -53,7 +53,7 @@ class ToleranceTerm:
     shape: FrameShape
 
     has_velocity = False
-    remembers_controls = False
+    remembers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def is_cone(self) -> bool:

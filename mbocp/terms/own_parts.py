@@ -127,9 +127,9 @@ class OwnPath(_Part):
         return self.traced.rows
 
     @property
-    def remembers_controls(self) -> bool:
-        """Whether it looks at controls, be it by way of accelerations."""
-        return bool(self.traced.uses & {"u", "a"})
+    def remembers(self) -> tuple[str, ...]:
+        """The control, if it looks at it, be it by way of accelerations."""
+        return ("control",) if self.traced.uses & {"u", "a"} else ()
 
     @property
     def has_velocity(self) -> bool:

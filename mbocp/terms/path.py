@@ -27,7 +27,16 @@ from mbocp.robot import Label, Robot
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Finite, Key, Range, Table
 
-__all__ = ["PATH_TERMS", "Distance", "Orientation", "PathNumbers", "PathTerm", "Position", "Speed"]
+__all__ = [
+    "PATH_TERMS",
+    "AngularSpeed",
+    "Distance",
+    "Orientation",
+    "PathNumbers",
+    "PathTerm",
+    "Position",
+    "Speed",
+]
 
 PATH_TERMS: dict[str, type[PathTerm]] = {}  # by kind, in the order in which they are documented
 _AXES = "xyz"
@@ -77,8 +86,8 @@ class PathTerm(ABC):
         Size of each parameter.
     has_velocity : bool
         Whether it depends on the velocity.
-    remembers_controls : bool
-        Whether it looks at the control of the step before a node.
+    remembers : tuple of str
+        Names of what a state remembers for it of the step before a node.
     frame : int
         Index of the frame.
     """
@@ -89,7 +98,7 @@ class PathTerm(ABC):
     unit: ClassVar[str]
     sizes: ClassVar[Mapping[str, int]] = {}
     has_velocity: ClassVar[bool] = False
-    remembers_controls: ClassVar[bool] = False
+    remembers: ClassVar[tuple[str, ...]] = ()
     Keys: ClassVar[type[Table]]
 
     def __init_subclass__(cls) -> None:
@@ -342,6 +351,34 @@ class Speed(_Squared):
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the speed [m^2/s^2]."""
         return ca.sumsqr(at.mechanics.frame_translation_jacobian(self.frame, at.q) @ at.v)
+
+
+@dataclass(frozen=True)
+class AngularSpeed(_Squared):
+    """Magnitude of the frame's angular velocity."""
+
+    kind = "angular_speed"
+    unit = "rad/s"
+    has_velocity = True
+
+    class Keys(Table):
+        """Keys."""
+
+        max: Annotated[Bound, Key("number", "rad/s", "none", "`max` of an angular speed")] = None
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """The bound."""
+        return one_bound(given, key, "max")
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """The bound."""
+        return finite_bounds(given)
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Square of the angular speed [rad^2/s^2]."""
+        return ca.sumsqr(at.mechanics.frame_rotation_jacobian(self.frame, at.q) @ at.v)
 
 
 @dataclass(frozen=True)

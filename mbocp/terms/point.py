@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import casadi as ca
@@ -47,6 +47,8 @@ class Point:
         Gives the accelerations of the joints, shape (robot.nv,) [m/s^2, rad/s^2].
     moment : casadi.SX or None
         Time [s], where a term looks at it.
+    remembered : mapping of str to casadi.SX
+        What the state remembers of the step before, by name, see `mbocp.formulation.memory`.
     """
 
     mechanics: Mechanics
@@ -56,6 +58,7 @@ class Point:
     change: ca.SX | None = None
     acceleration: Callable[[], ca.SX] | None = None
     moment: ca.SX | None = None
+    remembered: Mapping[str, ca.SX] = field(default_factory=dict)
 
     @property
     def control(self) -> ca.SX:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
@@ -105,7 +105,7 @@ class ViaTerm:
     num_pose: int
     num_rate: int
 
-    remembers_controls = False
+    remembers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def has_velocity(self) -> bool:

@@ -109,6 +109,7 @@ def overview(solution: Solution, robot: Robot | None = None) -> Figure:
         *panels.state_panels(solution),
         *panels.rate_panels(solution, "v"),
         *panels.control_panels(solution, _effort(robot)),
+        *panels.rate_limit_panels(solution, robot),
     ]
     tiles += _first_of_each_symbol(panels.multiplier_panels(solution))
     tiles += [panels.convergence_panel(solution), panels.hamiltonian_panel(solution)]

@@ -13,13 +13,16 @@ from mbocp.problem.file.messages import located
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
+from mbocp.terms import RATE_TERMS, RateTerm
 
 __all__ = ["bounds_from"]
 
 _Sides = tuple[Array, Array]
 
 
-def bounds_from(robot: Robot, effort: Any = None, velocity: Any = None, position: Any = None) -> Bounds:
+def bounds_from(
+    robot: Robot, effort: Any = None, velocity: Any = None, position: Any = None, **rates: Any
+) -> Bounds:
     """Make the bounds from the values of the keys of `[limits]`.
 
     Parameters
@@ -30,6 +33,8 @@ def bounds_from(robot: Robot, effort: Any = None, velocity: Any = None, position
         entry is a number, the largest absolute value, or a pair [lower, upper].
     position : bool, list or mapping, optional
         True for the robot's own, or pairs.
+    **rates : float, list or mapping, optional
+        By keys of `mbocp.terms.RATE_TERMS`: like effort or velocity, but robots have none of their own.
 
     Raises
     ------
@@ -42,13 +47,40 @@ def bounds_from(robot: Robot, effort: Any = None, velocity: Any = None, position
         v_lower, v_upper = _velocity(robot, velocity)
     with located(LIMITS["q"]):
         q_lower, q_upper = _position(robot, position)
+    sides: dict[str, Array] = {}
+    for key, written in rates.items():
+        term = RATE_TERMS[key]
+        with located(LIMITS[term.letter]):
+            lower, upper = _rate(robot, term, written)
+        sides |= {f"{term.letter}_lower": lower, f"{term.letter}_upper": upper}
     return Bounds(
-        u_lower=u_lower, u_upper=u_upper, v_lower=v_lower, v_upper=v_upper, q_lower=q_lower, q_upper=q_upper
+        u_lower=u_lower,
+        u_upper=u_upper,
+        v_lower=v_lower,
+        v_upper=v_upper,
+        q_lower=q_lower,
+        q_upper=q_upper,
+        **sides,
     )
 
 
+def _rate(robot: Robot, term: type[RateTerm], written: Any) -> _Sides:
+    key = LIMITS[term.letter]
+    if written is True:
+        raise ProblemError(f"{key}: got true, but URDFs have no such limits; give numbers")
+    slots = tangent_slots(robot) if term.over == "v" else _control_slots(robot, key, written)
+    none = np.full(robot.nv if term.over == "v" else robot.nu, np.inf)
+    return _sides(robot, key, written, (-none, none), slots)
+
+
 def _effort(robot: Robot, written: Any) -> _Sides:
-    key, names = LIMITS["u"], [label.name for label in robot.u_labels]
+    own = robot.limits.effort
+    return _sides(robot, LIMITS["u"], written, (-own, own), _control_slots(robot, LIMITS["u"], written))
+
+
+def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:
+    """Places of the controls, by name; a table with another name is refused."""
+    names = [label.name for label in robot.u_labels]
     slots = {name: slice(i, i + 1) for i, name in enumerate(names)}
     if isinstance(written, Mapping):
         for name in written:
@@ -56,8 +88,7 @@ def _effort(robot: Robot, written: Any) -> _Sides:
                 raise ProblemError(
                     f"{key}: robot {robot.name!r} has no control {name!r}: {suggest(name, names)}"
                 )
-    own = robot.limits.effort
-    return _sides(robot, key, written, (-own, own), slots)
+    return slots
 
 
 def _velocity(robot: Robot, written: Any) -> _Sides:

@@ -64,8 +64,6 @@ _NOT_THERE = {
     "goal.position": _TOOL,
     "goal.pose": _TOOL,
     "goal.point": _TOOL,
-    "limits.acceleration": "there is no such limit; cost.control_rate smooths the controls",
-    "limits.jerk": "there is no such limit; cost.control_rate smooths the controls",
 }
 
 _REPEATED = frozenset({"goal.any", "goal.any.frame"})  # keys that another table has alike

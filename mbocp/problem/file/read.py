@@ -125,7 +125,7 @@ def _fields(
         "stabilisation": _stabilisation(table.integrator),
         "goal": goal,
         "goals": goals,
-        "limits": bounds_from(robot, table.limits.effort, table.limits.velocity, table.limits.position),
+        "limits": bounds_from(robot, **dict(table.limits)),
         "via": via_from(robot, table.via, q_start),
         "path": path_from(robot, table.path, q_start, goal),
         "terms": terms_from(robot, table.terms, terms),

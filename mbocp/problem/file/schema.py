@@ -248,6 +248,10 @@ class LimitsTable(Table):
     effort: Limits = None
     velocity: Limits = None
     position: Ranges = None
+    acceleration: Limits = None
+    jerk: Limits = None
+    effort_rate: Limits = None
+    power: Limits = None
 
 
 class PathHead(Table):

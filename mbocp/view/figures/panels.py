@@ -10,8 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
+from mbocp.mechanics.rates import rates_along
+from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
+from mbocp.solution.problem_text import rate_bounds_of
 from mbocp.solution.records import dual_columns
+from mbocp.terms import RATE_TERMS
 from mbocp.view.figures.lines import LinePanel, line_panels
 from mbocp.view.figures.style import (
     GREY,
@@ -34,6 +38,7 @@ __all__ = [
     "hamiltonian_panel",
     "momentum_panel",
     "multiplier_panels",
+    "rate_limit_panels",
     "rate_panels",
     "state_panels",
 ]
@@ -41,6 +46,12 @@ __all__ = [
 
 _MAX_CONSTRAINTS = 6  # more would need a legend that is larger than the plot
 _MAX_MARKERS = 40  # more merge into a band
+_RATES = {  # title and symbol, by key in [limits]
+    "acceleration": ("Acceleration", r"$\Delta v / \Delta t$"),
+    "jerk": ("Jerk", r"$\Delta a / \Delta t$"),
+    "effort_rate": ("Rate of the control", r"$\Delta u / \Delta t$"),
+    "power": ("Power", "$P$"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +103,23 @@ def control_panels(solution: Solution, effort: Array | None) -> list[LinePanel]:
     return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limits)
 
 
+def rate_limit_panels(solution: Solution, robot: Robot | None = None) -> list[LinePanel]:
+    """Return accelerations, jerks and rates of controls that the problem limits, and powers with `robot`."""
+    found, bounds = [], rate_bounds_of(solution.problem_text)
+    if not bounds:
+        return []
+    rates = rates_along(robot, solution.qs, solution.vs, solution.us, np.diff(solution.t))
+    for key, limits in bounds.items():
+        term = RATE_TERMS[key]
+        labels = solution.labels.v if term.over == "v" else solution.labels.u
+        if key not in rates or limits.shape != (2, len(labels)):
+            continue
+        columns = [Column(column.name, term.unit(column.unit)) for column in labels]
+        title, symbol = _RATES[key]
+        found += line_panels(title, symbol, columns, solution.t, rates[key], step=True, limits=limits)
+    return found
+
+
 def multiplier_panels(solution: Solution) -> list[LinePanel]:
     """Return adjoints mu of q and p, lambda, zeta, and the multipliers of active limits, one panel each."""
     labels, nv, t = solution.labels, solution.nv, solution.t
@@ -122,6 +150,7 @@ def _limit_panels(solution: Solution) -> list[LinePanel]:
         ("path", f"{title} path", r"$\lambda^h$", names, t[1:], solution.lam_path),
     ]
     active = {limit.kind for limit in solution.active_limits}  # the others are left over by the barrier
+    active |= {"path"} if active & set(RATE_TERMS) else set()  # they are rows among those of the path
     return [
         panel
         for kind, words, symbol, columns, times, values in blocks

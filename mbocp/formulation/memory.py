@@ -1,0 +1,157 @@
+r"""What a state remembers of the step that led to it: named blocks r, each with the rule of its next value.
+
+A function of two steps, such as a rate, is a function of one state that remembers. With s the speeds, u the
+controls and dt the length of the step from one state to the next, the blocks and their next values are
+
+.. math::
+    \text{control} \quad & u, &
+    \text{control\_rate} \quad & (u - u^-) / \Delta t, \\
+    \text{acceleration} \quad & a = (s_1 - s_0) / \Delta t, &
+    \text{jerk} \quad & (a - a^-) / \Delta t
+
+where a minus means what was remembered before. All begin with zero: a motion starts with no acceleration, and
+the control of the first step has no rate. Rates count in units of the size of their limits, so that the
+numbers that solvers see are of ordinary size.
+
+The rules are plain arithmetic: they take symbols of one step, and arrays of all steps at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+
+__all__ = ["HAS_BEFORE", "MEMORY", "Block", "Passage", "memory_along", "ordered", "unit_of"]
+
+HAS_BEFORE = "has_before"  # the stage parameter: 1 in steps that have one before them, else 0
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """A step as the rules see it: symbols of one, or arrays with a row for each.
+
+    Attributes
+    ----------
+    s0, s1 : casadi.SX, shape (ns,), or ndarray, shape (N, ns)
+        Speeds before and after it.
+    u : casadi.SX, shape (nu,), or ndarray, shape (N, nu)
+        Controls as the state counts them.
+    units_of_u : casadi.SX, shape (nu,), or float
+        From there to the user's.
+    dt : casadi.SX, or ndarray, shape (N, 1)
+        Its length [s].
+    has_before : casadi.SX, or ndarray, shape (N, 1)
+        0 in the first step, 1 in all others.
+    before : mapping of str
+        What was remembered before it, by name.
+    units : mapping of str
+        Units of the blocks, by name.
+    """
+
+    s0: Any
+    s1: Any
+    u: Any
+    units_of_u: Any
+    dt: Any
+    has_before: Any
+    before: Mapping[str, Any]
+    units: Mapping[str, Any]
+
+    @property
+    def acceleration(self) -> Any:
+        """Mean acceleration."""
+        return (self.s1 - self.s0) / self.dt
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of what is remembered.
+
+    Attributes
+    ----------
+    of : {"u", "s"}
+        Whether it has an entry for each control or for each speed.
+    following : callable
+        `Passage` -> the value after the step.
+    has_unit : bool
+        Whether it counts in a unit of its own.
+    needs : tuple of str
+        Blocks that its rule looks at.
+    asks_for_first : bool
+        Whether its rule looks at `Passage.has_before`.
+    """
+
+    of: str
+    following: Callable[[Passage], Any]
+    has_unit: bool = True
+    needs: tuple[str, ...] = ()
+    asks_for_first: bool = False
+
+
+def _control(at: Passage) -> Any:
+    return at.u
+
+
+def _control_rate(at: Passage) -> Any:
+    change = at.units_of_u * (at.u - at.before["control"])
+    return at.has_before * change / (at.dt * at.units["control_rate"])
+
+
+def _acceleration(at: Passage) -> Any:
+    return at.acceleration / at.units["acceleration"]
+
+
+def _jerk(at: Passage) -> Any:
+    change = at.acceleration - at.units["acceleration"] * at.before["acceleration"]
+    return change / (at.dt * at.units["jerk"])
+
+
+MEMORY: Mapping[str, Block] = MappingProxyType(
+    {
+        "control": Block("u", _control, has_unit=False),
+        "control_rate": Block("u", _control_rate, needs=("control",), asks_for_first=True),
+        "acceleration": Block("s", _acceleration),
+        "jerk": Block("s", _jerk, needs=("acceleration",)),
+    }
+)
+
+
+def ordered(names: set[str]) -> tuple[str, ...]:
+    """Names of blocks and of those that they need, in the order in which states have them."""
+    wanted = names | {need for name in names for need in MEMORY[name].needs}
+    return tuple(name for name in MEMORY if name in wanted)
+
+
+def unit_of(name: str) -> str:
+    """Name of the parameter that holds the unit of a block."""
+    return f"unit.{name}"
+
+
+def memory_along(
+    names: tuple[str, ...], speeds: Array, us: Array, dts: Array, units: Mapping[str, float]
+) -> dict[str, Array]:
+    """What the nodes of a motion remember, by name, shapes (N + 1, size).
+
+    Parameters
+    ----------
+    names : tuple of str
+    speeds : ndarray, shape (N + 1, ns)
+    us : ndarray, shape (N, nu)
+    dts : ndarray, shape (N,)
+        Lengths of the steps [s].
+    units : mapping of str to float
+    """
+    has_before = (np.arange(len(us)) > 0).astype(np.float64)[:, None]
+    found: dict[str, Array] = {}
+    for name in names:
+        before = {known: values[:-1] for known, values in found.items()}
+        at = Passage(speeds[:-1], speeds[1:], us, 1.0, dts[:, None], has_before, before, units)
+        after = MEMORY[name].following(at)
+        found[name] = np.vstack([np.zeros(after.shape[1]), after])
+    return found

@@ -1,0 +1,41 @@
+"""Numbers of what states remember: units, and the memory of the nodes of a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.memory import MEMORY, memory_along
+from mbocp.formulation.step_lengths import lengths_of_states
+from mbocp.problem import Problem
+
+__all__ = ["memory_units", "with_memory"]
+
+_RISE = 8.0  # part of the duration over which the greatest jerk makes a typical acceleration
+
+
+def memory_units(problem: Problem) -> dict[str, float]:
+    """Units of the blocks that have one [m/s^2, rad/s^2 and the like], by name.
+
+    Those of the limits. Where the jerk alone is limited, accelerations are of the size that it makes.
+    """
+    units = {name: 1.0 for name, block in MEMORY.items() if block.has_unit}
+    units |= {name: c.scale for c in problem.rate_limits for name in c.term.remembers[-1:] if name in units}
+    keys = {limit.key for limit in problem.rate_limits}
+    if "jerk" in keys and "acceleration" not in keys:
+        units["acceleration"] = units["jerk"] * problem.duration / _RISE
+    return units
+
+
+def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array) -> Array:
+    """States (N + 1, nx) that remember what their speeds, controls (N, any) and lengths of steps say."""
+    if not at.nr:
+        return xs
+    nu, dts = problem.robot.nu, lengths_of_states(problem, at, xs)
+    names = tuple(at.remembered)
+    found = memory_along(names, xs[:, at.s], us[:, :nu], dts, memory_units(problem))
+    filled = np.array(xs)
+    for name, where in at.remembered.items():
+        filled[:, where] = found[name]
+    return filled

@@ -1,0 +1,53 @@
+"""Rates of a motion: accelerations, jerks, rates of controls and powers of its steps, from its numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.robot import Robot
+
+__all__ = ["powers", "rates_along"]
+
+
+def rates_along(robot: Robot | None, qs: Array, vs: Array, us: Array, dts: Array) -> dict[str, Array]:
+    """Rates in every step, by their keys in `[limits]`.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        None leaves out the powers, which need one.
+    qs : ndarray, shape (N + 1, nq)
+        Configurations [m, rad, quaternion xyzw].
+    vs : ndarray, shape (N + 1, nv)
+        Velocities [m/s, rad/s].
+    us : ndarray, shape (N, nu)
+        Controls [N, N m, and the units of drives].
+    dts : ndarray, shape (N,)
+        Lengths of the steps [s].
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``acceleration`` (v_n - v_{n-1}) / dt and ``jerk`` (a_n - a_{n-1}) / dt with a_0 = 0, shape (N, nv);
+        ``effort_rate`` (u_n - u_{n-1}) / dt, zero in the first step, and ``power`` at the end of each step,
+        shape (N, nu).
+    """
+    lengths = dts[:, None]
+    accelerations = np.diff(vs, axis=0) / lengths
+    rates = {
+        "acceleration": accelerations,
+        "jerk": np.diff(accelerations, axis=0, prepend=np.zeros((1, vs.shape[1]))) / lengths,
+        "effort_rate": np.diff(us, axis=0, prepend=us[:1]) / lengths,
+    }
+    return rates if robot is None else {**rates, "power": powers(robot, qs[1:], vs[1:], us)}
+
+
+def powers(robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
+    """u_i (B(q)' v)_i of each row, shape (n, nu) [W]; zero for controls that prescribe a motion."""
+    if robot.actuation.is_constant:
+        constant = robot.actuation_matrix(robot.q0)
+        found: Array = us * (vs @ constant)
+        return found
+    along = np.array([robot.actuation_matrix(q).T @ v for q, v in zip(qs, vs, strict=True)])
+    return np.asarray(us * along, dtype=np.float64)

@@ -1,0 +1,148 @@
+"""Limits of accelerations, jerks, rates of controls and powers: with their numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array, IntArray, frozen_array
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.problem.limits import LIMITS, Bounds
+from mbocp.robot import Label, Robot
+from mbocp.terms import RATE_TERMS, RateTerm, Span
+
+__all__ = ["RateLimit", "check_rates", "rate_limits"]
+
+
+@dataclass(frozen=True, eq=False)
+class RateLimit:
+    """Bounds on rates that hold in every step, see `mbocp.terms.RateTerm`.
+
+    Attributes
+    ----------
+    key : str
+        In `[limits]`.
+    term : RateTerm
+        Its structure.
+    labels : tuple of Label
+        Name and unit of each row.
+    lower, upper : ndarray, shape (rows,)
+    scale : float
+        Power of two near the largest bound; solvers see values by it.
+    columns : ndarray of int, shape (rows,)
+        Of the velocities or controls.
+    """
+
+    key: str
+    term: RateTerm
+    labels: tuple[Label, ...]
+    lower: Array
+    upper: Array
+    scale: float
+    columns: IntArray
+
+    @property
+    def name(self) -> str:
+        """The key of the file."""
+        return f"limits.{self.key}"
+
+    @property
+    def span(self) -> Span:
+        """When they hold: always."""
+        return Span()
+
+    @property
+    def rows(self) -> int:
+        """Number of limits."""
+        return len(self.lower)
+
+    @property
+    def inner_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the expression."""
+        return np.asarray(self.lower) / self.scale, np.asarray(self.upper) / self.scale
+
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """Parameters of the expression by name."""
+        return {"scale": np.array([self.scale])}
+
+    def numbers_in(self, rotations: str) -> dict[str, Array]:
+        """The same whatever attitudes are written in."""
+        return self.numbers
+
+    def structure(self, rotations: str) -> RateTerm:
+        """Its structure, which is the same whatever attitudes are written in."""
+        return self.term
+
+    def slopes(self, values: Array) -> Array:
+        """Derivatives of the expression in the values."""
+        return np.full_like(values, 1.0 / self.scale)
+
+
+def rate_limits(robot: Robot, bounds: Bounds) -> tuple[RateLimit, ...]:
+    """The limits of rates among bounds, one for each key that limits something."""
+    found = []
+    for term in RATE_TERMS.values():
+        is_limited = bounds.finite(term.letter)
+        if is_limited.any():
+            found.append(_limit(robot, bounds, term, np.flatnonzero(is_limited)))
+    return tuple(found)
+
+
+def _limit(robot: Robot, bounds: Bounds, term: type[RateTerm], columns: IntArray) -> RateLimit:
+    labels = robot.v_labels if term.over == "v" else robot.u_labels
+    lower = getattr(bounds, f"{term.letter}_lower")[columns]
+    upper = getattr(bounds, f"{term.letter}_upper")[columns]
+    sizes = np.abs(np.concatenate([lower, upper]))
+    largest = float(sizes[np.isfinite(sizes)].max())
+    # Speeds begin with the velocities that no control prescribes.
+    place = {dof: i for i, dof in enumerate(robot.undriven if robot.drives else range(robot.nv))}
+    entries = [place.get(int(i), -1) for i in columns] if term.over == "v" else [int(i) for i in columns]
+    return RateLimit(
+        key=term.key,
+        term=term(tuple(entries)),
+        labels=tuple(Label(term.row_name(labels[i].name), term.unit(labels[i].unit)) for i in columns),
+        lower=frozen_array(lower),
+        upper=frozen_array(upper),
+        scale=2.0 ** round(math.log2(largest)) if largest > 0.0 else 1.0,
+        columns=columns,
+    )
+
+
+def check_rates(robot: Robot, bounds: Bounds) -> None:
+    """Refuse limits of what a control prescribes, and rates of which a motion cannot begin.
+
+    Raises
+    ------
+    ProblemError
+        If an acceleration or a jerk is limited of a velocity that a control prescribes, or the power of such
+        a control.
+    InvalidValue
+        If a rate of a control cannot be zero, as it is in the first step.
+    """
+    for term in RATE_TERMS.values():
+        for i in np.flatnonzero(bounds.finite(term.letter)):
+            _check_one(robot, bounds, term, int(i))
+
+
+def _check_one(robot: Robot, bounds: Bounds, term: type[RateTerm], i: int) -> None:
+    key = LIMITS[term.letter]
+    if term.over == "v" and robot.drives and i in set(robot.driven):
+        raise ProblemError(
+            f"{key}: {robot.v_labels[i].name!r} is prescribed by a control; limit the rate of the control "
+            "(limits.effort_rate)"
+        )
+    if term.key == "power" and i >= robot.nu - len(robot.drives):
+        raise ProblemError(
+            f"{key}: the control {robot.u_labels[i].name!r} prescribes a motion and has no power; limit the "
+            "control (limits.effort), or its rate (limits.effort_rate)"
+        )
+    if term.key == "effort_rate":
+        lower, upper = (float(getattr(bounds, f"{term.letter}_{side}")[i]) for side in ("lower", "upper"))
+        if not lower <= 0.0 <= upper:
+            name = robot.u_labels[i].name
+            raise InvalidValue(
+                f"{key}.{name}", [lower, upper], "a range with zero in it: the first step has no rate"
+            )

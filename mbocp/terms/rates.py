@@ -1,0 +1,155 @@
+"""Limits of rates: functions of a state and of what it remembers of the step that led to it.
+
+A class is a kind of limit: its key in `[limits]`, what it is a limit of, what it needs remembered, and its
+expression. An instance is the structure of a limit: which entries have bounds. `mbocp.problem.rates` has the
+numbers, `mbocp.formulation.memory` says how a state remembers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+
+from mbocp.terms.point import Point
+
+__all__ = ["RATE_TERMS", "RateTerm"]
+
+RATE_TERMS: dict[str, type[RateTerm]] = {}  # by key, in the order in which they are documented
+
+
+@dataclass(frozen=True)
+class RateTerm(ABC):
+    """A kind of limit, see the module.
+
+    Attributes
+    ----------
+    key : str
+        In `[limits]`.
+    letter : str
+        Of its bounds in `mbocp.problem.Bounds`.
+    over : {"v", "u"}
+        Whether it limits something of each velocity or of each control.
+    per : int
+        Its unit is that of the velocity, or of the control, by this power of a second.
+    remembers : tuple of str
+        Names of what a state remembers for it.
+    needs_joints : bool
+        Whether it speaks of the coordinates of the joints, so that states have to be theirs.
+    entries : tuple of int
+        Of what is remembered, or of the controls: those with bounds.
+    """
+
+    entries: tuple[int, ...]
+
+    key: ClassVar[str]
+    letter: ClassVar[str]
+    over: ClassVar[str]
+    per: ClassVar[int] = 1
+    remembers: ClassVar[tuple[str, ...]]
+    needs_joints: ClassVar[bool] = False
+    sizes: ClassVar[Mapping[str, int]] = {"scale": 1}
+
+    def __init_subclass__(cls) -> None:
+        RATE_TERMS[cls.key] = cls
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its function depends on."""
+        return {"rate": self.key, **dataclasses.asdict(self)}
+
+    @property
+    def rows(self) -> int:
+        """Number of its values."""
+        return len(self.entries)
+
+    @classmethod
+    def row_name(cls, name: str) -> str:
+        """What the limit of one velocity or control is called."""
+        return f"{cls.key} of {name}"
+
+    @classmethod
+    def unit(cls, unit: str) -> str:
+        """Unit of its values, from that of the velocity or control."""
+        quantity, _, seconds = unit.partition("/")
+        if not seconds:
+            return f"{quantity}/s"
+        return f"{quantity}/s^{cls.per + 1}"
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Its values, by their scale."""
+        return self.values(at)[list(self.entries)] / p["scale"]
+
+    @abstractmethod
+    def values(self, at: Point) -> ca.SX:
+        """What it limits, of every velocity or control."""
+
+
+@dataclass(frozen=True)
+class AccelerationLimit(RateTerm):
+    """Mean acceleration of a step, (v_n - v_{n-1}) / dt."""
+
+    key = "acceleration"
+    letter = "a"
+    over = "v"
+    remembers = ("acceleration",)
+    needs_joints = True
+
+    def values(self, at: Point) -> ca.SX:
+        """Of every speed [m/s^2, rad/s^2]."""
+        return at.remembered["acceleration"]
+
+
+@dataclass(frozen=True)
+class JerkLimit(RateTerm):
+    """Change of the mean acceleration from step to step, by the step's length; from rest at the start."""
+
+    key = "jerk"
+    letter = "j"
+    over = "v"
+    per = 2
+    remembers = ("acceleration", "jerk")
+    needs_joints = True
+
+    def values(self, at: Point) -> ca.SX:
+        """Of every speed [m/s^3, rad/s^3]."""
+        return at.remembered["jerk"]
+
+
+@dataclass(frozen=True)
+class ControlRateLimit(RateTerm):
+    """Change of a control from step to step, by the step's length; the first control is free."""
+
+    key = "effort_rate"
+    letter = "du"
+    over = "u"
+    remembers = ("control", "control_rate")
+
+    def values(self, at: Point) -> ca.SX:
+        """Of every control [N/s, N m/s]."""
+        return at.remembered["control_rate"]
+
+
+@dataclass(frozen=True)
+class PowerLimit(RateTerm):
+    """Power of a control at the end of its step: u times the velocity that it acts on, u_i (B(q)' v)_i."""
+
+    key = "power"
+    letter = "power"
+    over = "u"
+    remembers = ("control",)
+
+    @classmethod
+    def unit(cls, unit: str) -> str:
+        """Of a force or a torque alike."""
+        return "W"
+
+    def values(self, at: Point) -> ca.SX:
+        """Of every control [W]."""
+        u = ca.SX.sym("u", at.mechanics.nu)
+        pushes = ca.jacobian(at.mechanics.force(at.q, at.v, u), u)  # B(q): forces are affine in u
+        return at.control * (pushes.T @ at.v)
