@@ -106,7 +106,9 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
         active[:] = True
         return value, active
     slots = tangent_slots(robot)
-    for name, entry in _by_part(robot, written, key, [slot.nv for slot in _slots(robot)]).items():
+    sizes = _tangent_sizes(robot)
+    rest = {name: [0.0] * sizes[name] for name, entry in written.items() if entry == 0 and name in sizes}
+    for name, entry in _by_part(robot, {**written, **rest}, key, [slot.nv for slot in _slots(robot)]).items():
         where = _find(slots, name, robot)
         numbers = _listed(entry)
         if len(numbers) != where.stop - where.start:
@@ -122,11 +124,17 @@ def weights_from(robot: Robot, written: float | Written, key: str) -> Array:
         return np.full(robot.nv, float(written))
     if not isinstance(written, Mapping):
         return tangent_from(robot, written, key)[0]
-    slots = {name: where.stop - where.start for name, where in tangent_slots(robot).items()}
-    for part in robot.parts:
-        slots[part.name] = sum(slot.nv for slot in _slots(robot) if slot.name.startswith(part.prefix))
+    slots = _tangent_sizes(robot)
     spread = {name: _spread(entry, _find(slots, name, robot)) for name, entry in written.items()}
     return tangent_from(robot, spread, key)[0]
+
+
+def _tangent_sizes(robot: Robot) -> dict[str, int]:
+    """How many components of v each name stands for: joints, components, parts."""
+    sizes = {name: where.stop - where.start for name, where in tangent_slots(robot).items()}
+    for part in robot.parts:
+        sizes[part.name] = sum(slot.nv for slot in _slots(robot) if slot.name.startswith(part.prefix))
+    return sizes
 
 
 def control_from(robot: Robot, written: float | Written, key: str) -> Array:

@@ -66,6 +66,21 @@ def test_what_there_is_not_is_named(problem: Problem, words: dict[str, object], 
         problem.with_(**words)
 
 
+def test_zero_stands_for_rest_of_a_part_and_of_a_free_flyer() -> None:
+    parts = [
+        {"name": "left", "robot": "ur5"},
+        {"name": "drone", "robot": "hector", "actuated": ["root_joint"]},
+    ]
+    whole = Problem.create({"part": parts}, 1.0, 20, goal={"v": 0})
+    assert whole.goal.rate_active.all()
+    for name, count in (("left", 6), ("drone", 6), ("drone/root_joint", 6), ("left/elbow_joint", 1)):
+        goal = Problem.create({"part": parts}, 1.0, 20, goal={"v": {name: 0}}).goal
+        assert goal.rate_active.sum() == count
+        assert not goal.value.any()
+    with pytest.raises(MbocpError, match=r"goal\.v\.left: got shape \(1,\), expected \(6,\)"):
+        Problem.create({"part": parts}, 1.0, 20, goal={"v": {"left": 1.0}})
+
+
 def test_zero_stands_for_rest(ur5: Robot) -> None:
     listed = Problem.create(ur5, 1.0, 20, start={"v": [0] * 6}, goal={"q": GOAL, "v": [0] * 6})
     short = Problem.create(ur5, 1.0, 20, start={"v": 0}, goal={"q": GOAL, "v": 0.0})
