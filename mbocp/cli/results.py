@@ -37,6 +37,7 @@ def replay_result(
         check_output(path, "-o", PAGES)
     from mbocp.robot.kinematics import WORLD
     from mbocp.solution.problem_text import goal_targets_of, other_goal_targets_of
+    from mbocp.view.marks import marks_of_result
     from mbocp.view.replay import open_replay, write_replay
 
     signals.leave_in_order()
@@ -54,6 +55,7 @@ def replay_result(
         "trace": trace,
         "goals": goals,
         "other_goals": others,
+        "marks": marks_of_result(solution, robot),
         "title": title,
         "speed": speed,
     }

@@ -25,9 +25,11 @@ __all__ = [
     "goal_targets_of",
     "integrator_of",
     "limits_of",
+    "lines_of",
     "other_goal_targets_of",
     "path_rows_of",
     "rate_bounds_of",
+    "via_goals_of",
 ]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
@@ -252,6 +254,44 @@ def _kept(name: str, tolerance: Any) -> dict[str, list[float]]:
         return {}
     return (
         {f"{name}.{axis}": [0.0, 0.0] for axis in "xyz"} if tolerance == 0 else {name: [-np.inf, tolerance]}
+    )
+
+
+def via_goals_of(problem_text: str, duration: float) -> tuple[tuple[float, FrameGoal], ...]:
+    """Part of the horizon that is over, and pose, for each frame at the via points; what is odd is left out.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem, found = _parsed(problem_text), []
+    for table in problem.via if problem is not None else ():
+        share, time = table.get("share"), table.get("time")
+        if is_number(time) and duration > 0.0:
+            share = time / duration
+        if is_number(share) and 0.0 <= share <= 1.0:
+            found += [(float(share), goal) for goal in _frame_goals_of(table) if goal.has_pose]
+    return tuple(found)
+
+
+def lines_of(problem_text: str) -> tuple[tuple[Array, Array], ...]:
+    """Both points of each line that a frame is kept on, shape (3,) [m].
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    ends = [(table.get("a"), table.get("b")) for table in (problem.path if problem is not None else ())]
+    return tuple((np.array(a, dtype=float), np.array(b, dtype=float)) for a, b in ends if _triples(a, b))
+
+
+def _triples(*points: Any) -> bool:
+    return all(
+        isinstance(p, list) and len(p) == 3 and all(is_number(x) and np.isfinite(x) for x in p)
+        for p in points
     )
 
 

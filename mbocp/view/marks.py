@@ -5,13 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mbocp._arrays import Array
+from mbocp.robot.kinematics import WORLD
+from mbocp.solution.problem_text import lines_of, via_goals_of
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
+    from mbocp.robot import Robot
+    from mbocp.solution import Solution
     from mbocp.terms import FrameGoal
 
-__all__ = ["Marks", "ViaMark", "marks_of"]
+__all__ = ["Marks", "ViaMark", "marks_of", "marks_of_result"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,3 +60,15 @@ def marks_of(problem: Problem) -> Marks:
     )
     numbers = (constraint.numbers for constraint in problem.frame_constraints)
     return Marks(tuple(via), tuple((n["a"], n["b"]) for n in numbers if {"a", "b"} <= set(n)))
+
+
+def marks_of_result(solution: Solution, robot: Robot) -> Marks:
+    """The same from the text of the problem that a result holds; frames that the robot lacks are left out."""
+    N, known = solution.num_steps, {WORLD, *robot.frame_names}
+    found = via_goals_of(solution.problem_text, float(solution.t[-1] - solution.t[0]))
+    via = [
+        ViaMark(float(np.clip(round(share * N) / N, 0.0, 1.0)), goal)
+        for share, goal in found
+        if {goal.name, goal.target.relative_to} <= known
+    ]
+    return Marks(tuple(via), lines_of(solution.problem_text))

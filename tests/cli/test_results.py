@@ -137,6 +137,8 @@ def test_replay_live(result: Path, run: Run, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(mbocp.view.replay, "open_replay", lambda *a, **k: calls.append(k))
     done = run("replay", str(result), "--open", "--trace", "tool0", "--speed", "0.5")
     assert done.exit_code == 0
+    marks = calls[0].pop("marks")
+    assert (marks.via, marks.lines) == ((), ())
     assert calls == [{"trace": ["tool0"], "goals": [], "other_goals": [], "title": "arm", "speed": 0.5}]
     assert not result.with_suffix(".html").exists()
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbocp.problem import Problem
-from mbocp.view.marks import marks_of
+import mbocp
+from mbocp.problem import Problem, load_problem
+from mbocp.view.marks import marks_of, marks_of_result
 from mbocp.view.replay import write_replay
 from tests.view.pages import read_page
 
@@ -32,3 +33,17 @@ def test_via_points_are_balls_axes_and_boxes_and_lines_are_drawn(tmp_path: Path)
     assert len(page.objects("/replay/world/via")) == 16
     assert len(page.objects("/replay/world/lines")) == 1
     assert page.transform("/replay/world/via/0/ball")[:3, 3] == pytest.approx(place)
+
+
+@pytest.mark.parametrize("file", ["arms/straight_line", "arms/via_points", "free_flyer/gates"])
+def test_results_say_as_much_as_their_problems(file: str, tmp_path: Path) -> None:
+    problem = load_problem(Path(__file__).parents[2] / "examples" / f"{file}.toml", {"horizon.steps": 20})
+    solved = mbocp.solve(problem.with_(solver={"max_iterations": 1}))
+    saved = mbocp.Solution.load(solved.save(tmp_path / "result.h5"))
+    found, expected = marks_of_result(saved, problem.robot), marks_of(problem)
+    assert [mark.share for mark in found.via] == pytest.approx([mark.share for mark in expected.via])
+    for mine, other in zip(found.via, expected.via, strict=True):
+        assert mine.goal.target.position == pytest.approx(other.goal.target.position)
+        assert (mine.goal.position_tolerance is None) == (other.goal.position_tolerance is None)
+    for line, wanted in zip(found.lines, expected.lines, strict=True):
+        assert np.array(line) == pytest.approx(np.array(wanted))
