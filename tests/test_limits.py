@@ -106,3 +106,17 @@ def test_the_unicycle_keeps_its_limits_and_stands_upright() -> None:
     assert s.manifold_drift_resimulated < 1e-12
     problem = mbocp.load_problem(UNICYCLE)
     assert np.abs(problem.robot.difference(problem.goal.q, s.q_final)).max() < 1e-6
+
+
+def test_an_arm_in_minimum_time_within_all_limits() -> None:
+    """Jerks of the slowest joints are at a bound, or their accelerations are."""
+    s = solved(EXAMPLES / "arms" / "minimum_time.toml")
+    dt = s.duration / s.num_steps
+    a = np.diff(s.vs, axis=0) / dt
+    jerk = np.diff(a, axis=0, prepend=np.zeros((1, 6))) / dt
+    assert np.abs(a).max() == pytest.approx(10.0, rel=1e-6)
+    assert np.abs(jerk).max() == pytest.approx(100.0, rel=1e-6)
+    at_bound = (np.abs(a) > 9.999) | (np.abs(jerk) > 99.99)
+    assert at_bound[:, 1:3].mean() > 0.95
+    # One radian from rest to rest takes no less by the textbook profile of seven pieces, ramps of 0.1 s.
+    assert 0.65 < s.duration < 0.75
