@@ -87,6 +87,7 @@ def test_rows_that_did_not_converge_are_1(study: Path, run: Run) -> None:
     """Six steps turn the pendulum too far in each; one iteration is too few."""
     (study / "pendulum.toml").write_text(
         'robot = "double_pendulum"\nhorizon = { duration = 2, steps = 6 }\ngoal = { q = [2, 0.5], v = 0 }\n'
+        "cost = { effort = 1 }\n"
     )
     iterations = "[grid]\n'solver.max_iterations' = [1, 100]\n"
     (study / "study.toml").write_text('problem = "pendulum.toml"\n' + iterations)

@@ -58,7 +58,7 @@ def test_another_guess_is_tried_where_it_was_left_to_mbocp(monkeypatch: pytest.M
     assert abs(s.qs[-1, 0]) == pytest.approx(np.pi, abs=1e-6)
     assert len(s.history) > s.iterations  # the guess that failed is part of the history
     monkeypatch.setattr(attempts, "guess_candidates", lambda problem: ("hold", "control"))
-    s = mbocp.solve(swing(solver={"max_iterations": 6}))
+    s = mbocp.solve(swing(solver={"max_iterations": 6}, cost={}))
     assert s.status is Status.OTHER_ROOT  # no other guess leads anywhere: that says most
 
 
