@@ -17,6 +17,6 @@ from tests.mechanics.models import chain
 )
 def test_angles_of_joints_count(kinds: str, angles: list[int]) -> None:
     model, _ = chain(kinds)
-    layout = StateLayout(nz=model.nq, nv=model.nv, ns=model.nv, nr=0, is_flat=False)
+    layout = StateLayout(nz=model.nq, nv=model.nv, ns=model.nv, is_flat=False)
     factors = turning_factors(model, ConfigurationSpace(model, "quaternion"), layout)
     np.testing.assert_allclose(factors, [*angles, *[0] * model.nv], atol=1e-15)
