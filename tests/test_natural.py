@@ -27,6 +27,7 @@ def double_pendulum(steps: int, coordinates: str = "natural", **tables: Any) -> 
         "horizon": {"duration": 1.5, "steps": steps},
         "start": {"q": [0.0, 0.0]},
         "goal": {"q": [0.8, -0.6], "p": [0.0, 0.0]},
+        "cost": {},
     }
     return problem_from_tables({**document, **tables})
 
@@ -42,6 +43,7 @@ def floating(coordinates: str = "natural", gravity: tuple[float, float, float] =
             "horizon": {"duration": 1.0, "steps": 40},
             "start": {"q": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], "v": [0.1, -0.2, 0.3, 0.2, 0.1, -0.3]},
             "goal": {"q": [0.4, -0.3, 0.5, *attitude.tolist()], "v": [0.2, 0.1, -0.1, 0.3, 0.2, 0.1]},
+            "cost": {},
         }
     )
 
@@ -67,6 +69,7 @@ def test_ur5_has_the_reference_costs() -> None:
         "horizon": {"duration": 1.5, "steps": 100},
         "start": {"q": UR5_START},
         "goal": {"q": UR5_GOAL, "p": [0.0] * 6},
+        "cost": {},
     }
     joint = solved(problem_from_tables(document))
     natural = solved(problem_from_tables({**document, "coordinates": "natural"}))
