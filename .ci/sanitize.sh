@@ -39,16 +39,20 @@ export LD_LIBRARY_PATH=$packages/casadi:$packages/cmeel.prefix/lib
 export ASAN_OPTIONS=detect_leaks=0:detect_odr_violation=0:verify_asan_link_order=0:abort_on_error=1
 export UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1
 export LD_PRELOAD="$build/dlopen.so $(cc -print-file-name=libasan.so) $(cc -print-file-name=libstdc++.so.6)"
-exec "$python" - "$@" <<'END'
+# A file, and no text on the standard input: processes that tests spawn read it, too.
+cat >"$build/run.py" <<'END'
 import sys
 
 # The finder of the development install would give the modules that are not instrumented.
 sys.meta_path[:] = [finder for finder in sys.meta_path if "ScikitBuild" not in type(finder).__name__]
-sys.path[:0] = ["build/sanitize/tree", "."]
-from mbocp._native import _kernel
+sys.path[:1] = ["build/sanitize/tree", "."]
+if __name__ == "__main__":
+    from mbocp._native import _kernel
 
-assert "build/sanitize" in _kernel.__file__, _kernel.__file__
-import pytest
+    assert "build/sanitize" in _kernel.__file__, _kernel.__file__
+    import pytest
 
-sys.exit(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-o", "pythonpath=build/sanitize/tree .", *sys.argv[1:]]))
+    paths = "pythonpath=build/sanitize/tree ."
+    sys.exit(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-o", paths, *sys.argv[1:]]))
 END
+exec "$python" "$build/run.py" "$@"
