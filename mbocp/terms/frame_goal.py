@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp.exceptions import InvalidValue
+from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.robot import FrameTarget
 
 __all__ = ["FURTHER_KEYS", "FrameGoal"]
@@ -61,7 +61,10 @@ class FrameGoal:
     def _check_tolerances(self) -> None:
         target, where = self.target, f"goal.frame {self.target.name!r}"
         if self.position_tolerance is not None:
-            box = np.broadcast_to(np.asarray(self.position_tolerance, dtype=np.float64), 3)
+            given = np.asarray(self.position_tolerance, dtype=np.float64)
+            if given.shape not in ((), (3,)):
+                raise DimensionMismatch(f"{where}: position_tolerance", given.shape, (3,), "or one number")
+            box = np.broadcast_to(given, 3)
             object.__setattr__(self, "position_tolerance", frozen_array(box))
             if not (np.isfinite(box).all() and (box > 0.0).all() and target.coordinates.size):
                 got = box.tolist() if target.coordinates.size else "no position beside it"

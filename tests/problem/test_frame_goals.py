@@ -462,6 +462,7 @@ def test_values_of_a_tolerance_are_lengths_and_angles() -> None:
     [
         ({"position_tolerance": 0.0}, "above 0"),
         ({"position_tolerance": [0.1, 0.1, -0.1]}, "above 0"),
+        ({"position_tolerance": [0.1, 0.1, 0.1, 0.1]}, "or one number"),
         ({"orientation_tolerance": 3.2}, "between 0 and pi"),
         ({"orientation_tolerance": 0.1, "rpy": None}, "beside an orientation"),
     ],
