@@ -19,8 +19,8 @@ PARALLEL := -n auto --maxprocesses 8 --dist loadfile
 test: setup
 	$(BIN)/python -m pytest $(PARALLEL) --durations 20
 
-# What needs little compiling: for every save.
-QUICK := tests/lie tests/programme tests/problem tests/terms tests/robot/loops tests/mechanics/symmetries \
+# What compiles and solves next to nothing: for every save.
+QUICK := tests/lie tests/problem/file tests/problem/test_cost.py tests/robot/loops tests/solvers/test_registry.py \
          tests/test_architecture.py tests/test_switches.py tests/test_stubs.py tests/test_text.py tests/test_linear.py
 
 quick: setup
