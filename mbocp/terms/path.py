@@ -324,19 +324,10 @@ class Distance(_Squared):
         return ca.sumsqr(position - away)
 
 
-@dataclass(frozen=True)
-class Speed(_Squared):
-    """Speed of the frame's origin."""
+class _Bounded(_Squared):
+    """A speed, which has an upper bound alone."""
 
-    kind = "speed"
-    unit = "m/s"
-    sizes = _HISTORIC
     has_velocity = True
-
-    class Keys(Table):
-        """Keys."""
-
-        max: Annotated[Bound, Key("number", "m/s", "none", "`max` of a speed")] = None
 
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
@@ -347,6 +338,20 @@ class Speed(_Squared):
     def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
         """The bound."""
         return finite_bounds(given)
+
+
+@dataclass(frozen=True)
+class Speed(_Bounded):
+    """Speed of the frame's origin."""
+
+    kind = "speed"
+    unit = "m/s"
+    sizes = _HISTORIC
+
+    class Keys(Table):
+        """Keys."""
+
+        max: Annotated[Bound, Key("number", "m/s", "none", "`max` of a speed")] = None
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the speed [m^2/s^2]."""
@@ -354,27 +359,16 @@ class Speed(_Squared):
 
 
 @dataclass(frozen=True)
-class AngularSpeed(_Squared):
+class AngularSpeed(_Bounded):
     """Magnitude of the frame's angular velocity."""
 
     kind = "angular_speed"
     unit = "rad/s"
-    has_velocity = True
 
     class Keys(Table):
         """Keys."""
 
         max: Annotated[Bound, Key("number", "rad/s", "none", "`max` of an angular speed")] = None
-
-    @classmethod
-    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
-        """The bound."""
-        return one_bound(given, key, "max")
-
-    @classmethod
-    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
-        """The bound."""
-        return finite_bounds(given)
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the angular speed [rad^2/s^2]."""
