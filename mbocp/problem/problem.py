@@ -2,59 +2,43 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from mbocp._arrays import Array, frozen_array
-from mbocp._tolerances import BOUND_TOLERANCE
-from mbocp.exceptions import DimensionMismatch, ProblemError
-from mbocp.mechanisms.completion import complete_goal
-from mbocp.mechanisms.consistency import check_position, check_velocity
+from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import (
-    MAX_POSITION,
-    MAX_RATE,
     ProblemWarning,
     check_choice,
-    check_finite,
     check_integer,
-    check_size,
 )
-from mbocp.problem.consistency import check_end_conditions, check_goal_rate
+from mbocp.problem.consistency import check_end_conditions
 from mbocp.problem.coordinates import COORDINATES, check_coordinates
 from mbocp.problem.cost import Cost
-from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
 from mbocp.problem.duration import check_duration
+from mbocp.problem.ends import checked_start, completed_goal
 from mbocp.problem.file.changes import changed
 from mbocp.problem.file.read import from_tables
-from mbocp.problem.frames import check_frames, goal_branches, with_configuration
+from mbocp.problem.frames import goal_branches
 from mbocp.problem.goal import Goal
 from mbocp.problem.goal_set import reachable_members
 from mbocp.problem.guess import Guess
-from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator, check_unused
+from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator
 from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.together import check_method, check_weights
 from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.problem.via_points import via_constraints, via_nodes
+from mbocp.problem.warn import warn_singular
 from mbocp.robot import InverseKinematics, Robot
-from mbocp.robot.loops.redundancy import singular_pose
-from mbocp.solvers.options import BOUNDED_METHODS
 from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolerances
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
-
-
-_BESIDE = (
-    "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
-    "assembly mode: give a pose beside it"
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,9 +182,20 @@ class Problem:
             is_free=self.has_free_duration,
         )
         self._take_terms()
-        self._check_start()
+        q_start, v_start = checked_start(self.robot, self.limits, self.q_start, self.v_start)
+        object.__setattr__(self, "q_start", q_start)
+        object.__setattr__(self, "v_start", v_start)
         self._take_via()
-        self._check_goal()
+        goal = completed_goal(
+            self.robot,
+            self.goal,
+            self.limits,
+            self.q_start,
+            self.via[-1].goal.q if self.via else self.q_start,
+            num_steps=self.num_steps,
+            scheme=self.scheme,
+        )
+        object.__setattr__(self, "goal", goal)
         self._check_cost()
         self._check_inequalities()
         self.guess.check_dimensions(self.robot.nu)
@@ -233,6 +228,16 @@ class Problem:
     ) -> tuple[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | RateLimit, ...]:
         """Path constraints and limits of rates: functions of a state that have bounds."""
         return (*self.path, *self.rate_limits)
+
+    @property
+    def waypoints(self) -> tuple[ViaConstraint, ...]:
+        """The via points among the path constraints, in the order of their nodes."""
+        return tuple(constraint for constraint in self.path if isinstance(constraint, ViaConstraint))
+
+    @property
+    def frame_constraints(self) -> tuple[PathConstraint, ...]:
+        """The path constraints of `[[path]]`."""
+        return tuple(constraint for constraint in self.path if isinstance(constraint, PathConstraint))
 
     @property
     def p_start(self) -> Array:
@@ -373,89 +378,15 @@ class Problem:
         object.__setattr__(self, "via", tuple(constraint.via for constraint in found))
         object.__setattr__(self, "path", (*self.path, *found))
         for constraint in found:
-            self._warn_singular(constraint.via.goal.q, f"via {constraint.name!r}")
-
-    @property
-    def waypoints(self) -> tuple[ViaConstraint, ...]:
-        """The via points among the path constraints, in the order of their nodes."""
-        return tuple(constraint for constraint in self.path if isinstance(constraint, ViaConstraint))
-
-    @property
-    def frame_constraints(self) -> tuple[PathConstraint, ...]:
-        """The path constraints of `[[path]]`."""
-        return tuple(constraint for constraint in self.path if isinstance(constraint, PathConstraint))
-
-    def _check_start(self) -> None:
-        robot = self.robot
-        q = frozen_array(self.q_start, name="start.q")
-        if q.shape != (robot.nq,):
-            raise DimensionMismatch("start.q", q.shape, (robot.nq,))
-        check_finite("start.q", q)
-        v = frozen_array(self.v_start, name="start.v")
-        if v.shape != (robot.nv,):
-            raise DimensionMismatch("start.v", v.shape, (robot.nv,))
-        check_finite("start.v", v)
-        q = frozen_array(robot.normalise(q, name="start.q"))
-        check_size("start.q", q, robot.q_labels, MAX_POSITION)
-        check_size("start.v", v, robot.v_labels, MAX_RATE)
-        object.__setattr__(self, "q_start", q)
-        object.__setattr__(self, "v_start", v)
-        check_position(robot, q, "start.q")
-        check_velocity(robot, q, v, "start")
-        check_driven_start(robot, q, v)
-        self._warn_limits(q, "start.q")
-        self._warn_singular(q, "start.q")
-
-    def _check_goal(self) -> None:
-        robot, goal = self.robot, self.goal
-        goal.check_dimensions(robot.nq, robot.nv)
-        goal = replace(goal, q=robot.normalise(goal.q, name="goal.q"))
-        check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
-        rates = robot.p_labels if goal.rate == "p" else robot.v_labels
-        check_size(f"goal.{goal.rate}", goal.value, rates, MAX_RATE)
-        check_frames(robot, goal)
-        before = self.via[-1].goal.q if self.via else self.q_start
-        goal = with_configuration(robot, goal, before, self.limits)
-        goal = without_driven_velocities(robot, goal)
-        for key, default in (("guard", True), ("redundant", "drop")):
-            check_unused(f"goal.{key}", getattr(goal, key), default, self.scheme)
-        if goal.is_exact:
-            goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, self.q_start))
-            check_goal_rate(robot, goal)
-            check_driven_rate(robot, goal)
-            check_end_conditions(robot, goal, self.num_steps)
-            self._warn_singular(goal.q, "goal.q")
-        object.__setattr__(self, "goal", goal)
-        if goal.q_active.any() or goal.poses:
-            self._warn_limits(goal.q, "goal.q")
+            warn_singular(self.robot, constraint.via.goal.q, f"via {constraint.name!r}")
 
     def _check_cost(self) -> None:
         cost, goal = self.cost.on_controls(self.robot.nu), self.goal
         object.__setattr__(self, "cost", cost)
         cost.check_controls(self.limits.finite("u"), [label.name for label in self.robot.u_labels])
         cost.check_dimensions(self.robot.nq, self.robot.nv, self.num_steps)
-        if goal.is_penalised and cost.terminal == 0.0:
-            reason = f'goal.enforce = "{goal.enforce}" needs a weight above 0, got 0'
-            raise ProblemError(f"cost.terminal: {reason}")
-        if cost.terminal > 0.0 and not goal.is_penalised:
-            meant = "both" if goal.is_exact else "penalty"
-            raise ProblemError(
-                f'cost.terminal: got {cost.terminal:g}, which goal.enforce = "{goal.enforce}" does not use; '
-                f'say enforce = "{meant}", or terminal = 0'
-            )
-        if np.any(cost.weight("time")) and not self.has_free_duration:
-            warnings.warn(
-                "cost.time: the duration is given, so that its weight adds a constant; "
-                "horizon.duration = {min, max} sets it free",
-                ProblemWarning,
-                stacklevel=4,
-            )
-        if goal.enforce == "none" and cost.tracking == 0.0 and not (self.terms or self.via):
-            warnings.warn(
-                "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
-                ProblemWarning,
-                stacklevel=4,
-            )
+        more = bool(self.terms or self.via)
+        check_weights(cost, goal, is_free=self.has_free_duration, has_more=more)
 
     def _check_inequalities(self) -> None:
         """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
@@ -464,37 +395,6 @@ class Problem:
         N, dt, is_free = self.num_steps, self.dt, self.has_free_duration
         ends = (self.q_start, self.v_start, self.goal)
         check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, is_free=is_free)
-        if self.is_bounded and self.solver.method not in BOUNDED_METHODS:
-            what = "limits" if self.limits.any_finite else "via" if self.via else "path"
-            able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)
-            cannot, remedy = f"keep [{what}]", f"leave out [{what}]"
-            if self.has_free_duration:
-                cannot, remedy = "find a free duration", "give horizon.duration as a number"
-            raise ProblemError(
-                f'solver.method: got "{self.solver.method}", which cannot {cannot}; take {able}, or {remedy}'
-            )
-        if self.is_bounded and self.solver.is_pure_newton:
-            cannot = "keeps neither [limits] nor [path]"
-            if self.has_free_duration:
-                cannot = "finds no free duration"
-            raise ProblemError(
-                f'solver.globalisation: got "none", with which Newton\'s method {cannot}; take "default"'
-            )
-
-    def _warn_singular(self, q: Array, key: str) -> None:
-        """Say that a mechanism is where it may go on in several ways."""
-        words = singular_pose(self.robot, q)
-        if words:
-            warnings.warn(f"{key}: {words}; {_BESIDE}", ProblemWarning, stacklevel=5)
-
-    def _warn_limits(self, q: Array, key: str) -> None:
-        """Say which coordinates are outside limits of the robot that nobody enforces."""
-        robot, limits = self.robot, self.robot.limits
-        if self.limits.finite("q").any():
-            return
-        lower, upper = limits.position_lower - BOUND_TOLERANCE, limits.position_upper + BOUND_TOLERANCE
-        outside = (q < lower) | (q > upper)
-        if outside.any():
-            names = ", ".join(robot.q_labels[i].name for i in np.flatnonzero(outside))
-            message = f"{key}: outside the position limits of {names}; limits are not enforced"
-            warnings.warn(message, ProblemWarning, stacklevel=5)
+        if self.is_bounded:
+            table = "limits" if self.limits.any_finite else "via" if self.via else "path"
+            check_method(self.solver, table, is_free=self.has_free_duration)

@@ -21,7 +21,14 @@ from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cos
 from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
 from mbocp.terms.path import PATH_TERMS, PathTerm
 
-from mbocp.terms.kept import Line, OrientationKept  # isort: skip  # kinds in the order of the documentation
+from mbocp.terms.frame_path import (  # isort: skip  # kinds in the order of the documentation
+    AngularSpeed,
+    Distance,
+    Orientation,
+    Position,
+    Speed,
+)
+from mbocp.terms.kept import Line, OrientationKept  # isort: skip  # after them
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.rates import RATE_TERMS, RateTerm
 from mbocp.terms.span import Span
@@ -31,9 +38,11 @@ __all__ = [
     "COST_TERMS",
     "PATH_TERMS",
     "RATE_TERMS",
+    "AngularSpeed",
     "ControlRate",
     "CostTerm",
     "CostWeights",
+    "Distance",
     "Effort",
     "ExactGoal",
     "FrameEnd",
@@ -43,6 +52,7 @@ __all__ = [
     "FrameTolerance",
     "Kinematics",
     "Line",
+    "Orientation",
     "OrientationKept",
     "OwnEnd",
     "OwnPath",
@@ -50,12 +60,14 @@ __all__ = [
     "OwnTerm",
     "PathTerm",
     "Point",
+    "Position",
     "Potential",
     "RateTerm",
     "Reader",
     "RunningTerm",
     "Sizes",
     "Span",
+    "Speed",
     "TermNumbers",
     "TerminalCost",
     "Time",

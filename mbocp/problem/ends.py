@@ -1,0 +1,85 @@
+"""Start and goal of a problem: checked against the robot, and completed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import DimensionMismatch
+from mbocp.mechanisms.completion import complete_goal
+from mbocp.mechanisms.consistency import check_position, check_velocity
+from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_finite, check_size
+from mbocp.problem.consistency import check_end_conditions, check_goal_rate
+from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
+from mbocp.problem.frames import check_frames, with_configuration
+from mbocp.problem.goal import Goal
+from mbocp.problem.integration import check_unused
+from mbocp.problem.limits import Bounds
+from mbocp.problem.warn import warn_limits, warn_singular
+from mbocp.robot import Robot
+
+__all__ = ["checked_start", "completed_goal"]
+
+
+def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) -> tuple[Array, Array]:
+    """Return configuration and velocity of a start, with unit quaternions.
+
+    Raises
+    ------
+    DimensionMismatch, InvalidValue, InconsistentStart
+        If they do not fit the robot, or violate a holonomic constraint or a drive.
+    """
+    q = frozen_array(q_start, name="start.q")
+    if q.shape != (robot.nq,):
+        raise DimensionMismatch("start.q", q.shape, (robot.nq,))
+    check_finite("start.q", q)
+    v = frozen_array(v_start, name="start.v")
+    if v.shape != (robot.nv,):
+        raise DimensionMismatch("start.v", v.shape, (robot.nv,))
+    check_finite("start.v", v)
+    q = frozen_array(robot.normalise(q, name="start.q"))
+    check_size("start.q", q, robot.q_labels, MAX_POSITION)
+    check_size("start.v", v, robot.v_labels, MAX_RATE)
+    check_position(robot, q, "start.q")
+    check_velocity(robot, q, v, "start")
+    check_driven_start(robot, q, v)
+    warn_limits(robot, limits, q, "start.q")
+    warn_singular(robot, q, "start.q")
+    return q, v
+
+
+def completed_goal(
+    robot: Robot, goal: Goal, limits: Bounds, q_start: Array, q_before: Array, *, num_steps: int, scheme: str
+) -> Goal:
+    """Return a goal with the configuration that its poses and loops leave open.
+
+    Parameters
+    ----------
+    q_start, q_before : ndarray, shape (nq,)
+        Configuration of the start, and the last that is known before the goal, of which the goal is to be
+        near: that of a via point, or of the start [m, rad, unit quaternion xyzw].
+
+    Raises
+    ------
+    DimensionMismatch, InvalidValue, InconsistentStart, UnreachableGoal, UnreachablePose, OverdeterminedGoal
+        If it does not fit the robot, or cannot be met.
+    """
+    goal.check_dimensions(robot.nq, robot.nv)
+    goal = replace(goal, q=robot.normalise(goal.q, name="goal.q"))
+    check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
+    rates = robot.p_labels if goal.rate == "p" else robot.v_labels
+    check_size(f"goal.{goal.rate}", goal.value, rates, MAX_RATE)
+    check_frames(robot, goal)
+    goal = with_configuration(robot, goal, q_before, limits)
+    goal = without_driven_velocities(robot, goal)
+    for key, default in (("guard", True), ("redundant", "drop")):
+        check_unused(f"goal.{key}", getattr(goal, key), default, scheme)
+    if goal.is_exact:
+        goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, q_start))
+        check_goal_rate(robot, goal)
+        check_driven_rate(robot, goal)
+        check_end_conditions(robot, goal, num_steps)
+        warn_singular(robot, goal.q, "goal.q")
+    if goal.q_active.any() or goal.poses:
+        warn_limits(robot, limits, goal.q, "goal.q")
+    return goal

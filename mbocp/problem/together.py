@@ -1,0 +1,78 @@
+"""What of a problem does not go together: weights and goal, inequalities and method."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from mbocp.exceptions import ProblemError
+from mbocp.problem._checks import ProblemWarning
+from mbocp.problem.cost import Cost
+from mbocp.problem.goal import Goal
+from mbocp.problem.solver import SolverOptions
+from mbocp.solvers.options import BOUNDED_METHODS
+
+__all__ = ["check_method", "check_weights"]
+
+_TO_THE_CALLER = 5  # from here over the check, `__post_init__` and `__init__` of the problem
+
+
+def check_weights(cost: Cost, goal: Goal, *, is_free: bool, has_more: bool) -> None:
+    """Refuse a terminal weight without a penalty and the other way round; say which weights do nothing.
+
+    Parameters
+    ----------
+    is_free : bool
+        Whether the duration is free.
+    has_more : bool
+        Whether the problem asks for more than the goal: terms of one's own, via points.
+    """
+    if goal.is_penalised and cost.terminal == 0.0:
+        reason = f'goal.enforce = "{goal.enforce}" needs a weight above 0, got 0'
+        raise ProblemError(f"cost.terminal: {reason}")
+    if cost.terminal > 0.0 and not goal.is_penalised:
+        meant = "both" if goal.is_exact else "penalty"
+        raise ProblemError(
+            f'cost.terminal: got {cost.terminal:g}, which goal.enforce = "{goal.enforce}" does not use; '
+            f'say enforce = "{meant}", or terminal = 0'
+        )
+    if np.any(cost.weight("time")) and not is_free:
+        warnings.warn(
+            "cost.time: the duration is given, so that its weight adds a constant; "
+            "horizon.duration = {min, max} sets it free",
+            ProblemWarning,
+            stacklevel=_TO_THE_CALLER,
+        )
+    if goal.enforce == "none" and cost.tracking == 0.0 and not has_more:
+        warnings.warn(
+            "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
+            ProblemWarning,
+            stacklevel=_TO_THE_CALLER,
+        )
+
+
+def check_method(solver: SolverOptions, table: str, *, is_free: bool) -> None:
+    """Refuse a method that keeps no inequalities.
+
+    Parameters
+    ----------
+    table : str
+        The table of the problem file with the inequalities; empty where there are none but the bounds of a
+        free duration.
+    is_free : bool
+        Whether the duration is free.
+    """
+    if solver.method not in BOUNDED_METHODS:
+        able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)
+        cannot, remedy = f"keep [{table}]", f"leave out [{table}]"
+        if is_free:
+            cannot, remedy = "find a free duration", "give horizon.duration as a number"
+        raise ProblemError(
+            f'solver.method: got "{solver.method}", which cannot {cannot}; take {able}, or {remedy}'
+        )
+    if solver.is_pure_newton:
+        cannot = "finds no free duration" if is_free else "keeps neither [limits] nor [path]"
+        raise ProblemError(
+            f'solver.globalisation: got "none", with which Newton\'s method {cannot}; take "default"'
+        )
