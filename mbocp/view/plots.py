@@ -42,10 +42,13 @@ __all__ = [
     "plot_invariants",
     "plot_multipliers",
     "plot_path",
+    "plot_rates",
     "plot_solution",
     "plot_states",
     "save_figure",
 ]
+
+_LETTERS = 11  # on a line of the title, by inch
 
 
 def plot_states(solution: Solution, *, rate: str = "v") -> Figure:
@@ -56,6 +59,14 @@ def plot_states(solution: Solution, *, rate: str = "v") -> Figure:
 def plot_controls(solution: Solution, robot: Robot | None = None) -> Figure:
     """Controls over time; limits of the problem, or else of `robot`, are dashed where the motion is near."""
     return _stack(solution, panels.control_panels(solution, _effort(robot)))
+
+
+def plot_rates(solution: Solution, robot: Robot | None = None) -> Figure:
+    """Accelerations, jerks and rates of controls of every step, and with `robot` the powers, over time.
+
+    A panel for each unit; limits of the problem are dashed where the motion is near.
+    """
+    return _stack(solution, panels.rate_limit_panels(solution, robot, every=True))
 
 
 def plot_multipliers(solution: Solution) -> Figure:
@@ -85,8 +96,10 @@ def plot_path(solution: Solution, robot: Robot, frames: Sequence[str] | None = N
     with house_style():
         paths = frame_paths(robot, solution.qs, frames)
         figure = new_figure(6.4, 5.6)
-        paths.draw(figure.add_subplot(projection=paths.projection))
+        axes = figure.add_subplot(projection=paths.projection)
+        paths.draw(axes)
         _title(figure, solution)
+        paths.fit(axes)
     return figure
 
 
@@ -122,9 +135,12 @@ def overview(solution: Solution, robot: Robot | None = None) -> Figure:
         for tile, place in zip(tiles, places, strict=False):
             _draw(tile, figure.add_subplot(place), shared)
         if paths is not None:
-            paths.draw(figure.add_subplot(path_place, projection=paths.projection))
+            in_space = figure.add_subplot(path_place, projection=paths.projection)
+            paths.draw(in_space)
         _shared_legend(figure, shared)
         _title(figure, solution)
+        if paths is not None:
+            paths.fit(in_space)
     return figure
 
 
@@ -197,13 +213,14 @@ def _title(figure: Figure, solution: Solution) -> None:
     name = solution.problem_name or solution.robot_name or "solution"
     robot = f", robot {solution.robot_name}" if solution.robot_name not in ("", name) else ""
     status = "converged" if solution.converged else f"not converged ({solution.status})"
+    width = int(_LETTERS * figure.get_size_inches()[0])
+    head = f"{name}{robot}: {status} after {solution.iterations} iterations of {solution.solver}"
     words = [
-        f"{name}{robot}: {status} after {solution.iterations} iterations of {solution.solver}",
+        "\n".join(textwrap.wrap(head, width)),
         f"$J$ = {solution.cost:.7g}, residual {solution.residual:.1e}, "
         f"$N$ = {solution.num_steps}, $T$ = {solution.duration:g} s",
     ]
     if not solution.converged and solution.advice:
-        width = int(10 * figure.get_size_inches()[0])  # letters on a line
         words.append(
             "\n".join(textwrap.wrap(plain_text(solution.advice), width, max_lines=3, placeholder=" ..."))
         )

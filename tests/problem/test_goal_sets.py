@@ -189,3 +189,12 @@ def test_replays_draw_the_others_faint() -> None:
     drawn = [str(command.lower()) for command in goal_commands(targets, placed, "/world", 1.0, bold=1)]
     faint = ["'opacity': 0.3" in command for command in drawn]
     assert faint == [False] * 4 + [True] * 3 + [False]
+
+
+def test_the_example_takes_the_other_side() -> None:
+    problem = mbocp.load_problem(Path(__file__).parents[2] / "examples" / "arms" / "either_side.toml")
+    solution = mbocp.solve(problem)
+    assert solution.converged
+    costs = [start.cost for start in solution.starts]
+    assert solution.goal_place == 1
+    assert solution.cost == min(costs) < 0.8 * max(costs)

@@ -13,6 +13,7 @@ import mbocp
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import build
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
+from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.view.marks import marks_of
 from tests.integrators.conftest import interpreted_functions
@@ -101,3 +102,27 @@ def test_examples_converge_from_their_default_guess(file: str, balls: int, lines
     assert solution.limit_violation <= 1e-8
     equations = {name for name in solution.path_names if name.startswith(("lift", "line"))}
     assert not equations & {limit.name for limit in solution.active_limits}
+
+
+def test_the_tool_turns_no_faster_than_its_limit() -> None:
+    """Four fifths of what it does without; solvers agree, and the limit is active."""
+
+    def turning(problem: Problem, solution: Solution) -> Any:
+        robot = problem.robot
+        return np.array([_angular_speed(robot, q, v) for q, v in zip(solution.qs, solution.vs, strict=True)])
+
+    plain = arm()
+    most = float(turning(plain, solved(plain)).max())
+    problem = arm({"kind": "angular_speed", "max": 0.8 * most})
+    own, other = solved(problem), solved(problem, "ipopt")
+    assert turning(problem, own).max() == pytest.approx(0.8 * most, rel=1e-7)
+    assert own.cost == pytest.approx(other.cost, rel=1e-7)
+    assert own.cost > solved(plain).cost
+    assert [limit.kind for limit in own.active_limits] == ["path"]
+
+
+def _angular_speed(robot: Robot, q: Any, v: Any) -> float:
+    """By Pinocchio's own kinematics [rad/s]."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q, v)
+    return float(np.linalg.norm(pin.getFrameVelocity(robot.model, data, robot.frame_id("tool0")).angular))

@@ -13,11 +13,13 @@ import pinocchio as pin
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 
 from mbocp.exceptions import ResultFileError, UnknownFrame
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Column, IterationRecord, Labels, Solution, Status
 from mbocp.view.figures import style
+from mbocp.view.figures.path import frame_paths
 from mbocp.view.figures.style import PALETTE, line_style, shorten
 from mbocp.view.plots import (
     overview,
@@ -26,6 +28,7 @@ from mbocp.view.plots import (
     plot_invariants,
     plot_multipliers,
     plot_path,
+    plot_rates,
     plot_solution,
     plot_states,
     save_figure,
@@ -69,7 +72,8 @@ def hanging(robot: Robot, *frames: str) -> Robot:
 
 @pytest.mark.parametrize("make", [pendulum, arm, humanoid, limited])
 @pytest.mark.parametrize(
-    "plot", [plot_states, plot_controls, plot_multipliers, plot_convergence, plot_invariants, overview]
+    "plot",
+    [plot_states, plot_controls, plot_multipliers, plot_rates, plot_convergence, plot_invariants, overview],
 )
 def test_every_picture_of_every_size_renders(make: Any, plot: Any) -> None:
     figure = plot(make(num_steps=20))
@@ -223,6 +227,37 @@ def test_a_motion_in_space_and_one_in_a_plane() -> None:
     (axes,) = plot_path(motion(cart, [1.0, 1.5, 1.0]), cart).axes
     assert axes.name == "rectilinear"
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("$x$ [m]", "$z$ [m]")
+
+
+def test_rates_have_names_and_units_and_all_kinds() -> None:
+    robot = load_robot("ur5")
+    solution = motion(robot, [0.8, -0.6, 0.5, 0.4, -0.3, 0.2])
+    kinds = ["Acceleration", "Jerk", "Rate of the control", "Power"]
+    figure = plot_rates(solution, robot)
+    assert titles(figure) == kinds
+    units = [axes.get_ylabel().rpartition("[")[2] for axes in figure.axes]
+    assert units == ["rad/s^2]", "rad/s^3]", "N m/s]", "W]"]
+    assert titles(plot_rates(solution)) == kinds[:3]  # powers need a robot
+    drawn = figure.axes[0].lines[0].get_ydata()
+    accelerations = np.diff(solution.vs[:, 0]) / np.diff(solution.t)
+    assert np.isin(accelerations, drawn).all()
+
+
+@pytest.mark.parametrize("columns", [1, 4])
+def test_labels_of_axes_in_space_are_on_the_page(columns: int) -> None:
+    """Alone on a page, and in the narrow cell of an overview with many panels."""
+    robot = hanging(load_robot("ur5"), "tool0")
+    paths = frame_paths(robot, motion(robot, [0.5, -1.0, 1.0, 0.0, 0.5, 0.0]).qs)
+    figure = style.new_figure(4.1 * columns, 8.5)
+    axes = figure.add_subplot(GridSpec(3, columns, figure=figure)[:2, -1], projection=paths.projection)
+    paths.draw(axes)
+    paths.fit(axes)
+    figure.draw_without_rendering()
+    page = figure.bbox
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        box = axis.label.get_window_extent()
+        assert page.x0 <= box.x0, axis.label.get_text()
+        assert box.x1 <= page.x1, axis.label.get_text()
 
 
 def test_the_path_of_a_frame_that_is_not_there() -> None:

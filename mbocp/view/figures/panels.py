@@ -103,15 +103,22 @@ def control_panels(solution: Solution, effort: Array | None) -> list[LinePanel]:
     return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limits)
 
 
-def rate_limit_panels(solution: Solution, robot: Robot | None = None) -> list[LinePanel]:
-    """Return accelerations, jerks and rates of controls that the problem limits, and powers with `robot`."""
+def rate_limit_panels(
+    solution: Solution, robot: Robot | None = None, *, every: bool = False
+) -> list[LinePanel]:
+    """Return accelerations, jerks and rates of controls that the problem limits, and powers with `robot`.
+
+    `every`: those without limits, too.
+    """
     found, bounds = [], rate_bounds_of(solution.problem_text)
-    if not bounds:
+    keys = tuple(RATE_TERMS) if every else tuple(bounds)
+    if not keys:
         return []
     rates = rates_along(robot, solution.qs, solution.vs, solution.us, np.diff(solution.t))
-    for key, limits in bounds.items():
+    for key in keys:
         term = RATE_TERMS[key]
         labels = solution.labels.v if term.over == "v" else solution.labels.u
+        limits = bounds.get(key, np.array([[-np.inf], [np.inf]]) * np.ones(len(labels)))
         if key not in rates or limits.shape != (2, len(labels)):
             continue
         columns = [Column(column.name, term.unit(column.unit)) for column in labels]

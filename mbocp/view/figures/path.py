@@ -25,6 +25,7 @@ _HINGES = ("revolute", "continuous", "spherical")
 _NUM_ARROWS = 7
 _FLATNESS_RATIO = 0.25  # of the size: how thick a robot may be whose motion is drawn as flat
 _MAX_NODES = 2000  # more points do not make a finer picture
+_SHRINK, _MAX_SHRINKS = 0.94, 8  # of a box whose labels leave the page
 
 
 class FramePaths:
@@ -93,6 +94,27 @@ class FramePaths:
             self._finish_2d(axes)
         strip_legend(axes, handles, names, per_row=3)
 
+    def fit(self, axes: Any) -> None:
+        """Shrink the box until its labels are within the axes' place; the figure has to be complete.
+
+        Layouts know the place of axes in perspective, and not that of their labels.
+        """
+        if self.is_planar:
+            return
+        figure = axes.get_figure()
+        figure.draw_without_rendering()
+        place, page = axes.get_window_extent(), figure.bbox
+        margin = 0.02 * min(place.width, place.height)
+        left, right = max(place.x0 - margin, page.x0), min(place.x1 + margin, page.x1)
+        for _ in range(_MAX_SHRINKS):
+            labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+            found = [box for box in labels if box is not None]
+            if all(box.x0 >= left and box.x1 <= right for box in found):
+                return
+            self._zoom *= _SHRINK
+            axes.set_box_aspect(self._aspect, zoom=self._zoom)
+            figure.draw_without_rendering()
+
     def _draw_arrows(self, axes: Any, path: Array, color: str) -> None:
         """Draw a few arrows along the motion, evenly spaced along the path, of one length."""
         gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
@@ -136,7 +158,9 @@ class FramePaths:
         axes.set_zlim(middle[2] - half[2], middle[2] + half[2])
         # matplotlib clips the axis labels of a narrow cell unless the box leaves room for them.
         place = axes.get_window_extent()
-        axes.set_box_aspect(tuple(half / half.max()), zoom=0.88 if place.width > place.height else 0.82)
+        self._aspect = tuple(half / half.max())
+        self._zoom = 0.88 if place.width > place.height else 0.82
+        axes.set_box_aspect(self._aspect, zoom=self._zoom)
         axes.view_init(elev=22, azim=-55)
         for i, (axis, setter) in enumerate(
             ((axes.xaxis, axes.set_xlabel), (axes.yaxis, axes.set_ylabel), (axes.zaxis, axes.set_zlabel))
