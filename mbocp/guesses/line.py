@@ -9,9 +9,10 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, Motion, given_lengths
+from mbocp.guesses.along import usual_way
 from mbocp.guesses.balance import balances
 from mbocp.guesses.through import line_of
-from mbocp.guesses.ways import Way, straight
+from mbocp.guesses.ways import Way
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
@@ -80,7 +81,7 @@ def _evenly(problem: Problem, way: Way | None = None) -> Array:
     nodes = np.arange(problem.num_steps + 1.0)
     if problem.waypoints and way is None:
         return line_of(problem, problem.q_start, _end(problem)).evenly(nodes)
-    return (way or straight(problem))(problem.q_start, nodes / problem.num_steps)
+    return (way or usual_way(problem))(problem.q_start, nodes / problem.num_steps)
 
 
 def _end(problem: Problem) -> Array:
@@ -105,7 +106,7 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
         first = float(tau == 0.0 and N > 1)
         qs = line_of(problem, q_start, _end(problem), first).smoothly(np.maximum(np.arange(N + 1.0), first))
     else:
-        qs = (way or straight(problem))(q_start, blend)
+        qs = (way or usual_way(problem))(q_start, blend)
     qs[0] = problem.q_start
     steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)])
     if tau == 1.0:

@@ -22,7 +22,15 @@ from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind, velocity_slice
 from mbocp.robot.poses.bounds import inside, joint_bounds
 
-__all__ = ["Way", "branch_ways", "random_way", "straight", "turned_ways"]
+__all__ = [
+    "Way",
+    "branch_ways",
+    "position_limits",
+    "random_way",
+    "straight",
+    "straight_to",
+    "turned_ways",
+]
 
 Way: TypeAlias = Callable[[Array, Array], Array]
 
@@ -37,10 +45,10 @@ _REACH = 0.5  # of the way to a random configuration: halfway there from the mid
 
 def straight(problem: Problem) -> Way:
     """The straight line to the goal, or as near to it as closed loops allow."""
-    return _straight_to(problem, problem.goal.q)
+    return straight_to(problem, problem.goal.q)
 
 
-def _straight_to(problem: Problem, q_goal: Array) -> Way:
+def straight_to(problem: Problem, q_goal: Array) -> Way:
     """The straight line to a configuration, or as near to it as closed loops allow."""
     return lambda q_start, shares: _on_the_way(problem.robot, q_start, q_goal, shares)
 
@@ -58,7 +66,7 @@ def branch_ways(problem: Problem) -> Iterator[tuple[str, Way]]:
         if not robot.nc or closed_path(robot, problem.q_start, q, shares) is not None:
             yield (
                 f"line to configuration {number} of {len(found.branches)} at the goal",
-                _straight_to(problem, q),
+                straight_to(problem, q),
             )
 
 
@@ -84,7 +92,7 @@ def turned_ways(formulation: Formulation) -> Iterator[tuple[str, Way]]:
             there = ahead.copy()
             there[at] = back
             found.append((float(np.linalg.norm(back[turns])), robot.model.names[joint], there))
-    lower, upper = _position_limits(problem)
+    lower, upper = position_limits(problem)
     for _, name, there in sorted(found, key=lambda entry: entry[:2]):
         q_goal = robot.integrate(problem.q_start, there)
         if inside(robot.model, q_goal, lower, upper):
@@ -99,7 +107,7 @@ def _may_turn(formulation: Formulation, joint: int) -> bool:
     return not kind.is_vector or (kind.word == "revolute" and (is_free or not formulation.counts_turns))
 
 
-def _position_limits(problem: Problem) -> tuple[Array, Array]:
+def position_limits(problem: Problem) -> tuple[Array, Array]:
     """Position limits of the problem; where it has none, those of the robot."""
     limits, of_robot = problem.limits, problem.robot.limits
     if limits.finite("q").any():
@@ -110,7 +118,7 @@ def _position_limits(problem: Problem) -> tuple[Array, Array]:
 def random_way(problem: Problem, rng: np.random.Generator) -> Way:
     """A way through a random configuration within the limits, closed loops closed."""
     robot = problem.robot
-    bounds = joint_bounds(robot.model, *_position_limits(problem), frozenset())
+    bounds = joint_bounds(robot.model, *position_limits(problem), frozenset())
     middle = straight(problem)(problem.q_start, np.array([0.0, _LEG, 1.0]))[1]
     through = bounds.random(robot.model, bounds.clipped(middle), rng)
     if robot.nc:

@@ -109,7 +109,7 @@ class PathConstraint:
     @property
     def inner_bounds(self) -> tuple[Array, Array]:
         """Bounds of the expression, shapes (rows,): of squares for lengths and speeds."""
-        return PATH_TERMS[self.kind].inner((np.asarray(self.lower), np.asarray(self.upper)))
+        return self.term.inner((np.asarray(self.lower), np.asarray(self.upper)))
 
     @property
     def numbers(self) -> dict[str, Array]:
@@ -131,7 +131,7 @@ class PathConstraint:
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""
-        return PATH_TERMS[self.kind].slope(values)
+        return self.term.slope(values)
 
     def values(self, robot: Robot, q: Array, v: Array) -> Array:
         """h(q, v), shape (rows,) [m, m/s]."""
@@ -145,7 +145,7 @@ class PathConstraint:
         numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers.items()}
         h = term.expression(Point(mechanics, q, v), numbers)
         found = np.asarray(ca.Function("h", [q, v], [ca.densify(h)]).map(len(qs))(qs.T, vs.T)).T
-        values: Array = PATH_TERMS[self.kind].value(found)
+        values: Array = term.value(found)
         return values
 
     def _parameters(self, key: str) -> dict[str, Array]:

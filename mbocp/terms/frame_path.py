@@ -25,20 +25,17 @@ _AXES = "xyz"
 class _Squared(PathTerm):
     """One length or speed, kept as its square, which is smooth at zero."""
 
-    @classmethod
-    def inner(cls, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Squares with the sign of the bound."""
         lower, upper = (np.sign(b) * b**2 for b in bounds)
         return lower, upper
 
-    @classmethod
-    def value(cls, h: Array) -> Array:
+    def value(self, h: Array) -> Array:
         """Square root."""
         root: Array = np.sqrt(h)
         return root
 
-    @classmethod
-    def slope(cls, value: Array) -> Array:
+    def slope(self, value: Array) -> Array:
         """d(h^2) = 2 h dh."""
         return 2.0 * value
 
@@ -274,8 +271,7 @@ class Orientation(PathTerm):
         axis = at.mechanics.frame_rotation(self.frame, at.q) @ p["axis"]
         return ca.dot(p["direction"], axis) / ca.sqrt(ca.sumsqr(p["direction"]) * ca.sumsqr(p["axis"]))
 
-    @classmethod
-    def inner(cls, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Cosines, which fall where angles rise."""
         lower, upper = bounds
         return (
@@ -283,13 +279,11 @@ class Orientation(PathTerm):
             np.where(np.isfinite(lower), np.cos(np.where(np.isfinite(lower), lower, 0.0)), np.inf),
         )
 
-    @classmethod
-    def value(cls, h: Array) -> Array:
+    def value(self, h: Array) -> Array:
         """Angle [rad]."""
         angle: Array = np.arccos(np.clip(h, -1.0, 1.0))
         return angle
 
-    @classmethod
-    def slope(cls, value: Array) -> Array:
+    def slope(self, value: Array) -> Array:
         """Derivative of the cosine."""
         return -np.sin(value)

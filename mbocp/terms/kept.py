@@ -13,7 +13,7 @@ from pydantic import Field
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.robot import Label, Robot
+from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.robot.poses.target import normals_to
 from mbocp.terms.path import PathNumbers, PathTerm
 from mbocp.terms.point import Point
@@ -23,16 +23,19 @@ __all__ = ["Line", "OrientationKept"]
 
 _Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
 _SHORTEST = 1e-9  # [m] a shorter line has no direction
+_OVERSHOOT = 1e-3  # of a segment's length: room for solvers where start and goal are its ends
 
 
 @dataclass(frozen=True)
 class Line(PathTerm):
-    """The frame's origin on a straight line, or within a distance of it."""
+    """The frame's origin on a straight line, or within a distance of it, and between two points of it."""
 
     is_exact: bool
+    is_segment: bool
 
     kind = "line"
     unit = "m"
+    leads = True
     sizes: ClassVar[Mapping[str, int]] = {"a": 3, "b": 3, "normals": 6}
 
     class Keys(Table):
@@ -49,6 +52,15 @@ class Line(PathTerm):
             ),
         ] = None
         b: _Triple = None
+        segment: Annotated[
+            bool | None,
+            Key(
+                "boolean",
+                "",
+                "false",
+                'whether the origin stays between the two points of a `"line"`, up to a thousandth of it',
+            ),
+        ] = None
         tolerance: Annotated[
             Finite | None,
             Key(
@@ -61,8 +73,9 @@ class Line(PathTerm):
 
     @classmethod
     def of(cls, given: PathNumbers) -> Line:
-        """Two equations, or a bound on the distance."""
-        return cls(given.frame, len(given.lower) == 2)
+        """Two equations, or a bound on the distance, and bounds along the line."""
+        is_exact = bool(given.lower[0] == 0.0)
+        return cls(given.frame, is_exact, len(given.lower) > (2 if is_exact else 1))
 
     @classmethod
     def completed(
@@ -82,44 +95,72 @@ class Line(PathTerm):
         if not length > _SHORTEST:
             raise InvalidValue(f"{key}: b", b.tolist(), f"another point than a, {a.tolist()}")
         normals = normals_to((b - a) / length).ravel(order="F")
-        return {"a": a, "b": b, "normals": normals, **_within(given, 2, key)}
+        bounds = _within(given, 2, key)
+        if given.get("segment", False):
+            over = _OVERSHOOT * length
+            bounds = {"lower": [*bounds["lower"], -over], "upper": [*bounds["upper"], length + over]}
+        return {"a": a, "b": b, "normals": normals, **bounds}
 
     @classmethod
     def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
         """Points and tolerance."""
-        return {"a": given.number("a"), "b": given.number("b"), "tolerance": float(given.upper[0])}
+        return {
+            "a": given.number("a"),
+            "b": given.number("b"),
+            **({"segment": True} if cls.of(given).is_segment else {}),
+            "tolerance": float(given.upper[0]),
+        }
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
-        """Distances normal to the line [m], or their squares [m^2]."""
-        position = at.mechanics.frame_position(self.frame, at.q)
-        aside = ca.reshape(p["normals"], 3, 2).T @ (position - p["a"])
-        return aside if self.is_exact else ca.sumsqr(aside)
+        """Distances normal to the line [m], or their squares [m^2]; how far from a along it [m]."""
+        away = at.mechanics.frame_position(self.frame, at.q) - p["a"]
+        aside = ca.reshape(p["normals"], 3, 2).T @ away
+        rows = aside if self.is_exact else ca.sumsqr(aside)
+        if not self.is_segment:
+            return rows
+        ahead = p["b"] - p["a"]
+        return ca.vertcat(rows, ca.dot(ahead, away) / ca.norm_2(ahead))
 
     @property
     def rows(self) -> int:
-        """Two directions, or one distance."""
-        return 2 if self.is_exact else 1
+        """Two directions, or one distance; and the distance along the line."""
+        return (2 if self.is_exact else 1) + self.is_segment
+
+    def target(
+        self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float
+    ) -> FrameTarget | None:
+        """On the straight line from the start to the goal."""
+        start, end = ends
+        return FrameTarget(name=name, position=start + share * (end - start))
 
     @classmethod
     def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
         """Distances."""
-        return _numbered(given.name, len(given.lower), cls.unit)
+        term = cls.of(given)
+        along = (Label(f"{given.name}.along", cls.unit),) if term.is_segment else ()
+        return (*_numbered(given.name, 2 if term.is_exact else 1, cls.unit), *along)
 
-    @classmethod
-    def inner(cls, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Squares of distances."""
-        return bounds if len(bounds[1]) == 2 else (np.full(1, -np.inf), bounds[1] ** 2)
+        if self.is_exact:
+            return bounds
+        lower, upper = (np.array(side) for side in bounds)
+        upper[0] **= 2
+        return lower, upper
 
-    @classmethod
-    def value(cls, h: Array) -> Array:
-        """Distance [m]."""
-        found: Array = h if h.shape[-1] == 2 else np.sqrt(h)
+    def value(self, h: Array) -> Array:
+        """Distances [m]."""
+        found = np.array(h)
+        if not self.is_exact:
+            found[..., 0] = np.sqrt(found[..., 0])
         return found
 
-    @classmethod
-    def slope(cls, value: Array) -> Array:
+    def slope(self, value: Array) -> Array:
         """d(h^2) = 2 h dh."""
-        return np.ones_like(value) if value.shape[-1] == 2 else 2.0 * value
+        found = np.ones_like(value)
+        if not self.is_exact:
+            found[..., 0] = 2.0 * value[..., 0]
+        return found
 
 
 @dataclass(frozen=True)
@@ -184,6 +225,13 @@ class OrientationKept(PathTerm):
             return ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
         return (ca.trace(E) - 1) / 2
 
+    def target(
+        self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float
+    ) -> FrameTarget | None:
+        """The orientation that it keeps."""
+        rotation = given.number("rotation").reshape(3, 3, order="F")
+        return FrameTarget(name=name, orientation=pin.Quaternion(rotation).coeffs())
+
     @property
     def rows(self) -> int:
         """Three axes, or one angle."""
@@ -194,19 +242,16 @@ class OrientationKept(PathTerm):
         """Angles."""
         return _numbered(given.name, len(given.lower), cls.unit)
 
-    @classmethod
-    def inner(cls, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Cosines of angles."""
         return bounds if len(bounds[1]) == 3 else (np.cos(bounds[1]), np.full(1, np.inf))
 
-    @classmethod
-    def value(cls, h: Array) -> Array:
+    def value(self, h: Array) -> Array:
         """Angle [rad]; of equations its sines."""
         found: Array = h if h.shape[-1] == 3 else np.arccos(np.clip(h, -1.0, 1.0))
         return found
 
-    @classmethod
-    def slope(cls, value: Array) -> Array:
+    def slope(self, value: Array) -> Array:
         """Derivative of the cosine."""
         return np.ones_like(value) if value.shape[-1] == 3 else -np.sin(value)
 

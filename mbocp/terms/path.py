@@ -22,7 +22,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.robot import Label, Robot
+from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.terms.point import Point
 from mbocp.terms.written import Table
 
@@ -77,6 +77,8 @@ class PathTerm(ABC):
         Whether it depends on the velocity.
     remembers : tuple of str
         Names of what a state remembers for it of the step before a node.
+    leads : bool
+        Whether it says where the frame is all the way, so that a guess can follow.
     frame : int
         Index of the frame.
     """
@@ -88,6 +90,7 @@ class PathTerm(ABC):
     sizes: ClassVar[Mapping[str, int]] = {}
     has_velocity: ClassVar[bool] = False
     remembers: ClassVar[tuple[str, ...]] = ()
+    leads: ClassVar[bool] = False
     Keys: ClassVar[type[Table]]
 
     def __init_subclass__(cls) -> None:
@@ -145,23 +148,32 @@ class PathTerm(ABC):
             if not np.isfinite(given.number(name)).all():
                 raise InvalidValue(f"{key}: {name}", shown(given.number(name).tolist()), "finite numbers")
 
+    def target(
+        self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float
+    ) -> FrameTarget | None:
+        """Where the frame `name` is after a share of the way, where the constraint says so.
+
+        Parameters
+        ----------
+        ends : tuple of ndarray, shapes (3,)
+            Positions of the frame at the start and at the goal [m].
+        """
+        return None
+
     @classmethod
     def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
         """Name and unit of each row."""
         return (Label(given.name, cls.unit),)
 
-    @classmethod
-    def inner(cls, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Bounds of the expression, from those of the value that people speak of."""
         return bounds
 
-    @classmethod
-    def value(cls, h: Array) -> Array:
+    def value(self, h: Array) -> Array:
         """The value that people speak of, from that of the expression."""
         return h
 
-    @classmethod
-    def slope(cls, value: Array) -> Array:
+    def slope(self, value: Array) -> Array:
         """Derivative of the expression in the value."""
         return np.ones_like(value)
 

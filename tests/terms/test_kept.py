@@ -13,7 +13,7 @@ import mbocp
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import build
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
-from mbocp.robot import Robot
+from mbocp.robot import Robot, load_robot
 from mbocp.solution import Solution
 from mbocp.view.marks import marks_of
 from tests.integrators.conftest import interpreted_functions
@@ -58,6 +58,30 @@ def test_the_tool_stays_on_the_line(tolerance: float) -> None:
     assert solution.cost == pytest.approx(solved(problem, "ipopt").cost, rel=1e-8)
 
 
+@pytest.mark.parametrize("tolerance", [0.0, 0.01])
+def test_the_tool_stays_between_the_ends_of_a_segment(tolerance: float) -> None:
+    """It comes back at the end, beyond the point where it has to turn unless it is told to stay before."""
+    a = load_robot("ur5").frame_placement("tool0", START["q"]).translation
+    ahead = np.array(GOAL["frame"]["position"]) - a  # type: ignore[index]
+    length = float(np.linalg.norm(ahead))
+    goal = {"v": 0, "frame": {**GOAL["frame"], "velocity": -0.6 * ahead / length}}  # type: ignore[dict-item]
+    del goal["v"]
+    line = {"kind": "line", "tolerance": tolerance, "a": a, "b": a + 1.02 * ahead}
+    free = arm(line, goal=goal)
+    problem = arm({**line, "segment": True}, goal=goal)
+    own, other = solved(problem), solved(problem, "ipopt")
+
+    def furthest(solution: Solution) -> float:
+        places = np.array([problem.robot.frame_placement("tool0", q).translation for q in solution.qs])
+        return float(((places - a) @ ahead).max() / length)
+
+    assert furthest(solved(free)) > 1.03 * length
+    assert furthest(own) == pytest.approx(1.02 * length * 1.001, rel=1e-6)
+    assert own.cost == pytest.approx(other.cost, rel=1e-7)
+    assert {limit.name for limit in own.active_limits} >= {"line of tool0.along"}
+    assert own.limit_violation <= 1e-8
+
+
 @pytest.mark.parametrize("tolerance", [0.0, 0.1])
 def test_the_tool_keeps_its_orientation(tolerance: float) -> None:
     problem = arm({"kind": "orientation_kept", "tolerance": tolerance})
@@ -68,7 +92,12 @@ def test_the_tool_keeps_its_orientation(tolerance: float) -> None:
 
 
 def test_they_are_written_and_read_back() -> None:
-    problem = arm({"kind": "line"}, {"kind": "orientation_kept", "tolerance": 0.2})
+    problem = arm(
+        {"kind": "line"},
+        {"kind": "line", "name": "tube", "tolerance": 0.1, "segment": True},
+        {"kind": "line", "name": "rod", "segment": True},
+        {"kind": "orientation_kept", "tolerance": 0.2},
+    )
     again = parse_problem(problem_to_toml(problem))
     for old, new in zip(problem.path, again.path, strict=True):
         assert old.term == new.term

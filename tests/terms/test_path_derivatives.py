@@ -24,6 +24,8 @@ ON_ARM: dict[str, list[dict[str, Any]]] = {
     "orientation": [{"kind": "orientation", "axis": [0, 1, 1], "max": 3.0}],
     "line": [{"kind": "line"}],
     "line with tolerance": [{"kind": "line", "tolerance": 0.02}],
+    "segment": [{"kind": "line", "segment": True}],
+    "segment with tolerance": [{"kind": "line", "segment": True, "tolerance": 0.02}],
     "orientation_kept": [{"kind": "orientation_kept"}],
     "orientation_kept with tolerance": [{"kind": "orientation_kept", "tolerance": 0.1}],
 }
