@@ -27,6 +27,7 @@ LAYERS = (
     "solvers",
     "symbolic",
     "lie",
+    "meshes",
     "robot",
     "mechanics",
     "mechanisms",
@@ -49,6 +50,7 @@ SOURCES = sorted(
 )
 ALONE = {
     "symbolic": {"exceptions", "_native"},
+    "meshes": {"_text", "exceptions", "_files", "_arrays", "_linear"},
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
     "programme": {"exceptions", "_arrays", "_environment", "_native"},

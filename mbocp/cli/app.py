@@ -152,6 +152,23 @@ def robots(
 
 @app.command()
 @reporting
+def spheres(
+    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot, by name or path.", show_default=False)],
+    replay: Annotated[
+        Path | None,
+        typer.Option("--replay", metavar="FILE.html", help="Write a page with the spheres over the robot."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show the spheres that stand for a robot's links where it may collide."""
+    from mbocp.cli.spheres import print_spheres
+
+    signals.leave_in_order()
+    print_spheres(name, replay, as_json=as_json)
+
+
+@app.command()
+@reporting
 def paper(
     which: Annotated[
         str,

@@ -6,6 +6,8 @@ holonomic constraints; the symbolic functions of the same model come from `mbocp
 
 from __future__ import annotations
 
+from mbocp.robot.collision.source import CollisionSphere
+from mbocp.robot.collision.spheres import LinkSpheres
 from mbocp.robot.describe import describe
 from mbocp.robot.loading.checks import SingularMassMatrix
 from mbocp.robot.loading.load import load_robot, robot_from_spec
@@ -42,6 +44,7 @@ from mbocp.robot.warnings import (
 
 __all__ = [
     "Actuation",
+    "CollisionSphere",
     "Connector",
     "Constraint",
     "Coupling",
@@ -57,6 +60,7 @@ __all__ = [
     "Kinematics",
     "Label",
     "Limits",
+    "LinkSpheres",
     "MissingMeshWarning",
     "NormalisationWarning",
     "NotModelledWarning",

@@ -14,6 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
+from mbocp.robot.collision.source import CollisionSource, CollisionSphere
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.payload import Payload
@@ -70,6 +71,10 @@ class RobotModel:
         Bodies that it carries; `model` and `visual_model` have them already.
     parts : tuple of PlacedRobot
         Robots that it is made of; empty for a single one.
+    collision : tuple of CollisionSource
+        URDFs whose shapes it collides with.
+    given_spheres : tuple of CollisionSphere
+        What stands for the shapes of some frames, see `Robot.collision_spheres`.
     """
 
     name: str
@@ -90,6 +95,8 @@ class RobotModel:
     resistances: tuple[JointResistance, ...] = ()
     payloads: tuple[Payload, ...] = ()
     parts: tuple[PlacedRobot, ...] = ()
+    collision: tuple[CollisionSource, ...] = ()
+    given_spheres: tuple[CollisionSphere, ...] = ()
 
     def __post_init__(self) -> None:
         if self.rotations not in _ROTATIONS:

@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import drives, joints, kinematics
+from mbocp.robot.collision.geometry import read_geometry
+from mbocp.robot.collision.spheres import LinkSpheres, link_spheres
 from mbocp.robot.large import working_data
 from mbocp.robot.loops import projection
 from mbocp.robot.loops.residual import Closure
@@ -68,6 +70,30 @@ class Robot(RobotModel):
         carried = (*self.payloads, *payloads)
         spec = {**self.spec, "payload": [payload.table for payload in carried]}
         return replace(self, model=model, visual_model=visuals, payloads=carried, spec=spec)
+
+    # Collision geometry
+
+    @cached_property
+    def collision_model(self) -> pin.GeometryModel:
+        """Shapes of the URDF's <collision> elements and of payloads; read when first asked for.
+
+        Raises
+        ------
+        RobotFileError
+            If a mesh is missing or cannot be read, or a shape has no size.
+        """
+        return read_geometry(self.model, self.collision, self.payloads, self.visual_model)
+
+    @cached_property
+    def collision_spheres(self) -> tuple[LinkSpheres, ...]:
+        """Spheres that cover each link's collision shapes: given, of the URDF, or fitted on first use.
+
+        Raises
+        ------
+        RobotFileError
+            As `collision_model`.
+        """
+        return link_spheres(self.model, self.collision_model, self.given_spheres, self.q0, self.name)
 
     # Configurations
 

@@ -18,7 +18,7 @@ from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion import Motion, sample_motion
 
 if TYPE_CHECKING:
-    from mbocp.robot import FrameTarget, Robot
+    from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
 __all__ = ["open_replay", "write_replay"]
 
@@ -33,6 +33,7 @@ def write_replay(
     goals: Sequence[FrameTarget] = (),
     other_goals: Sequence[FrameTarget] = (),
     marks: Marks | None = None,
+    spheres: Sequence[LinkSpheres] = (),
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -57,6 +58,8 @@ def write_replay(
         Faint ones: where it might have ended, too.
     marks : Marks, optional
         Via points and lines, see `mbocp.view.marks.marks_of`.
+    spheres : sequence of LinkSpheres
+        Spheres to draw over the robot, see `Robot.collision_spheres`.
     title : str
         Shown above the picture; by default the robot's name.
     speed : float
@@ -77,7 +80,9 @@ def write_replay(
         If a traced frame does not exist.
     """
     motion = _motion(robot, t, qs, speed, samples_per_second)
-    scene = build_scene(robot, motion, trace=trace, goals=goals, other_goals=other_goals, marks=marks)
+    scene = build_scene(
+        robot, motion, trace=trace, goals=goals, other_goals=other_goals, marks=marks, spheres=spheres
+    )
     page = render_page(
         scene, title=title or robot.name, subtitle=_subtitle(robot, motion, title), speed=speed
     )

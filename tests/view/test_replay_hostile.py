@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mbocp.meshes import parts
+from mbocp.meshes.formats import check_single_file
+from mbocp.meshes.stl import binary_stl, read_stl
 from mbocp.robot import load_robot
 from mbocp.view.meshcat import visuals
-from mbocp.view.meshes import parts
-from mbocp.view.meshes.formats import check_single_file
-from mbocp.view.meshes.pictures import read_picture
-from mbocp.view.meshes.stl import binary_stl, read_stl
+from mbocp.view.pictures import read_picture
 from mbocp.view.replay import write_replay
 from tests.view.pages import OBJ, Page, angles, read_page, stl, write_arm
 
@@ -253,7 +253,7 @@ def test_numbers_that_only_colour_are_left_out(tmp_path):
 
 def test_sizes_are_bounded(tmp_path, monkeypatch):
     for module in ("stl", "wavefront", "collada"):
-        monkeypatch.setattr(f"mbocp.view.meshes.{module}.MESH_LIMIT", 100)
+        monkeypatch.setattr(f"mbocp.meshes.{module}.MESH_LIMIT", 100)
     _, told = replay(tmp_path, "m.stl", stl())
     assert "m.stl: mesh of 'upper_0' cannot be read: has 0.0 MB, expected an STL mesh of at most" in told[0]
     monkeypatch.undo()

@@ -8,8 +8,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
-from mbocp.robot import joints
+from mbocp.exceptions import DimensionMismatch, InvalidValue, UnknownFrame, UnsupportedRobot
+from mbocp.robot import joints, kinematics
+from mbocp.robot.collision.source import CollisionSphere
 from mbocp.robot.loading.body import Body, initial_pose, posed_joints
 from mbocp.robot.loading.checks import check_mechanics
 from mbocp.robot.loading.drive_checks import check_drives
@@ -84,6 +85,8 @@ def assemble_robot(
             for resistance in joint_resistances(model, tied, acting, body.name, names)
         ),
         parts=body.parts,
+        collision=body.collision,
+        given_spheres=_given_spheres(model, body),
     )
     # Before payloads: the pose does not depend on what the robot carries.
     robot = close_loops(robot, [name for name in posed_joints(body) if name in robot.joint_names])
@@ -98,6 +101,17 @@ def losses_of(table: RobotTable, damping: bool | None, friction: str | None, spe
     said = ((damping, table.damping, True), (speed, table.friction_speed, FRICTION_SPEED))
     acts, scale = (next(value for value in values if value is not None) for values in said)
     return Losses(bool(acts), table.friction if friction is None else friction, float(scale))
+
+
+def _given_spheres(model: pin.Model, body: Body) -> tuple[CollisionSphere, ...]:
+    """Spheres of the table, whose frames exist."""
+    for number, row in enumerate(body.table.collision_spheres):
+        try:
+            kinematics.frame_id(model, row.frame, body.name)
+        except UnknownFrame as error:
+            error.args = (f"{body.file}: collision_sphere[{number}].frame: {error}",)
+            raise
+    return tuple(CollisionSphere(row.frame, row.center, row.radius) for row in body.table.collision_spheres)
 
 
 def _set_gravity(model: pin.Model, gravity: Sequence[float] | None, robot: str) -> None:

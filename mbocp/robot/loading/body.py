@@ -11,6 +11,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, RobotFileError
 from mbocp.robot import joints
+from mbocp.robot.collision.source import CollisionSource
 from mbocp.robot.loading.ball_joints import make_spherical
 from mbocp.robot.loading.chain import chain_description, chain_urdf, num_links
 from mbocp.robot.loading.examples import load_example
@@ -45,6 +46,7 @@ class Body:
     file: Path
     followers: tuple[Follower, ...] = ()
     parts: tuple[PlacedRobot, ...] = ()
+    collision: tuple[CollisionSource, ...] = ()
 
 
 def make_body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tuple[Path, ...]) -> Body:
@@ -61,6 +63,7 @@ def make_body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs:
             RobotTable(),
             example.path,
             example.followers,
+            collision=example.collision,
         )
     if source.kind == "chain":
         return _chain(source.name, bool(free_flyer), follow)
@@ -82,7 +85,7 @@ def make_body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs:
     model = build_model(urdf, free_flyer=floating, mimic=follow)
     model = make_spherical(model, table.spherical, name or urdf.name)
     visuals = build_visuals(urdf, model, folders)
-    return _body_of(urdf, model, visuals, name or urdf.name, table, source.path, follow)
+    return _body_of(urdf, model, visuals, name or urdf.name, table, source.path, follow, folders)
 
 
 def _body_of(
@@ -93,10 +96,13 @@ def _body_of(
     table: RobotTable,
     file: Path,
     follow: bool,
+    folders: list[Path],
 ) -> Body:
     """Model, visuals and tables from a URDF."""
     tied = followers(urdf.path, urdf.root) if follow else ()
-    return Body(model, visuals, pin.neutral(model), urdf.path, name, table, file, tied)
+    collision = (CollisionSource(urdf, tuple(folders)),)
+    q = pin.neutral(model)
+    return Body(model, visuals, q, urdf.path, name, table, file, tied, collision=collision)
 
 
 def _from_yaml(source: Source, free_flyer: bool, mimic: bool, folders: list[Path]) -> Body:
@@ -111,14 +117,16 @@ def _from_yaml(source: Source, free_flyer: bool, mimic: bool, folders: list[Path
         build_model(urdf, free_flyer=free_flyer, mimic=mimic), table.spherical, source.name
     )
     visuals = build_visuals(urdf, model, folders)
-    return _body_of(urdf, model, visuals, source.name, table, source.path, mimic)
+    return _body_of(urdf, model, visuals, source.name, table, source.path, mimic, folders)
 
 
 def _chain(name: str, free_flyer: bool, mimic: bool) -> Body:
     links = num_links(name) or 0
     urdf, table = chain_urdf(links), RobotTable(description=chain_description(links))
     model = build_model(urdf, free_flyer=free_flyer, mimic=mimic)
-    return Body(model, build_visuals(urdf, model, []), pin.neutral(model), None, name, table, urdf.path)
+    visuals, q = build_visuals(urdf, model, []), pin.neutral(model)
+    collision = (CollisionSource(urdf),)
+    return Body(model, visuals, q, None, name, table, urdf.path, collision=collision)
 
 
 def initial_pose(body: Body) -> Array:

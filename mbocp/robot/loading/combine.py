@@ -119,6 +119,9 @@ def combined(parts: Sequence[Part], name: str, file: Path, settled: Collection[s
             for f in part.body.followers
         ),
         parts=tuple(part.placed for part in parts),
+        collision=tuple(
+            source.within(part.placed.prefix) for part in parts for source in part.body.collision
+        ),
     )
 
 
@@ -208,7 +211,15 @@ def _pose(model: pin.Model, parts: Sequence[Part]) -> Array:
 
 def _table(parts: Sequence[Part], settled: Collection[str]) -> RobotTable:
     """Tables of all parts, in their names."""
-    lists = ("actuators", "drives", "constraints", "springs", "spring_dampers", "visuals")
+    lists = (
+        "actuators",
+        "drives",
+        "constraints",
+        "springs",
+        "spring_dampers",
+        "visuals",
+        "collision_spheres",
+    )
     changes: dict[str, Any] = {key: [row for part in parts for row in _rows(part, key)] for key in lists}
     lock, initial = dict[str, Any](), dict[str, Any]()
     motors, trace = list[str](), list[str]()

@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp.robot.collision.source import CollisionSource
 from mbocp.robot.loading.mimic import Follower, followers
 from mbocp.robot.loading.urdf import build_model, captured_stderr, read_urdf
 from mbocp.robot.loading.visuals import build_visuals
@@ -40,6 +41,7 @@ class Example:
     path: Path
     free_flyer: bool
     followers: tuple[Follower, ...] = ()
+    collision: tuple[CollisionSource, ...] = ()
 
 
 def names() -> list[str]:
@@ -90,7 +92,9 @@ def load_example(name: str, *, free_flyer: bool | None, mimic: bool, packages: l
     model = build_model(urdf, free_flyer=base, mimic=mimic)
     visuals = build_visuals(urdf, model, [*packages, root.parent.parent])
     tied = followers(urdf.path, urdf.root) if mimic else ()
-    return Example(model, visuals, _reference_pose(loader, root, model), path, base, tied)
+    pose = _reference_pose(loader, root, model)
+    collision = (CollisionSource(urdf, (*packages, root.parent.parent)),)
+    return Example(model, visuals, pose, path, base, tied, collision)
 
 
 @cache

@@ -24,6 +24,7 @@ from mbocp.robot.loading.payload_table import PayloadTable
 __all__ = [
     "TABLES",
     "ActuationTable",
+    "CollisionSphereTable",
     "ConstraintTable",
     "CouplingTable",
     "DriveTable",
@@ -265,6 +266,14 @@ class VisualTable(_Table):
     )
 
 
+class CollisionSphereTable(_Table):
+    """A sphere that stands for a part of a link where it may collide."""
+
+    frame: str
+    center: Vector3 = (0.0, 0.0, 0.0)
+    radius: PositiveNumber
+
+
 Actuator: TypeAlias = Annotated[JointActuator | Wrench | Thruster, Field(discriminator="type")]
 ConstraintTable: TypeAlias = Annotated[
     RodTable | PointTable | HingeTable | WeldTable | PlaneTable | LineTable | CouplingTable,
@@ -298,6 +307,7 @@ class RobotTable(_Table):
     payloads: list[PayloadTable] = Field(default=[], alias="payload")
     initial: InitialTable | None = None
     visuals: list[VisualTable] = Field(default=[], alias="visual")
+    collision_spheres: list[CollisionSphereTable] = Field(default=[], alias="collision_sphere")
 
 
 def read_robot_toml(path: Path) -> RobotTable:
@@ -381,6 +391,7 @@ TABLES: dict[str, tuple[type[BaseModel], ...]] = {
     "payload": (PayloadTable,),
     "initial": (InitialTable,),
     "visual": (VisualTable,),
+    "collision_sphere": (CollisionSphereTable,),
 }
 
 

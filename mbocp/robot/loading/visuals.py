@@ -23,7 +23,7 @@ from mbocp.robot.loading.urdf import Urdf
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 from mbocp.robot.warnings import MissingMeshWarning
 
-__all__ = ["build_visuals", "resolve"]
+__all__ = ["build_visuals", "placement_of", "resolve", "shape_of"]
 
 _GREY = (0.7, 0.7, 0.72, 1.0)
 _SCHEMES = ("package://", "model://")
@@ -49,7 +49,7 @@ def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) ->
         for number, visual in enumerate(link.iterfind("visual")):
             where = f"visual {number} of link {shown(link.get('name'))}"
             try:
-                shape = _shape(urdf, where, visual, package_dirs)
+                shape = shape_of(urdf, where, visual, package_dirs)
             except FileNotFoundError as error:
                 missing.append((str(error), link.get("name")))
                 continue
@@ -106,10 +106,10 @@ def _environment_packages() -> list[Path]:
     return ros + ament
 
 
-def _shape(
+def shape_of(
     urdf: Urdf, where: str, visual: ElementTree.Element, package_dirs: Sequence[Path]
 ) -> tuple[coal.CollisionGeometry, str, Array] | None:
-    """Geometry, mesh path and scale of a <visual>; None if it has no shape."""
+    """Geometry, mesh path and scale of a <visual> or <collision>; None if it has no shape."""
     geometry = visual.find("geometry")
     element = None if geometry is None else next(iter(geometry), None)
     if element is None:
@@ -133,6 +133,17 @@ def _shape(
     return _ROUND[tag](*map(float, sizes)), "", unscaled
 
 
+def placement_of(urdf: Urdf, where: str, element: ElementTree.Element) -> pin.SE3:
+    """The <origin> of a <visual> or <collision> in its link."""
+    rpy, xyz = (
+        finite_numbers(
+            urdf.path, f"{where}: origin {key}", child_attribute(element, "origin", key), (0.0,) * 3
+        )
+        for key in ("rpy", "xyz")
+    )
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+
 def _sizes(urdf: Urdf, what: str, text: str | None, count: int) -> Array:
     """Lengths that a picture can have [m]."""
     sizes = finite_numbers(urdf.path, what, text, (0.0,) * count)
@@ -153,13 +164,7 @@ def _object(
     name = link.get("name", "")
     frame = model.getFrameId(name, pin.FrameType.BODY)
     where = f"visual {number} of link {shown(name)}"
-    rpy, xyz = (
-        finite_numbers(
-            urdf.path, f"{where}: origin {key}", child_attribute(visual, "origin", key), (0.0,) * 3
-        )
-        for key in ("rpy", "xyz")
-    )
-    origin = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+    origin = placement_of(urdf, where, visual)
     geometry, mesh, scale = shape
     color = _color(urdf, where, visual.find("material"), materials)
     placement = model.frames[frame].placement * origin

@@ -14,6 +14,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
+from mbocp.view.meshcat.collision import sphere_commands
 from mbocp.view.meshcat.commands import (
     Command,
     Track,
@@ -32,7 +33,7 @@ from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion import Motion
 
 if TYPE_CHECKING:
-    from mbocp.robot import FrameTarget, Robot
+    from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
 __all__ = ["WORLD", "Scene", "build_scene"]
 
@@ -79,6 +80,7 @@ def build_scene(
     goals: Sequence[FrameTarget] = (),
     other_goals: Sequence[FrameTarget] = (),
     marks: Marks | None = None,
+    spheres: Sequence[LinkSpheres] = (),
     speed: float = 1.0,
 ) -> Scene:
     """Compose the scene of a motion.
@@ -95,6 +97,8 @@ def build_scene(
         Those of which the motion goes to another: faint.
     marks : Marks, optional
         Via points and lines.
+    spheres : sequence of LinkSpheres
+        Spheres that are drawn over the robot.
     speed : float
         Seconds of motion per second of watching; the animation's key times are divided by it.
 
@@ -126,6 +130,7 @@ def build_scene(
         *_trace_commands(robot, frames, paths, size),
         *goal_commands([*goals, *other_goals], placements, WORLD, size, bold=len(goals)),
         *mark_commands(robot, drawn_marks, motion, WORLD, size),
+        *sphere_commands(robot, spheres, lambda joint: joint_node(motion, joint)),
     ]
     tracks = [*_joint_tracks(motion), *connector_tracks]
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import coal
 import numpy as np
@@ -23,14 +22,12 @@ from mbocp._arrays import Array
 from mbocp._files import MEGABYTE
 from mbocp._text import shortened
 from mbocp.exceptions import ReplayError, Unreadable
+from mbocp.meshes.parts import MeshPart, Surface, checked
+from mbocp.meshes.read import READERS, UNREADABLE, load_by_coal
+from mbocp.meshes.stl import binary_stl
 from mbocp.view.meshcat.commands import colour_number, shape_object
 from mbocp.view.meshcat.viewer import load_mesh, load_primitive, mg, pack_array
-from mbocp.view.meshes.collada import read_collada
-from mbocp.view.meshes.formats import check_single_file
-from mbocp.view.meshes.parts import MeshPart, Surface, checked
-from mbocp.view.meshes.pictures import Picture, picture_folders, read_picture
-from mbocp.view.meshes.stl import binary_stl, read_stl
-from mbocp.view.meshes.wavefront import read_wavefront
+from mbocp.view.pictures import Picture, picture_folders, read_picture
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -41,9 +38,7 @@ _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there 
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
 SCENE_LIMIT = 256 * MEGABYTE  # of all meshes and pictures of a page [bytes]
 _GREY = (0.8, 0.8, 0.8)
-_READERS = {".dae": read_collada, ".obj": read_wavefront, ".stl": read_stl}
 _CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
-_UNREADABLE = (Unreadable, OSError, RuntimeError, ValueError, IndexError, KeyError, ElementTree.ParseError)
 
 
 class MeshLibrary:
@@ -72,7 +67,7 @@ class MeshLibrary:
         """
         try:
             shape = self._shape(visual)
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             raise ReplayError(
                 f"{visual.meshPath}: mesh of {visual.name!r} cannot be read: {error}"
             ) from error
@@ -84,7 +79,7 @@ class MeshLibrary:
         """Corners of the visual's bounding box in its joint's frame, shape (8, 3) [m]."""
         try:
             low, high = self._bounds(visual)
-        except _UNREADABLE:  # a plane, which has no end: count its origin
+        except UNREADABLE:  # a plane, which has no end: count its origin
             low = high = np.zeros(3)
         corners = low + _CUBE * (high - low)
         return np.asarray(corners @ visual.placement.rotation.T + visual.placement.translation)
@@ -96,7 +91,7 @@ class MeshLibrary:
             drawn = _plain(mg.StlMeshGeometry.from_stream(io.BytesIO(binary_stl(part))), visual)
             drawn["geometries"][0]["type"] = "_meshfile_geometry"  # the viewer's newer name for it
             return _scaled(drawn, visual.meshScale)
-        if suffix in _READERS:
+        if suffix in READERS:
             drawn = _painted(self._parts(visual.meshPath), visual, self._pictures)
             return _scaled(drawn, visual.meshScale)
         # coal reads the other formats, and puts the scale into the vertices.
@@ -105,7 +100,7 @@ class MeshLibrary:
 
     def _parts(self, path: str) -> tuple[MeshPart, ...]:
         if path not in self._parsed:
-            parts = checked(_READERS[Path(path).suffix.lower()](Path(path)))
+            parts = checked(READERS[Path(path).suffix.lower()](Path(path)))
             self._count(sum(part.vertices.nbytes + part.faces.nbytes for part in parts))
             self._parsed[path] = tuple(self._with_picture(path, part) for part in parts)
         return self._parsed[path]
@@ -134,7 +129,7 @@ class MeshLibrary:
         self._size += size
 
     def _bounds(self, visual: pin.GeometryObject) -> tuple[Array, Array]:
-        if Path(visual.meshPath).suffix.lower() in _READERS:
+        if Path(visual.meshPath).suffix.lower() in READERS:
             points = np.vstack([part.vertices for part in self._parts(visual.meshPath)]) * visual.meshScale
             return points.min(axis=0), points.max(axis=0)
         shape = self._loaded(visual) if visual.meshPath else visual.geometry
@@ -145,11 +140,7 @@ class MeshLibrary:
         return low, high
 
     def _loaded(self, visual: pin.GeometryObject) -> coal.BVHModelBase:
-        check_single_file(Path(visual.meshPath))
-        loaded = coal.MeshLoader(coal.BV_AABB).load(visual.meshPath, np.array(visual.meshScale))
-        if loaded.num_tris == 0 or not np.isfinite(loaded.vertices()).all():
-            raise ValueError("no triangles in it, or a corner is not finite")
-        return loaded
+        return load_by_coal(Path(visual.meshPath), visual.meshScale)
 
 
 def _plain(shape: Any, visual: pin.GeometryObject) -> dict[str, Any]:

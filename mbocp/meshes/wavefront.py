@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._files import TEXT_LIMIT, is_file, read_bytes
 from mbocp._text import shortened
-from mbocp.view.meshes.parts import MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans
+from mbocp.meshes.parts import MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans
 
 __all__ = ["read_wavefront"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import read_bytes
-from mbocp.view.meshes.parts import MESH_LIMIT, MeshPart
+from mbocp.meshes.parts import MESH_LIMIT, MeshPart
 
 __all__ = ["binary_stl", "read_stl"]
 

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 
 from mbocp._files import read_bytes
-from mbocp.view.meshes.parts import MESH_LIMIT
+from mbocp.meshes.parts import MESH_LIMIT
 
 __all__ = ["check_single_file"]
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbocp.view.meshes.parts import Surface
-from mbocp.view.meshes.wavefront import read_wavefront
+from mbocp.meshes.parts import Surface
+from mbocp.meshes.wavefront import read_wavefront
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbocp.meshes.collada import read_collada
+from mbocp.meshes.parts import Surface
 from mbocp.robot import load_robot
-from mbocp.view.meshes.collada import read_collada
-from mbocp.view.meshes.parts import Surface
 from mbocp.view.replay import write_replay
 from tests.view.pages import angles, read_page, write_arm
 

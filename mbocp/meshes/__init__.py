@@ -1,0 +1,1 @@
+"""Mesh files: STL, Collada, Wavefront OBJ and what coal reads, within limits; files may be hostile."""

@@ -1,0 +1,1 @@
+"""Collision geometry of a robot: the shapes of the URDF, and spheres that cover them."""

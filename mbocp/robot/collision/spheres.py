@@ -1,0 +1,168 @@
+"""Spheres that stand for a robot's links: given ones, those of the URDF, or fitted to its shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.robot import kinematics
+from mbocp.robot.collision.fitting import Cover, cover, sticking_out
+from mbocp.robot.collision.samples import surface_points
+from mbocp.robot.collision.solid import Solid
+from mbocp.robot.collision.source import CollisionSphere
+
+__all__ = ["LinkSpheres", "link_spheres"]
+
+_TOLERANCE = 0.03  # of the robot's size: how far fitted spheres may stick out
+_MOST = 8  # spheres of a link
+_CHECKED = 8000  # points of a link that are looked at once more
+_OTHER = 1_000_003  # where the sequence of these points starts
+_SLACK = 1.005  # of radii, for what lies between the points
+
+
+@dataclass(frozen=True, eq=False)
+class LinkSpheres:
+    """Spheres of one link.
+
+    Attributes
+    ----------
+    link : str
+        Name of its frame.
+    frame : int
+        Index of the frame, in which the centres are.
+    joint : int
+        Index of the joint that moves it; 0: it stands still.
+    centers : ndarray, shape (k, 3)
+        [m].
+    radii : ndarray, shape (k,)
+        [m].
+    origin : str
+        "given" (robot.toml), "urdf" (its shapes are spheres) or "fitted".
+    sticks_out : float
+        How far the spheres reach beyond the link's shapes at most [m]; NaN where it has none.
+    uncovered : float
+        Part of the shapes' surface and inside that no sphere covers, of points that were looked at; NaN where
+        there are no shapes.
+    gap : float
+        How far such a point is from the nearest sphere at most [m]; 0 where all are covered.
+    """
+
+    link: str
+    frame: int
+    joint: int
+    centers: Array
+    radii: Array
+    origin: str
+    sticks_out: float
+    uncovered: float
+    gap: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centers", frozen_array(self.centers, shape=(None, 3), name="centers"))
+        object.__setattr__(self, "radii", frozen_array(self.radii, shape=(len(self.centers),), name="radii"))
+
+
+def link_spheres(
+    model: pin.Model, geometry: pin.GeometryModel, given: Sequence[CollisionSphere], q: Array, robot: str
+) -> tuple[LinkSpheres, ...]:
+    """Spheres of all links that have shapes or given spheres, in the order of the frames.
+
+    Parameters
+    ----------
+    model : pin.Model
+    geometry : pin.GeometryModel
+        From `read_geometry`.
+    given : sequence of CollisionSphere
+        They take the place of the shapes of their link.
+    q : ndarray, shape (nq,)
+        Pose in which the robot's size is measured.
+    robot : str
+        Name for messages.
+
+    Returns
+    -------
+    tuple of LinkSpheres
+        The same for the same robot.
+    """
+    shapes: dict[int, list[pin.GeometryObject]] = {}
+    for shape in geometry.geometryObjects:
+        shapes.setdefault(int(shape.parentFrame), []).append(shape)
+    own: dict[int, list[CollisionSphere]] = {}
+    for sphere in given:
+        own.setdefault(kinematics.frame_id(model, sphere.frame, robot), []).append(sphere)
+    tolerance = _TOLERANCE * _size(model, geometry, q) if shapes else 0.0
+    return tuple(
+        _of_link(model, frame, shapes.get(frame, []), own.get(frame, []), tolerance)
+        for frame in sorted({*shapes, *own})
+    )
+
+
+def _of_link(
+    model: pin.Model,
+    frame: int,
+    shapes: Sequence[pin.GeometryObject],
+    given: Sequence[CollisionSphere],
+    tolerance: float,
+) -> LinkSpheres:
+    placement = model.frames[frame].placement
+    solid = Solid.of(shapes) if shapes else None
+    if given:
+        origin = "given"
+        centers = np.array([placement.act(np.array(sphere.center)) for sphere in given])
+        made = Cover(centers, np.array([sphere.radius for sphere in given]))
+    elif all(isinstance(shape.geometry, coal.Sphere) for shape in shapes):
+        origin = "urdf"
+        centers = np.array([shape.placement.translation for shape in shapes])
+        made = Cover(centers, np.array([shape.geometry.radius for shape in shapes]))
+    else:
+        assert solid is not None
+        origin, made = "fitted", cover(solid, tolerance, _MOST)
+        made = made.enlarged(_looked_at(shapes, solid, _OTHER))
+        made = Cover(made.centers, made.radii * _SLACK)
+    sticks_out = uncovered = gap = np.nan
+    if solid is not None:
+        sticks_out = float(sticking_out(made, solid).max()) if origin != "urdf" else 0.0
+        gaps = made.gaps(_looked_at(shapes, solid, 2 * _OTHER))
+        outside = gaps > _ROUND_OFF
+        uncovered, gap = float(outside.mean()), max(float(gaps.max()), 0.0)
+    return LinkSpheres(
+        link=model.frames[frame].name,
+        frame=frame,
+        joint=int(model.frames[frame].parentJoint),
+        centers=(made.centers - placement.translation) @ placement.rotation,
+        radii=made.radii,
+        origin=origin,
+        sticks_out=sticks_out,
+        uncovered=uncovered,
+        gap=gap if gap > _ROUND_OFF or np.isnan(gap) else 0.0,
+    )
+
+
+_ROUND_OFF = 1e-9  # [m]
+
+
+def _looked_at(shapes: Sequence[pin.GeometryObject], solid: Solid, start: int) -> Array:
+    """Points on the surface and inside."""
+    share = max(_CHECKED // len(shapes), 500)
+    return np.vstack([*(surface_points(shape, share, start) for shape in shapes), solid.inner])
+
+
+def _size(model: pin.Model, geometry: pin.GeometryModel, q: Array) -> float:
+    """Diagonal of the box around all shapes [m]."""
+    data, drawn = model.createData(), pin.GeometryData(geometry)
+    pin.updateGeometryPlacements(model, data, geometry, drawn, np.array(q))
+    corners = []
+    for shape, place in zip(geometry.geometryObjects, drawn.oMg, strict=True):
+        shape.geometry.computeLocalAABB()
+        box = shape.geometry.aabb_local
+        low, high = np.array(box.min_), np.array(box.max_)
+        corners += [place.act(np.where(mask, high, low)) for mask in _MASKS]
+    return float(np.linalg.norm(np.ptp(np.array(corners), axis=0)))
+
+
+_MASKS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.bool_)

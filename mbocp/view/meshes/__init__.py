@@ -1,1 +1,0 @@
-"""Mesh files: STL, Collada and Wavefront OBJ, their materials and pictures."""
