@@ -163,6 +163,8 @@ class RobotTable(Table):
     label: str | None = None
     package_dirs: list[str] | None = None
     payload: list[PayloadTable] | None = None
+    constraint: list[dict[str, Any]] | None = None
+    initial: dict[str, Any] | None = None
 
     @model_validator(mode="after")
     def _a_name_or_parts(self) -> RobotTable:

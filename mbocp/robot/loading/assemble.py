@@ -16,6 +16,7 @@ from mbocp.robot.loading.checks import check_mechanics
 from mbocp.robot.loading.drive_checks import check_drives
 from mbocp.robot.loading.elements import Assembly
 from mbocp.robot.loading.initial_pose import close_loops
+from mbocp.robot.loading.joint_frames import with_joint_frames
 from mbocp.robot.loading.locking import Lock, lock_joints
 from mbocp.robot.loading.resistances import Losses, joint_resistances
 from mbocp.robot.loading.schema import RobotTable
@@ -61,7 +62,8 @@ def assemble_robot(
     _set_gravity(model, gravity if gravity is not None else body.table.gravity, body.name)
     gone = tuple(set(body.model.names) - set(model.names))
     tied = tuple(follower for follower in body.followers if follower.name not in gone)
-    parts = Assembly(model, gone, q0, body.table, body.name, body.file, tied)
+    model, table = with_joint_frames(model, body.table, body.name, body.file)
+    parts = Assembly(model, gone, q0, table, body.name, body.file, tied)
     actuation, efforts = parts.actuation(actuated)
     constraints, forces = parts.constraints(), parts.forces()
     robot = Robot(

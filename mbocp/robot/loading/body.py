@@ -17,14 +17,16 @@ from mbocp.robot.loading.chain import chain_description, chain_urdf, num_links
 from mbocp.robot.loading.examples import load_example
 from mbocp.robot.loading.locking import pose_by_joint
 from mbocp.robot.loading.mimic import Follower, followers
+from mbocp.robot.loading.object_urdf import object_urdf
 from mbocp.robot.loading.robot_yaml import read_robot_yaml
 from mbocp.robot.loading.schema import RobotTable, read_robot_toml
 from mbocp.robot.loading.sources import Source
 from mbocp.robot.loading.urdf import ROOT_JOINT, Urdf, build_model, read_urdf
 from mbocp.robot.loading.visuals import build_visuals, resolve
+from mbocp.robot.payload import Payload
 from mbocp.robot.placed import PlacedRobot
 
-__all__ = ["Body", "initial_pose", "make_body", "posed_joints"]
+__all__ = ["Body", "initial_pose", "make_body", "object_body", "posed_joints"]
 
 # A URDF that says "mimic" means it. example-robot-data builds its models without, as do the collections that
 # have a robot.yaml, whose motors may be on such joints.
@@ -118,6 +120,14 @@ def _from_yaml(source: Source, free_flyer: bool, mimic: bool, folders: list[Path
     )
     visuals = build_visuals(urdf, model, folders)
     return _body_of(urdf, model, visuals, source.name, table, source.path, mimic, folders)
+
+
+def object_body(name: str, shape: Payload, *, free_flyer: bool) -> Body:
+    """A simple body of given mass and shape; without a free-flyer it stands still."""
+    urdf = object_urdf(name, shape)
+    model = build_model(urdf, free_flyer=free_flyer, mimic=False)
+    visuals = build_visuals(urdf, model, [])
+    return Body(model, visuals, pin.neutral(model), None, name, RobotTable(), urdf.path)
 
 
 def _chain(name: str, free_flyer: bool, mimic: bool) -> Body:

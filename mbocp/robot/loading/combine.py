@@ -54,6 +54,8 @@ class Part:
         Joints with motors, in the names of the body.
     trace : sequence of str
         Frames to trace, in the names of the body.
+    is_object : bool
+        Whether it is a simple body, which has no opinion on gravity and rotations.
     """
 
     body: Body
@@ -62,6 +64,18 @@ class Part:
     lock: Mapping[str, Any]
     motors: Sequence[str]
     trace: Sequence[str]
+    is_object: bool = False
+
+    @property
+    def leaves(self) -> tuple[PlacedRobot, ...]:
+        """The robots that it consists of, in the names of the whole: itself, if it has no parts."""
+        name = self.placed.name
+        if not self.body.parts:
+            return (self.placed,)
+        return tuple(
+            replace(part, name=prefixed(part.name, name), parent=prefixed_frame(part.parent, name))
+            for part in self.body.parts
+        )
 
 
 def prefixed(name: str, part: str) -> str:
@@ -118,7 +132,7 @@ def combined(parts: Sequence[Part], name: str, file: Path, settled: Collection[s
             for part in parts
             for f in part.body.followers
         ),
-        parts=tuple(part.placed for part in parts),
+        parts=tuple(leaf for part in parts for leaf in part.leaves),
         collision=tuple(
             source.within(part.placed.prefix) for part in parts for source in part.body.collision
         ),
@@ -238,7 +252,8 @@ def _table(parts: Sequence[Part], settled: Collection[str]) -> RobotTable:
 
 def _agreed(parts: Sequence[Part], key: str, default: Any) -> Any:
     """Value of a key that holds for all parts."""
-    values = {part.placed.name: getattr(part.body.table, key) or default for part in parts}
+    asked = [part for part in parts if not part.is_object] or parts
+    values = {part.placed.name: getattr(part.body.table, key) or default for part in asked}
     if len(set(values.values())) > 1:
         told = ", ".join(f"{name}: {value}" for name, value in values.items())
         raise RobotError(f"{key}: the files of the parts do not agree ({told}); give {key} beside the parts")

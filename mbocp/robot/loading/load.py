@@ -12,14 +12,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mbocp._files import path_of
 from mbocp._text import shown
-from mbocp.exceptions import (
-    RobotError,
-    suggest,
-)
-from mbocp.robot.loading.assemble import assemble_robot, losses_of
-from mbocp.robot.loading.body import make_body
-from mbocp.robot.loading.payload_table import payloads_of
+from mbocp.exceptions import RobotError, suggest
+from mbocp.robot.loading.assemble import assemble_robot
 from mbocp.robot.loading.sources import find_source
+from mbocp.robot.loading.whole import Options, whole_from_source
 from mbocp.robot.loading.world import load_parts
 from mbocp.robot.payload import Payload
 from mbocp.robot.robot import Robot
@@ -130,8 +126,10 @@ def load_robot(
         "rotations": rotations,
         "payload": None if payload is None else [],  # those that it has in the end name themselves
     }
-    body = make_body(source, free_flyer, mimic, dirs)
-    body = body if name is None else replace(body, name=name)
+    whole = whole_from_source(
+        source, Options(free_flyer, mimic, damping, friction, friction_speed, payload, dirs)
+    )
+    body = whole.body if name is None else replace(whole.body, name=name)
     echo = {
         "name": source.address,
         **{key: value for key, value in options.items() if value is not None},
@@ -142,8 +140,8 @@ def load_robot(
         gravity=gravity,
         actuated=actuated,
         rotations=rotations,
-        losses=[(losses_of(body.table, damping, friction, friction_speed), None)],
-        carried=payloads_of(body.table.payloads if payload is None else payload),
+        losses=whole.losses,
+        carried=whole.carried,
         spec=echo,
     )
 
@@ -167,6 +165,8 @@ class _Spec(BaseModel):
     package_dirs: list[str] = []
     rotations: str | None = None
     payload: list[dict[str, Any]] | None = None
+    constraint: list[dict[str, Any]] | None = None
+    initial: dict[str, Any] | None = None
 
 
 def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Robot:
@@ -198,7 +198,10 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
         return _world(table, base)
     if table.name is None:
         raise RobotError("robot.name: is required: name or path of a robot; or give tables [[robot.part]]")
-    options = table.model_dump(exclude={"name", "label", "part"})
+    for key in ("constraint", "initial"):
+        if getattr(table, key) is not None:
+            raise RobotError(f"robot.{key}: goes with robot.part; a single robot says it in its robot.toml")
+    options = table.model_dump(exclude={"name", "label", "part", "constraint", "initial"})
     return load_robot(table.name, name=table.label, base=base, **options)
 
 
@@ -214,6 +217,8 @@ def _world(table: _Spec, base: Path | None) -> Robot:
         actuated=table.actuated,
         rotations=table.rotations,
         payload=table.payload or (),
+        constraint=table.constraint or (),
+        initial=table.initial,
         name=table.label,
         base=base,
     )

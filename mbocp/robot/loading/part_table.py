@@ -1,41 +1,25 @@
-"""`[[robot.part]]` of a problem file: a robot that is placed in a world beside others."""
+"""`[[robot.part]]` of a problem file, `[[part]]` of a robot.toml: what stands in a world beside others."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
-import numpy as np
 import pinocchio as pin
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BeforeValidator, ValidationError, model_validator
 
-from mbocp._numbers import finite_number, is_number
+from mbocp._numbers import finite_number
 from mbocp._text import has_control_characters, shown
-from mbocp.exceptions import RobotError, suggest
+from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.payload_table import PayloadTable
+from mbocp.robot.loading.object_urdf import solid_inertia
+from mbocp.robot.loading.payload_table import PayloadTable, ShapeTable
+from mbocp.robot.loading.placement_table import Orientation, Position, placement_from
+from mbocp.robot.payload import SHAPES, Payload
 from mbocp.robot.placed import SEPARATOR
 
 __all__ = ["PartTable", "part_of"]
-
-_MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
-
-
-def _vector(value: Any, counts: tuple[int, ...], expected: str) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or len(value) not in counts or not all(map(is_number, value)):
-        raise ValueError(f"got {shown(value)}, expected {expected}")
-    return tuple(finite_number(entry) for entry in value)
-
-
-def _position(value: Any) -> tuple[float, ...]:
-    return _vector(value, (3,), "3 numbers [m]")
-
-
-def _orientation(value: Any) -> tuple[float, ...]:
-    numbers = _vector(value, (3, 4), "a quaternion x, y, z, w, or roll, pitch, yaw [rad]")
-    if len(numbers) == 4 and np.linalg.norm(numbers) < _MIN_NORM:
-        raise ValueError(f"got {shown(value)}, expected a quaternion that is not zero")
-    return numbers
 
 
 def _name(value: Any) -> str:
@@ -58,16 +42,18 @@ def _angles(value: Any) -> Any:
     return [finite_number(v) for v in value] if isinstance(value, list | tuple) else finite_number(value)
 
 
-class PartTable(BaseModel):
-    """A robot, the frame that its base is fixed to, and options of `load_robot` for it."""
+_OF_OBJECTS = ("mass", "com", "inertia", *SHAPES)
+_OF_ROBOTS = ("lock", "actuated", "mimic", "damping", "friction", "friction_speed", "package_dirs")
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
-    robot: str
+class PartTable(ShapeTable):
+    """A robot or a simple body, the frame that its base is fixed to, and options of `load_robot` for it."""
+
+    robot: str | None = None
     name: Annotated[str, BeforeValidator(_name)]
     parent: str = WORLD
-    position: Annotated[Any, BeforeValidator(_position)] = (0.0, 0.0, 0.0)
-    orientation: Annotated[Any, BeforeValidator(_orientation)] = (0.0, 0.0, 0.0, 1.0)
+    position: Position = (0.0, 0.0, 0.0)
+    orientation: Orientation = (0.0, 0.0, 0.0, 1.0)
     free_flyer: bool | None = None
     lock: Annotated[Any, BeforeValidator(_lock)] = None
     actuated: list[str] | None = None
@@ -78,14 +64,55 @@ class PartTable(BaseModel):
     package_dirs: list[str] = []
     payload: list[PayloadTable] | None = None
 
+    @model_validator(mode="after")
+    def _a_robot_or_an_object(self) -> PartTable:
+        told = self._told(_OF_OBJECTS)
+        if self.robot is not None:
+            if told:
+                raise ValueError(f"{told[0]}: does not go with robot; it makes a part a body of its own")
+            return self
+        if not told:
+            raise ValueError(
+                f"robot is missing: name or path; or give mass and {', '.join(SHAPES)} of a simple body"
+            )
+        for key in self._told(_OF_ROBOTS):
+            raise ValueError(f"{key}: is a matter of robots; a simple body has no joints of its own")
+        self._check_object()
+        return self
+
+    def _told(self, keys: Iterable[str]) -> list[str]:
+        """Keys with another value than the default."""
+        fields = type(self).model_fields
+        return [key for key in keys if getattr(self, key) != fields[key].default]
+
+    def _check_object(self) -> None:
+        floats = self.free_flyer is not False
+        if floats and not self.mass:
+            raise ValueError("mass: a body that floats needs one above 0; or say free_flyer = false")
+        try:
+            shape = self.shape
+        except InvalidValue as error:
+            key = error.name.rpartition(": ")[2]
+            raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
+        if floats and not any(shape.inertia):
+            raise ValueError(f"inertia: a body that floats needs one: give {', '.join(SHAPES)} or inertia")
+
+    @property
+    def is_object(self) -> bool:
+        """Whether the part is a body of given mass and shape, and no robot from a file."""
+        return self.robot is None
+
+    @property
+    def shape(self) -> Payload:
+        """Mass, inertia and shape of an object; the inertia of the filled shape if none is given."""
+        said = self.model_dump(include=set(_OF_OBJECTS), exclude_none=True)
+        shape = Payload(**{"name": self.name, "frame": self.name, "mass": 0.0, **said})
+        return shape if any(shape.inertia) else replace(shape, inertia=solid_inertia(shape))
+
     @property
     def placement(self) -> pin.SE3:
         """Of the base in the parent frame."""
-        if len(self.orientation) == 3:
-            rotation = pin.rpy.rpyToMatrix(np.array(self.orientation))
-        else:
-            rotation = pin.Quaternion(np.array(self.orientation)).normalized().matrix()
-        return pin.SE3(rotation, np.array(self.position))
+        return placement_from(self.position, self.orientation)
 
 
 def part_of(entry: PartTable | Mapping[str, Any], number: int) -> PartTable:

@@ -13,7 +13,7 @@ from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.payload import INERTIA_KEYS, SHAPES, Payload
 
-__all__ = ["PayloadTable", "payloads_of"]
+__all__ = ["PayloadTable", "ShapeTable", "payloads_of"]
 
 _NUMPY = (np.ndarray, np.generic)
 _INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
@@ -65,19 +65,25 @@ Mass: TypeAlias = Annotated[float, BeforeValidator(_number)]
 Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
 
 
-class PayloadTable(BaseModel):
-    """A body that the robot carries, rigidly attached to one of its frames, see `Payload`."""
+class ShapeTable(BaseModel):
+    """Mass and shape of a body."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: Name | None = None
-    frame: Name
-    mass: Mass
+    mass: Mass | None = None
     com: Annotated[Any, BeforeValidator(_com)] = (0.0, 0.0, 0.0)
     inertia: Annotated[Any, BeforeValidator(_inertia)] = (0.0,) * 6
     box: Annotated[Any, BeforeValidator(_box)] = None
     sphere: Annotated[Any, BeforeValidator(_number)] = None
     cylinder: Annotated[Any, BeforeValidator(_cylinder)] = None
+
+
+class PayloadTable(ShapeTable):
+    """A body that the robot carries, rigidly attached to one of its frames, see `Payload`."""
+
+    name: Name | None = None
+    frame: Name
+    mass: Mass
 
     @model_validator(mode="after")
     def _is_a_body(self) -> PayloadTable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -18,8 +19,10 @@ from pydantic import (
 
 from mbocp._files import read_toml
 from mbocp._text import has_control_characters, shown
-from mbocp.exceptions import RobotFileError, Unreadable, suggest
+from mbocp.exceptions import RobotError, RobotFileError, Unreadable, suggest
+from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.payload_table import PayloadTable
+from mbocp.robot.loading.placement_table import Orientation, Position
 
 __all__ = [
     "TABLES",
@@ -43,6 +46,7 @@ __all__ = [
     "WeldTable",
     "Wrench",
     "read_robot_toml",
+    "tables_from",
 ]
 
 _MAX_VALUE = 1e15  # of numbers in the equations, as in a URDF
@@ -167,20 +171,29 @@ class _Pair(_Table):
         return self
 
 
-class RodTable(_Pair):
+class _Joined(_Pair):
+    """Two frames that are joined, and where in each of them the joint is."""
+
+    position: Position | None = None
+    orientation: Orientation | None = None
+    position_b: Position | None = None
+    orientation_b: Orientation | None = None
+
+
+class RodTable(_Joined):
     """A rigid massless rod."""
 
     type: Literal["rod"]
     length: PositiveNumber | None = None
 
 
-class PointTable(_Pair):
+class PointTable(_Joined):
     """The origins of two frames coincide."""
 
     type: Literal["point"]
 
 
-class HingeTable(_Pair):
+class HingeTable(_Joined):
     """The origins of two frames coincide, and an axis of one with an axis of the other."""
 
     type: Literal["hinge"]
@@ -188,20 +201,20 @@ class HingeTable(_Pair):
     axis_b: Direction | None = None
 
 
-class WeldTable(_Pair):
+class WeldTable(_Joined):
     """Two frames coincide."""
 
     type: Literal["weld"]
 
 
-class PlaneTable(_Pair):
+class PlaneTable(_Joined):
     """The origin of the first frame stays in a plane of the second."""
 
     type: Literal["plane"]
     normal: Direction = (0.0, 0.0, 1.0)
 
 
-class LineTable(_Pair):
+class LineTable(_Joined):
     """The origin of the first frame stays on a line of the second."""
 
     type: Literal["line"]
@@ -281,6 +294,19 @@ ConstraintTable: TypeAlias = Annotated[
 ]
 
 
+# Keys that say how a URDF is read; a file that assembles parts has none.
+_OF_FILES = (
+    "urdf",
+    "package_dirs",
+    "free_flyer",
+    "mimic",
+    "damping",
+    "friction",
+    "friction_speed",
+    "spherical",
+)
+
+
 class RobotTable(_Table):
     """The whole file."""
 
@@ -308,6 +334,29 @@ class RobotTable(_Table):
     initial: InitialTable | None = None
     visuals: list[VisualTable] = Field(default=[], alias="visual")
     collision_spheres: list[CollisionSphereTable] = Field(default=[], alias="collision_sphere")
+    parts: list[PartTable] = Field(default=[], alias="part")
+
+    @model_validator(mode="after")
+    def _parts_have_files(self) -> RobotTable:
+        for key in _OF_FILES if self.parts else ():
+            if key in self.model_fields_set:
+                raise ValueError(f"{key}: does not go with part; write it into each part")
+        return self
+
+
+def tables_from(data: Mapping[str, Any]) -> RobotTable:
+    """Validate tables of a robot.toml that stand elsewhere.
+
+    Raises
+    ------
+    RobotError
+        Naming key, what was got and what is allowed.
+    """
+    try:
+        return RobotTable.model_validate(dict(data))
+    except ValidationError as error:
+        key, reason = _first_of(error, data)
+        raise RobotError(f"{key}: {reason}") from error
 
 
 def read_robot_toml(path: Path) -> RobotTable:
@@ -325,10 +374,15 @@ def read_robot_toml(path: Path) -> RobotTable:
     try:
         return RobotTable.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = _key(data, first["loc"], absent=first["type"] == "missing")
-        more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise RobotFileError(path, _reason(first, data) + more, key) from error
+        key, reason = _first_of(error, data)
+        raise RobotFileError(path, reason, key) from error
+
+
+def _first_of(error: ValidationError, data: Any) -> tuple[str, str]:
+    """Key and words of the first complaint."""
+    first = error.errors()[0]
+    more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return _key(data, first["loc"], absent=first["type"] == "missing"), _reason(first, data) + more
 
 
 def _key(data: Any, loc: tuple[int | str, ...], *, absent: bool) -> str:
@@ -392,6 +446,7 @@ TABLES: dict[str, tuple[type[BaseModel], ...]] = {
     "initial": (InitialTable,),
     "visual": (VisualTable,),
     "collision_sphere": (CollisionSphereTable,),
+    "part": (PartTable,),
 }
 
 
