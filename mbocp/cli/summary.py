@@ -13,6 +13,7 @@ from rich.text import Text
 
 from mbocp.cli.console import output
 from mbocp.integrators import SCHEMES
+from mbocp.problem.coordinates import COORDINATES
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -26,6 +27,7 @@ _MAX_NAMES = 12  # more names than that are counted
 _MAX_LIMITS = 8  # more lines than that nobody reads
 _NO_SYMMETRY = "no translation or rotation of the robot, or of one of several, leaves"
 _MAX_STARTS = 6
+_FORCES = {"J/m": "N", "J/rad": "N m", "J/m^2": "N/m"}  # what multipliers of constraints are
 _AT_NODES = ("velocity", "position", "path")  # kinds of limits; the others hold in steps
 
 
@@ -73,6 +75,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
         ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
         ("constraints", _violation(solution)),
+        *_constraint_forces(solution),
         *_limits(solution),
         *_drift(solution),
         ("conserved", _conserved(solution)),
@@ -168,6 +171,21 @@ def _violation(solution: Solution) -> str:
     words = f"violated by {solution.constraint_violation:.2e} at most ({names})"
     hidden = solution.velocity_violation
     return words if math.isnan(hidden) else f"{words}, their rates by {hidden:.2e}"
+
+
+def _constraint_forces(solution: Solution) -> _Rows:
+    """The largest force and moment that constraints exert; nothing where multipliers are of rigid bodies."""
+    known = COORDINATES.get(solution.coordinates)
+    if not solution.nc or known is None or not known.has_robot_multipliers or not len(solution.lams):
+        return []
+    sizes = np.abs(solution.lams).max(axis=0)
+    found = dict[str, tuple[float, str]]()
+    for size, column in zip(sizes.tolist(), solution.labels.lam, strict=True):
+        unit = _FORCES.get(column.unit, column.unit)
+        if size > found.get(unit, (-1.0, ""))[0]:
+            found[unit] = (size, column.name)
+    words = ", ".join(f"{size:.4g} {unit} at {name}" for unit, (size, name) in found.items())
+    return [("forces", f"of constraints, at most {words}")]
 
 
 def _limits(solution: Solution) -> _Rows:

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._tolerances import ARRIVAL_TOLERANCE
-from mbocp.exceptions import InconsistentStart, UnreachableGoal
+from mbocp.exceptions import InconsistentStart, LoopNotClosed, UnreachableGoal
 from mbocp.mechanisms.closed_path import MAX_PATH_LENGTH, driving_joints, path_towards
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
 from mbocp.mechanisms.search import search
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
+from mbocp.robot.poses.inverse_kinematics import closed_anywhere
 
 __all__ = ["assembled", "assembled_velocity", "complete_goal"]
 
@@ -56,7 +57,13 @@ def assembled(
     if _distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
         return reached
     written = [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
-    return np.array(robot.assemble(q, fixed=written))
+    try:
+        return np.array(robot.assemble(q, fixed=written))
+    except LoopNotClosed:
+        found = closed_anywhere(robot, q, written)
+        if found is None:
+            raise
+        return found
 
 
 def assembled_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, assemble: bool) -> Array:

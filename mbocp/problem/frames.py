@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp._linear import independent_rows, null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.exceptions import UnreachableGoal, UnreachablePose
+from mbocp.exceptions import ProblemError, UnreachableGoal, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, tangent_space
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
@@ -33,6 +33,7 @@ __all__ = [
     "pose_errors",
     "pose_jacobian",
     "rate_jacobian",
+    "start_at",
     "with_configuration",
 ]
 
@@ -40,7 +41,53 @@ _NEAR_BRANCHES, _NEAR_RESTARTS = 3, 10  # where one is wanted: the nearest of a 
 _BRANCHES, _RESTARTS = 8, 24  # where several are wanted; an arm of six joints has eight
 _MANY_RESTARTS = 200  # before a pose counts as out of reach
 _ORDINARY_NV, _MIN_RESTARTS = 12, 8
+_START_TOLERANCE = 1e-11  # [m, rad] the first step of the mechanics starts from here
 _AT_POSE = 1e-8  # [m, rad] of a goal.q that is kept
+
+
+def start_at(robot: Robot, targets: Sequence[FrameTarget], q: Array, written: BoolArray) -> Array:
+    """Return the configuration near `q` in which frames have their poses, its loops closed.
+
+    Parameters
+    ----------
+    robot : Robot
+    targets : sequence of FrameTarget
+    q : ndarray, shape (nq,)
+        Where the search begins.
+    written : ndarray of bool, shape (nv,)
+        Velocity components of joints that stay where they are.
+
+    Raises
+    ------
+    UnknownFrame
+        If the robot does not have a frame.
+    ProblemError
+        If all joints are to stay.
+    UnreachablePose
+        If nothing within the limits of the robot reaches the poses, and nothing beyond them.
+    """
+    if written.all():
+        raise ProblemError("start.frame: start.q gives every joint; leave out those that are to be found")
+    for target in targets:
+        for name in (target.name, target.relative_to):
+            robot.frame_id(name)
+    fixed = [name for name in robot.joint_names if written[robot.velocity_indices(name)].any()]
+    best: InverseKinematics | None = None
+    for choice in (True, False):
+        for branches, restarts in ((1, 0), (_NEAR_BRANCHES, _MANY_RESTARTS)):
+            found = robot.inverse_kinematics(
+                targets,
+                q,
+                fixed=fixed,
+                branches=branches,
+                restarts=_affordable(restarts, robot.nv),
+                within_limits=choice,
+                tolerance=_START_TOLERANCE,
+            )
+            if found.reached:
+                return np.array(found.q)
+        best = best or found
+    raise _unreachable(robot, best or found, "start.frame", "the start")
 
 
 def check_frames(robot: Robot, goal: Goal) -> None:
@@ -227,7 +274,9 @@ def _within_mode(robot: Robot, found: InverseKinematics, q_start: Array) -> Arra
     ) from refused
 
 
-def _unreachable(robot: Robot, found: InverseKinematics) -> UnreachablePose:
+def _unreachable(
+    robot: Robot, found: InverseKinematics, key: str = "goal.frame", what: str = "the goal"
+) -> UnreachablePose:
     worst = int(np.argmax(found.position_errors + found.angle_errors))
     target = found.targets[worst]
     distance, angle = float(found.position_errors[worst]), float(found.angle_errors[worst])
@@ -248,6 +297,6 @@ def _unreachable(robot: Robot, found: InverseKinematics) -> UnreachablePose:
         angle,
         at,
         found.q,
-        f"goal.frame: out of reach of robot {robot.name!r}: {target.words}; the nearest of {found.attempts} "
-        f"tries is {' and '.join(left)} away, {why}; {advice}move the goal, or leave a part of the pose free",
+        f"{key}: out of reach of robot {robot.name!r}: {target.words}; the nearest of {found.attempts} "
+        f"tries is {' and '.join(left)} away, {why}; {advice}move {what}, or leave a part of the pose free",
     )

@@ -14,12 +14,12 @@ from mbocp.terms import FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
 
 if TYPE_CHECKING:
-    from mbocp.problem.file.schema import FrameGoalTable
+    from mbocp.problem.file.schema import FramePoseTable
 
 __all__ = ["frame_tables", "frames_from"]
 
 
-def frames_from(tables: Sequence[FrameGoalTable], *, key: str = "goal.frame") -> tuple[FrameGoal, ...]:
+def frames_from(tables: Sequence[FramePoseTable], *, key: str = "goal.frame") -> tuple[FrameGoal, ...]:
     """Make the goals from the tables at `key`.
 
     Raises

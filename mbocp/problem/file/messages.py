@@ -66,7 +66,7 @@ _NOT_THERE = {
     "goal.point": _TOOL,
 }
 
-_REPEATED = frozenset({"goal.any", "goal.any.frame"})  # keys that another table has alike
+_REPEATED = frozenset({"goal.any", "goal.any.frame", "start.frame"})  # keys that another table has alike
 _MAX_VALUE_LENGTH = 60  # characters of a value
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 

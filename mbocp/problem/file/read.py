@@ -38,6 +38,7 @@ from mbocp.problem.file.schema import (
 from mbocp.problem.file.target import read_target
 from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import via_from
+from mbocp.problem.frames import start_at
 from mbocp.problem.goal import RATES, Goal
 from mbocp.problem.goal_set import of_member
 from mbocp.problem.guess import Guess
@@ -152,13 +153,7 @@ def _stabilisation(table: IntegratorTable) -> Stabilisation:
 
 
 def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
-    q: Array = np.array(robot.q0)
-    if table.q is not None:
-        with located("start.q"):
-            q, written = configuration_from(robot, table.q, robot.q0, "start.q")
-            q = np.array(robot.normalise(q, name="start.q"))
-            check_size("start.q", q, robot.q_labels, MAX_POSITION)
-            q = assembled(robot, q, written, assemble=table.assemble, base=robot.q0, key="start.q")
+    q = _start_configuration(table, robot)
     if table.v is not None and table.p is not None:
         raise ProblemError("start: give v or p, not both")
     if table.p is not None:
@@ -169,6 +164,21 @@ def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
         return q, np.zeros(robot.nv)
     v, active = _tangent(robot, table.v, "start.v")
     return q, assembled_velocity(robot, q, v, active, assemble=table.assemble)
+
+
+def _start_configuration(table: StartTable, robot: Robot) -> Array:
+    q, written = np.array(robot.q0), np.zeros(robot.nv, dtype=np.bool_)
+    if table.q is not None:
+        with located("start.q"):
+            q, written = configuration_from(robot, table.q, robot.q0, "start.q")
+            q = np.array(robot.normalise(q, name="start.q"))
+            check_size("start.q", q, robot.q_labels, MAX_POSITION)
+            if not table.frame:
+                q = assembled(robot, q, written, assemble=table.assemble, base=robot.q0, key="start.q")
+    if not table.frame:
+        return q
+    targets = [goal.target for goal in frames_from(table.frame, key="start.frame")]
+    return start_at(robot, targets, q, written)
 
 
 def _goals(table: GoalTable, robot: Robot, q_start: Array) -> tuple[Goal, ...]:

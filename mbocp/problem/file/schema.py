@@ -180,17 +180,8 @@ class HorizonTable(Table):
     steps: int
 
 
-class StartTable(Table):
-    """State at t = 0."""
-
-    q: VectorOrNamed = None
-    v: Rate = None
-    p: Rate = None
-    assemble: bool = False
-
-
-class FrameGoalTable(Table):
-    """Pose and velocity of a frame at t = T, or parts of them."""
+class FramePoseTable(Table):
+    """Pose of a frame, or parts of it."""
 
     name: str
     position: Triple = None
@@ -202,6 +193,21 @@ class FrameGoalTable(Table):
     axis: Triple = None
     direction: Triple = None
     relative_to: str | None = None
+
+
+class StartTable(Table):
+    """State at t = 0."""
+
+    q: VectorOrNamed = None
+    v: Rate = None
+    p: Rate = None
+    frame: Annotated[list[FramePoseTable], BeforeValidator(_listed)] = Field(default_factory=list)
+    assemble: bool = False
+
+
+class FrameGoalTable(FramePoseTable):
+    """Pose and velocity of a frame at t = T, or parts of them."""
+
     velocity: TripleOrZero = None
     angular_velocity: TripleOrZero = None
     position_tolerance: VectorOrNumber = None

@@ -12,6 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, assemble, violations
 from mbocp.robot.loops.redundancy import redundant_rows
+from mbocp.robot.poses.inverse_kinematics import closed_anywhere
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import InitialPoseWarning
 
@@ -58,6 +59,9 @@ def _assembled(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]
         try:
             return assemble(robot, robot.q0, held, REDUNDANT_ROW_TOLERANCE), held
         except LoopNotClosed:
+            found = _from_afar(robot, held)
+            if found is not None:
+                return found, held
             if not held:
                 raise
     q0 = assemble(robot, robot.q0, (), REDUNDANT_ROW_TOLERANCE)
@@ -71,6 +75,11 @@ def _assembled(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]
         stacklevel=5,
     )
     return q0, ()
+
+
+def _from_afar(robot: Robot, held: Sequence[str]) -> Array | None:
+    """Robots that stand in a world for themselves are far from where their loops close."""
+    return closed_anywhere(robot, robot.q0, held) if robot.parts else None
 
 
 def _closed(robot: Robot, q0: Array, held: Sequence[str]) -> Array:

@@ -9,7 +9,7 @@ import pinocchio as pin
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import kinematics
 from mbocp.robot.loading.placement_table import placement_from
-from mbocp.robot.loading.schema import CouplingTable, RobotTable
+from mbocp.robot.loading.schema import ConstraintTable, CouplingTable, RobotTable
 
 __all__ = ["with_joint_frames"]
 
@@ -45,7 +45,7 @@ def with_joint_frames(
     RobotFileError
         If the name of a frame is taken.
     """
-    model, changed = pin.Model(model), []
+    model, changed = pin.Model(model), list[ConstraintTable]()
     for number, constraint in enumerate(table.constraints):
         if isinstance(constraint, CouplingTable):
             changed.append(constraint)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import pinocchio as pin
-from pydantic import BeforeValidator, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from mbocp._numbers import finite_number
 from mbocp._text import has_control_characters, shown
@@ -61,7 +61,7 @@ class PartTable(ShapeTable):
     damping: bool | None = None
     friction: str | None = None
     friction_speed: float | None = None
-    package_dirs: list[str] = []
+    package_dirs: list[str] = Field(default=[])
     payload: list[PayloadTable] | None = None
 
     @model_validator(mode="after")

@@ -27,6 +27,7 @@ __all__ = [
     "REDUNDANT_ROW_TOLERANCE",
     "assemble",
     "assemble_velocity",
+    "closure_by_angle",
     "components",
     "follow",
     "gauss_newton",
@@ -138,7 +139,7 @@ def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequ
     the weld vanish at half turns, too.
     """
     if any(angle > _MAX_WELD_ANGLE for _, angle in _turns(robot, q)):
-        q = _reduced(robot, q, free, rows, _by_angle)
+        q = _reduced(robot, q, free, rows, closure_by_angle)
     return _reduced(robot, q, free, rows, _by_rows)
 
 
@@ -173,7 +174,7 @@ def _by_rows(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
     return robot.closure_residual(q), lambda: robot.closure_jacobian(q)
 
 
-def _by_angle(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
+def closure_by_angle(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
     """Like `_by_rows`, with rotation vectors in place of the last three rows of each weld."""
     model, data = robot.model, working_data(robot.model)
     pin.framesForwardKinematics(model, data, q)

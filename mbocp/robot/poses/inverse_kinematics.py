@@ -26,12 +26,13 @@ from mbocp.robot.poses.rows import PoseErrors, PoseRows
 from mbocp.robot.poses.search import reach
 from mbocp.robot.poses.target import FrameTarget, Targets, targets_of
 
-__all__ = ["InverseKinematics", "LimitChoice", "Posable", "solve_inverse_kinematics"]
+__all__ = ["InverseKinematics", "LimitChoice", "Posable", "closed_anywhere", "solve_inverse_kinematics"]
 
 LimitChoice: TypeAlias = bool | tuple[ArrayLike, ArrayLike]
 
 _SAME = 1e-3  # [rad, m] between configurations that count as one
 _MIN_PUSH = 1e-6  # [m, rad] by [rad, m] that a joint at a limit would gain beyond it
+_CLOSURE_TOLERANCE = 1e-10  # [m, rad, m^2]
 _MIN_TOLERANCE = 1e-12  # [m, rad] above round-off of some metres
 
 
@@ -201,6 +202,41 @@ def solve_inverse_kinematics(
         at_limits=_at_limits(search, nearest, is_reached=bool(found)),
         attempts=attempts,
     )
+
+
+def closed_anywhere(
+    robot: Posable, start: Array, fixed: Sequence[str] = (), *, restarts: int = 100, seed: int = 0
+) -> Array | None:
+    """A configuration within the limits that closes the loops, found from the start or from random ones.
+
+    Parameters
+    ----------
+    robot : Posable
+    start : ndarray, shape (nq,)
+        Configuration where the search begins.
+    fixed : sequence of str
+        Joints that stay where they are.
+    restarts : int
+        Random configurations at which it begins again, at most.
+    seed : int
+        That they follow from.
+
+    Returns
+    -------
+    q : ndarray, shape (nq,), or None
+        None if no attempt closes the loops.
+    """
+    lower, upper = _limits(robot, True)
+    bounds = joint_bounds(robot.model, lower, upper, _coupled(robot))
+    held = components(robot, fixed)
+    search = _Search(robot, PoseRows(robot, (), ()), bounds, lower, upper, start, _CLOSURE_TOLERANCE, held)
+    rng = np.random.default_rng(seed)
+    for attempt in range(1 + restarts):
+        q0 = start if attempt == 0 else bounds.random(robot.model, start, rng)
+        q, is_closed = search.attempt(search.with_held(bounds.clipped(q0)))
+        if is_closed:
+            return q
+    return None
 
 
 def _at_limits(search: _Search, q: Array, *, is_reached: bool) -> tuple[str, ...]:

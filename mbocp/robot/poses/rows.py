@@ -6,8 +6,9 @@ vector from the target to the frame in the target's axes [rad]:
 .. math:: R_r^T (p_f - p_r) - p^*, \qquad \log\left(R^{*T} R_r^T R_f\right)
 
 or, where only an axis has a direction, the two components normal to the direction of the arc from the one
-to the other. The derivative of a rotation vector is taken to be the angular velocity. That gives the exact
-gradient of the square of the angle, and the exact derivative at the target.
+to the other. Rows of welds are rotation vectors, too, as their equations vanish at half turns. The derivative
+of a rotation vector is taken to be the angular velocity. That gives the exact gradient of the square of the
+angle, and the exact derivative at the target.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot.large import working_data
 from mbocp.robot.loops.mechanism import Mechanism
+from mbocp.robot.loops.projection import closure_by_angle
 from mbocp.robot.poses.target import FrameTarget, normals_to, rotation_between
 
 __all__ = ["CLOSURE_WEIGHT", "PoseErrors", "PoseRows", "placement_of"]
@@ -83,7 +85,7 @@ class PoseRows:
         pin.framesForwardKinematics(self.model, self._data, q)
         rows = [row for part in self._parts for row in self._rows(part)]
         if self.robot.constraints:
-            rows.append(CLOSURE_WEIGHT * self.robot.closure_residual(q))
+            rows.append(CLOSURE_WEIGHT * closure_by_angle(self.robot, q)[0])
         return np.concatenate(rows)
 
     def jacobian(self, q: Array) -> Array:
@@ -91,12 +93,13 @@ class PoseRows:
         rows = self.pose_jacobian(q)
         if not self.robot.constraints:
             return rows
-        return np.concatenate([rows, CLOSURE_WEIGHT * self.robot.closure_jacobian(q)])
+        return np.concatenate([rows, CLOSURE_WEIGHT * closure_by_angle(self.robot, q)[1]()])
 
     def pose_jacobian(self, q: Array) -> Array:
         """Derivative of the targets' rows alone; call `residual` or `errors` at the same q before."""
         pin.computeJointJacobians(self.model, self._data, q)
-        return np.concatenate([row for part in self._parts for row in self._derivatives(part)])
+        none = np.zeros((0, self.model.nv))
+        return np.concatenate([none, *(row for part in self._parts for row in self._derivatives(part))])
 
     def errors(self, q: Array) -> PoseErrors:
         """Distance [m] and angle [rad] to each target."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from mbocp.robot import load_robot
+from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.schema import TABLES, RobotTable
 from mbocp.robot.loading.sources import robot_folders
 from tests.robot import urdfs
@@ -35,10 +36,19 @@ def test_the_example_loads(tmp_path: Path, example: str) -> None:
 
 
 def test_the_example_has_every_key(example: str) -> None:
-    for table in (RobotTable, *(t for tables in TABLES.values() for t in tables)):
+    own = (table for key, tables in TABLES.items() if key != "part" for table in tables)
+    for table in (RobotTable, *own):
         for name, field in table.model_fields.items():
             key = field.alias or name
             assert re.search(rf"^(# )?{key} = |^\[+{key}\]+", example, re.MULTILINE), key
+
+
+def test_every_key_of_a_part_is_told() -> None:
+    text = (ROOT / "docs" / "robots.md").read_text()
+    (section,) = re.findall(r"^## Several robots in one world\n(.*?)^## ", text, re.DOTALL | re.MULTILINE)
+    rows = "\n".join(line.split("|")[1] for line in section.splitlines() if line.startswith("| `"))
+    for key in PartTable.model_fields:
+        assert f"`{key}`" in rows, key
 
 
 @pytest.mark.parametrize("name", sorted(p.parent.name for p in (ROOT / "robots").glob("*/robot.toml")))

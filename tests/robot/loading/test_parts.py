@@ -241,7 +241,7 @@ def test_a_part_that_does_not_move(tmp_path: Path) -> None:
     ("tables", "error", "words"),
     [
         ([], RobotError, "part: there is none"),
-        ([{"name": "a"}], RobotError, r"part\[0\]\.robot: this key is required"),
+        ([{"name": "a"}], RobotError, r"part\[0\]: robot is missing: name or path; or give mass"),
         ([{"robot": "ur5"}], RobotError, r"part\[0\]\.name: this key is required"),
         ([{"robot": "ur5", "name": "a/b"}], RobotError, "expected a name without '/'"),
         ([{"robot": "ur5", "name": "world"}], RobotError, "which is the frame that stands still"),
