@@ -127,7 +127,8 @@ def object_body(name: str, shape: Payload, *, free_flyer: bool) -> Body:
     urdf = object_urdf(name, shape)
     model = build_model(urdf, free_flyer=free_flyer, mimic=False)
     visuals = build_visuals(urdf, model, [])
-    return Body(model, visuals, pin.neutral(model), None, name, RobotTable(), urdf.path)
+    collision = (CollisionSource(urdf),)
+    return Body(model, visuals, pin.neutral(model), None, name, RobotTable(), urdf.path, collision=collision)
 
 
 def _chain(name: str, free_flyer: bool, mimic: bool) -> Body:

@@ -37,7 +37,7 @@ def solid_inertia(shape: Payload) -> tuple[float, float, float, float, float, fl
 
 
 def object_urdf(name: str, shape: Payload) -> Urdf:
-    """URDF with one link, in memory: its path names no file.
+    """URDF with one link, shown and solid alike, in memory: its path names no file.
 
     Parameters
     ----------
@@ -55,6 +55,8 @@ def object_urdf(name: str, shape: Payload) -> Urdf:
     if (form := _form(shape)) is not None:
         visual = ElementTree.SubElement(link, "visual")
         ElementTree.SubElement(visual, "geometry").append(form)
+        hull = ElementTree.SubElement(link, "collision")
+        ElementTree.SubElement(hull, "geometry").append(form)
         material = ElementTree.SubElement(visual, "material", name="object")
         ElementTree.SubElement(material, "color", rgba=_COLOR)
     text = ElementTree.tostring(robot, encoding="unicode")

@@ -15,7 +15,7 @@ from mbocp.robot.placed import SEPARATOR
 __all__ = ["by_joint", "with_own_tables"]
 
 _NAMED = {"constraints": "constraint", "springs": "spring", "spring_dampers": "spring_damper"}
-_LISTS = ("actuators", "drives", "visuals", *_NAMED)
+_LISTS = ("actuators", "drives", "visuals", "collision_spheres", *_NAMED)
 
 
 def with_own_tables(body: Body, own: RobotTable) -> Body:
