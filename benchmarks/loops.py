@@ -27,6 +27,7 @@ _COORDINATES = ("joint", "natural")
 _DURATION = 10.0  # [s]
 _ENERGY = 2.0  # [J] kinetic, at the start
 _STEPS = (1000, 4000)
+_PIECE = 100
 _METHODS = ("monolithic", "fbsm_newton", "fbsm_bb+fbsm_newton", "fbsm_bb+monolithic")
 _HALVINGS = (50, 100, 200, 400)
 _DOCS = Path(__file__).parent.parent / "docs" / "loops.md"
@@ -45,17 +46,24 @@ class Simulation:
     """
 
     def __init__(self, problem: Problem) -> None:
-        robot, formulation = problem.robot, formulate(problem)
+        N, robot = problem.num_steps, problem.robot
+        pieces = -(-N // _PIECE)
+        formulation = formulate(problem.with_(num_steps=_PIECE, duration=_PIECE * problem.dt))
         programme = formulation.programme
         at, native = formulation.layout, kernel_programme(programme)
         native.u = np.zeros(native.u.shape)
-        xs = np.zeros((problem.num_steps + 1, at.nx))
+        xs = np.zeros((pieces * _PIECE + 1, at.nx))
         xs[0] = programme.x_start
-        native.x = xs.ravel()
-        swept = native.simulate(1e-12, 50)
-        if not swept.ok:
-            raise RuntimeError(f"{robot.name}: the step to {(swept.failed_stage + 1) * problem.dt:g} s fails")
-        xs = native.x.reshape(xs.shape)
+        for first in range(0, N, _PIECE):  # few steps at once: those of natural coordinates are large
+            piece = np.zeros((_PIECE + 1, at.nx))
+            piece[0] = xs[first]
+            native.x = piece.ravel()
+            swept = native.simulate(1e-12, 50)
+            if not swept.ok:
+                failed = (first + swept.failed_stage + 1) * problem.dt
+                raise RuntimeError(f"{robot.name}: the step to {failed:g} s fails")
+            xs[first : first + _PIECE + 1] = native.x.reshape(piece.shape)
+        xs = xs[: N + 1]
         qs, vs = xs[:, at.z], xs[:, at.s]
         if isinstance(formulation.space, NaturalSpace):
             qs, vs = formulation.space.configurations(qs), formulation.space.velocities(qs, vs)

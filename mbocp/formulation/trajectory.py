@@ -56,11 +56,16 @@ class Trajectory:
 
 
 def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
-    """Trajectories, multipliers, control Hamiltonian and control momentum of an iterate."""
+    """Trajectories, multipliers, control Hamiltonian and control momentum of an iterate.
+
+    Multipliers of a solve that did not converge may be infinite; what follows from them is NaN then.
+    """
     problem = formulation.problem
     motion = formulation.motion_of(iterate)
-    duals = formulation.duals_of(iterate, motion)
-    momenta, names = formulation.control_momenta(iterate, motion, duals)
+    with np.errstate(invalid="ignore", over="ignore"):
+        duals = formulation.duals_of(iterate, motion)
+        momenta, names = formulation.control_momenta(iterate, motion, duals)
+        hamiltonians = formulation.hamiltonians(iterate, motion, duals)
     drifts, violation = formulation.drifts(iterate.xs), formulation.violation(iterate, motion)
     return Trajectory(
         t=_times(problem, motion.dts),
@@ -72,7 +77,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         mus=duals.mus,
         zetas=duals.zetas,
         eta=iterate.eta,
-        control_hamiltonians=formulation.hamiltonians(iterate, motion, duals),
+        control_hamiltonians=hamiltonians,
         control_momenta=momenta,
         control_momentum_names=names,
         constraint_violation=violation.position,
