@@ -8,7 +8,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from mbocp import integrators, lie, mechanics, robot, symbolic, terms
+from mbocp import integrators, lie, mechanics, meshes, robot, symbolic, terms
 
 __all__ = ["sources_digest", "writing_sources"]
 
@@ -18,7 +18,7 @@ _BRIDGE = "mbocp._native._bridge"  # Pinocchio's algorithms as expressions, comp
 def writing_sources() -> Iterator[Path]:
     """Files that have a part in writing stage functions: this folder, those that it builds on, the ground."""
     own = Path(__file__).parent
-    for package in (integrators, lie, mechanics, robot, symbolic, terms):
+    for package in (integrators, lie, mechanics, meshes, robot, symbolic, terms):
         yield from sorted(Path(str(package.__file__)).parent.rglob("*.py"))
     yield from sorted(own.rglob("*.py"))
     yield from sorted(own.parent.glob("*.py"))
