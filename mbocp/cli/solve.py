@@ -169,7 +169,7 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
             outputs.replay,
             goals=goals,
             other_goals=others,
-            marks=marks_of(problem),
+            marks=marks_of(problem, solution.t),
             title=problem.name,
         )
         written.append(("replay", page))

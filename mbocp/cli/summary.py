@@ -28,6 +28,7 @@ _MAX_LIMITS = 8  # more lines than that nobody reads
 _NO_SYMMETRY = "no translation or rotation of the robot, or of one of several, leaves"
 _MAX_STARTS = 6
 _FORCES = {"J/m": "N", "J/rad": "N m", "J/m^2": "N/m"}  # what multipliers of constraints are
+_SAME = 1e-4  # relative: what differs by less is written alike
 _AT_NODES = ("velocity", "position", "path")  # kinds of limits; the others hold in steps
 
 
@@ -59,14 +60,14 @@ def print_rows(title: str, rows: _Rows) -> None:
 
 def solution_rows(solution: Solution, robot: str) -> _Rows:
     """Return what every result has to say, ready for `print_rows`."""
-    dt = solution.duration / solution.num_steps
     verdict = Text(str(solution.status), style="bold green" if solution.converged else "bold red")
     if solution.advice:
         verdict.append(f": {solution.advice}", style="not bold default")
     return [
         ("robot", robot),
         *_carried(solution.robot_spec),
-        ("horizon", f"{_duration(solution)} in {solution.num_steps} steps of {dt:.4g} s{_scheme(solution)}"),
+        ("horizon", f"{_duration(solution)} in {_steps(solution)}{_scheme(solution)}"),
+        *_via(solution),
         ("guess", solution.guess_used or "not recorded"),
         *_starts(solution),
         ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
@@ -131,6 +132,20 @@ def _duration(solution: Solution) -> str:
         return f"{solution.duration:g} s"
     lower, upper = solution.duration_range
     return f"{solution.duration:.9g} s, free between {lower:g} and {upper:g} s,"
+
+
+def _steps(solution: Solution) -> str:
+    """How many steps, and how long they are; where times of via points were found they differ."""
+    lengths, mean = np.diff(solution.t), solution.duration / solution.num_steps
+    if np.ptp(lengths) <= _SAME * mean:
+        return f"{solution.num_steps} steps of {mean:.4g} s"
+    return f"{solution.num_steps} steps of {lengths.min():.4g} to {lengths.max():.4g} s"
+
+
+def _via(solution: Solution) -> _Rows:
+    """When the motion passes via points."""
+    times = [f"{name} at {time:.6g} s" for name, time in solution.via_times.items()]
+    return [("via points", ", ".join(times))] if times else []
 
 
 def _scheme(solution: Solution) -> str:
@@ -215,6 +230,10 @@ def _touches(limit: ActiveLimit) -> str:
     times = f"in {limit.count} of {limit.total} {'nodes' if limit.kind in _AT_NODES else 'steps'}"
     if limit.kind == "duration":
         return f"duration at its {limit.side} bound {limit.bound:.6g} s"
+    if limit.kind == "time":
+        return f"time of via {limit.name} at its {limit.side} bound {limit.bound:.6g} s"
+    if limit.kind == "way":
+        return f"way to {limit.name} in the least time that its steps may have, {limit.bound:.3g} s"
     if limit.kind == "path":
         bound = "" if math.isnan(limit.bound) else f" {limit.bound:.6g} {limit.unit}"
         return f"{where} at its {limit.side} bound{bound} {times}"

@@ -38,12 +38,11 @@ def state_bounds(
         target = slice(part.at_z.start, part.at_z.start + plain)
         lower[target], upper[target] = limits.q_lower[source], limits.q_upper[source]
     lower[at.s], upper[at.s] = speeds
-    lower[at.h], upper[at.h] = length_bounds(problem)
     free = np.full(at.nh, np.inf)
     path_lower, path_upper = _path_bounds(problem)
     return StateBounds(
-        x_lower=_of_states(lower, -np.inf, at, N),
-        x_upper=_of_states(upper, np.inf, at, N),
+        x_lower=_of_states(lower, problem, at, ("h_lower", "t_lower")),
+        x_upper=_of_states(upper, problem, at, ("h_upper", "t_upper")),
         u_lower=StateBounds.everywhere(np.concatenate([limits.u_lower, -free]), N),
         u_upper=StateBounds.everywhere(np.concatenate([limits.u_upper, free]), N),
         path_lower=path_lower,
@@ -51,13 +50,15 @@ def state_bounds(
     )
 
 
-def _of_states(row: Array, none: float, at: StateLayout, num_steps: int) -> Array:
-    """Bounds at all nodes, shape (N, nx); of the step length at the first: the others repeat it."""
-    rows = StateBounds.everywhere(row, num_steps)
+def _of_states(row: Array, problem: Problem, at: StateLayout, sides: tuple[str, str]) -> Array:
+    """Bounds at all nodes, shape (N, nx); of lengths at the first nodes of phases, of times at their last."""
+    rows = StateBounds.everywhere(row, problem.num_steps)
     if not at.nh:
         return rows
-    rows = np.array(rows)
-    rows[1:, at.h] = none
+    rows, bounds = np.array(rows), length_bounds(problem)
+    rows[:, at.h] = getattr(bounds, sides[0])[:, None]
+    if at.nt:
+        rows[:, at.t] = getattr(bounds, sides[1])[:, None]
     return rows
 
 

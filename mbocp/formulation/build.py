@@ -12,7 +12,7 @@ from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.goal import EndRows, EndTarget, frame_ends
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.length_terms import BEGINS_PHASE
+from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
@@ -27,7 +27,7 @@ from mbocp.formulation.remembered import memory_units
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
-from mbocp.formulation.step_lengths import begins_phase
+from mbocp.formulation.step_lengths import begins_phase, phase_starts
 from mbocp.formulation.steps import Steps
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
@@ -228,7 +228,8 @@ def signature_of(
         ends=(*frame_ends(problem, rows), *own_ends(given)),
         is_flat=is_flat,
         guarded=guarded,
-        has_free_lengths=problem.has_free_duration,
+        has_free_lengths=problem.has_free_lengths,
+        has_clock=len(problem.phases) > 1,
     )
 
 
@@ -244,11 +245,12 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "force": np.ones(1),
+        STEP_SHARE: np.array([1.0 / N]),
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
     rows: dict[str, Array] = {
         HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None],
-        BEGINS_PHASE: begins_phase(N)[:, None],
+        BEGINS_PHASE: begins_phase(N, phase_starts(problem))[:, None],
         TIME: problem.dt * (np.arange(N, dtype=np.float64) + pieces.signature.steps.tau)[:, None],
     }
     for term in pieces.signature.cost:

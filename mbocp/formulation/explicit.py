@@ -28,7 +28,7 @@ from mbocp.formulation.joint import (
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
-from mbocp.formulation.step_lengths import solved_lengths, with_lengths, without_lengths
+from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
 from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
@@ -81,7 +81,7 @@ class ExplicitFormulation:
         at = signature.state_layout(space.nz, space.nv, robot.num_speeds, robot.nu)
         check_size(problem, signature, at, 0)
         q, v = problem.q_start, problem.v_start
-        start = [space.coordinates(q[None])[0], robot.speeds(q, v), np.zeros(at.nr), np.ones(at.nh)]
+        start = [space.coordinates(q[None])[0], robot.speeds(q, v), np.zeros(at.nr), start_of_lengths(at)]
         pieces = Pieces(
             problem=problem,
             joints=space,

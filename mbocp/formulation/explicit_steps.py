@@ -111,7 +111,10 @@ def _explicit_derivatives(
     after = _state(chain, mechanics, layout, d1, at.x1)
     units = ca.diag(at.units_of_u)
     pushed = Affine(units @ u.value, {k: units @ matrix for k, matrix in u.parts.items()})
-    dt = Affine(at.dt, {0: ca.jacobian(at.dt, unknowns)}) if layout.nh else at.dt
+    dt, between = (
+        Affine(length, {0: ca.jacobian(length, unknowns)}) if layout.nh else length
+        for length in (at.dt, at.spacing)
+    )
     reached = step(chain, before, pushed, dt, Gains(gains[0], gains[1], gains[2]))
     if layout.is_flat:
         kinematic = reached.z - after.z
@@ -120,7 +123,7 @@ def _explicit_derivatives(
     pieces = [kinematic, reached.s - after.s]
     if layout.nr:
         kept = d1[layout.dr]
-        following = _remembered(chain, at, (before.s, reached.s, u, d0[layout.dr]), dt)
+        following = _remembered(chain, at, (before.s, reached.s, u, d0[layout.dr]), (dt, between))
         pieces.append(following - (kept if layout.is_flat else kept + at.x1[layout.r]))
     if layout.nh:
         pieces.append(Affine(at.length_rows, {0: ca.jacobian(at.length_rows, unknowns)}))
@@ -146,21 +149,24 @@ def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca
 
 
 def _remembered(
-    chain: Chain, at: StepSymbols, moving: tuple[Affine, Affine, Affine, Affine], dt: Affine | ca.SX
+    chain: Chain,
+    at: StepSymbols,
+    moving: tuple[Affine, Affine, Affine, Affine],
+    lengths: tuple[Affine | ca.SX, Affine | ca.SX],
 ) -> Affine:
     """What the state after the step has to remember, of speeds before and after, controls and memories."""
     layout = at.space.layout
     s0, s1, u, d = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
     r = d if layout.is_flat else d + at.x0[layout.r]
-    step, start = ca.SX.sym("dt"), layout.r.start
+    step, between, start = ca.SX.sym("dt"), ca.SX.sym("spacing"), layout.r.start
     before = {name: r[at_x.start - start : at_x.stop - start] for name, at_x in layout.remembered.items()}
-    passage = replace(at.remembering(s0, s1, before), u=u, dt=step)
+    passage = replace(at.remembering(s0, s1, before), u=u, dt=step, spacing=between)
     rows = ca.vertcat(*[MEMORY[name].following(passage) for name in before])
     given = [at.x0, at.theta, at.rho]
-    function = ca.Function("remembered", [s0, s1, u, d, step, *given], [ca.densify(rows)])
-    if isinstance(dt, Affine):
-        return chain.apply(function, [*moving, dt], given)[0]
-    return chain.apply(function, moving, [dt, *given])[0]
+    function = ca.Function("remembered", [s0, s1, u, d, step, between, *given], [ca.densify(rows)])
+    of_unknowns = [length for length in lengths if isinstance(length, Affine)]
+    numbers = [length for length in lengths if not isinstance(length, Affine)]
+    return chain.apply(function, [*moving, *of_unknowns], [*numbers, *given])[0]
 
 
 def _retraction(mechanics: Mechanics) -> ca.Function:

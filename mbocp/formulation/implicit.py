@@ -26,7 +26,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
-from mbocp.formulation.step_lengths import solved_lengths, with_lengths, without_lengths
+from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
@@ -64,7 +64,7 @@ class ImplicitFormulation:
         signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
         check_size(problem, signature, at, robot.nc)
-        start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr), np.ones(at.nh)]
+        start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr), start_of_lengths(at)]
         pieces = Pieces(
             problem=problem,
             joints=space,

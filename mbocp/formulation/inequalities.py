@@ -49,9 +49,9 @@ def _violation(problem: Problem, motion: Motion, path: Array) -> float:
         upper = np.concatenate([p.upper for p in problem.inequalities])
         holds = path_nodes(problem)
         pairs.append((path, np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)))
-    if problem.duration_range is not None:
-        shortest, longest = (np.array([side]) for side in problem.duration_range)
-        pairs.append((motion.dts.sum(keepdims=True), shortest, longest))
+    for phase in problem.phases:
+        earliest, latest = np.array([phase.earliest]), np.array([phase.latest])
+        pairs.append((motion.dts[: phase.last].sum(keepdims=True), earliest, latest))
     worst = [float(np.max([lower - values, values - upper], initial=0.0)) for values, lower, upper in pairs]
     return max(worst)
 

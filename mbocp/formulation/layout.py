@@ -1,4 +1,4 @@
-"""Where the pieces of a state are: coordinates of the configuration, speeds, memory, length."""
+"""Where the pieces of a state are: coordinates of the configuration, speeds, memory, length, time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["StateLayout", "StateSpace"]
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Pieces of a state x = (z, s, r, h) and of its tangent dx = (dq, ds, dr, dh).
+    """Pieces of a state x = (z, s, r, h, t) and of its tangent dx = (dq, ds, dr, dh, dt).
 
     Attributes
     ----------
@@ -30,6 +30,8 @@ class StateLayout:
         general nonlinear programming solver and integrators that leave the group need.
     nh : int
         1 where the length of the steps is free: h, in units of its guess; else 0. See `step_lengths`.
+    nt : int
+        1 where there are several such lengths: the time, in units of the guessed duration; else 0.
     """
 
     nz: int
@@ -38,6 +40,7 @@ class StateLayout:
     is_flat: bool
     memory: tuple[tuple[str, int], ...] = ()
     nh: int = 0
+    nt: int = 0
 
     @property
     def nr(self) -> int:
@@ -64,7 +67,7 @@ class StateLayout:
     @property
     def nx(self) -> int:
         """Length of a state."""
-        return self.nz + self.ns + self.nr + self.nh
+        return self.nz + self.ns + self.nr + self.nh + self.nt
 
     @property
     def nw(self) -> int:
@@ -74,7 +77,7 @@ class StateLayout:
     @property
     def ndx(self) -> int:
         """Length of a state's tangent."""
-        return self.nw + self.ns + self.nr + self.nh
+        return self.nw + self.ns + self.nr + self.nh + self.nt
 
     @property
     def z(self) -> slice:
@@ -94,7 +97,12 @@ class StateLayout:
     @property
     def h(self) -> slice:
         """Step length in a state."""
-        return slice(self.nx - self.nh, self.nx)
+        return slice(self.nx - self.nt - self.nh, self.nx - self.nt)
+
+    @property
+    def t(self) -> slice:
+        """Time in a state."""
+        return slice(self.nx - self.nt, self.nx)
 
     @property
     def ds(self) -> slice:
@@ -109,7 +117,12 @@ class StateLayout:
     @property
     def dh(self) -> slice:
         """Step length in a tangent, and in the rows of a step."""
-        return slice(self.ndx - self.nh, self.ndx)
+        return slice(self.ndx - self.nt - self.nh, self.ndx - self.nt)
+
+    @property
+    def dt(self) -> slice:
+        """Time in a tangent, and in the rows of a step."""
+        return slice(self.ndx - self.nt, self.ndx)
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,14 @@ controls and dt the length of the step from one state to the next, the blocks an
 
 .. math::
     \text{control} \quad & u, &
-    \text{control\_rate} \quad & (u - u^-) / \Delta t, \\
+    \text{control\_rate} \quad & (u - u^-) / \delta t, \\
     \text{acceleration} \quad & a = (s_1 - s_0) / \Delta t, &
-    \text{jerk} \quad & (a - a^-) / \Delta t
+    \text{jerk} \quad & (a - a^-) / \delta t
 
-where a minus means what was remembered before. All begin with zero: a motion starts with no acceleration, and
-the control of the first step has no rate. Rates count in units of the size of their limits, so that the
-numbers that solvers see are of ordinary size.
+where a minus means what was remembered before, and delta t is the time from the middle of the step before to
+that of this one: dt where steps are as long as each other. All begin with zero: a motion starts with no
+acceleration, and the control of the first step has no rate. Rates count in units of the size of their limits,
+so that the numbers that solvers see are of ordinary size.
 
 The rules are plain arithmetic: they take symbols of one step, and arrays of all steps at once.
 """
@@ -26,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.mechanics.rates import spacings
 
 __all__ = ["HAS_BEFORE", "MEMORY", "Block", "Passage", "memory_along", "ordered", "unit_of"]
 
@@ -46,6 +48,8 @@ class Passage:
         From there to the user's.
     dt : casadi.SX, or ndarray, shape (N, 1)
         Its length [s].
+    spacing : casadi.SX, or ndarray, shape (N, 1)
+        Time from the middle of the step before to its own [s]; in the first step its length.
     has_before : casadi.SX, or ndarray, shape (N, 1)
         0 in the first step, 1 in all others.
     before : mapping of str
@@ -59,6 +63,7 @@ class Passage:
     u: Any
     units_of_u: Any
     dt: Any
+    spacing: Any
     has_before: Any
     before: Mapping[str, Any]
     units: Mapping[str, Any]
@@ -100,7 +105,7 @@ def _control(at: Passage) -> Any:
 
 def _control_rate(at: Passage) -> Any:
     change = at.units_of_u * (at.u - at.before["control"])
-    return at.has_before * change / (at.dt * at.units["control_rate"])
+    return at.has_before * change / (at.spacing * at.units["control_rate"])
 
 
 def _acceleration(at: Passage) -> Any:
@@ -109,7 +114,7 @@ def _acceleration(at: Passage) -> Any:
 
 def _jerk(at: Passage) -> Any:
     change = at.acceleration - at.units["acceleration"] * at.before["acceleration"]
-    return change / (at.dt * at.units["jerk"])
+    return change / (at.spacing * at.units["jerk"])
 
 
 MEMORY: Mapping[str, Block] = MappingProxyType(
@@ -148,10 +153,11 @@ def memory_along(
     units : mapping of str to float
     """
     has_before = (np.arange(len(us)) > 0).astype(np.float64)[:, None]
+    between = spacings(dts)[:, None]
     found: dict[str, Array] = {}
     for name in names:
         before = {known: values[:-1] for known, values in found.items()}
-        at = Passage(speeds[:-1], speeds[1:], us, 1.0, dts[:, None], has_before, before, units)
+        at = Passage(speeds[:-1], speeds[1:], us, 1.0, dts[:, None], between, has_before, before, units)
         after = MEMORY[name].following(at)
         found[name] = np.vstack([np.zeros(after.shape[1]), after])
     return found

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
-from mbocp.formulation.length_terms import BEGINS_PHASE
+from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.terms import Sizes
@@ -58,10 +58,12 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         _add(stage, term.stage_parameters(sizes))
     if signature.asks_for_first:
         stage[HAS_BEFORE] = 1
-    if signature.uses_time:
+    if signature.uses_time and not signature.has_clock:
         stage[TIME] = 1
     if signature.has_free_lengths:
         stage[BEGINS_PHASE] = 1
+    if signature.has_clock:
+        theta[STEP_SHARE] = 1
     _add(theta, signature.steps.parameters)
     _add(theta, {unit_of(name): 1 for name in signature.memory if MEMORY[name].has_unit})
     for k, constraint in enumerate(signature.path):

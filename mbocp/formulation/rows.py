@@ -93,10 +93,10 @@ class _RowWords:
             return f"kinematics of {name} {when}"
         if row < at.nw + at.ns:
             return f"{labels.balance} of {labels.speeds[row - at.nw].name} {when}"
-        if row < at.ndx - at.nh:
+        if row < at.dh.start:
             return f"{self.memory[row - at.nw - at.ns]} {when}"
         if row < at.ndx:
-            return f"length {when}"
+            return f"length {when}" if row < at.dt.start else f"time {when}"
         return f"constraint {labels.constraints[row - at.ndx].name} {when}"
 
 
@@ -112,11 +112,11 @@ def row_describer(
     robot, of_end = problem.robot, tuple(rows.words(problem.robot, problem.goal))
     for term in problem.terms:
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
-    is_free = problem.has_free_duration
+    is_free = problem.has_free_lengths
     times = _Times(
         problem.num_steps,
         dt=None if is_free else problem.dt,
-        duration=None if is_free else problem.duration,
+        duration=None if problem.has_free_duration else problem.duration,
     )
     return _RowWords(
         at,
@@ -142,7 +142,9 @@ def _limits(
         for i in range(min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)):
             label = robot.q_labels[part.at_q.start + i]
             names[part.at_z.start + i] = f"position limit of {label.name}"
-    names |= {at.h.start + i: "bound of horizon.duration" for i in range(at.nh)}
+    of_length = "least length of a phase" if at.nt else "bound of horizon.duration"
+    names |= {at.h.start + i: of_length for i in range(at.nh)}
+    names |= {at.t.start + i: "bound of via.time or horizon.duration" for i in range(at.nt)}
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
     path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
     of_controls = [f"limit of control {label.name}" for label in robot.u_labels]

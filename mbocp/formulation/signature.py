@@ -55,6 +55,8 @@ class FunctionSignature:
         Parts of the configuration space, by index, whose end condition is guarded.
     has_free_lengths : bool
         Whether states hold the length of the steps.
+    has_clock : bool
+        Whether they hold the time, too, as they do where there are several lengths.
     """
 
     robot: str
@@ -67,6 +69,7 @@ class FunctionSignature:
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
     has_free_lengths: bool = False
+    has_clock: bool = False
 
     @property
     def couples_steps(self) -> bool:
@@ -82,7 +85,8 @@ class FunctionSignature:
     @property
     def asks_for_first(self) -> bool:
         """Whether functions of a step ask whether it is the first."""
-        return self.couples_steps or any(MEMORY[name].asks_for_first for name in self.memory)
+        asks = any(MEMORY[name].asks_for_first for name in self.memory)
+        return self.couples_steps or asks or (self.has_clock and "jerk" in self.memory)
 
     @property
     def uses_time(self) -> bool:
@@ -99,7 +103,8 @@ class FunctionSignature:
         sizes = {"u": nu, "s": ns}
         memory = tuple((name, sizes[MEMORY[name].of]) for name in self.memory)
         nh = int(self.has_free_lengths)
-        return StateLayout(nz=nz, nv=nv, ns=ns, memory=memory, is_flat=self.is_flat, nh=nh)
+        nt = int(self.has_clock)
+        return StateLayout(nz=nz, nv=nv, ns=ns, memory=memory, is_flat=self.is_flat, nh=nh, nt=nt)
 
     @property
     def stage_text(self) -> str:
@@ -136,6 +141,7 @@ class FunctionSignature:
             "is_flat": self.is_flat,
             "memory": self.memory,
             **({"has_free_lengths": True} if self.has_free_lengths else {}),  # given ones keep their key
+            **({"has_clock": True} if self.has_clock else {}),
         }
 
 

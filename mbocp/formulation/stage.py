@@ -1,9 +1,10 @@
 """Stage functions of a problem's signature, with exact first and second derivatives.
 
-A state is x = (z, s, r, h): coordinates of the configuration, speeds, what it remembers of the step before
-for terms that ask for it, and the length of the steps where it is free. Derivatives are taken along the
-retraction x -> (z exp(dq), s + ds, r + dr, h + dh) at dx = 0, so that every Newton update stays on the
-joints' Lie group; or, where the signature is flat, in the coordinates themselves.
+A state is x = (z, s, r, h, t): coordinates of the configuration, speeds, what it remembers of the step before
+for terms that ask for it, the length of the steps where it is free, and the time where there are several.
+Derivatives are taken along the retraction x -> (z exp(dq), s + ds, r + dr, h + dh, t + dt) at dx = 0, so that
+every Newton update stays on the joints' Lie group; or, where the signature is flat, in the coordinates
+themselves.
 
 Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 
@@ -29,7 +30,7 @@ import casadi as ca
 
 from mbocp.formulation.accelerations import driven_acceleration
 from mbocp.formulation.layout import StateSpace
-from mbocp.formulation.length_terms import BEGINS_PHASE, idle_cost
+from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE, idle_cost, spacing
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.parameters import (
     TIME,
@@ -91,6 +92,10 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     stretched = at0[at.h] + given[BEGINS_PHASE] * w if at.nh else ca.SX(1)
     dt, moment = stretched * given["dt"], given.get(TIME)
     moment = None if moment is None else stretched * moment
+    between = dt
+    if at.nt:
+        moment = at0[at.t] * given["dt"] / given[STEP_SHARE] + signature.steps.tau * dt
+        between = spacing(at0[at.h], stretched, given.get(HAS_BEFORE, ca.SX(1))) * given["dt"]
     controls = units_of_u * u
     before = at.remembered.get("control")
     change = None if before is None else units_of_u * (u - at0[before])
@@ -109,12 +114,13 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         u=u,
         w=w,
         dt=dt,
+        spacing=between,
         m=ca.SX.sym("m", at.ndx + ny),
         units_of_u=units_of_u,
         theta=theta,
         rho=rho,
         given=given,
-        running_cost=_RunningCost(signature, node, given, dt, idle),
+        running_cost=_RunningCost(signature, node, given, dt, between, idle),
     )
 
 
@@ -126,6 +132,7 @@ class _RunningCost:
     node: Callable[..., Point]
     given: Mapping[str, ca.SX]
     dt: ca.SX
+    spacing: ca.SX
     idle: ca.SX  # cost of a control that does nothing
 
     def __call__(self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX]) -> ca.SX:
@@ -134,7 +141,7 @@ class _RunningCost:
         for term in self.signature.cost:
             for addend in term.addends(at, self.given):
                 if term.couples_steps:
-                    between += self.given[HAS_BEFORE] * addend / dt
+                    between += self.given[HAS_BEFORE] * addend / self.spacing
                 else:
                     cost += addend
         return dt * cost + between + self.idle

@@ -37,11 +37,11 @@ def consistent_velocity(problem: Problem) -> Array:
     """
     robot, q, v = problem.robot, problem.q_start, problem.v_start
     if TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
-        if problem.has_free_duration:
+        if problem.has_free_lengths:
             raise InconsistentStart(
                 f"start.v: scheme {problem.scheme} begins with a velocity that fits the constraints of robot "
-                f"{robot.name!r} and the length of a step, which horizon.duration leaves free; take scheme "
-                "se1 or midpoint, or start at rest"
+                f"{robot.name!r} and the length of a step, which horizon.duration or via.time leaves free; "
+                "take scheme se1 or midpoint, or start at rest"
             )
         return _discrete_velocity(robot, q, v, problem.dt)
     return v

@@ -1,32 +1,45 @@
 r"""Steps of free length: the length is part of the state, and one more control sets it.
 
-With h the step length in units of its guess, and a stage parameter e that is 1 in the first step of a phase
-and 0 elsewhere,
+With h the step length in units of the mean one that was guessed, and a stage parameter e that is 1 in the
+first step of a phase and 0 elsewhere,
 
 .. math:: h_{k+1} = h_k + e_k w_k, \qquad \Delta t_k = \Delta t_{guess}\, (h_k + e_k w_k), \qquad h_0 = 1.
 
 So all steps of a phase are as long as each other, and the programme stays one of stages: no solver has to
 know. Where e is 0 nothing depends on the control w. Half its square is added to the cost there, which is zero
-at the optimum. Bounds keep h_1 positive, and the rows above the others.
+at the optimum. Bounds keep the length of every phase positive, at its first step: the others repeat it.
+
+Where there are several phases the state has a clock, too, the time in units of the guessed duration,
+
+.. math:: \theta_{k+1} = \theta_k + (h_k + e_k w_k) / N, \qquad \theta_0 = 0,
+
+and times at the ends of phases have bounds. Equal ones give a time: that of the end, where the duration is
+given.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
 from mbocp.problem import Problem
+from mbocp.problem.phases import step_lengths
 from mbocp.programme import Iterate
 
 __all__ = [
+    "LengthBounds",
     "begins_phase",
     "given_lengths",
     "length_bounds",
+    "length_controls",
     "lengths_of_states",
+    "phase_starts",
     "solved_lengths",
+    "start_of_lengths",
     "with_lengths",
     "without_lengths",
 ]
@@ -39,17 +52,47 @@ def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:
     return e
 
 
-def length_bounds(problem: Problem) -> tuple[Array, Array]:
-    """Lower and upper bounds of h, shape (nh,)."""
-    if problem.duration_range is None:
-        return np.zeros(0), np.zeros(0)
-    lower, upper = problem.duration_range
-    return np.array([lower / problem.duration]), np.array([upper / problem.duration])
+def phase_starts(problem: Problem) -> tuple[int, ...]:
+    """First steps of the phases of a problem; the first one where lengths are given."""
+    return tuple(phase.first for phase in problem.phases) or (0,)
+
+
+@dataclass(frozen=True, eq=False)
+class LengthBounds:
+    """Bounds of lengths and times at nodes 1..N; infinite where there is none.
+
+    Attributes
+    ----------
+    h_lower, h_upper : ndarray, shape (N,)
+        Of the length of the step that leads to the node, in units of the guessed one.
+    t_lower, t_upper : ndarray, shape (N,)
+        Of the time, in units of the guessed duration.
+    """
+
+    h_lower: Array
+    h_upper: Array
+    t_lower: Array
+    t_upper: Array
+
+
+def length_bounds(problem: Problem) -> LengthBounds:
+    """Bounds of the lengths of steps and of the times of nodes."""
+    N, dt, T = problem.num_steps, problem.dt, problem.duration
+    none = np.full(N, np.inf)
+    found = LengthBounds(-none, none.copy(), -none, none.copy())
+    for phase in problem.phases:
+        begins, ends = phase.first, phase.last - 1
+        found.h_lower[begins] = phase.shortest / (phase.num_steps * dt)
+        found.h_upper[begins] = phase.longest / (phase.num_steps * dt)
+        if phase.earliest > 0.0:
+            found.t_lower[ends] = phase.earliest / T
+        found.t_upper[ends] = phase.latest / T
+    return found
 
 
 def given_lengths(problem: Problem) -> Array:
     """Step lengths [s] of a problem, or their guess, shape (N,)."""
-    return np.full(problem.num_steps, problem.dt)
+    return step_lengths(problem)
 
 
 def solved_lengths(problem: Problem, at: StateLayout, iterate: Iterate) -> Array:
@@ -62,15 +105,40 @@ def lengths_of_states(problem: Problem, at: StateLayout, xs: Array) -> Array:
     return problem.dt * xs[1:, at.h][:, 0] if at.nh else given_lengths(problem)
 
 
+def start_of_lengths(at: StateLayout) -> Array:
+    """Length and time with which states begin, shape (nh + nt,)."""
+    return np.concatenate([np.ones(at.nh), np.zeros(at.nt)])
+
+
 def with_lengths(problem: Problem, at: StateLayout, xs: Array, us: Array, dts: Array) -> tuple[Array, Array]:
     """States and controls with those of the step lengths [s], which are taken into their bounds."""
     if not at.nh:
         return xs, us
-    lower, upper = length_bounds(problem)
-    h = np.append(1.0, np.clip(dts / problem.dt, lower[0], upper[0]))
+    h = _phase_lengths(problem, dts)
     filled = np.array(xs)
     filled[:, at.h] = h[:, None]
+    if at.nt:
+        filled[:, at.t] = np.append(0.0, np.cumsum(h[1:]) / problem.num_steps)[:, None]
     return filled, np.column_stack([us, np.diff(h)])
+
+
+def length_controls(problem: Problem, at: StateLayout) -> Array:
+    """Controls w with which steps have the lengths that were guessed, shape (N, nh)."""
+    if not at.nh:
+        return np.zeros((problem.num_steps, 0))
+    return np.diff(_phase_lengths(problem, given_lengths(problem)))[:, None]
+
+
+def _phase_lengths(problem: Problem, dts: Array) -> Array:
+    """Lengths h of all nodes, shape (N + 1,): the mean of each phase, within bounds."""
+    dt, phases, bounds = problem.dt, problem.phases, length_bounds(problem)
+    starts, counts = [p.first for p in phases], np.array([p.num_steps for p in phases])
+    durations = np.add.reduceat(dts, starts)
+    if len(phases) > 1:
+        whole = float(durations.sum())
+        durations *= min(max(whole, phases[-1].earliest), phases[-1].latest) / whole
+    lengths = np.clip(durations / (counts * dt), bounds.h_lower[starts], bounds.h_upper[starts])
+    return np.append(1.0, np.repeat(lengths, counts))
 
 
 def without_lengths(at: StateLayout, us: Array) -> Array:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import casadi as ca
 
 from mbocp.formulation.layout import StateSpace
-from mbocp.formulation.length_terms import BEGINS_PHASE
+from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, Passage, unit_of
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
@@ -56,6 +56,8 @@ class StepSymbols:
         Control of the step length, see `step_lengths`.
     dt : casadi.SX
         Length of the step [s].
+    spacing : casadi.SX
+        Time from the middle of the step before, by which what changes from step to step has its rate [s].
     m : casadi.SX, shape (ndx + ny,)
         Multipliers of the rows.
     units_of_u : casadi.SX, shape (nu,)
@@ -80,6 +82,7 @@ class StepSymbols:
     u: ca.SX
     w: ca.SX
     dt: ca.SX
+    spacing: ca.SX
     m: ca.SX
     units_of_u: ca.SX
     theta: ca.SX
@@ -96,7 +99,7 @@ class StepSymbols:
         """The step as the rules of what is remembered see it, with these speeds and memories."""
         units = {name: self.given[unit_of(name)] for name in before if MEMORY[name].has_unit}
         has_before = self.given.get(HAS_BEFORE, ca.SX(1))
-        return Passage(s0, s1, self.u, self.units_of_u, self.dt, has_before, before, units)
+        return Passage(s0, s1, self.u, self.units_of_u, self.dt, self.spacing, has_before, before, units)
 
     @property
     def memory_rows(self) -> ca.SX:
@@ -109,10 +112,15 @@ class StepSymbols:
 
     @property
     def length_rows(self) -> ca.SX:
-        """h0 + e w - h1, shape (nh,): how long the steps are from here on."""
+        """h0 + e w - h1 and t0 + (h0 + e w)/N - t1, shape (nh + nt,): how long steps are from here on."""
         at = self.space.layout
-        before, after = self.at0[at.h], self.at1[at.h]
-        return before + self.given[BEGINS_PHASE] * self.w - after if at.nh else ca.SX.zeros(0, 1)
+        if not at.nh:
+            return ca.SX.zeros(0, 1)
+        length = self.at0[at.h] + self.given[BEGINS_PHASE] * self.w
+        rows = length - self.at1[at.h]
+        if not at.nt:
+            return rows
+        return ca.vertcat(rows, self.at0[at.t] + self.given[STEP_SHARE] * length - self.at1[at.t])
 
     @property
     def controls(self) -> ca.SX:

@@ -20,6 +20,7 @@ __all__ = ["Trajectory", "read_trajectory"]
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
+_ROUND_OFF = 1e-12  # relative: a sum of lengths that is the duration
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,14 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
 
 def _times(problem: Problem, dts: Array) -> Array:
     """Times of the nodes [s]."""
-    if problem.has_free_duration:
-        return np.append(0.0, np.cumsum(dts))
+    if problem.has_free_lengths:
+        times = np.append(0.0, np.cumsum(dts))
+        if (
+            not problem.has_free_duration
+            and abs(times[-1] - problem.duration) <= _ROUND_OFF * problem.duration
+        ):
+            times[-1] = problem.duration
+        return times
     return np.arange(problem.num_steps + 1, dtype=np.float64) * problem.dt
 
 

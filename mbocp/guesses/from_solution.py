@@ -12,11 +12,15 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.mechanics import dual_of_velocity
+from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.phases import node_times
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.solution import Solution
 
 __all__ = ["iterate_from_solution"]
+
+_ON_NODE = 1e-9  # of a step: what is nearer to a node is the node
 
 
 def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
@@ -35,7 +39,7 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], nc)
     if got != (robot.nq, robot.nv, robot.nu, robot.nc):
         raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, robot.nc))
-    nodes = np.linspace(0.0, saved.num_steps, N + 1)
+    nodes = _nodes_of(problem, saved)
     left = np.minimum(nodes.astype(int), saved.num_steps - 1)
     share = nodes - left
     qs = np.array(
@@ -45,20 +49,42 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
         ]
     )
     vs = _between(saved.vs, left, share)
-    middle = np.minimum(((np.arange(N) + 0.5) * saved.num_steps / N).astype(int), saved.num_steps - 1)
+    middle = np.minimum(((nodes[:-1] + nodes[1:]) / 2.0).astype(int), saved.num_steps - 1)
     us = saved.us[middle]
     lams = saved.lams[middle] if has_multipliers else np.zeros((N, robot.nc))
-    dts = np.full(N, saved.duration / N) if problem.has_free_duration else given_lengths(problem)
+    dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
+    dts = dts if problem.has_free_lengths else given_lengths(problem)
     iterate = formulation.iterate_of(Motion(qs, vs, us, dts), lams)
     if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
     mus = _row_multipliers(saved, formulation, left, share)
     return replace(
         iterate,
-        ms=np.hstack([mus, np.zeros((N, at.nr + at.nh)), dts[:, None] ** 2 * saved.zetas[middle]]),
+        ms=np.hstack([mus, np.zeros((N, at.nr + at.nh + at.nt)), dts[:, None] ** 2 * saved.zetas[middle]]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
         bounds=_bound_multipliers(saved, formulation, left, share, middle),
     )
+
+
+def _nodes_of(problem: Problem, saved: Solution) -> Array:
+    """Where on the saved motion the nodes are, in numbers of its nodes, shape (N + 1,).
+
+    Phases begin at the via points of the same names, or else when the guess has them begin. Within a phase,
+    and where there are none, the motion is stretched evenly in time.
+    """
+    numbers, times = np.arange(saved.num_steps + 1.0), saved.t - saved.t[0]
+    phases = problem.phases if len(problem.phases) > 1 else ()
+    wanted = node_times(problem) * (times[-1] / node_times(problem)[-1])
+    passed, before = saved.via_times, 0.0
+    for i, phase in enumerate(phases):
+        is_last = i == len(phases) - 1
+        at = times[-1] if is_last else passed.get(phase.name, wanted[phase.last])
+        if not before < at <= times[-1]:
+            at = before + (times[-1] - before) * phase.num_steps / (len(wanted) - 1 - phase.first)
+        wanted[phase.first : phase.last + 1] = np.linspace(before, at, phase.num_steps + 1)
+        before = at
+    found: Array = np.interp(wanted, times, numbers)
+    return np.where(np.abs(found - found.round()) < _ON_NODE, found.round(), found)
 
 
 def _bound_multipliers(
@@ -71,7 +97,7 @@ def _bound_multipliers(
     lam_xs = _between(np.hstack([saved.lam_qs, saved.lam_vs]), left, share)
     N, at = programme.num_steps, formulation.layout
     return BoundMultipliers(
-        xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr + at.nh))]),
+        xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr + at.nh + at.nt))]),
         us=np.hstack([saved.lam_us[middle], np.zeros((N, at.nh))]),
         path=np.zeros((N, programme.bounds.nh)),
         guard=np.zeros(programme.num_guards),

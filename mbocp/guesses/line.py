@@ -11,7 +11,7 @@ from mbocp._arrays import Array
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.guesses.along import usual_way
 from mbocp.guesses.balance import balances
-from mbocp.guesses.through import line_of
+from mbocp.guesses.through import guessed_times, line_of
 from mbocp.guesses.ways import Way
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
@@ -41,8 +41,8 @@ def line(formulation: Formulation, way: Way | None = None) -> Iterate:
     """Straight line from start to goal, or another way, with the controls that this takes."""
     problem = formulation.problem
     qs, vs = _line_states(formulation, way)
-    accelerations = np.diff(vs, axis=0) / problem.dt
     dts = given_lengths(problem)
+    accelerations = np.diff(vs, axis=0) / dts[:, None]
     us, lams = balances(problem.robot, *formulation.evaluation_points(qs, vs, dts), accelerations)
     return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
 
@@ -54,12 +54,12 @@ def driven_line(formulation: Formulation, way: Way | None = None) -> Iterate:
     control breaks the symmetry of tasks whose goal is where they start.
     """
     problem = formulation.problem
-    robot, N, dt = problem.robot, problem.num_steps, problem.dt
+    robot, N, dts = problem.robot, problem.num_steps, given_lengths(problem)
     qs = _evenly(problem, way)
-    rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dt for n in range(N)])
+    rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dts[n] for n in range(N)])
     us = np.zeros((N, robot.nu))
     us[:, robot.nu - len(robot.drives) :] = _NUDGE
-    motion = Motion(qs, np.vstack([rate, rate[-1]]), us, given_lengths(problem))
+    motion = Motion(qs, np.vstack([rate, rate[-1]]), us, dts)
     iterate = formulation.iterate_of(motion, np.zeros((N, robot.nc)))
     xs = np.array(iterate.xs)
     num_free = robot.nv - len(robot.driven)
@@ -78,10 +78,10 @@ def at_rest(formulation: Formulation) -> Iterate:
 
 def _evenly(problem: Problem, way: Way | None = None) -> Array:
     """Configurations on a way, or on straight lines through the via points, at a steady rate."""
-    nodes = np.arange(problem.num_steps + 1.0)
+    times = guessed_times(problem)
     if problem.waypoints and way is None:
-        return line_of(problem, problem.q_start, _end(problem)).evenly(nodes)
-    return (way or usual_way(problem))(problem.q_start, nodes / problem.num_steps)
+        return line_of(problem, problem.q_start, _end(problem)).evenly(times)
+    return (way or usual_way(problem))(problem.q_start, times / problem.num_steps)
 
 
 def _end(problem: Problem) -> Array:
@@ -94,21 +94,22 @@ def _end(problem: Problem) -> Array:
 def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Array]:
     """Nodes on the way from start to goal, with velocities that the scheme's kinematics ask for."""
     problem = formulation.problem
-    robot, N, dt = problem.robot, problem.num_steps, problem.dt
+    robot, N, dts = problem.robot, problem.num_steps, given_lengths(problem)
     tau, v_start = formulation.tau, formulation.start_velocity
     model, q_start = robot.model, problem.q_start
-    s = np.linspace(0.0, 1.0, N + 1)
+    times = guessed_times(problem)
+    s = times / N
     if tau == 0.0:  # the first step goes where the start velocity says, whatever the controls
-        s = np.append(0.0, np.linspace(0.0, 1.0, N))
-        q_start = pin.integrate(model, q_start, dt * v_start)
+        s = np.append(0.0, (times[1:] - times[1]) / (N - times[1]) if N > 1 else 1.0)
+        q_start = pin.integrate(model, q_start, dts[0] * v_start)
     blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
     if problem.waypoints and way is None:
-        first = float(tau == 0.0 and N > 1)
-        qs = line_of(problem, q_start, _end(problem), first).smoothly(np.maximum(np.arange(N + 1.0), first))
+        first = int(tau == 0.0 and N > 1)
+        qs = line_of(problem, q_start, _end(problem), first).smoothly(np.maximum(times, times[first]))
     else:
         qs = (way or usual_way(problem))(q_start, blend)
     qs[0] = problem.q_start
-    steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dt for n in range(N)])
+    steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dts[n] for n in range(N)])
     if tau == 1.0:
         return qs, np.vstack([v_start, steps])
     if tau == 0.0:

@@ -7,6 +7,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
+from mbocp.formulation.step_lengths import length_controls
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 
@@ -20,7 +21,8 @@ def simulated(formulation: Formulation, u: Array) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6)."""
     problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme)
-    native.u = np.tile(np.append(u, np.zeros(formulation.layout.nh)), problem.num_steps)
+    us = np.tile(u, (problem.num_steps, 1))
+    native.u = np.hstack([us, length_controls(problem, formulation.layout)]).ravel()
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
     native.x = xs.ravel()

@@ -12,36 +12,37 @@ from mbocp._arrays import Array
 from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
+from mbocp.problem.phases import node_times
 from mbocp.robot import Robot
 
-__all__ = ["Line", "line_of"]
+__all__ = ["Line", "guessed_times", "line_of"]
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Configurations at some nodes, and velocities with which the motion goes through them.
+    """Configurations at some times, and velocities with which the motion goes through them.
 
     Attributes
     ----------
     robot : Robot
-    nodes : ndarray, shape (k,)
-        Numbers of the nodes, rising.
+    times : ndarray, shape (k,)
+        In mean steps, rising: numbers of nodes, where steps are as long as each other.
     qs : ndarray, shape (k, nq)
     vs : ndarray, shape (k, nv)
-        In units of a tangent vector per step; zero at both ends.
+        In units of a tangent vector per mean step; zero at both ends.
     """
 
     robot: Robot
-    nodes: Array
+    times: Array
     qs: Array
     vs: Array
 
     def evenly(self, at: Array) -> Array:
-        """Configurations on straight lines from one to the next, at numbers of nodes, shape (m, nq)."""
+        """Configurations on straight lines from one to the next, at times, shape (m, nq)."""
         return self._legs(at, is_smooth=False)
 
     def smoothly(self, at: Array) -> Array:
-        """Configurations at numbers of nodes, from rest to rest with continuous velocities, shape (m, nq).
+        """Configurations at times, from rest to rest with continuous velocities, shape (m, nq).
 
         Each leg is a quintic of De Casteljau's construction with geodesics in place of lines, without
         acceleration at its ends. Closed loops stop at every via point.
@@ -50,11 +51,11 @@ class Line:
 
     def _legs(self, at: Array, *, is_smooth: bool) -> Array:
         found = np.empty((len(at), self.robot.nq))
-        leg_of = np.clip(np.searchsorted(self.nodes, at, side="right") - 1, 0, len(self.nodes) - 2)
-        for leg in range(len(self.nodes) - 1):
+        leg_of = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, len(self.times) - 2)
+        for leg in range(len(self.times) - 1):
             mine = leg_of == leg
             if mine.any():
-                first, last = self.nodes[leg], self.nodes[leg + 1]
+                first, last = self.times[leg], self.times[leg + 1]
                 found[mine] = self._leg(leg, (at[mine] - first) / (last - first), is_smooth)
         return found
 
@@ -70,28 +71,38 @@ class Line:
         if not moves:
             qs = np.array([pin.interpolate(robot.model, q0, q1, x) for x in blend])
             return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs
-        v0, v1 = (self.nodes[leg + 1] - self.nodes[leg]) * self.vs[leg : leg + 2]
+        v0, v1 = (self.times[leg + 1] - self.times[leg]) * self.vs[leg : leg + 2]
         steps = np.array([0.0, 0.2, 0.4])
         corners = [robot.integrate(q0, a * v0) for a in steps]
         corners += [robot.integrate(q1, -a * v1) for a in steps[::-1]]
         return np.array([_de_casteljau(robot.model, corners, x) for x in s])
 
 
-def line_of(problem: Problem, q_first: Array, q_end: Array, first: float = 0.0) -> Line:
+def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> Line:
     """From a configuration at the node `first` through the via points to the end."""
     robot, N = problem.robot, problem.num_steps
     points = [point for point in problem.waypoints if first < point.node < N]
-    nodes = np.array([first, *(point.node for point in points), N], dtype=np.float64)
+    clock = guessed_times(problem)
+    times = clock[[first, *(point.node for point in points), N]]
     qs = np.array([q_first, *(point.via.goal.q for point in points), q_end])
-    vs = np.zeros((len(nodes), robot.nv))
+    vs = np.zeros((len(times), robot.nv))
     for k, point in enumerate(points, start=1):
-        before, after = nodes[k] - nodes[k - 1], nodes[k + 1] - nodes[k]
+        before, after = times[k] - times[k - 1], times[k + 1] - times[k]
         rate_before = -pin.difference(robot.model, qs[k], qs[k - 1]) / before
         rate_after = pin.difference(robot.model, qs[k], qs[k + 1]) / after
         vs[k] = (after * rate_before + before * rate_after) / (before + after)
         asked = point.via.goal.rate_active
         vs[k][asked] = problem.dt * point.via.goal.value[asked]
-    return Line(robot, nodes, qs, vs)
+    return Line(robot, times, qs, vs)
+
+
+def guessed_times(problem: Problem) -> Array:
+    """Times of the nodes in mean steps, shape (N + 1,): their numbers, where all steps are equal."""
+    if len(problem.phases) < 2:
+        return np.arange(problem.num_steps + 1.0)
+    times: Array = node_times(problem) / problem.dt
+    times[-1] = problem.num_steps
+    return times
 
 
 def _de_casteljau(model: pin.Model, corners: list[Array], s: float) -> Array:

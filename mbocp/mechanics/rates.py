@@ -7,7 +7,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.robot import Robot
 
-__all__ = ["powers", "rates_along"]
+__all__ = ["powers", "rates_along", "spacings"]
 
 
 def rates_along(robot: Robot | None, qs: Array, vs: Array, us: Array, dts: Array) -> dict[str, Array]:
@@ -31,16 +31,22 @@ def rates_along(robot: Robot | None, qs: Array, vs: Array, us: Array, dts: Array
     dict of str to ndarray
         ``acceleration`` (v_n - v_{n-1}) / dt and ``jerk`` (a_n - a_{n-1}) / dt with a_0 = 0, shape (N, nv);
         ``effort_rate`` (u_n - u_{n-1}) / dt, zero in the first step, and ``power`` at the end of each step,
-        shape (N, nu).
+        shape (N, nu). Of jerks and rates of controls dt is `spacings`.
     """
-    lengths = dts[:, None]
+    lengths, between = dts[:, None], spacings(dts)[:, None]
     accelerations = np.diff(vs, axis=0) / lengths
     rates = {
         "acceleration": accelerations,
-        "jerk": np.diff(accelerations, axis=0, prepend=np.zeros((1, vs.shape[1]))) / lengths,
-        "effort_rate": np.diff(us, axis=0, prepend=us[:1]) / lengths,
+        "jerk": np.diff(accelerations, axis=0, prepend=np.zeros((1, vs.shape[1]))) / between,
+        "effort_rate": np.diff(us, axis=0, prepend=us[:1]) / between,
     }
     return rates if robot is None else {**rates, "power": powers(robot, qs[1:], vs[1:], us)}
+
+
+def spacings(dts: Array) -> Array:
+    """Times [s] between the middles of neighbouring steps, shape (N,); of the first step its length."""
+    found: Array = np.append(dts[:1], (dts[:-1] + dts[1:]) / 2.0)
+    return found
 
 
 def powers(robot: Robot, qs: Array, vs: Array, us: Array) -> Array:

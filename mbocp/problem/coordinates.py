@@ -101,6 +101,12 @@ def check_coordinates(
             "horizon.duration: natural coordinates take steps of a given length; give a number, or take "
             'coordinates = "joint"'
         )
+    for point in via:
+        if point.is_free and not data.takes_free_duration:
+            raise ProblemError(
+                f"via {point.name!r}: time: natural coordinates take steps of a given length; give the "
+                'time as a number, or share, or take coordinates = "joint"'
+            )
     for frame in goal.frames:
         if frame.rates.any():
             raise ProblemError(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -19,7 +19,7 @@ from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Label, Robot
 from mbocp.terms import PATH_TERMS, FrameTolerance, OwnPathConstraint, PathTerm, Point, Span
 
-__all__ = ["PATH_KINDS", "PathConstraint", "check_path"]
+__all__ = ["PATH_KINDS", "PathConstraint", "check_path", "spans_found"]
 
 PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
 
@@ -169,21 +169,50 @@ class PathConstraint:
                 raise DimensionMismatch(f"path {self.name!r}: frame {index}", index, len(robot.frame_names))
 
 
+_Kept: TypeAlias = PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint
+
+
+def spans_found(path: Sequence[_Kept], via: Mapping[str, int]) -> tuple[_Kept, ...]:
+    """The constraints with the nodes at which they begin and end, where via points say it.
+
+    Parameters
+    ----------
+    path : sequence
+    via : mapping of str to int
+        Nodes of the via points by name.
+
+    Raises
+    ------
+    ProblemError
+        If there is no via point of a name.
+    """
+    return tuple(_span_found(constraint, via) for constraint in path)
+
+
+def _span_found(constraint: _Kept, via: Mapping[str, int]) -> _Kept:
+    key = f"path {constraint.name!r}"
+    if isinstance(constraint, PathConstraint) and constraint.span.via_names:
+        return replace(constraint, span=constraint.span.at_via(via, key))
+    if isinstance(constraint, OwnPathConstraint) and constraint.span.via_names:
+        return replace(constraint, own=replace(constraint.own, span=constraint.span.at_via(via, key)))
+    return constraint
+
+
 def check_path(
     robot: Robot,
-    path: Sequence[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint],
+    path: Sequence[_Kept],
     q_start: Array,
     v_start: Array,
     goal: Goal,
     *,
     num_steps: int,
     dt: float,
-    is_free: bool = False,
+    num_phases: int = 0,
 ) -> None:
     """Refuse constraints that exclude the start, or an exact goal that says enough to tell.
 
-    `num_steps` and `dt` [s] are those of the horizon, in which each has to hold somewhere; `is_free`: its
-    duration is found with the motion.
+    `num_steps` and `dt` [s] are those of the horizon, in which each has to hold somewhere; `num_phases`: of
+    steps whose length is found with the motion.
     """
     names = [constraint.name for constraint in path]
     for name in names:
@@ -191,7 +220,7 @@ def check_path(
             raise ProblemError(f"path {name!r}: there are several of this name; give each its own")
     for constraint in path:
         constraint.check_frames(robot)
-        constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, is_free=is_free)
+        constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, num_phases=num_phases)
         if constraint.structure("quaternion").remembers:
             continue  # controls are not known before
         if constraint.span.has_start:

@@ -27,13 +27,15 @@ from mbocp.problem.goal_set import reachable_members
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator
 from mbocp.problem.limits import Bounds, check_limits
-from mbocp.problem.path import PathConstraint, check_path
+from mbocp.problem.path import PathConstraint, check_path, spans_found
+from mbocp.problem.phases import Phase, phases_between
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.together import check_method, check_weights
 from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
-from mbocp.problem.via_points import via_constraints, via_nodes
+from mbocp.problem.via_places import placed, via_marks, via_nodes, via_order
+from mbocp.problem.via_points import resolved_points, via_constraints
 from mbocp.problem.warn import warn_singular
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolerances
@@ -71,8 +73,10 @@ class Problem:
     duration : float
         T [s]; a guess of it where `duration_range` says that it is free.
     duration_range : tuple of float, optional
-        Least and greatest T [s]. T is found with the motion then: all steps are as long as each other, and
-        `cost` may weigh it. None: T is given.
+        Least and greatest T [s]. T is found with the motion then, and `cost` may weigh it. None: T is given.
+    phases : tuple of Phase
+        Runs of steps that are as long as each other, where lengths are found with the motion: one for a free
+        duration, and more where times of via points are free, too. Follows from the others.
     num_steps : int
         N.
     robot : Robot
@@ -142,6 +146,7 @@ class Problem:
     stabilisation: Stabilisation = field(default_factory=Stabilisation)
     goal: Goal
     goals: tuple[Goal, ...] = ()
+    phases: tuple[Phase, ...] = field(init=False, repr=False, default=())
     _members: tuple[tuple[int, Problem], ...] = field(init=False, repr=False, default=())
     limits: Bounds = field(default_factory=Bounds)
     via: tuple[ViaPoint, ...] = ()
@@ -185,7 +190,7 @@ class Problem:
         q_start, v_start = checked_start(self.robot, self.limits, self.q_start, self.v_start)
         object.__setattr__(self, "q_start", q_start)
         object.__setattr__(self, "v_start", v_start)
-        self._take_via()
+        nodes = self._take_via()
         goal = completed_goal(
             self.robot,
             self.goal,
@@ -196,6 +201,7 @@ class Problem:
             scheme=self.scheme,
         )
         object.__setattr__(self, "goal", goal)
+        self._place_via(nodes)
         self._check_cost()
         self._check_inequalities()
         self.guess.check_dimensions(self.robot.nu)
@@ -211,6 +217,11 @@ class Problem:
     def has_free_duration(self) -> bool:
         """Whether the duration is found with the motion."""
         return self.duration_range is not None
+
+    @property
+    def has_free_lengths(self) -> bool:
+        """Whether lengths of steps are found with the motion: the duration, or times on the way."""
+        return bool(self.phases)
 
     @property
     def is_bounded(self) -> bool:
@@ -371,14 +382,30 @@ class Problem:
         allowed = frame_tolerances(self.goal.frames, self.robot)
         object.__setattr__(self, "path", (*path, *own, *allowed))
 
-    def _take_via(self) -> None:
-        """Find nodes and configurations of via points; as path constraints they come last."""
-        nodes = via_nodes(self.via, self.num_steps, self.duration, is_free=self.has_free_duration)
-        found = via_constraints(self.robot, self.via, nodes, self.q_start, self.limits)
+    def _take_via(self) -> list[int | None]:
+        """Via points in the order of the motion, with configurations; their nodes, as far as known."""
+        nodes = via_nodes(self.via, self.num_steps, self.duration, self.duration_range)
+        order = via_order(self.via, nodes)
+        found = resolved_points(self.robot, [self.via[i] for i in order], self.q_start, self.limits)
+        object.__setattr__(self, "via", found)
+        for point in found:
+            warn_singular(self.robot, point.goal.q, f"via {point.name!r}")
+        return [nodes[i] for i in order]
+
+    def _place_via(self, nodes: list[int | None]) -> None:
+        """Find nodes and phases of via points; as path constraints they come last."""
+        robot, N, T = self.robot, self.num_steps, self.duration
+        is_asked = self.goal.q_active.any() or self.goal.poses or not self.via
+        q_end = self.goal.q if is_asked else self.via[-1].goal.q
+        at = placed(robot, self.via, nodes, self.q_start, q_end, N)
+        found = via_constraints(robot, self.via, at, N)
         object.__setattr__(self, "via", tuple(constraint.via for constraint in found))
-        object.__setattr__(self, "path", (*self.path, *found))
-        for constraint in found:
-            warn_singular(self.robot, constraint.via.goal.q, f"via {constraint.name!r}")
+        named = {constraint.name: constraint.node for constraint in found}
+        object.__setattr__(self, "path", (*spans_found(self.path, named), *found))
+        marks = via_marks(self.via, at, N, T, is_free=self.has_free_duration)
+        if marks or self.has_free_duration:
+            phases = phases_between(marks, N, T, self.duration_range or (T, T))
+            object.__setattr__(self, "phases", phases)
 
     def _check_cost(self) -> None:
         cost, goal = self.cost.on_controls(self.robot.nu), self.goal
@@ -392,9 +419,10 @@ class Problem:
         """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
         check_rates(self.robot, self.limits)
         check_limits(self.robot, self.limits, self.q_start, self.v_start, self.goal)
-        N, dt, is_free = self.num_steps, self.dt, self.has_free_duration
+        N, dt = self.num_steps, self.dt
         ends = (self.q_start, self.v_start, self.goal)
-        check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, is_free=is_free)
+        check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, num_phases=len(self.phases))
         if self.is_bounded:
             table = "limits" if self.limits.any_finite else "via" if self.via else "path"
-            check_method(self.solver, table, is_free=self.has_free_duration)
+            has_times = len(self.phases) > 1
+            check_method(self.solver, table, is_free=self.has_free_duration, has_free_times=has_times)

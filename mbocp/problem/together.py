@@ -52,7 +52,7 @@ def check_weights(cost: Cost, goal: Goal, *, is_free: bool, has_more: bool) -> N
         )
 
 
-def check_method(solver: SolverOptions, table: str, *, is_free: bool) -> None:
+def check_method(solver: SolverOptions, table: str, *, is_free: bool, has_free_times: bool) -> None:
     """Refuse a method that keeps no inequalities.
 
     Parameters
@@ -62,12 +62,16 @@ def check_method(solver: SolverOptions, table: str, *, is_free: bool) -> None:
         free duration.
     is_free : bool
         Whether the duration is free.
+    has_free_times : bool
+        Whether times of via points are.
     """
     if solver.method not in BOUNDED_METHODS:
         able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)
         cannot, remedy = f"keep [{table}]", f"leave out [{table}]"
         if is_free:
             cannot, remedy = "find a free duration", "give horizon.duration as a number"
+        elif has_free_times:
+            cannot, remedy = "find a free time of [via]", "give the time as a number"
         raise ProblemError(
             f'solver.method: got "{solver.method}", which cannot {cannot}; take {able}, or {remedy}'
         )

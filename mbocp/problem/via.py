@@ -10,6 +10,7 @@ from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.goal import Goal
+from mbocp.problem.via_time import FreeTime
 
 __all__ = ["ViaPoint"]
 
@@ -25,15 +26,16 @@ class ViaPoint:
     goal : Goal
         What is asked of joints and frames there, by the words of a goal: exact, and velocities, no momenta.
         Entries of `q` that are not active hold a configuration that is there.
-    time : float, optional
-        When it holds [s].
+    time : float or FreeTime, optional
+        When it holds [s]; or that the solver finds it, and between which bounds.
     share : float, optional
-        In place of the time: part of the horizon that is over by then, between 0 and 1.
+        In place of a time that is given: part of the horizon that is over by then, between 0 and 1. Beside
+        one that is free: part of the steps that lead there.
     """
 
     name: str
     goal: Goal
-    time: float | None = None
+    time: float | FreeTime | None = None
     share: float | None = None
 
     def __post_init__(self) -> None:
@@ -46,9 +48,12 @@ class ViaPoint:
                 raise ProblemError(
                     f"{key}: weight of {frame.name!r}: is for goal.frame; a via point is no cost"
                 )
-        if self.time is not None and self.share is not None:
-            raise ProblemError(f"{key}: give time or share, not both")
-        for name, value, largest in (("time", self.time, np.inf), ("share", self.share, 1.0)):
+        given = None if isinstance(self.time, FreeTime) else self.time
+        if isinstance(self.time, FreeTime):
+            self.time.check(key)
+        elif self.time is not None and self.share is not None:
+            raise ProblemError(f"{key}: give time or share, not both; a share is beside a time that is free")
+        for name, value, largest in (("time", given, np.inf), ("share", self.share, 1.0)):
             if value is not None and not (is_number(value) and 0.0 < value < largest):
                 what = (
                     "a time after the start [s]" if name == "time" else "a part of the horizon, 0 < share < 1"
@@ -58,4 +63,4 @@ class ViaPoint:
     @property
     def is_free(self) -> bool:
         """Whether its time is found with the motion."""
-        return self.time is None and self.share is None
+        return isinstance(self.time, FreeTime)

@@ -39,7 +39,7 @@ class AtNode:
         found: BoolArray = np.arange(1, num_steps + 1) == self.node
         return found
 
-    def check_horizon(self, key: str, num_steps: int, dt: float, *, is_free: bool) -> None:
+    def check_horizon(self, key: str, num_steps: int, dt: float, *, num_phases: int) -> None:
         """Nothing: the node was chosen for the horizon."""
 
 

@@ -1,8 +1,7 @@
-"""From via points to path constraints: their nodes, and configurations that are there."""
+"""From via points to path constraints: configurations that are there."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import InvalidValue, MbocpError, OverdeterminedGoal, ProblemError, UnreachablePose
+from mbocp.exceptions import MbocpError, OverdeterminedGoal, ProblemError, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal
-from mbocp.problem._checks import MAX_POSITION, MAX_RATE, ProblemWarning, check_size
+from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
 from mbocp.problem.consistency import check_goal_rate
 from mbocp.problem.drives import check_driven_rate, without_driven_velocities
 from mbocp.problem.frames import check_frames, with_configuration
@@ -22,83 +21,48 @@ from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Robot
 
-__all__ = ["via_constraints", "via_nodes"]
+__all__ = ["resolved_points", "via_constraints"]
 
-_ON_NODE = 1e-6  # of a step
 _EXACT = 1e-8  # [m, rad]
-_STACK = 5  # from a warning to the caller of `Problem`
 
 
-def via_nodes(via: Sequence[ViaPoint], num_steps: int, duration: float, *, is_free: bool) -> tuple[int, ...]:
-    """The node of each via point, the nearest to its time.
-
-    Parameters
-    ----------
-    duration : float
-        [s]
-    is_free : bool
-        Whether the duration is found with the motion.
-
-    Raises
-    ------
-    InvalidValue, ProblemError
-        If a time is outside the horizon, nearest to its start or end, or the time of another via point.
-    """
-    found: list[int] = []
-    for point in via:
-        key = f"via {point.name!r}"
-        if point.is_free:
-            raise ProblemError(f"{key}: when is it? Give time or share")
-        if point.time is not None and is_free:
-            raise ProblemError(
-                f"{key}: time is one of a given duration, and this one is free; give share, or "
-                "horizon.duration as a number"
-            )
-        if point.time is not None and point.time > duration:
-            raise InvalidValue(f"{key}: time", point.time, f"a time within the horizon of {duration:g} s")
-        share = point.share if point.share is not None else point.time / duration  # type: ignore[operator]
-        node = round(share * num_steps)
-        if not 0 < node < num_steps:
-            where = "start" if node == 0 else "end"
-            raise ProblemError(
-                f"{key}: the nearest node is the {where} of the motion; say it in "
-                f"{'start' if node == 0 else 'goal'}, or take more steps"
-            )
-        if node in found:
-            raise ProblemError(
-                f"{key}: at node {node}, as via {via[found.index(node)].name!r}; say both in one, or take "
-                "another time"
-            )
-        if abs(node - share * num_steps) > _ON_NODE:
-            at = f"share {node / num_steps:.6g}" if is_free else f"t = {node * duration / num_steps:.6g} s"
-            warnings.warn(
-                f"{key}: between two nodes; it holds at the nearest one, {at}",
-                ProblemWarning,
-                stacklevel=_STACK,
-            )
-        found.append(node)
-    return tuple(found)
-
-
-def via_constraints(
-    robot: Robot, via: Sequence[ViaPoint], nodes: Sequence[int], q_start: Array, limits: Bounds
-) -> tuple[ViaConstraint, ...]:
-    """Path constraints in the order of their nodes, each with the configuration nearest to the one before.
+def resolved_points(
+    robot: Robot, via: Sequence[ViaPoint], q_start: Array, limits: Bounds
+) -> tuple[ViaPoint, ...]:
+    """Via points in the order of the motion, each with the configuration nearest to the one before.
 
     Raises
     ------
     UnreachablePose, UnreachableGoal
         If no configuration is there.
-    InconsistentStart, OverdeterminedGoal, ProblemError
-        If it asks for what the robot cannot have, or for more than its controls can meet.
+    InconsistentStart, ProblemError
+        If it asks for what the robot cannot have.
     """
     names = [point.name for point in via]
     found, q = [], q_start
-    for node, point in sorted(zip(nodes, via, strict=True), key=lambda pair: pair[0]):
+    for point in via:
         if names.count(point.name) > 1:
             raise ProblemError(f"via {point.name!r}: there are several of this name; give each its own")
         with _named(point.name):
             there = _resolved(robot, point, q, limits)
+        found.append(there)
+        q = there.goal.q
+    return tuple(found)
+
+
+def via_constraints(
+    robot: Robot, via: Sequence[ViaPoint], nodes: Sequence[int], num_steps: int
+) -> tuple[ViaConstraint, ...]:
+    """Path constraints of points whose configurations are known; those of free times say their place.
+
+    Raises
+    ------
+    OverdeterminedGoal
+        If a point asks for more than the controls until there can meet.
+    """
+    found = []
+    for node, point in zip(nodes, via, strict=True):
+        there = replace(point, share=node / num_steps) if point.is_free else point
         constraint = ViaConstraint(there, robot, node)
         if constraint.num_equations > node * robot.nu:
             raise OverdeterminedGoal(
@@ -106,7 +70,6 @@ def via_constraints(
                 f"until there can meet at most {node * robot.nu}; give it later, or more steps"
             )
         found.append(constraint)
-        q = there.goal.q
     return tuple(found)
 
 

@@ -13,7 +13,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
-from mbocp.solution.problem_text import duration_range_of, integrator_of, limits_of
+from mbocp.solution.problem_text import duration_range_of, integrator_of, limits_of, via_places_of
 from mbocp.solution.records import IterationRecord, Labels, Phase, StartRecord, Status
 
 __all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "SolutionData"]
@@ -212,6 +212,12 @@ class SolutionData:
     def duration_range(self) -> tuple[float, float] | None:
         """Bounds [s] between which the duration was free; None where it was given."""
         return duration_range_of(self.problem_text)
+
+    @property
+    def via_times(self) -> dict[str, float]:
+        """When the motion passes each via point [s], by its name."""
+        places = via_places_of(self.problem_text)
+        return {p.name: float(self.t[p.node] - self.t[0]) for p in places if p.node <= self.num_steps}
 
     @property
     def control_hamiltonian(self) -> dict[str, float]:

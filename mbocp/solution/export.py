@@ -94,6 +94,7 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "unknowns": solution.unknowns,
         "num_steps": solution.num_steps,
         "duration": solution.duration,
+        "via_times": solution.via_times,
         "wall_time_s": solution.wall_time_s,
         "phases": [
             {"name": p.name, "iterations": p.iterations, "wall_time_s": p.wall_time_s}

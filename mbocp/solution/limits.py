@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.problem.phases import least_time
 from mbocp.solution.data import SolutionData
-from mbocp.solution.problem_text import PathRow, duration_range_of, path_rows_of, rate_bounds_of
+from mbocp.solution.problem_text import (
+    PathRow,
+    duration_range_of,
+    path_rows_of,
+    rate_bounds_of,
+    via_places_of,
+)
 from mbocp.solution.records import Column
 from mbocp.terms import RATE_TERMS
 from mbocp.terms.span import Span
@@ -17,6 +25,7 @@ from mbocp.terms.span import Span
 __all__ = ["ActiveLimit", "active_limits"]
 
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
+_OF_TIME = ("duration", "time")  # relative to themselves: there are short motions
 _PULLS = 1e-6  # part of the largest multiplier or adjoint; less is what a barrier leaves over
 
 
@@ -27,9 +36,11 @@ class ActiveLimit:
     Attributes
     ----------
     kind : str
-        "control", "velocity", "position", "path", "duration", or a key of `mbocp.terms.RATE_TERMS`.
+        "control", "velocity", "position", "path", "duration", "time" or "way" of a via point, or a key of
+        `mbocp.terms.RATE_TERMS`. A way takes the least time that its steps may have.
     name : str
-        Of the control, joint or path constraint; "horizon" of a free duration.
+        Of the control, joint, path constraint or via point; "horizon" of a free duration, "end" of the way to
+        it.
     side : str
         "lower" or "upper".
     bound : float
@@ -49,7 +60,7 @@ class ActiveLimit:
 
 
 def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
-    """Limits that the motion touches, in the order control, velocity, position, path, duration.
+    """Limits that the motion touches, in the order control, velocity, position, path, duration, time, way.
 
     Path constraints that are equations are none: every motion touches them.
     """
@@ -83,7 +94,27 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         taken = np.array([[float(solution.t[-1] - solution.t[0])]])
         bounds_of_it = np.array(of_duration)[:, None]
         found += _touched("duration", (Column("horizon", "s"),), taken, bounds_of_it)
-    return tuple(found)
+    return (*found, *_of_via(solution, of_duration))
+
+
+def _of_via(solution: SolutionData, of_duration: tuple[float, float] | None) -> Iterator[ActiveLimit]:
+    """Bounds of times that were found, and ways between via points on which hardly any time is left."""
+    t, N = solution.t - solution.t[0], solution.num_steps
+    places = [place for place in via_places_of(solution.problem_text) if 0 < place.node < N]
+    for place in places:
+        if place.is_found and place.earliest < place.latest:
+            sides = np.array([[place.earliest or -np.inf], [place.latest]])
+            at = t[place.node].reshape(1, 1)
+            yield from _touched("time", (Column(place.name, "s"),), at, sides)
+    if any(place.is_found for place in places):
+        whole = float(t[-1]) if of_duration is None else of_duration[0]
+        stops = [0, *(place.node for place in places), N]
+        for (first, last), name in zip(
+            pairwise(stops), [*(place.name for place in places), "end"], strict=True
+        ):
+            least = least_time(last - first, N, whole)
+            if t[last] - t[first] <= least * (1.0 + _TOUCHES):
+                yield ActiveLimit("way", name, "lower", least, "s", 1, 1)
 
 
 def _rate_bounds(solution: SolutionData) -> dict[str, tuple[str, str, float, float, str]]:
@@ -118,7 +149,7 @@ def _touched(kind: str, columns: Sequence[Column], values: Array, limits: Array)
     for i, column in enumerate(columns):
         for side, bound, sign in (("lower", limits[0, i], -1.0), ("upper", limits[1, i], 1.0)):
             if np.isfinite(bound):
-                margin = _TOUCHES * (abs(bound) if kind == "duration" else max(1.0, abs(bound)))
+                margin = _TOUCHES * (abs(bound) if kind in _OF_TIME else max(1.0, abs(bound)))
                 count = int(np.count_nonzero(sign * (values[:, i] - bound) >= -margin))
                 if count:
                     yield ActiveLimit(kind, column.name, side, float(bound), column.unit, count, len(values))

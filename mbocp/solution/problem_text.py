@@ -14,10 +14,11 @@ from mbocp._numbers import is_number
 from mbocp.exceptions import InvalidValue, MbocpError, Unreadable
 from mbocp.robot import FrameTarget
 from mbocp.robot.poses.target import target_from_words
+from mbocp.solution.via_text import ViaPlace, via_places
 from mbocp.terms import PATH_TERMS, RATE_TERMS, FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
 from mbocp.terms.frame_tolerance import tolerance_bounds
-from mbocp.terms.span import SPAN, Span
+from mbocp.terms.span import SPAN, AtVia, End, Share, Span
 
 __all__ = [
     "PathRow",
@@ -30,6 +31,7 @@ __all__ = [
     "path_rows_of",
     "rate_bounds_of",
     "via_goals_of",
+    "via_places_of",
 ]
 
 _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
@@ -53,6 +55,7 @@ class _Robot(_Part):
 
 class _Horizon(_Part):
     duration: float | dict[str, float] = 0.0
+    steps: Any = None
 
 
 class _Problem(_Part):
@@ -225,6 +228,7 @@ def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathR
     """
     problem = _parsed(problem_text)
     found: dict[str, PathRow] = {}
+    nodes = {place.name: place.node for place in _places(problem).values()}
     for table in problem.path if problem is not None else ():
         kind = PATH_TERMS.get(str(table.get("kind")))
         name, unit = str(table.get("name", "")), "" if kind is None else kind.unit
@@ -233,7 +237,7 @@ def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathR
         pairs |= {name: ends} if not pairs and _pairs([ends]) else {}
         pairs |= _kept(name, table.get("tolerance"))
         sides = {row: (float(lower), float(upper)) for row, (lower, upper) in pairs.items()}
-        found |= {row: PathRow(*bounds, unit, _span_of(table)) for row, bounds in sides.items()}
+        found |= {row: PathRow(*bounds, unit, _span_of(table, nodes)) for row, bounds in sides.items()}
     found |= {
         row: PathRow(*bounds, Span())
         for row, bounds in tolerance_bounds(_frame_goals(problem, place)).items()
@@ -243,7 +247,7 @@ def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathR
     for table in problem.terms if problem is not None else ():
         name, rows = str(table.get("name", "")), _rows_of(table)
         labels = [name] if len(rows) == 1 else [f"{name}.{i}" for i in range(len(rows))]
-        unit, span = str(table.get("unit", "")), _span_of(table)
+        unit, span = str(table.get("unit", "")), _span_of(table, nodes)
         found |= {label: PathRow(*bounds, unit, span) for label, bounds in zip(labels, rows, strict=True)}
     return found
 
@@ -257,22 +261,39 @@ def _kept(name: str, tolerance: Any) -> dict[str, list[float]]:
     )
 
 
-def via_goals_of(problem_text: str, duration: float) -> tuple[tuple[float, FrameGoal], ...]:
-    """Part of the horizon that is over, and pose, for each frame at the via points; what is odd is left out.
+def via_places_of(problem_text: str) -> tuple[ViaPlace, ...]:
+    """Where and when the via points of a problem are, in the order of their nodes; what is odd is left out.
 
     Raises
     ------
     InvalidValue
         If the text is TOML, but no problem.
     """
-    problem, found = _parsed(problem_text), []
-    for table in problem.via if problem is not None else ():
-        share, time = table.get("share"), table.get("time")
-        if is_number(time) and duration > 0.0:
-            share = time / duration
-        if is_number(share) and 0.0 <= share <= 1.0:
-            found += [(float(share), goal) for goal in _frame_goals_of(table) if goal.has_pose]
-    return tuple(found)
+    return tuple(sorted(_places(_parsed(problem_text)).values(), key=lambda place: place.node))
+
+
+def via_goals_of(problem_text: str) -> tuple[tuple[int, FrameGoal], ...]:
+    """Node and pose for each frame at the via points; what is odd is left out.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    tables = problem.via if problem is not None else []
+    return tuple(
+        (place.node, goal)
+        for i, place in _places(problem).items()
+        for goal in _frame_goals_of(tables[i])
+        if goal.has_pose
+    )
+
+
+def _places(problem: _Problem | None) -> dict[int, ViaPlace]:
+    if problem is None:
+        return {}
+    return via_places(problem.via, problem.horizon.duration, problem.horizon.steps)
 
 
 def lines_of(problem_text: str) -> tuple[tuple[Array, Array], ...]:
@@ -310,9 +331,18 @@ def _via_rows(table: dict[str, Any]) -> dict[str, PathRow]:
     return found
 
 
-def _span_of(table: dict[str, Any]) -> Span:
-    """When a path constraint holds; times that are no numbers are left out."""
-    return Span(*(float(time) if is_number(time) else None for time in (table.get(key) for key in SPAN)))
+def _span_of(table: dict[str, Any], nodes: dict[str, int]) -> Span:
+    """When a path constraint holds; ends that are odd are left out."""
+    return Span(*(_end_of(table.get(key), nodes) for key in SPAN))
+
+
+def _end_of(written: Any, nodes: dict[str, int]) -> End:
+    if isinstance(written, str):
+        return AtVia(written, nodes[written]) if written in nodes else None
+    if isinstance(written, dict):
+        share = written.get("share")
+        return Share(float(share)) if is_number(share) else None
+    return float(written) if is_number(written) else None
 
 
 def _rows_of(table: dict[str, Any]) -> list[tuple[float, float]]:

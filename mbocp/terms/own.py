@@ -31,7 +31,7 @@ from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.point import Point
-from mbocp.terms.span import Span
+from mbocp.terms.span import Span, end_from
 
 __all__ = [
     "ROLES",
@@ -213,8 +213,8 @@ def path_constraint(
     lower: ArrayLike = -np.inf,
     upper: ArrayLike = np.inf,
     equals: ArrayLike | None = None,
-    since: float | None = None,
-    until: float | None = None,
+    since: float | str | Mapping[str, float] | None = None,
+    until: float | str | Mapping[str, float] | None = None,
     unit: str = "",
     name: str = "",
     **parameters: ArrayLike,
@@ -229,8 +229,9 @@ def path_constraint(
         One for all rows, or one for each.
     equals : float or array_like, optional
         Makes it an equation.
-    since, until : float, optional
-        At the nodes from one time to the other only, both included [s].
+    since, until : float, str or mapping, optional
+        At the nodes from one to the other only, both included: times [s], names of via points, or parts of
+        the horizon, ``{"share": 0.5}``.
     unit : str
         Of the rows, for messages.
     name, **parameters
@@ -239,7 +240,8 @@ def path_constraint(
     if equals is not None:
         lower = upper = equals
     sides = {"lower": frozen_array(lower), "upper": frozen_array(upper)}
-    return _made("path", function, name, parameters, unit=unit, span=Span(since, until), **sides)
+    span = Span(end_from(since), end_from(until))
+    return _made("path", function, name, parameters, unit=unit, span=span, **sides)
 
 
 def end_condition(

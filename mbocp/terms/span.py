@@ -2,25 +2,79 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-from pydantic import create_model
+from pydantic import BeforeValidator, create_model
 
 from mbocp._arrays import BoolArray
-from mbocp._numbers import is_number
+from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.terms.written import Finite, Table
+from mbocp.terms.written import Table
 
-__all__ = ["SPAN", "Span", "SpanKeys"]
+__all__ = ["SPAN", "AtVia", "End", "Share", "Span", "SpanKeys", "end_from"]
 
 _GRAIN = 1e-6  # of a step: times closer to a node than this are the node's
 
 
+@dataclass(frozen=True)
+class Share:
+    """An end of a span as a part of the horizon.
+
+    Attributes
+    ----------
+    value : float
+        Between 0 and 1.
+    """
+
+    value: float
+
+
+@dataclass(frozen=True)
+class AtVia:
+    """An end of a span at a via point, whenever the motion passes it.
+
+    Attributes
+    ----------
+    name : str
+    node : int
+        Where it is; 0 until the problem says it.
+    """
+
+    name: str
+    node: int = 0
+
+
+End: TypeAlias = float | Share | AtVia | None
+
+
+def end_from(written: Any) -> End:
+    """An end as people write it: a time [s], the name of a via point, or a table with a share.
+
+    Raises
+    ------
+    ValueError
+        If it is none of them.
+    """
+    if written is None or isinstance(written, (Share, AtVia)):
+        return written
+    if isinstance(written, str):
+        return AtVia(written)
+    if isinstance(written, Mapping) and set(written) == {"share"}:
+        return Share(finite_number(written["share"], " for share"))
+    if isinstance(written, Mapping):
+        raise ValueError(
+            f"got {shown(written)}, expected a time [s], the name of a via point, or {{ share = number }}"
+        )
+    return finite_number(written)
+
+
 SPAN = ("from", "until")  # its keys in a problem file
-_FIELDS: Any = dict.fromkeys(SPAN, (Finite | None, None))
+_End = Annotated[Any, BeforeValidator(end_from)]
+_FIELDS: Any = dict.fromkeys(SPAN, (_End, None))
 SpanKeys = create_model("SpanKeys", __base__=Table, __doc__="When a path constraint holds.", **_FIELDS)
 
 
@@ -30,17 +84,17 @@ class Span:
 
     Attributes
     ----------
-    since, until : float or None
-        [s]; None: the start, and the end of the motion.
+    since, until : float, Share, AtVia or None
+        A time [s], a part of the horizon, a via point; None: the start, and the end of the motion.
     """
 
-    since: float | None = None
-    until: float | None = None
+    since: End = None
+    until: End = None
 
     @property
     def has_start(self) -> bool:
         """Whether the start belongs to it."""
-        return self.since is None or self.since == 0.0
+        return self.since in (None, 0.0, Share(0.0))
 
     def has_end(self, num_steps: int, dt: float) -> bool:
         """Whether the last node belongs to it."""
@@ -51,17 +105,43 @@ class Span:
         """From a table that has its keys."""
         return cls(*(getattr(table, key) for key in SPAN))
 
-    def write(self) -> dict[str, float]:
+    def write(self) -> dict[str, Any]:
         """Keys that read back as the same."""
         pairs = zip(SPAN, (self.since, self.until), strict=True)
-        return {key: time for key, time in pairs if time is not None}
+        return {key: _written(end) for key, end in pairs if end is not None}
+
+    @property
+    def via_names(self) -> tuple[str, ...]:
+        """Via points at its ends."""
+        return tuple(end.name for end in (self.since, self.until) if isinstance(end, AtVia))
+
+    def at_via(self, nodes: Mapping[str, int], key: str) -> Span:
+        """The same with the nodes of via points, by name.
+
+        Raises
+        ------
+        ProblemError
+            If there is none of a name, or the second is before the first.
+        """
+        ends = [self.since, self.until]
+        for i, end in enumerate(ends):
+            if isinstance(end, AtVia):
+                if end.name not in nodes:
+                    known = ", ".join(map(repr, nodes)) or "none"
+                    raise ProblemError(
+                        f"{key}: {SPAN[i]}: no via point {end.name!r}; there are {known}: give one of them, "
+                        "a time [s], or { share = number }"
+                    )
+                ends[i] = replace(end, node=nodes[end.name])
+        return Span(*ends)
 
     def nodes(self, num_steps: int, dt: float) -> BoolArray:
         """Which of the nodes 1..N belong to it, shape (N,)."""
         n = np.arange(1, num_steps + 1, dtype=np.float64)
-        first = -np.inf if self.since is None else self.since / dt - _GRAIN
-        last = np.inf if self.until is None else self.until / dt + _GRAIN
-        found: BoolArray = (n >= first) & (n <= last)
+        first, last = (_place(end, num_steps, dt) for end in (self.since, self.until))
+        found: BoolArray = (n >= (-np.inf if first is None else first - _GRAIN)) & (
+            n <= (np.inf if last is None else last + _GRAIN)
+        )
         return found
 
     def check(self, key: str) -> None:
@@ -70,33 +150,76 @@ class Span:
         Raises
         ------
         InvalidValue
-            If one is no number of seconds from the start, or the second is before the first.
+            If one is no number of seconds from the start, no share, or the second is before the first.
         """
-        for name, time in (("from", self.since), ("until", self.until)):
-            if time is not None and not (is_number(time) and np.isfinite(time) and time >= 0.0):
-                raise InvalidValue(f"{key}: {name}", shown(time), "a time from the start on [s], at least 0")
-        if self.since is not None and self.until is not None and self.until < self.since:
-            raise InvalidValue(f"{key}: until", self.until, f"a time not before from = {self.since:g} [s]")
+        for name, end in (("from", self.since), ("until", self.until)):
+            if isinstance(end, Share):
+                if not (is_number(end.value) and 0.0 <= end.value <= 1.0):
+                    expected = "a part of the horizon, 0 <= share <= 1"
+                    raise InvalidValue(f"{key}: {name}", shown(end.value), expected)
+            elif not (end is None or isinstance(end, AtVia)) and not (
+                is_number(end) and np.isfinite(end) and end >= 0.0
+            ):
+                raise InvalidValue(f"{key}: {name}", shown(end), "a time from the start on [s], at least 0")
+        since, until = self.since, self.until
+        if isinstance(since, float | int) and isinstance(until, float | int) and until < since:
+            raise InvalidValue(f"{key}: until", until, f"a time not before from = {since:g} [s]")
+        if isinstance(since, Share) and isinstance(until, Share) and until.value < since.value:
+            raise InvalidValue(f"{key}: until", until.value, f"a share not below from = {since.value:g}")
 
-    def check_horizon(self, key: str, num_steps: int, dt: float, *, is_free: bool) -> None:
-        """Refuse times outside a horizon, those between which it has no node, and any where it is free.
+    def check_horizon(self, key: str, num_steps: int, dt: float, *, num_phases: int) -> None:
+        """Refuse times outside a horizon, those without a node between them, and what a free one leaves open.
+
+        Parameters
+        ----------
+        num_phases : int
+            Of steps whose length is found with the motion; 0: the lengths are given.
 
         Raises
         ------
         InvalidValue, ProblemError
         """
-        duration = num_steps * dt
-        if is_free and self != Span():
-            raise ProblemError(
-                f"{key}: from and until are times of a given duration, and this one is free; leave them out, "
-                "or give horizon.duration as a number"
-            )
-        for name, time in (("from", self.since), ("until", self.until)):
-            if time is not None and time > duration + _GRAIN * dt:
-                raise InvalidValue(f"{key}: {name}", time, f"a time within the horizon of {duration:g} s")
+        duration, ends = num_steps * dt, (("from", self.since), ("until", self.until))
+        for name, end in ends:
+            if num_phases and is_number(end) and end != 0.0:
+                raise ProblemError(
+                    f"{key}: {name}: a time of given steps, and lengths of steps are free; name a via point, "
+                    + ("or give { share = number }" if num_phases == 1 else "which may be one of free time")
+                )
+            if num_phases > 1 and isinstance(end, Share) and 0.0 < end.value < 1.0:
+                raise ProblemError(
+                    f"{key}: {name}: a share of equal steps, and times of via points are free; name a via "
+                    "point"
+                )
+            if is_number(end) and not num_phases and end > duration + _GRAIN * dt:
+                raise InvalidValue(f"{key}: {name}", end, f"a time within the horizon of {duration:g} s")
         if not self.nodes(num_steps, dt).any():
-            since, until = self.since or 0.0, duration if self.until is None else self.until
+            since, until = (_words(end) for end in (self.since or 0.0, self.until))
+            apart = "" if num_phases else f"; nodes are {dt:g} s apart"
             raise ProblemError(
-                f"{key}: no node after the start is between from = {since:g} and until = {until:g} s; nodes "
-                f"are {dt:g} s apart: take times farther apart, or those of a node"
+                f"{key}: no node after the start is between from = {since} and until = {until}{apart}: take "
+                "times farther apart, or those of a node"
             )
+
+
+def _place(end: End, num_steps: int, dt: float) -> float | None:
+    """Which node is meant; between two, a number between theirs."""
+    if isinstance(end, AtVia):
+        return float(end.node)
+    if isinstance(end, Share):
+        return end.value * num_steps
+    return None if end is None else end / dt
+
+
+def _written(end: End) -> Any:
+    if isinstance(end, AtVia):
+        return end.name
+    return {"share": end.value} if isinstance(end, Share) else end
+
+
+def _words(end: End) -> str:
+    if isinstance(end, AtVia):
+        return f"via {end.name!r}"
+    if isinstance(end, Share):
+        return f"share {end.value:g}"
+    return "the end" if end is None else f"{end:g} s"

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from mbocp._arrays import Array
+from mbocp.problem.phases import node_times
 from mbocp.robot.kinematics import WORLD
 from mbocp.solution.problem_text import lines_of, via_goals_of
 
@@ -27,7 +26,7 @@ class ViaMark:
     Attributes
     ----------
     share : float
-        Part of the motion that is over there.
+        Part of the motion's time that is over there.
     goal : FrameGoal
         Pose and tolerances.
     """
@@ -51,10 +50,18 @@ class Marks:
     lines: tuple[tuple[Array, Array], ...] = ()
 
 
-def marks_of(problem: Problem) -> Marks:
-    """Poses of frames at the via points of a problem, and the lines of its path constraints."""
+def marks_of(problem: Problem, times: Array | None = None) -> Marks:
+    """Poses of frames at the via points of a problem, and the lines of its path constraints.
+
+    Parameters
+    ----------
+    problem : Problem
+    times : ndarray, shape (N + 1,), optional
+        Of the nodes of a motion [s]; default: those of the problem, or their guess.
+    """
+    at = node_times(problem) if times is None else times
     via = (
-        ViaMark(point.node / problem.num_steps, frame)
+        ViaMark(float(at[point.node] / at[-1]), frame)
         for point in problem.waypoints
         for frame in point.via.goal.poses
     )
@@ -64,11 +71,10 @@ def marks_of(problem: Problem) -> Marks:
 
 def marks_of_result(solution: Solution, robot: Robot) -> Marks:
     """The same from the text of the problem that a result holds; frames that the robot lacks are left out."""
-    N, known = solution.num_steps, {WORLD, *robot.frame_names}
-    found = via_goals_of(solution.problem_text, float(solution.t[-1] - solution.t[0]))
+    t, known = solution.t - solution.t[0], {WORLD, *robot.frame_names}
     via = [
-        ViaMark(float(np.clip(round(share * N) / N, 0.0, 1.0)), goal)
-        for share, goal in found
+        ViaMark(float(t[min(node, solution.num_steps)] / t[-1]) if t[-1] > 0.0 else 0.0, goal)
+        for node, goal in via_goals_of(solution.problem_text)
         if {goal.name, goal.target.relative_to} <= known
     ]
     return Marks(tuple(via), lines_of(solution.problem_text))

@@ -68,6 +68,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "unknowns",
         "num_steps",
         "duration",
+        "via_times",
         "wall_time_s",
         "starts",
         "phases",

@@ -200,8 +200,9 @@ def test_a_part_of_the_horizon_has_its_nodes(load: Loader) -> None:
         ("from=0.5, until=0.4", "until: got 0.4, expected a time not before from = 0.5"),
         ("until=99.0", "until: got 99.*within the horizon"),
         ("from=99.0", "from: got 99.*within the horizon"),
-        ("until=0.0", "no node after the start is between from = 0 and until = 0 s"),
-        ('from="soon"', "from: .*number"),
+        ("until=0.0", "no node after the start is between from = 0 s and until = 0 s"),
+        ('from="soon"', "from: no via point 'soon'; there are none"),
+        ("from=true", "from: .*number"),
     ],
 )
 def test_times_outside_the_horizon_are_refused(load: Loader, times: str, message: str) -> None:
@@ -210,7 +211,7 @@ def test_times_outside_the_horizon_are_refused(load: Loader, times: str, message
 
 
 def test_a_part_of_a_free_duration_is_refused(load: Loader) -> None:
-    with pytest.raises(MbocpError, match="from and until are times of a given duration"):
+    with pytest.raises(MbocpError, match="from: a time of given steps"):
         part(load, ", from=0.2", "horizon.duration={min=0.5, max=2.0}")
 
 

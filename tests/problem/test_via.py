@@ -278,9 +278,15 @@ def test_between_two_nodes_the_nearest_is_taken_and_said() -> None:
     assert problem.waypoints[0].node == 7
 
 
-def test_a_time_of_a_free_duration_is_refused() -> None:
-    with pytest.raises(ProblemError, match="give share"):
-        Problem.create("ur5", {"min": 0.5, "max": 2.0}, 20, goal=REST, via=[{"time": 0.5, "q": [0.1] * 6}])
+def test_a_free_duration_takes_times() -> None:
+    duration = {"min": 0.3, "max": 3.0}
+    cost = {"time": 100.0, "effort": 1e-2, "velocity": 10.0}
+    via = [{"name": "a", "time": 0.6, "q": {"shoulder_pan_joint": 0.3}}]
+    problem = Problem.create("ur5", duration, 20, goal=REST, via=via, cost=cost)
+    solution = solved(problem)
+    assert solution.via_times["a"] == pytest.approx(0.6, abs=1e-9)
+    assert solution.qs[problem.waypoints[0].node, 0] == pytest.approx(0.3, abs=1e-9)
+    assert abs(solution.duration - problem.duration) > 0.05
 
 
 def test_pure_values_check_themselves() -> None:

@@ -114,8 +114,12 @@ def _fields(
     if goals and written.tracking and written.target is None and written.target_file is None:
         raise ProblemError("cost.tracking: of several goals none is the target; give cost.target")
     cost = written.model_copy(update={"velocity": AUTO}) if is_left_to_us else written
+    via = via_from(robot, table.via, q_start)
+    has_free_times = any(point.is_free for point in via)
+    start = (q_start, v_start)
+    reader = _CostReader(robot, goal, folder, horizon, has_free_times, num_steps, *start)
     return {
-        "cost": _cost(cost, _CostReader(robot, goal, folder, horizon, num_steps, q_start, v_start)),
+        "cost": _cost(cost, reader),
         **horizon,
         "num_steps": num_steps,
         "robot": robot,
@@ -127,7 +131,7 @@ def _fields(
         "goal": goal,
         "goals": goals,
         "limits": bounds_from(robot, **dict(table.limits)),
-        "via": via_from(robot, table.via, q_start),
+        "via": via,
         "path": path_from(robot, table.path, q_start, goal),
         "terms": terms_from(robot, table.terms, terms),
         "q_start": q_start,
@@ -243,6 +247,7 @@ class _CostReader:
     goal: Goal
     folder: Path
     horizon: dict[str, Any]  # duration and its range
+    has_free_times: bool  # of via points
     num_steps: int
     q_start: Array
     v_start: Array
@@ -274,9 +279,10 @@ class _CostReader:
             target_p, given_p = _target_rows(robot, target.p, "p", np.zeros(robot.nv))
         elif target_file is not None:
             path = self.folder / target_file
-            if self.horizon["duration_range"] is not None:
+            if self.horizon["duration_range"] is not None or self.has_free_times:
+                what = "horizon.duration is" if self.horizon["duration_range"] is not None else "via.time is"
                 raise ProblemError(
-                    "cost.target_file: a file says when the robot is where, and horizon.duration is free; "
+                    f"cost.target_file: a file says when the robot is where, and {what} free; "
                     "give a number there, or cost.target, whose rows belong to the steps"
                 )
             target_q, target_p = read_target(path, robot, self.horizon["duration"], self.num_steps)

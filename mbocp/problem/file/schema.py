@@ -125,6 +125,12 @@ def _duration(value: Any) -> float | dict[str, float]:
     return finite_number(value)
 
 
+def _via_time(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: finite_number(entry, f" for {shown(name)}") for name, entry in value.items()}
+    return value if value is None or isinstance(value, str) else finite_number(value)
+
+
 def _named_robot(value: Any) -> Any:
     if isinstance(value, str):
         return {"name": value}
@@ -144,6 +150,7 @@ Lock = Annotated[Any, BeforeValidator(_lock)]
 Limits = Annotated[Any, BeforeValidator(_limits)]
 Duration = Annotated[Any, BeforeValidator(_duration)]
 Ranges = Annotated[Any, BeforeValidator(_ranges)]
+ViaTime = Annotated[Any, BeforeValidator(_via_time)]
 
 
 class RobotTable(Table):
@@ -232,7 +239,7 @@ class ViaTable(Table):
     """What holds at one node between start and end."""
 
     name: str | None = None
-    time: Finite | None = None
+    time: ViaTime = None
     share: Finite | None = None
     q: VectorOrNamed = None
     v: Rate = None

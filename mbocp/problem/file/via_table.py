@@ -13,6 +13,7 @@ from mbocp.problem.file.messages import located
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
 from mbocp.problem.goal import Goal
 from mbocp.problem.via import ViaPoint
+from mbocp.problem.via_time import time_from, written_time
 from mbocp.robot import Robot
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def _point(robot: Robot, table: ViaTable, index: int, q_start: Array) -> ViaPoin
         return ViaPoint(
             name=table.name or str(index + 1),
             goal=goal,
-            time=table.time,
+            time=time_from(table.time, key),
             share=table.share,
         )
 
@@ -72,7 +73,7 @@ def _table(robot: Robot, point: ViaPoint) -> dict[str, Any]:
     states = (("q", goal.q, goal.q_active), ("v", goal.value, goal.rate_active))
     return {
         "name": point.name,
-        "time": point.time,
+        "time": written_time(point.time),
         "share": point.share,
         **{k: x if a.all() else joint_values(robot, x, a) for k, x, a in states if a.any()},
         **({"frame": frame_tables(goal.frames)} if goal.frames else {}),

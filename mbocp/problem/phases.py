@@ -1,0 +1,207 @@
+"""Phases: runs of steps that are as long as each other, whose length the solver finds.
+
+Where a time between start and end is free, the steps before it and after it have lengths of their own. Times
+of nodes at which phases end may have bounds; equal ones give the time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
+
+__all__ = ["Mark", "Phase", "least_time", "node_times", "phases_between", "step_lengths"]
+
+_SHORTEST = 1e-3  # of the mean length of a step at the least duration: a phase takes some time
+_ROOM = 0.05  # of that mean length: what a guess leaves for the steps of a phase at least, where bounds do
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A node whose time is found, at which a phase ends and another begins.
+
+    Attributes
+    ----------
+    name : str
+        What it is called in messages.
+    node : int
+    earliest, latest : float
+        Bounds of its time [s].
+    guess : float
+        Of its time [s].
+    is_given : bool
+        Whether the user gave the guess.
+    """
+
+    name: str
+    node: int
+    earliest: float
+    latest: float
+    guess: float
+    is_given: bool = False
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Steps of one length that is found with the motion.
+
+    Attributes
+    ----------
+    first, last : int
+        Nodes where it begins and ends.
+    duration : float
+        A guess of it [s].
+    shortest, longest : float
+        Bounds of its duration [s].
+    earliest, latest : float
+        Bounds of the time at its end [s].
+    name : str
+        Of the mark at its end; "" for the end of the motion.
+    """
+
+    first: int
+    last: int
+    duration: float
+    shortest: float
+    longest: float
+    earliest: float
+    latest: float
+    name: str = ""
+
+    @property
+    def num_steps(self) -> int:
+        """Number of its steps."""
+        return self.last - self.first
+
+
+def phases_between(
+    marks: Sequence[Mark], num_steps: int, duration: float, bounds: tuple[float, float]
+) -> tuple[Phase, ...]:
+    """Phases from the start over the marks, in the order of their nodes, to the end.
+
+    Parameters
+    ----------
+    marks : sequence of Mark
+    num_steps : int
+    duration : float
+        Guess of the whole [s].
+    bounds : tuple of float
+        Least and greatest duration of the whole [s]; equal where it is given.
+
+    Raises
+    ------
+    ProblemError
+        If bounds or guesses of the times contradict their order.
+    """
+    if not marks:
+        return (Phase(0, num_steps, duration, *bounds, *bounds),)
+    stops = [*marks, Mark("", num_steps, *bounds, duration, is_given=True)]
+    nodes = [0, *(stop.node for stop in stops)]
+    steps = [last - first for first, last in pairwise(nodes)]
+    shortest = [least_time(count, num_steps, bounds[0]) for count in steps]
+    _check_bounds(stops, shortest)
+    _check_guesses(stops)
+    times = _guessed(stops, shortest, [_ROOM * count * bounds[0] / num_steps for count in steps])
+    befores = [0.0, *times]
+    return tuple(
+        Phase(
+            first=nodes[i],
+            last=nodes[i + 1],
+            duration=times[i] - befores[i],
+            shortest=shortest[i],
+            longest=math.inf,
+            earliest=stop.earliest,
+            latest=stop.latest,
+            name=stop.name,
+        )
+        for i, stop in enumerate(stops)
+    )
+
+
+def least_time(count: int, num_steps: int, duration: float) -> float:
+    """Least time [s] of a phase of some of the steps, of which all take at least `duration` [s]."""
+    return _SHORTEST * count * duration / num_steps
+
+
+class Horizon(Protocol):
+    """What a problem says of its steps, see `mbocp.problem.Problem`."""
+
+    # fmt: off
+    @property
+    def dt(self) -> float: ...
+    @property
+    def num_steps(self) -> int: ...
+    @property
+    def phases(self) -> tuple[Phase, ...]: ...
+    # fmt: on
+
+
+def step_lengths(problem: Horizon) -> Array:
+    """Lengths of the steps [s], or their guess, shape (N,)."""
+    if len(problem.phases) < 2:
+        return np.full(problem.num_steps, problem.dt)
+    lengths = [phase.duration / phase.num_steps for phase in problem.phases]
+    return np.repeat(lengths, [phase.num_steps for phase in problem.phases])
+
+
+def node_times(problem: Horizon) -> Array:
+    """Times of the nodes [s], or their guess, shape (N + 1,)."""
+    if len(problem.phases) < 2:
+        return np.arange(problem.num_steps + 1.0) * problem.dt
+    return np.append(0.0, np.cumsum(step_lengths(problem)))
+
+
+def _check_bounds(stops: Sequence[Mark], shortest: Sequence[float]) -> None:
+    earliest, before = 0.0, "the start"
+    for stop, least in zip(stops, shortest, strict=True):
+        soonest = earliest + least
+        if stop.latest < soonest:
+            what = f"via {stop.name!r}: time" if stop.name else "horizon.duration"
+            raise ProblemError(
+                f"{what}: at most {stop.latest:g} s, but {before} before it is not before {earliest:g} s; "
+                "give times that rise with the places of the nodes, or other shares"
+            )
+        if stop.earliest >= soonest:
+            before = f"via {stop.name!r}"
+        earliest = max(stop.earliest, soonest)
+
+
+def _check_guesses(stops: Sequence[Mark]) -> None:
+    given = [stop for stop in stops if stop.is_given]
+    for before, after in pairwise(given):
+        if not before.guess < after.guess:
+            later = f"via {after.name!r}" if after.name else "the end"
+            raise ProblemError(
+                f"via {before.name!r}: time.guess: {before.guess:g} s is not before the guess of {later}, "
+                f"{after.guess:g} s; give guesses that rise with the places of the nodes"
+            )
+
+
+def _guessed(stops: Sequence[Mark], shortest: Sequence[float], wanted: Sequence[float]) -> list[float]:
+    """Times that rise, within the bounds, near the guesses; with room for the steps where bounds leave it."""
+    for room in (wanted, shortest):
+        lower, upper, least = [], [stops[-1].guess], 0.0
+        for stop, gap in zip(stops, room, strict=True):
+            least = max(stop.earliest, least + gap)
+            lower.append(least)
+        for stop, gap in zip(stops[-2::-1], room[:0:-1], strict=True):
+            upper.insert(0, min(stop.latest, upper[0] - gap))
+        if all(low <= high for low, high in zip(lower, upper, strict=True)):
+            break
+    else:
+        raise ProblemError(
+            f"horizon.duration: its guess of {stops[-1].guess:g} s leaves no time for the bounds of "
+            "via.time; give a greater guess"
+        )
+    times: list[float] = []
+    for stop, low, high, gap in zip(stops, lower, upper, room, strict=True):
+        after = times[-1] + gap if times else gap
+        times.append(min(max(stop.guess, low, after), high))
+    return times

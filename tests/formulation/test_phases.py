@@ -1,0 +1,204 @@
+"""Steps of several lengths, whose states have a clock: exact derivatives, the steps of given length."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbocp import Problem, load_problem
+from mbocp.formulation import Motion, formulate
+from mbocp.formulation.base import Formulation
+from mbocp.formulation.step_lengths import begins_phase, length_bounds
+from mbocp.problem import ProblemWarning
+from mbocp.problem.phases import Mark, node_times, phases_between
+from mbocp.terms import running_cost
+from tests.formulation.test_step_lengths import CASES, Point
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+N, BEGINS = 6, 4  # steps, and the node at which the second phase begins
+ARM = [
+    ("arms/ur5_limits", {"scheme": "se1"}),
+    ("arms/ur5_limits", {"scheme": "rk4"}),
+]
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+
+def clock(k: Any) -> Any:
+    return k.t * k.t + k.v[0] * k.t
+
+
+def free(name: str, integrator: dict[str, Any], *, has_rates: bool) -> Problem:
+    """With a term that looks at the time, and with rates, which look at the length of the step before."""
+    problem = load_problem(EXAMPLES / f"{name}.toml")
+    T, robot = problem.duration, problem.robot
+    # A velocity at the node: every robot can have it.
+    via = [{"name": "a", "time": "free", "share": BEGINS / N, "v": speed(robot)}]
+    rates: dict[str, Any] = {}
+    if has_rates:
+        rates = {"effort_rate": 1e4}
+        rates |= {} if robot.drives else {"jerk": 1e4, "acceleration": 1e3}
+    return problem.with_(
+        steps=N,
+        integrator=integrator,
+        duration={"min": T / 3, "max": 3 * T, "guess": T},
+        via=via,
+        path=(),
+        cost={"time": 0.7, "velocity": 0.3, "fuel": 0.2, "control_rate": 0.1 * has_rates},
+        limits=rates,
+        terms=(running_cost(clock, weight=0.3),),
+        solver={"method": "auto"},
+    )
+
+
+def speed(robot: Any) -> dict[str, Any]:
+    """Of the last joint whose velocity no control prescribes."""
+    sizes = {name: len(robot.v_labels[robot.velocity_indices(name)]) for name in robot.joint_names}
+    free = [n for n in sizes if not set(robot.driven) & set(range(robot.nv)[robot.velocity_indices(n)])]
+    return {free[-1]: 0.1 if sizes[free[-1]] == 1 else [0.1] * sizes[free[-1]]}
+
+
+def near(formulation: Formulation, seed: int = 5) -> tuple[Point, np.ndarray]:
+    rng, kind = np.random.default_rng(seed), formulation.programme.kinds[0]
+    x0 = formulation.programme.x_start + 0.05 * rng.standard_normal(kind.nx)
+    x1 = x0 + 0.1 * rng.standard_normal(kind.nx)
+    point = Point(x0, x1, rng.standard_normal(kind.ny), 0.3 * rng.standard_normal(kind.nu))
+    return point, rng.standard_normal(kind.ndx + kind.ny)
+
+
+@pytest.fixture(params=CASES + ARM, ids=lambda case: "-".join(map(str, (case[0], *case[1].values()))))
+def case(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
+    return request.param
+
+
+@pytest.mark.parametrize("stage", [0, 3, BEGINS])
+def test_a_step_is_the_one_of_given_length_and_time(case: tuple[str, dict[str, Any]], stage: int) -> None:
+    problem = free(*case, has_rates=False)
+    formulation = formulate(problem)
+    programme, at, nu = formulation.programme, formulation.layout, problem.robot.nu
+    assert (at.nh, at.nt) == (1, 1)
+    point, _ = near(formulation)
+    e, (w,) = begins_phase(N, (0, BEGINS))[stage], point.u[nu:]
+    (h0,), (h1,), (t0,), (t1,) = (x[piece] for piece in (at.h, at.t) for x in (point.x0, point.x1))
+    length, T = h0 + e * w, problem.duration
+    rho = programme.rho.reshape(N, -1)[stage]
+    assert rho[-1] == e
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ProblemWarning)  # cost.time adds a constant, which is meant
+        given = formulate(problem.with_(duration=T * length, via=(), limits={"effort": 1e6})).programme
+    rho_given = given.rho.reshape(N, -1)[stage].copy()
+    tau = problem_tau(formulation)
+    assert rho_given[-1] == pytest.approx((stage + tau) * T / N * length)  # the time of equal steps
+    rho_given[-1] = t0 * T + tau * T / N * length
+    c, cost = programme.functions.function("values")(*point, programme.theta, rho)
+    same = (point.x0[: at.h.start], point.x1[: at.h.start], point.y, point.u[:nu])
+    c_given, cost_given = given.functions.function("values")(*same, given.theta, rho_given)
+    c, c_given = np.asarray(c).ravel(), np.asarray(c_given).ravel()
+    rows = [at.dh.start, at.dt.start]
+    assert np.allclose(np.delete(c, rows), c_given, rtol=1e-12, atol=1e-12 * np.abs(c_given).max())
+    assert c[rows] == pytest.approx([length - h1, t0 + length / N - t1], abs=1e-15)
+    assert float(cost) == pytest.approx(float(cost_given) + (1 - e) * w**2 / 2, rel=1e-12)
+
+
+def problem_tau(formulation: Formulation) -> float:
+    """Where in a step its cost is evaluated."""
+    return (
+        formulation.tau
+        if formulation.programme.kinds[0].ny or not formulation.programme.rows_are_gaps
+        else 0.0
+    )
+
+
+@pytest.mark.parametrize("stage", [0, 3, BEGINS])
+def test_derivatives(case: tuple[str, dict[str, Any]], stage: int) -> None:
+    """Against differences of fourth order along lines through all unknowns, lengths and times among them."""
+    formulation = formulate(free(*case, has_rates=True))
+    programme, at = formulation.programme, formulation.layout
+    point, m = near(formulation)
+    rho = programme.rho.reshape(N, -1)[stage]
+    values, complete = (programme.functions.function(name) for name in ("values", "complete"))
+    _, _, dc, dl, upper = (np.array(o.full()) for o in complete(*point, m, programme.theta, rho))
+    dl, hessian = dl.ravel(), np.triu(upper) + np.triu(upper, 1).T
+    sizes = [at.ndx, point.y.size, at.ndx, point.u.size]
+    rng, every = np.random.default_rng(1), np.eye(sum(sizes))
+    directions = [rng.standard_normal(sum(sizes)) for _ in range(3)]
+    before = at.ndx + point.y.size
+    directions += [every[before + at.dh.start], every[before + at.dt.start], every[-1]]  # h0, t0, w alone
+    for direction in directions:
+        d1, dy, d0, du = np.split(direction, np.cumsum(sizes)[:-1])
+
+        def lagrangian(t: float, d0=d0, d1=d1, dy=dy, du=du) -> np.ndarray:
+            moved = (point.x0 + t * d0, point.x1 + t * d1, point.y + t * dy, point.u + t * du)
+            c, cost = values(*moved, programme.theta, rho)
+            return np.append(np.asarray(c).ravel(), float(cost) + m @ np.asarray(c).ravel())
+
+        h = 1e-3
+        a, b, c, d = (lagrangian(t) for t in (h, -h, 2 * h, -2 * h))
+        slope = (8 * (a - b) - (c - d)) / (12 * h)
+        bend = ((16 * (a + b) - (c + d) - 30 * lagrangian(0.0)) / (12 * h * h))[-1]
+        wanted = np.append(dc @ direction, (dl + m @ dc) @ direction)
+        scale = 1.0 + np.abs(wanted).max() + np.abs(a).max()
+        assert np.allclose(slope, wanted, atol=1e-8 * scale)
+        curvature = direction @ hessian @ direction
+        assert bend == pytest.approx(curvature, abs=1e-6 * (scale + abs(curvature)))
+
+
+def test_motions_keep_the_lengths_of_their_phases() -> None:
+    problem = free("loops/four_bar", {"scheme": "se1"}, has_rates=False)
+    formulation, robot = formulate(problem), problem.robot
+    rng = np.random.default_rng(0)
+    dts = problem.dt * np.repeat([1.7, 0.4], [BEGINS, N - BEGINS])
+    motion = Motion(
+        np.tile(problem.q_start, (N + 1, 1)),
+        np.vstack([problem.v_start, rng.standard_normal((N, robot.nv))]),
+        rng.standard_normal((N, robot.nu)),
+        dts,
+    )
+    iterate = formulation.iterate_of(motion, np.zeros((N, robot.nc)))
+    iterate.check(formulation.programme)
+    found = formulation.motion_of(iterate)
+    for name in ("qs", "vs", "us", "dts"):
+        assert np.allclose(getattr(found, name), getattr(motion, name), atol=1e-14)
+    at = formulation.layout
+    assert iterate.xs[:, at.t].ravel() == pytest.approx(np.append(0.0, np.cumsum(dts)) / problem.duration)
+    uneven = Motion(motion.qs, motion.vs, motion.us, dts * np.tile([0.5, 1.5], N // 2))
+    evened = formulation.motion_of(formulation.iterate_of(uneven, np.zeros((N, robot.nc))))
+    assert evened.dts == pytest.approx(dts)
+    too_long = Motion(motion.qs, motion.vs, motion.us, 9.0 * dts)
+    shortened = formulation.motion_of(formulation.iterate_of(too_long, np.zeros((N, robot.nc))))
+    assert shortened.dts.sum() == pytest.approx(3.0 * problem.duration, rel=1e-12)
+    assert shortened.dts[0] / shortened.dts[-1] == pytest.approx(1.7 / 0.4)
+
+
+def test_bounds_are_those_of_first_steps_and_last_nodes() -> None:
+    problem = free("loops/four_bar", {"scheme": "se1"}, has_rates=False)
+    bounds, T = length_bounds(problem), problem.duration
+    assert np.flatnonzero(np.isfinite(bounds.h_lower)).tolist() == [0, BEGINS]
+    assert np.flatnonzero(np.isfinite(bounds.t_upper)).tolist() == [N - 1]
+    assert bounds.h_lower[0] == pytest.approx(1e-3 / 3)
+    assert (bounds.t_lower[-1], bounds.t_upper[-1]) == pytest.approx((1 / 3, 3.0))
+    described = formulate(problem).programme.describe_row
+    words = {described(n, row) for n in range(N) for row in range(formulate(problem).layout.ndx)}
+    assert f"length in step {BEGINS + 1} of {N}" in words
+    assert f"time in step 1 of {N}" in words
+    assert pytest.approx(node_times(problem)[-1]) == T
+
+
+def test_any_phases_can_be_made_of_marks() -> None:
+    """What phases are does not know of via points."""
+    marks = [Mark("lift off", 3, 0.1, 0.8, 0.5), Mark("touch down", 7, 0.6, 1.2, 0.55)]
+    phases = phases_between(marks, 10, 1.5, (1.0, 2.0))
+    assert [(p.first, p.last, p.name) for p in phases] == [
+        (0, 3, "lift off"),
+        (3, 7, "touch down"),
+        (7, 10, ""),
+    ]
+    assert [p.duration for p in phases] == pytest.approx([0.5, 0.1, 0.9])
+    assert [(p.earliest, p.latest) for p in phases] == [(0.1, 0.8), (0.6, 1.2), (1.0, 2.0)]
+    crowded = phases_between([Mark("a", 3, 0.0, 9.0, 0.5), Mark("b", 7, 0.0, 9.0, 0.2)], 10, 1.0, (1.0, 1.0))
+    ends = np.cumsum([p.duration for p in crowded])
+    assert ends[0] == 0.5
+    assert 0.5 < ends[1] < ends[2] == 1.0
