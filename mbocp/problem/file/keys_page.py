@@ -27,7 +27,13 @@ _PATH_HEAD = {
     ),
     "kind": Key("string", "", "required", ", ".join(f'`"{kind}"`' for kind in PATH_TERMS)),
     "frame": Key("string", "", "required", "frame of the robot that is meant, or its origin"),
-    "from": Key("number", "s", "the whole motion", "when it holds, both ends included", ("until",)),
+    "from": Key(
+        "number, name of a via point, or `{ share = number }`",
+        "s, or part of the horizon",
+        "the whole motion",
+        "when it holds, both ends included",
+        ("until",),
+    ),
 }
 
 
