@@ -132,6 +132,7 @@ class _Residual:
     worst_stage: int
     worst_row: int
     finite: bool
+    complementarity: float
 
     @classmethod
     def of(cls, evaluation: Evaluation, gradient: Array) -> _Residual:

@@ -28,6 +28,7 @@ __all__ = [
     "init_barrier",
     "largest_product",
     "multipliers_of",
+    "raised",
     "resumed",
     "update_barrier",
     "why_limits_cannot_be_kept",
@@ -41,6 +42,7 @@ _SETTLED = 30.0  # defect of the barrier problem, by mu, below which mu falls ..
 _FACTOR, _POWER = 0.1, 1.7  # ... to the smaller of mu by this factor and to this power
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
+_RAISE = 10.0  # from one last barrier to the next
 
 
 def init_barrier(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
@@ -193,7 +195,7 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
 
 def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
     """State with the smallest barrier parameter that the iterate allows; a new one starts a new filter."""
-    last = _last_barrier(state.native, tolerance)
+    last = max(_last_barrier(state.native, tolerance), state.least_barrier)
     barrier, evaluation = state.barrier, state.evaluation
     while barrier > last and evaluation.barrier_error <= _SETTLED * barrier:
         barrier = max(last, min(_FACTOR * barrier, barrier**_POWER))
@@ -203,6 +205,27 @@ def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
     return replace(
         state,
         barrier=barrier,
+        evaluation=evaluation,
+        filter=Filter.start(evaluation.violation),
+        reference=None,
+    )
+
+
+def raised(state: NewtonState, tolerance: float) -> NewtonState:
+    """State with a larger last barrier parameter, for one that makes the system singular; or the same state.
+
+    A limit with the multiplier z adds z^2 / mu to the Hessian. Where that is 1e16 times the curvature of a
+    small cost, round-off leaves nothing of the latter. The tolerance is the largest last one: then each
+    product of a multiplier and its distance is below it, if not all of them together.
+    """
+    barrier = min(_RAISE * state.barrier, tolerance)
+    if barrier <= state.barrier:
+        return state
+    evaluation = state.native.weigh(barrier)
+    return replace(
+        state,
+        barrier=barrier,
+        least_barrier=barrier,
         evaluation=evaluation,
         filter=Filter.start(evaluation.violation),
         reference=None,

@@ -43,7 +43,7 @@ from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
-from mbocp.solvers.limits import init_barrier, resumed, update_barrier
+from mbocp.solvers.limits import init_barrier, raised, resumed, update_barrier
 from mbocp.solvers.multiplier import end_multiplier
 from mbocp.solvers.newton import (
     Direction,
@@ -167,6 +167,8 @@ class GlobalisedNewton:
         shift, attempts = state.shift, 0
         while True:
             factorisation, augmentation, direction = self._direction(state, shift)
+            if not (factorisation.ok or shift):
+                state = raised(state, self.tolerance)  # slacks follow with a step, and one may be enough
             if direction is not None:
                 found = _search(state, direction, _MIN_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP)
                 is_short = found is None or found[0] < _RELAXED_STEP
@@ -219,7 +221,11 @@ class GlobalisedNewton:
         though the residual is as small as it gets.
         """
         status = check_termination(state, self.tolerance, self.max_iterations)
-        is_there = _is_noise(state, self.tolerance) or _is_resolved(state, self.tolerance)
+        is_there = (
+            _is_noise(state, self.tolerance)
+            or _is_resolved(state, self.tolerance)
+            or _is_centred(state, self.tolerance)
+        )
         return Status.CONVERGED if is_there and state.failure is None else status
 
     def _direction(self, state: NewtonState, shift: float) -> tuple[Factorisation, float, Direction | None]:
@@ -328,6 +334,16 @@ def _is_noise(state: NewtonState, tolerance: float) -> bool:
         is_still
         and evaluation.residual <= tolerance
         and left <= _RESOLVED * tolerance
+        and state.increment <= _NOISE * tolerance
+    )
+
+
+def _is_centred(state: NewtonState, tolerance: float) -> bool:
+    """Whether all conditions hold with the least barrier that round-off allows, not with the last one."""
+    return (
+        state.least_barrier > 0.0
+        and state.barrier == state.least_barrier
+        and state.evaluation.barrier_error <= _RESOLVED * tolerance
         and state.increment <= _NOISE * tolerance
     )
 

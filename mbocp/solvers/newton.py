@@ -118,6 +118,8 @@ class NewtonState:
         Of the stages.
     barrier : float
         Parameter mu of the limits' barrier; 0: there are no limits.
+    least_barrier : float
+        Below which round-off makes the system singular, as far as that has been found.
     failure : Status or None
         Why no step could be taken.
     failed_stage : int
@@ -142,6 +144,7 @@ class NewtonState:
     restarts: int = 0
     kind: StageKind | None = None
     barrier: float = 0.0
+    least_barrier: float = 0.0
     failure: Status | None = None
     failed_stage: int = -1
     sweeps: Sweeps | None = None

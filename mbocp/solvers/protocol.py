@@ -57,6 +57,10 @@ class Measures(Norms, Protocol):
     def finite(self) -> bool:
         """Whether all of it is."""
 
+    @property
+    def complementarity(self) -> float:
+        """Norm of the products of limits' multipliers and distances, a part of `dual`."""
+
 
 class SolverState(Protocol):
     """Where a solver stands."""

@@ -11,7 +11,7 @@ from typing import Any
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.limits import multipliers_of
-from mbocp.solvers.protocol import Solver, SolverState
+from mbocp.solvers.protocol import Measures, Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Status
 
 __all__ = ["Callback", "SolverResult", "StopTest", "run"]
@@ -142,6 +142,14 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, t
     taken = f"{state.iteration} iteration{'' if state.iteration == 1 else 's'}"
     if status is Status.CONVERGED:
         if state.at_minimum:
+            if e.residual > tolerance >= _without_limits(e):
+                products = (
+                    f"each product of a limit's multiplier and its distance (norm {e.complementarity:.0e})"
+                )
+                return (
+                    f"a strict local minimum: all else is below the tolerance, and {products}, as near as "
+                    "round-off lets them come to zero"
+                )
             if e.residual > tolerance:
                 noise = f"the residual ({e.residual:.0e}) is round-off"
                 return f"a strict local minimum: {noise}, since multipliers or states are large"
@@ -174,6 +182,11 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, t
         Status.INTERRUPTED: f"interrupted after {taken}; the best iterate so far",
     }
     return f"{texts[status]}; {worst}"
+
+
+def _without_limits(e: Measures) -> float:
+    """The residual without the products of limits' multipliers and distances."""
+    return math.sqrt(max(0.0, e.residual**2 - e.complementarity**2))
 
 
 def _worst(state: SolverState, programme: StagewiseProgramme) -> str:

@@ -17,7 +17,7 @@ from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.limits import update_barrier
+from mbocp.solvers.limits import raised, update_barrier
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -192,3 +192,50 @@ def test_natural_coordinates_leave_path_constraints_to_others(arm: Path) -> None
         mbocp.solve(problem, solver="monolithic")
     s = mbocp.solve(problem, solver="auto", check=True)
     assert s.solver == "auto: IPOPT"
+
+
+def fastest(*settings: str, path: Path) -> mbocp.Problem:
+    """An arm in minimum time with next to no cost of effort; its accelerations take little torque."""
+    return mbocp.load_problem(
+        path,
+        [
+            "start.q=[-0.75, -0.31]",
+            "goal.q=[1.31, -0.36]",
+            "horizon={duration={min=0.1, max=20.0}, steps=40}",
+            "cost={time=1.0, effort=1e-5}",
+            "limits={effort=200.0, velocity=3.0, acceleration=[10.0, 5.0]}",
+            "integrator.scheme=midpoint",
+            "solver.method=monolithic",
+            *settings,
+        ],
+    )
+
+
+def test_limits_that_outweigh_a_small_cost_by_round_off_end_with_a_larger_barrier(arm: Path) -> None:
+    """With the least barrier the system is singular to working precision: 400 iterations came to no end."""
+    tolerance = 1e-9
+    problem = fastest(path=arm)
+    found = mbocp.solve(problem)
+    assert found.converged
+    assert found.iterations < 60
+    assert found.limit_violation == 0.0
+    residual = found.history[-1].residual
+    assert tolerance < residual < 1e-7
+    assert "round-off" in found.advice
+    # The first joint takes as long at best: 2.06 rad at 10 rad/s^2 and 3 rad/s.
+    assert found.duration == pytest.approx(2.06 / 3.0 + 3.0 / 10.0, rel=2e-3)
+    assert found.history[-1].primal <= tolerance
+
+
+def test_a_barrier_is_raised_to_the_tolerance_at_most(arm: Path) -> None:
+    _, _, state = begun(LIMITS)
+    assert raised(state, 1e-9) is state  # a first barrier is larger
+    low = replace(state, barrier=1e-12)
+    once = raised(low, 1e-9)
+    assert once.barrier == once.least_barrier == pytest.approx(1e-11)
+    last = raised(replace(low, barrier=5e-10), 1e-9)
+    assert last.barrier == 1e-9
+    assert raised(last, 1e-9) is last
+    assert raised(replace(state, barrier=0.0), 1e-9).least_barrier == 0.0
+    settled = replace(once, evaluation=once.native.weigh(once.barrier))
+    assert update_barrier(settled, 1e-9).barrier >= once.least_barrier
