@@ -42,6 +42,8 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
     error = goal_error(solution, problem)
     if error:
         rows.insert([name for name, _ in rows].index("constraints"), ("goal", error))
+    if problem.clearance is not None:
+        rows.append(("kept apart", "\n".join(problem.clearance.words)))
     rows += [(kind, str(path)) for kind, path in written]
     print_rows(solution.problem_name or problem.name, rows)
 
@@ -78,6 +80,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("constraints", _violation(solution)),
         *_constraint_forces(solution),
         *_limits(solution),
+        *_clearance(solution),
         *_drift(solution),
         ("conserved", _conserved(solution)),
         *_hamiltonian(solution),
@@ -238,6 +241,15 @@ def _touches(limit: ActiveLimit) -> str:
         bound = "" if math.isnan(limit.bound) else f" {limit.bound:.6g} {limit.unit}"
         return f"{where} at its {limit.side} bound{bound} {times}"
     return f"{where} at its {limit.side} limit {limit.bound:.6g} {limit.unit} {times}"
+
+
+def _clearance(solution: Solution) -> _Rows:
+    """How near the robot comes to obstacles, or its links to each other."""
+    if math.isnan(solution.clearance):
+        return []
+    size = f"{1e3 * abs(solution.clearance):.4g} mm"
+    how = size if solution.clearance >= 0.0 else f"{size} in each other"
+    return [("clearance", f"{how}: {solution.clearance_between} at {solution.clearance_time:.4g} s")]
 
 
 def _drift(solution: Solution) -> _Rows:

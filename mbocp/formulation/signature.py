@@ -15,6 +15,7 @@ from mbocp.formulation.memory import MEMORY, ordered
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
 from mbocp.terms import (
+    ClearanceTerm,
     Effort,
     ExactGoal,
     FrameEnd,
@@ -46,7 +47,7 @@ class FunctionSignature:
     cost : tuple of RunningTerm
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
-    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm and ViaTerm
+    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm and ClearanceTerm
     ends : tuple of FrameEnd and OwnEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
@@ -64,7 +65,7 @@ class FunctionSignature:
     goal: ExactGoal
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
-    path: tuple[PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm, ...] = ()
+    path: tuple[PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm | ClearanceTerm, ...] = ()
     ends: tuple[FrameEnd | OwnEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp.formulation import Formulation
+from mbocp.guesses.around import around
 from mbocp.guesses.hold import can_hold, hold
 from mbocp.guesses.line import at_rest, driven_line, is_whole, line
 from mbocp.guesses.simulated import simulated
@@ -49,6 +50,8 @@ def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
         return at_rest(formulation), "straight line in the configuration space, nothing moves"
     if kind == "hold":
         return hold(formulation), "hold the start, gravity compensated"
+    way = around(problem)
+    words = "straight line in the configuration space" if way is None else "a way around obstacles"
     if problem.robot.drives:
-        return driven_line(formulation), "straight line in the configuration space"
-    return line(formulation), "straight line in the configuration space, inverse dynamics"
+        return driven_line(formulation, way), words
+    return line(formulation, way), f"{words}, inverse dynamics"

@@ -14,6 +14,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
+from mbocp.problem.clearance import Clearance
 from mbocp.problem.goal import Goal
 from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Label, Robot
@@ -169,7 +170,7 @@ class PathConstraint:
                 raise DimensionMismatch(f"path {self.name!r}: frame {index}", index, len(robot.frame_names))
 
 
-_Kept: TypeAlias = PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint
+_Kept: TypeAlias = PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance
 
 
 def spans_found(path: Sequence[_Kept], via: Mapping[str, int]) -> tuple[_Kept, ...]:
@@ -234,11 +235,11 @@ def check_path(
             _refuse_outside(constraint, constraint.values(robot, goal.q, v), "goal")
 
 
-def _refuse_outside(
-    constraint: PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint, values: Array, where: str
-) -> None:
+def _refuse_outside(constraint: _Kept, values: Array, where: str) -> None:
     outside = (values < constraint.lower - BOUND_TOLERANCE) | (values > constraint.upper + BOUND_TOLERANCE)
     if outside.any():
+        if isinstance(constraint, Clearance):
+            raise ProblemError(constraint.refusal(values, where))
         i = int(np.flatnonzero(outside)[0])
         above = values[i] > constraint.upper[i]
         bound = constraint.upper[i] if above else constraint.lower[i]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
@@ -14,6 +14,7 @@ from mbocp.problem._checks import (
     check_choice,
     check_integer,
 )
+from mbocp.problem.clearance import Clearance, SelfCollision, clearance_of
 from mbocp.problem.consistency import check_end_conditions
 from mbocp.problem.coordinates import COORDINATES, check_coordinates
 from mbocp.problem.cost import Cost
@@ -38,9 +39,13 @@ from mbocp.problem.via_places import placed, via_marks, via_nodes, via_order
 from mbocp.problem.via_points import resolved_points, via_constraints
 from mbocp.problem.warn import warn_singular
 from mbocp.robot import InverseKinematics, Robot
+from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolerances
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
+
+PathObject: TypeAlias = PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance
+Inequality: TypeAlias = PathObject | RateLimit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,9 +107,13 @@ class Problem:
         On controls, velocities and configurations; none by default.
     via : tuple of ViaPoint
         States, or poses of frames, that the motion goes through.
+    obstacle : tuple of Obstacle
+        Shapes that the links keep away from.
+    self_collision : SelfCollision, optional
+        Whether links keep away from each other; True: with the defaults.
     path : tuple of PathConstraint
         h: where frames may be, and how fast; path constraints among `terms`; tolerances of the goal's
-            frames; `via`.
+            frames; `via`; `obstacle` and `self_collision` as one `Clearance`.
     terms : tuple of OwnTerm
         Costs, path constraints and end conditions of one's own, see `mbocp.terms.own`.
     q_start : ndarray, shape (nq,)
@@ -148,9 +157,12 @@ class Problem:
     goals: tuple[Goal, ...] = ()
     phases: tuple[Phase, ...] = field(init=False, repr=False, default=())
     _members: tuple[tuple[int, Problem], ...] = field(init=False, repr=False, default=())
+    clearance: Clearance | None = field(init=False, repr=False, default=None)
     limits: Bounds = field(default_factory=Bounds)
     via: tuple[ViaPoint, ...] = ()
-    path: tuple[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint, ...] = ()
+    obstacle: tuple[Obstacle, ...] = ()
+    self_collision: SelfCollision | bool | None = None
+    path: tuple[PathObject, ...] = ()
     terms: tuple[OwnTerm, ...] = ()
     q_start: Array
     v_start: Array
@@ -202,6 +214,7 @@ class Problem:
         )
         object.__setattr__(self, "goal", goal)
         self._place_via(nodes)
+        self._take_obstacles()
         self._check_cost()
         self._check_inequalities()
         self.guess.check_dimensions(self.robot.nu)
@@ -234,9 +247,7 @@ class Problem:
         return rate_limits(self.robot, self.limits)
 
     @property
-    def inequalities(
-        self,
-    ) -> tuple[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | RateLimit, ...]:
+    def inequalities(self) -> tuple[Inequality, ...]:
         """Path constraints and limits of rates: functions of a state that have bounds."""
         return (*self.path, *self.rate_limits)
 
@@ -294,6 +305,8 @@ class Problem:
         cost: Mapping[str, Any] | None = None,
         limits: Mapping[str, Any] | None = None,
         via: Sequence[Mapping[str, Any]] | None = None,
+        obstacle: Sequence[Mapping[str, Any]] | None = None,
+        self_collision: bool | Mapping[str, Any] | None = None,
         path: Sequence[Mapping[str, Any]] | None = None,
         terms: Sequence[OwnTerm] = (),
         guess: Mapping[str, Any] | None = None,
@@ -314,8 +327,10 @@ class Problem:
         steps : int
         start, goal, cost, limits, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
-        via, path : sequence of mapping, optional
-            The tables `[[via]]` and `[[path]]`.
+        via, obstacle, path : sequence of mapping, optional
+            The tables `[[via]]`, `[[obstacle]]` and `[[path]]`.
+        self_collision : bool or mapping, optional
+            The key or table `self_collision`.
         terms : sequence of OwnTerm
             Terms of one's own, see `mbocp.terms.own`.
         scheme : str
@@ -332,6 +347,8 @@ class Problem:
             "cost": cost,
             "limits": limits,
             "via": via,
+            "obstacle": obstacle,
+            "self_collision": self_collision,
             "path": path,
             "guess": guess,
             "solver": solver,
@@ -407,6 +424,17 @@ class Problem:
             phases = phases_between(marks, N, T, self.duration_range or (T, T))
             object.__setattr__(self, "phases", phases)
 
+    def _take_obstacles(self) -> None:
+        """Pairs of spheres and what they keep away from, as the last path constraint."""
+        said = self.self_collision
+        own = said if isinstance(said, SelfCollision) else SelfCollision() if said else None
+        object.__setattr__(self, "obstacle", tuple(self.obstacle))
+        object.__setattr__(self, "self_collision", own)
+        if self.obstacle or own is not None:
+            found = clearance_of(self.robot, self.obstacle, own, self.limits)
+            object.__setattr__(self, "clearance", found)
+            object.__setattr__(self, "path", (*self.path, found) if found.rows else self.path)
+
     def _check_cost(self) -> None:
         cost, goal = self.cost.on_controls(self.robot.nu), self.goal
         object.__setattr__(self, "cost", cost)
@@ -424,5 +452,6 @@ class Problem:
         check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, num_phases=len(self.phases))
         if self.is_bounded:
             table = "limits" if self.limits.any_finite else "via" if self.via else "path"
+            table = "obstacle" if self.clearance is not None else table
             has_times = len(self.phases) > 1
             check_method(self.solver, table, is_free=self.has_free_duration, has_free_times=has_times)

@@ -52,12 +52,15 @@ class _Summary(_Strict):
     limit_violation: _Size = 0.0
     manifold_drift: _Size = 0.0
     manifold_drift_resimulated: _Size = 0.0
+    clearance: float = 0.0
+    clearance_time: float = 0.0
     unknowns: _Count
     wall_time_s: _Size = 0.0
     substeps: _Count = 0
     problem_name: str = ""
     robot_name: str = ""
     guess_used: str = ""
+    clearance_between: str = ""
     coordinates: str = ""
     scheme: str = ""
     lie: str = ""

@@ -50,6 +50,8 @@ NUMBERS = (
     "limit_violation",
     "manifold_drift",
     "manifold_drift_resimulated",
+    "clearance",
+    "clearance_time",
     "wall_time_s",
 )
 COUNTS = ("iterations", "unknowns", "substeps")
@@ -59,6 +61,7 @@ WORDS = (
     "problem_name",
     "robot_name",
     "guess_used",
+    "clearance_between",
     "coordinates",
     "scheme",
     "lie",
@@ -86,6 +89,9 @@ class SolutionData:
     limit_violation: float = 0.0
     manifold_drift: float = math.nan
     manifold_drift_resimulated: float = math.nan
+    clearance: float = math.nan
+    clearance_between: str = ""
+    clearance_time: float = math.nan
     unknowns: int
     wall_time_s: float = math.nan
     phases: tuple[Phase, ...] = ()

@@ -11,8 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from mbocp._arrays import Array
 from mbocp._files import parse_toml
 from mbocp._numbers import is_number
-from mbocp.exceptions import InvalidValue, MbocpError, Unreadable
+from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, Unreadable
 from mbocp.robot import FrameTarget
+from mbocp.robot.collision.obstacle import SIZES, Obstacle
 from mbocp.robot.poses.target import target_from_words
 from mbocp.solution.via_text import ViaPlace, via_places
 from mbocp.terms import PATH_TERMS, RATE_TERMS, FrameGoal
@@ -67,6 +68,7 @@ class _Problem(_Part):
     limits: dict[str, Any] = {}
     via: list[dict[str, Any]] = []
     path: list[dict[str, Any]] = []
+    obstacle: list[dict[str, Any]] = []
     terms: list[dict[str, Any]] = []
 
 
@@ -307,6 +309,28 @@ def lines_of(problem_text: str) -> tuple[tuple[Array, Array], ...]:
     problem = _parsed(problem_text)
     ends = [(table.get("a"), table.get("b")) for table in (problem.path if problem is not None else ())]
     return tuple((np.array(a, dtype=float), np.array(b, dtype=float)) for a, b in ends if _triples(a, b))
+
+
+def obstacles_of(problem_text: str) -> tuple[Obstacle, ...]:
+    """Obstacles as `mbocp.problem.problem_to_toml` writes them; what is odd is left out.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem, found = _parsed(problem_text), []
+    for table in problem.obstacle if problem is not None else ():
+        sizes = [table.get(key) for key in SIZES.get(str(table.get("shape")), ())]
+        lengths = [x for size in sizes for x in (size if isinstance(size, list) else [size])]
+        known = ("name", "shape", "position", "orientation", "frame", "margin", "smoothing")
+        try:
+            found.append(
+                Obstacle(sizes=np.array(lengths, dtype=float), **{k: table[k] for k in known if k in table})
+            )
+        except (InvalidValue, DimensionMismatch, TypeError, ValueError):
+            continue  # not written by mbocp: the picture is without it
+    return tuple(found)
 
 
 def _triples(*points: Any) -> bool:

@@ -8,16 +8,19 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 import numpy as np
 
 from mbocp import __version__
 from mbocp._arrays import Array
+from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.resolution import unresolved
 from mbocp.formulation.trajectory import read_trajectory
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
+from mbocp.problem.approach import Approach, nearest_approach
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution.records import Labels, StartRecord
@@ -57,6 +60,7 @@ def read_solution(
         What was asked for, if it has several goals.
     """
     problem, result = formulation.problem, outcome.result
+    approach: Approach | None = None
     last = result.record
     with timed(phases, "diagnostics"):
         trajectory = read_trajectory(formulation, result.iterate)
@@ -64,6 +68,10 @@ def read_solution(
         told = left_out + _singular(problem.robot, trajectory.qs)
     motion = Motion(trajectory.qs, trajectory.vs, trajectory.us, np.diff(trajectory.t))
     status, advice = _resolution(formulation, result, motion)
+    if problem.clearance is not None:
+        with timed(phases, "clearance"):
+            approach = nearest_approach(problem.clearance, trajectory.t, trajectory.qs)
+        status, advice = _cleared(approach, status, advice)
     return Solution(
         status=status,
         advice=advice + _compiled_long(problem, result, phases) + told,
@@ -76,6 +84,7 @@ def read_solution(
         wall_time_s=time.perf_counter() - begun,
         phases=tuple(phases),
         history=result.history,
+        **_told(approach),
         problem_name=problem.name,
         robot_name=problem.robot.name,
         robot_spec=dict(problem.robot.spec),
@@ -122,6 +131,29 @@ def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) 
     if result.status is not Status.CONVERGED:
         return result.status, f"{result.advice}; {words}: {remedy}"
     return Status.UNDER_RESOLVED, f"{words}: {remedy}; the optimality conditions hold: {result.advice}"
+
+
+def _told(approach: Approach | None) -> dict[str, Any]:
+    """Fields of a solution."""
+    if approach is None:
+        return {}
+    return {
+        "clearance": approach.distance,
+        "clearance_between": approach.between,
+        "clearance_time": approach.time,
+    }
+
+
+def _cleared(approach: Approach | None, status: Status, advice: str) -> tuple[Status, str]:
+    """Status and advice of a motion that touches something between its nodes, or comes nearer than it may."""
+    if approach is None or approach.distance - approach.margin >= -BOUND_TOLERANCE:
+        return status, advice
+    if status is not Status.CONVERGED:
+        return status, f"{advice}; {approach.words}"
+    remedy = "take more steps, or a larger margin"
+    if approach.distance >= 0.0:
+        return status, f"{advice}; between nodes {approach.words}, less than its margin: {remedy}"
+    return Status.UNDER_RESOLVED, f"between nodes {approach.words}: {remedy}; at the nodes: {advice}"
 
 
 @cache

@@ -1,5 +1,6 @@
 """What a problem is made of: terms of its cost, path constraints, end conditions; one class each."""
 
+from mbocp.terms.clearance import ClearanceTerm, ShapeOn
 from mbocp.terms.cost import (
     COST_TERMS,
     CostTerm,
@@ -39,6 +40,7 @@ __all__ = [
     "PATH_TERMS",
     "RATE_TERMS",
     "AngularSpeed",
+    "ClearanceTerm",
     "ControlRate",
     "CostTerm",
     "CostWeights",
@@ -65,6 +67,7 @@ __all__ = [
     "RateTerm",
     "Reader",
     "RunningTerm",
+    "ShapeOn",
     "Sizes",
     "Span",
     "Speed",

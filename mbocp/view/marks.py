@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from mbocp._arrays import Array
 from mbocp.problem.phases import node_times
+from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.kinematics import WORLD
-from mbocp.solution.problem_text import lines_of, via_goals_of
+from mbocp.solution.problem_text import lines_of, obstacles_of, via_goals_of
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -44,14 +45,16 @@ class Marks:
     via : tuple of ViaMark
     lines : tuple of (ndarray, ndarray)
         Both ends of each, shape (3,) [m].
+    obstacles : tuple of Obstacle
     """
 
     via: tuple[ViaMark, ...] = ()
     lines: tuple[tuple[Array, Array], ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
 
 
 def marks_of(problem: Problem, times: Array | None = None) -> Marks:
-    """Poses of frames at the via points of a problem, and the lines of its path constraints.
+    """Poses of frames at the via points of a problem, and the lines of its path constraints, its obstacles.
 
     Parameters
     ----------
@@ -66,7 +69,8 @@ def marks_of(problem: Problem, times: Array | None = None) -> Marks:
         for frame in point.via.goal.poses
     )
     numbers = (constraint.numbers for constraint in problem.frame_constraints)
-    return Marks(tuple(via), tuple((n["a"], n["b"]) for n in numbers if {"a", "b"} <= set(n)))
+    lines = tuple((n["a"], n["b"]) for n in numbers if {"a", "b"} <= set(n))
+    return Marks(tuple(via), lines, problem.obstacle)
 
 
 def marks_of_result(solution: Solution, robot: Robot) -> Marks:
@@ -77,4 +81,5 @@ def marks_of_result(solution: Solution, robot: Robot) -> Marks:
         for node, goal in via_goals_of(solution.problem_text)
         if {goal.name, goal.target.relative_to} <= known
     ]
-    return Marks(tuple(via), lines_of(solution.problem_text))
+    obstacles = (o for o in obstacles_of(solution.problem_text) if o.frame in known)
+    return Marks(tuple(via), lines_of(solution.problem_text), tuple(obstacles))

@@ -57,7 +57,7 @@ def write_replay(
     other_goals : sequence of FrameTarget
         Faint ones: where it might have ended, too.
     marks : Marks, optional
-        Via points and lines, see `mbocp.view.marks.marks_of`.
+        Via points, lines and obstacles, see `mbocp.view.marks.marks_of`.
     spheres : sequence of LinkSpheres
         Spheres to draw over the robot, see `Robot.collision_spheres`.
     title : str

@@ -54,7 +54,7 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
         if name in ("start", "integrator"):
             raise ProblemError(f"{name}: got {shown(value)}, expected a table")
         if name not in known:
-            words = [*_TABLES, "via", "path", "steps", *known]
+            words = [*_TABLES, "via", "path", "obstacle", "steps", *known]
             raise ProblemError(
                 f"{name}: a problem has no such field: {suggest(name, dict.fromkeys(words), 40)}"
             )
@@ -62,7 +62,7 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
 
 
 def _is_table(name: str, value: Any) -> bool:
-    if name in ("via", "path"):
+    if name in ("via", "path", "obstacle"):
         return isinstance(value, (list, tuple)) and any(isinstance(entry, Mapping) for entry in value)
     return name in _TABLES and isinstance(value, Mapping)
 
@@ -80,7 +80,7 @@ def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
     document = parse_toml(to_toml(tables_of(problem)))
     for name, value in tables.items():
         table = plain(value)
-        if name in ("via", "path", "guess"):  # lists, and a kind with what belongs to it
+        if name in ("via", "path", "obstacle", "guess"):  # lists, and a kind with what belongs to it
             document[name] = table
             continue
         old = document.get(name, {})

@@ -23,6 +23,7 @@ from mbocp.problem.file.frame_table import frames_from
 from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.file.messages import in_file, located, schema_error
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
+from mbocp.problem.file.obstacle_table import obstacles_from, self_collision_from
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.path_table import path_from
 from mbocp.problem.file.schema import (
@@ -133,6 +134,8 @@ def _fields(
         "limits": bounds_from(robot, **dict(table.limits)),
         "via": via,
         "path": path_from(robot, table.path, q_start, goal),
+        "obstacle": obstacles_from(table.obstacle),
+        "self_collision": self_collision_from(table.self_collision, folder),
         "terms": terms_from(robot, table.terms, terms),
         "q_start": q_start,
         "v_start": v_start,

@@ -16,6 +16,7 @@ from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.solver import SolverOptions
+from mbocp.robot.collision.obstacle import SMOOTHING
 from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.terms import COST_TERMS, PATH_TERMS
@@ -45,10 +46,12 @@ __all__ = [
     "HorizonTable",
     "IntegratorTable",
     "LimitsTable",
+    "ObstacleTable",
     "PathHead",
     "PathTable",
     "ProblemTable",
     "RobotTable",
+    "SelfCollisionTable",
     "SolverTable",
     "StartTable",
     "TargetTable",
@@ -306,6 +309,30 @@ TermTable = merged(
 )
 
 
+class ObstacleTable(Table):
+    """A shape that links keep away from."""
+
+    name: str | None = None
+    shape: str
+    radius: Finite | None = None
+    length: Finite | None = None
+    size: Triple = None
+    position: Triple = None
+    rpy: Triple = None
+    orientation: list[Finite] | None = Field(default=None, min_length=4, max_length=4)
+    frame: str | None = None
+    margin: Finite = 0.0
+    smoothing: Finite = SMOOTHING
+
+
+class SelfCollisionTable(Table):
+    """How links keep away from each other."""
+
+    margin: Finite = 0.0
+    disabled: list[list[str]] = Field(default_factory=list)
+    srdf: str | None = None
+
+
 class GuessTable(Table):
     """Where the solver starts."""
 
@@ -357,6 +384,8 @@ class ProblemTable(Table):
     limits: LimitsTable = LimitsTable()
     via: list[ViaTable] = Field(default_factory=list)
     path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
+    obstacle: list[ObstacleTable] = Field(default_factory=list)
+    self_collision: bool | SelfCollisionTable | None = None
     terms: list[TermTable] = Field(default_factory=list)  # type: ignore[valid-type]
     guess: GuessTable = GuessTable()
     integrator: IntegratorTable = IntegratorTable()

@@ -7,16 +7,18 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import SCHEMES
+from mbocp.problem.clearance import Clearance, SelfCollision
 from mbocp.problem.cost import Cost
 from mbocp.problem.duration import written_duration
 from mbocp.problem.file.frame_table import frame_tables
 from mbocp.problem.file.named_values import joint_values
+from mbocp.problem.file.obstacle_table import obstacle_tables, self_collision_table
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.file.via_table import via_tables
@@ -29,7 +31,10 @@ from mbocp.problem.solver import SolverOptions
 from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Robot
+from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import COST_TERMS, FrameTolerance, OwnPathConstraint, OwnTerm
+
+PathObject: TypeAlias = OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance
 
 __all__ = ["ProblemFields", "tables_of", "to_toml"]
 
@@ -69,7 +74,11 @@ class ProblemFields(Protocol):
     @property
     def via(self) -> tuple[ViaPoint, ...]: ...  # noqa: D102
     @property
-    def path(self) -> tuple[PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint, ...]: ...  # noqa: D102
+    def path(self) -> tuple[PathConstraint | PathObject, ...]: ...  # noqa: D102
+    @property
+    def obstacle(self) -> tuple[Obstacle, ...]: ...  # noqa: D102
+    @property
+    def self_collision(self) -> SelfCollision | bool | None: ...  # noqa: D102
     @property
     def terms(self) -> tuple[OwnTerm, ...]: ...  # noqa: D102
     @property
@@ -98,6 +107,8 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
         "coordinates": problem.coordinates,
         "via": via_tables(robot, problem.via) or None,
         "path": path_tables(robot, problem.path) or None,
+        "obstacle": obstacle_tables(problem.obstacle) or None,
+        "self_collision": self_collision_table(problem.self_collision),
         "terms": term_tables(robot, problem.terms) or None,
         "robot": dict(robot.spec),
         "horizon": {

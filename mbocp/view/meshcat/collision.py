@@ -1,4 +1,4 @@
-"""Collision geometry in a replay: the spheres that stand for links."""
+"""Collision geometry in a replay: obstacles, and the spheres that stand for links."""
 
 from __future__ import annotations
 
@@ -6,17 +6,67 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
+from mbocp._arrays import Array
 from mbocp.view.meshcat.commands import Command, colour_number, set_object, set_transform, shape_object
-from mbocp.view.meshcat.viewer import mg
+from mbocp.view.meshcat.viewer import load_primitive, mg
 
 if TYPE_CHECKING:
     from mbocp.robot import LinkSpheres, Robot
+    from mbocp.robot.collision.obstacle import Obstacle
 
-__all__ = ["sphere_commands"]
+__all__ = ["obstacle_commands", "obstacle_points", "sphere_commands"]
 
 _SPHERE = (0.10, 0.45, 0.85)  # RGB
 _OPACITY = 0.35
+_OBSTACLE = (0.80, 0.36, 0.22)  # RGB
+_SOLID = 0.75  # opacity
+_PLATE = 2.0  # side of the plate that stands for a halfspace, in sizes of the scene
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+
+
+def obstacle_points(robot: Robot, obstacles: Sequence[Obstacle]) -> list[Array]:
+    """Corners of the boxes around obstacles that stand in the world, each of shape (3,) [m]."""
+    found: list[Array] = []
+    for obstacle in obstacles:
+        frame = robot.model.frames[robot.frame_id(obstacle.frame)]
+        if obstacle.shape == "halfspace" or frame.parentJoint:
+            continue
+        shape = obstacle.geometry
+        shape.computeLocalAABB()
+        half = (np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)) / 2.0
+        found += [(frame.placement * obstacle.placement).act(corner * half) for corner in _CORNERS]
+    return found
+
+
+def obstacle_commands(
+    robot: Robot, obstacles: Sequence[Obstacle], node: Callable[[int], str], size: float
+) -> Iterator[Command]:
+    """Draw obstacles, in the world or with the joint that carries them; of a halfspace a plate.
+
+    Parameters
+    ----------
+    robot : Robot
+    obstacles : sequence of Obstacle
+    node : callable
+        Path of a joint's node by the index of the joint.
+    size : float
+        Extent of the scene [m].
+    """
+    for number, obstacle in enumerate(obstacles):
+        frame = robot.model.frames[robot.frame_id(obstacle.frame)]
+        joint, placed = int(frame.parentJoint), frame.placement * obstacle.placement
+        is_plate = obstacle.shape == "halfspace"
+        opacity = _OPACITY if is_plate else _SOLID
+        material = mg.MeshPhongMaterial(color=colour_number(_OBSTACLE), transparent=True, opacity=opacity)
+        if is_plate:
+            drawn = mg.Box([_PLATE * size, _PLATE * size, 1e-3 * size])
+        else:
+            drawn = load_primitive(pin.GeometryObject(obstacle.name, joint, placed, obstacle.geometry))
+        path = f"{node(joint)}/obstacles/{number}_{obstacle.name.replace('/', '|')}"
+        yield set_object(path, shape_object(drawn, material))
+        yield set_transform(path, placed.rotation, placed.translation)
 
 
 def sphere_commands(

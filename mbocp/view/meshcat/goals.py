@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.view.marks import Marks
+from mbocp.view.meshcat.collision import obstacle_points
 from mbocp.view.meshcat.commands import Command, set_object, set_transform, shape_object
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.viewer import mg
@@ -68,6 +69,7 @@ def mark_points(robot: Robot, marks: Marks, motion: Motion) -> list[Array]:
     """Points that the picture is to hold, as paths of the length of the motion."""
     points = [placed.translation for placed in _via_placements(robot, marks, motion)]
     points += [point for line in marks.lines for point in line]
+    points += obstacle_points(robot, marks.obstacles)
     return [np.tile(point, (len(motion.times), 1)) for point in points]
 
 

@@ -14,7 +14,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
-from mbocp.view.meshcat.collision import sphere_commands
+from mbocp.view.meshcat.collision import obstacle_commands, sphere_commands
 from mbocp.view.meshcat.commands import (
     Command,
     Track,
@@ -96,7 +96,7 @@ def build_scene(
     other_goals : sequence of FrameTarget
         Those of which the motion goes to another: faint.
     marks : Marks, optional
-        Via points and lines.
+        Via points, lines and obstacles.
     spheres : sequence of LinkSpheres
         Spheres that are drawn over the robot.
     speed : float
@@ -130,6 +130,7 @@ def build_scene(
         *_trace_commands(robot, frames, paths, size),
         *goal_commands([*goals, *other_goals], placements, WORLD, size, bold=len(goals)),
         *mark_commands(robot, drawn_marks, motion, WORLD, size),
+        *obstacle_commands(robot, drawn_marks.obstacles, lambda joint: joint_node(motion, joint), size),
         *sphere_commands(robot, spheres, lambda joint: joint_node(motion, joint)),
     ]
     tracks = [*_joint_tracks(motion), *connector_tracks]

@@ -1,0 +1,128 @@
+"""Obstacles: shapes in the world or on a frame of a robot that its links keep away from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array, frozen_array
+from mbocp._numbers import is_number
+from mbocp._text import shown
+from mbocp.exceptions import InvalidValue
+from mbocp.robot import kinematics
+
+__all__ = ["SIZES", "SMOOTHING", "Obstacle"]
+
+# Keys of a shape's sizes, and how many lengths each has.
+SIZES: dict[str, dict[str, int]] = {
+    "sphere": {"radius": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "halfspace": {},
+}
+SMOOTHING = 2e-3  # [m] over which edges of shapes are rounded in the equations
+_LATER = ("mesh", "convex", "plane", "cone", "ellipsoid", "octree", "heightfield")
+_LARGEST = 1e6  # [m]
+_MIN_NORM = 1e-8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Obstacle:
+    """A shape to keep away from.
+
+    Parameters
+    ----------
+    name : str
+    shape : {"sphere", "capsule", "box", "cylinder", "halfspace"}
+        Capsules and cylinders are along z; a halfspace fills what is below z = 0.
+    sizes : array_like
+        In the order of `SIZES`: radius; radius and length (of a capsule without its ends); sides x, y, z
+        [m]; of a halfspace nothing.
+    position : array_like, shape (3,)
+        Of the shape's centre in `frame` [m].
+    orientation : array_like, shape (4,)
+        Of its axes in those of `frame`, quaternion xyzw.
+    frame : str
+        Frame of the robot that carries it; "world" stands still.
+    margin : float
+        Least distance [m].
+    smoothing : float
+        Length over which edges are rounded in the equations [m].
+
+    Raises
+    ------
+    InvalidValue
+        If a value cannot be right.
+    """
+
+    name: str
+    shape: str
+    sizes: Array = ()  # type: ignore[assignment]  # made an array
+    position: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    orientation: Array = (0.0, 0.0, 0.0, 1.0)  # type: ignore[assignment]
+    frame: str = kinematics.WORLD
+    margin: float = 0.0
+    smoothing: float = SMOOTHING
+
+    def __post_init__(self) -> None:
+        key = f"obstacle {self.name!r}"
+        if self.shape in _LATER:
+            expected = f"{' or '.join(SIZES)}; cover other shapes by some of these"
+            raise InvalidValue(f"{key}: shape", shown(self.shape), expected)
+        if self.shape not in SIZES:
+            raise InvalidValue.of_choice(f"{key}: shape", self.shape, tuple(SIZES), "")
+        self._take("sizes", sum(SIZES[self.shape].values()), "m")
+        if np.any(np.asarray(self.sizes) <= 0.0):
+            raise InvalidValue(f"{key}: sizes", np.asarray(self.sizes).tolist(), "lengths above 0 [m]")
+        self._take("position", 3, "m")
+        self._take("orientation", 4, "quaternion xyzw")
+        norm = float(np.linalg.norm(self.orientation))
+        if norm < _MIN_NORM:
+            raise InvalidValue(f"{key}: orientation", np.asarray(self.orientation).tolist(), "a rotation")
+        if abs(norm - 1.0) > 1e-15:
+            object.__setattr__(self, "orientation", frozen_array(self.orientation / norm))
+        for name, least in (("margin", -_LARGEST), ("smoothing", 1e-9)):
+            value = getattr(self, name)
+            if not (is_number(value) and least <= value <= _LARGEST):
+                raise InvalidValue(f"{key}: {name}", shown(value), f"a length from {least:g} on [m]")
+            object.__setattr__(self, name, float(value))
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Of the shape in its frame."""
+        return pin.SE3(pin.Quaternion(np.array(self.orientation)).matrix(), np.array(self.position))
+
+    @property
+    def geometry(self) -> coal.CollisionGeometry:
+        """The shape, as coal has it."""
+        sizes = [float(size) for size in self.sizes]
+        if self.shape == "halfspace":
+            return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+        made = {"sphere": coal.Sphere, "capsule": coal.Capsule, "box": coal.Box, "cylinder": coal.Cylinder}
+        return made[self.shape](*sizes)
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Keys and values as in a problem file."""
+        found: dict[str, Any] = {"name": self.name, "shape": self.shape}
+        at = 0
+        for key, count in SIZES[self.shape].items():
+            values = np.asarray(self.sizes)[at : at + count].tolist()
+            found[key] = values[0] if count == 1 else values
+            at += count
+        found |= {"position": np.asarray(self.position), "orientation": np.asarray(self.orientation)}
+        if self.frame != kinematics.WORLD:
+            found["frame"] = self.frame
+        return found | {"margin": self.margin, "smoothing": self.smoothing}
+
+    def _take(self, name: str, count: int, unit: str) -> None:
+        array = np.asarray(getattr(self, name), dtype=np.float64)
+        if array.shape != (count,) or not np.all(np.abs(array) <= _LARGEST):
+            expected = f"{count} numbers up to {_LARGEST:g} [{unit}]" if count else "nothing"
+            raise InvalidValue(f"obstacle {self.name!r}: {name}", array.tolist(), expected)
+        object.__setattr__(self, name, frozen_array(array))

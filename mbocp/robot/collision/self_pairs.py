@@ -1,0 +1,157 @@
+"""Pairs of links that may collide with each other."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._files import MEGABYTE, is_file, read_text
+from mbocp.exceptions import RobotFileError, Unreadable
+from mbocp.robot import joints
+from mbocp.robot.collision.reach import ancestors
+from mbocp.robot.collision.spheres import LinkSpheres
+
+__all__ = ["SelfPairs", "disabled_by", "find_srdf", "self_pairs"]
+
+_POSES = 400
+_RESERVE = 0.05  # [m]: links that stay farther apart than this in all poses are left out
+_MAX_BYTES = 4 * MEGABYTE  # of an SRDF
+
+
+@dataclass(frozen=True)
+class SelfPairs:
+    """Which spheres of which links keep away from each other, and which pairs of links are left out.
+
+    Attributes
+    ----------
+    spheres : tuple of ((int, int), (int, int))
+        Index of a link among the spheres' links, and of a sphere of it, twice.
+    links : tuple of (str, str)
+        Pairs of links with such spheres.
+    left_out : mapping of str to tuple of (str, str)
+        Pairs of links by the reason for which they are left out.
+    """
+
+    spheres: tuple[tuple[tuple[int, int], tuple[int, int]], ...]
+    links: tuple[tuple[str, str], ...]
+    left_out: dict[str, tuple[tuple[str, str], ...]]
+
+
+def self_pairs(
+    model: pin.Model,
+    links: Sequence[LinkSpheres],
+    q0: Array,
+    limits: tuple[Array, Array],
+    disabled: Collection[frozenset[str]] = (),
+) -> SelfPairs:
+    """Pairs of links that can meet, and do not do so by their build.
+
+    Parameters
+    ----------
+    model : pin.Model
+    links : sequence of LinkSpheres
+    q0 : ndarray, shape (nq,)
+        Default pose: links whose spheres overlap in it are left out.
+    limits : tuple of ndarray, shapes (nq,)
+        Range of the poses that are tried.
+    disabled : collection of frozenset of str
+        Pairs of links by name that are left out.
+    """
+    placed = [_placed(model, links, q) for q in (q0, *_poses(model, q0, *limits))]
+    chosen, kept = [], []
+    left_out: dict[str, list[tuple[str, str]]] = {}
+    for a, b in combinations(range(len(links)), 2):
+        names = links[a].link, links[b].link
+        reason = "moved by one joint" if links[a].joint == links[b].joint else ""
+        if not reason and _are_neighbours(model, links[a].joint, links[b].joint):
+            reason = "next to each other"
+        if not reason and frozenset(names) in disabled:
+            reason = "disabled"
+        if not reason:
+            reach = links[a].radii[:, None] + links[b].radii
+            gaps = np.array(
+                [np.linalg.norm(pose[a][:, None] - pose[b], axis=2) - reach for pose in placed]
+            )  # poses, spheres of a, spheres of b
+            nearest = gaps.min(axis=(1, 2))
+            if nearest[0] < 0.0:
+                reason = "touching in the default pose"
+            elif (nearest[1:] < 0.0).all():
+                reason = "always touching"
+            elif nearest.min() > _RESERVE:
+                reason = "never near each other"
+            else:
+                near = np.argwhere(gaps.min(axis=0) <= _RESERVE)
+                chosen += [((a, int(i)), (b, int(j))) for i, j in near]
+                kept.append(names)
+        if reason:
+            left_out.setdefault(reason, []).append(names)
+    told = {reason: tuple(pairs) for reason, pairs in left_out.items()}
+    return SelfPairs(tuple(chosen), tuple(kept), told)
+
+
+def find_srdf(urdf: Path) -> Path | None:
+    """The SRDF of a URDF's name beside it, or in the folder srdf next to its own; None if there is none."""
+    name = urdf.with_suffix(".srdf").name
+    places = (urdf.parent / name, urdf.parent.parent / "srdf" / name)
+    return next((place for place in places if is_file(place)), None)
+
+
+def disabled_by(srdf: Path, prefix: str = "") -> frozenset[frozenset[str]]:
+    """Pairs of links of <disable_collisions>.
+
+    Raises
+    ------
+    RobotFileError
+        If it is no SRDF.
+    """
+    try:
+        root = ElementTree.fromstring(read_text(srdf, expected="an SRDF", limit=_MAX_BYTES))
+    except Unreadable as error:
+        raise RobotFileError(srdf, error.reason) from error
+    except (ElementTree.ParseError, ValueError) as error:
+        raise RobotFileError(srdf, f"malformed XML: {error}") from error
+    if root.tag != "robot":
+        raise RobotFileError(srdf, f"not an SRDF: its root element is <{root.tag}>, expected <robot>")
+    pairs = ((e.get("link1", ""), e.get("link2", "")) for e in root.iterfind("disable_collisions"))
+    return frozenset(frozenset(prefix + name for name in pair) for pair in pairs)
+
+
+def _are_neighbours(model: pin.Model, a: int, b: int) -> bool:
+    return int(model.parents[a]) == b or int(model.parents[b]) == a
+
+
+def _placed(model: pin.Model, links: Sequence[LinkSpheres], q: Array) -> list[Array]:
+    """Centres of each link's spheres in the world at a pose."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.array(q))
+    found = []
+    for link in links:
+        at = data.oMf[link.frame]
+        found.append(link.centers @ at.rotation.T + at.translation)
+    return found
+
+
+def _poses(model: pin.Model, q0: Array, q_lower: Array, q_upper: Array) -> list[Array]:
+    """Poses within limits, the same every time; what turns without limits turns all the way."""
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(_POSES):
+        turn = rng.uniform(-np.pi, np.pi, model.nv)
+        for joint in range(1, model.njoints):
+            if len(ancestors(model, joint)) == 1 and joints.joint_kind(model, joint).word == "floating":
+                turn[joints.velocity_slice(model, joint)] = 0.0  # where the whole robot is does not matter
+        q = pin.integrate(model, np.array(q0), turn)
+        for joint in range(1, model.njoints):
+            where = joints.configuration_slice(model, joint)
+            low, high = q_lower[where], q_upper[where]
+            if len(low) == 1 and np.isfinite(low).all() and np.isfinite(high).all():
+                q[where] = rng.uniform(low, high)
+        found.append(q)
+    return found

@@ -1,0 +1,78 @@
+"""Guesses go around obstacles, and the solvers from there agree."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.guesses.around import around
+from mbocp.guesses.ways import straight
+from mbocp.problem import Problem, load_problem
+from mbocp.solution import Solution
+from mbocp.view.marks import marks_of, marks_of_result
+
+SLALOM = Path(__file__).parents[2] / "examples/arms/slalom.toml"
+
+
+@pytest.fixture(scope="module")
+def slalom() -> Problem:
+    return load_problem(SLALOM)
+
+
+@pytest.fixture(scope="module")
+def solved(slalom: Problem) -> Solution:
+    return mbocp.solve(slalom, solver="monolithic")
+
+
+def least(problem: Problem, qs: np.ndarray) -> float:
+    return float((problem.clearance.values_along(problem.robot, qs, qs, qs) - problem.clearance.lower).min())
+
+
+def test_the_way_is_clear_and_the_line_is_not(slalom):
+    shares = np.linspace(0.0, 1.0, 300)
+    assert least(slalom, straight(slalom)(slalom.q_start, shares)) < -0.05
+    qs = around(slalom)(slalom.q_start, shares)
+    assert least(slalom, qs) > 0.0
+    np.testing.assert_allclose(qs[[0, -1]], [slalom.q_start, slalom.goal.q], atol=1e-12)
+    assert np.abs(np.diff(qs, axis=0)).max() < 0.1
+    np.testing.assert_array_equal(around(slalom)(slalom.q_start, shares), qs)
+
+
+def test_without_an_obstacle_in_between_there_is_no_search(slalom):
+    assert around(slalom.with_(obstacle=slalom.obstacle[2:])) is None
+    assert around(slalom.with_(obstacle=())) is None
+
+
+def test_monolithic_goes_around(slalom, solved):
+    assert solved.converged
+    assert solved.guess_used == "a way around obstacles, inverse dynamics"
+    assert solved.limit_violation < 1e-8
+    assert solved.clearance > 0.01
+    assert solved.clearance_between == "wrist_3_link and box"
+    active = [limit for limit in solved.active_limits if limit.kind == "path"]
+    assert active
+    assert all("from box" in limit.name for limit in active)
+    free = mbocp.solve(slalom.with_(obstacle=()), solver="monolithic")
+    assert free.cost < solved.cost
+    assert least(slalom, free.qs) < -0.05
+
+
+def test_ipopt_agrees(slalom, solved):
+    other = mbocp.solve(slalom, solver="ipopt")
+    assert other.converged
+    assert other.cost == pytest.approx(solved.cost, rel=1e-6)
+    np.testing.assert_allclose(other.qs, solved.qs, atol=1e-4)
+
+
+def test_a_saved_result_has_clearance_and_obstacles(slalom, solved, tmp_path):
+    loaded = Solution.load(solved.save(tmp_path / "slalom.h5"))
+    assert loaded == solved
+    assert loaded.to_dict()["clearance"] == solved.clearance
+    drawn = marks_of_result(loaded, slalom.robot).obstacles
+    assert [o.name for o in drawn] == [o.name for o in marks_of(slalom).obstacles] == ["box", "ball", "floor"]
+    for one, other in zip(drawn, slalom.obstacle, strict=True):
+        np.testing.assert_array_equal(one.sizes, other.sizes)
+        np.testing.assert_array_equal(one.position, other.position)
