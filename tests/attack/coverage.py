@@ -4,7 +4,8 @@ atheris watches mbocp's lines and branches and keeps what reaches a new one; wha
 the mutations of this package. It is no requirement of mbocp: `make attack` installs it, where there is a
 wheel of it for this Python.
 
-A finding that is an exception is written down and the search goes on; one that takes the process with it ends
+What came of every input is written down as it comes, a line each: atheris ends the process itself. The inputs
+of findings that are exceptions are kept, and the search goes on; one that takes the process with it ends
 the search, and leaves its input beside the log.
 """
 
@@ -106,7 +107,7 @@ def _search(options: argparse.Namespace) -> None:
         atheris.instrument_func(function)
 
     known = entries(options.kind)
-    corpus, findings = options.log / options.kind, options.log / f"{options.kind}.jsonl"
+    corpus, outcomes = options.log / options.kind, options.log / f"{options.kind}.jsonl"
     corpus.mkdir(parents=True, exist_ok=True)
     for i, entry in enumerate(known):
         (corpus / f"seed-{i}").write_bytes(bytes([i]) + entry.files[entry.mutated[0]])
@@ -126,12 +127,14 @@ def _search(options: argparse.Namespace) -> None:
         outcome = throw(case, inner, LIMITS)
         os.chdir(folder)
         shutil.rmtree(inner)
+        line = {**asdict(outcome), "input": ""}
         if outcome.is_finding and (outcome.verdict, outcome.where) not in seen:
             seen.add((outcome.verdict, outcome.where))
-            kept = options.log.absolute() / f"{options.kind}-{len(seen)}.input"
+            kept = options.log / f"{options.kind}-{len(seen)}.input"
             kept.write_bytes(data)
-            with findings.open("a") as file:
-                file.write(json.dumps({**asdict(outcome), "input": str(kept)}) + "\n")
+            line["input"] = str(kept)
+        with outcomes.open("a") as file:
+            file.write(json.dumps(line) + "\n")
 
     def mutate(data: bytes, max_size: int, seed: int) -> bytes:
         entry, body = _parts(data, known)
@@ -139,8 +142,8 @@ def _search(options: argparse.Namespace) -> None:
         body = mutate_file(options.kind, name, body or entry.files[name], Random(seed))
         return (data[:1] or b"\x00") + body[: max_size - 1]
 
-    options.log, findings = options.log.absolute(), findings.absolute()
-    findings.touch()
+    options.log, outcomes = options.log.absolute(), outcomes.absolute()
+    outcomes.touch()
     resource.setrlimit(resource.RLIMIT_AS, (LIMITS.address_space, LIMITS.address_space))
     arguments = [
         *(f"-seed={options.seed}", f"-runs={options.count}", "-max_len=200000", "-rss_limit_mb=3000"),

@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from .coverage import GUIDED
 from .runner import Outcome
@@ -17,29 +18,25 @@ from .runner import Outcome
 __all__ = ["guided"]
 
 _MISSING = 3  # exit status of coverage.py without atheris
-_RUNS = re.compile(r"stat::number_of_executed_units: (\d+)")
-_LAST = re.compile(r"^#(\d+)", re.MULTILINE)
+_COVERED = re.compile(r"^#\d+\s.*?\bcov: (\d+)", re.MULTILINE)
 _LOG = Path("attack-coverage")
 
 
-def guided(count: int, processes: int) -> Iterator[Outcome]:
+def guided(count: int, processes: int, log: Path = _LOG) -> Iterator[Outcome]:
     """Outcomes of `count` inputs that coverage guides; none, with a word, if atheris is missing.
 
-    What was no finding is told as "accepted": how many of them were refused is not known.
+    Says on stderr of each kind from how many edges of mbocp's code to how many the inputs came.
     """
     each = count // len(GUIDED)
     with ThreadPoolExecutor(processes) as pool:
-        for kind, (runs, findings) in zip(GUIDED, pool.map(lambda k: _run(k, each), GUIDED), strict=True):
-            yield from findings
-            yield from (
-                Outcome(f"{kind}, guided", i, "accepted") for i in range(max(0, runs - len(findings)))
-            )
+        for outcomes in pool.map(lambda kind: _run(kind, each, log), GUIDED):
+            yield from outcomes
 
 
-def _run(kind: str, count: int) -> tuple[int, list[Outcome]]:
-    """Inputs thrown, and findings."""
-    _LOG.mkdir(exist_ok=True)
-    log = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=_LOG))
+def _run(kind: str, count: int, folder: Path) -> list[Outcome]:
+    """What came of every input."""
+    folder.mkdir(exist_ok=True)
+    log = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=folder))
     command = [sys.executable, "-m", "tests.attack.coverage", "--kind", kind]
     done = subprocess.run(
         [*command, "--count", str(count), "--log", str(log)],
@@ -51,14 +48,27 @@ def _run(kind: str, count: int) -> tuple[int, list[Outcome]]:
     )
     if done.returncode == _MISSING:
         print(f"{kind}: not guided, since {done.stdout.strip()}", file=sys.stderr)
-        return 0, []
-    name, lines = f"{kind}, guided", (log / f"{kind}.jsonl").read_text().splitlines()
-    findings = [
-        Outcome(name, found["seed"], found["verdict"], f"{found['where']} in {found['input']}", found["text"])
-        for found in map(json.loads, lines)
-    ]
+        return []
+    lines = (log / f"{kind}.jsonl").read_text().splitlines() if (log / f"{kind}.jsonl").exists() else []
+    found = [_outcome(kind, json.loads(line)) for line in lines]
     if done.returncode != 0:
         left = ", ".join(str(path) for path in log.glob(f"{kind}-crash-*")) or "no input"
-        findings.append(Outcome(name, 0, "crash", f"exit {done.returncode}, left {left}", done.stdout[-500:]))
-    runs = _RUNS.search(done.stdout) or [*_LAST.finditer(done.stdout), None][-2]
-    return int(runs[1]) if runs else 0, findings
+        told = f"exit {done.returncode}, left {left}"
+        found.append(Outcome(f"{kind}, guided", 0, "crash", told, done.stdout[-500:]))
+    if not found:
+        told = "atheris threw nothing"
+        found.append(Outcome(f"{kind}, guided", 0, "crash", told, done.stdout[-500:]))
+    covered = [int(number) for number in _COVERED.findall(done.stdout)]
+    if covered:
+        print(f"{kind}: {len(lines)} inputs, {covered[0]} to {covered[-1]} edges", file=sys.stderr)
+    return found
+
+
+def _outcome(kind: str, line: dict[str, Any]) -> Outcome:
+    """One input; a finding says where its file is."""
+    kept = line.pop("input")
+    outcome = Outcome(**line)
+    outcome.kind = f"{kind}, guided"
+    if kept:
+        outcome.where = f"{outcome.where} in {kept}"
+    return outcome

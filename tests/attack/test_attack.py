@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from .cases import KINDS, Case, make_case
 from .corpus import ROOT, entries
+from .guided import guided
 from .report import Tally, shares
 from .runner import LIMITS, Limits, Outcome, attack, throw
 from .targets import TARGETS
@@ -100,6 +103,49 @@ def test_what_sleeps_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_memory_that_is_not_there_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = _run(lambda: bytearray(1 << 45), monkeypatch)
     assert (outcome.verdict, outcome.text[:11]) == ("traceback", "MemoryError")
+
+
+def test_what_coverage_guides_is_told_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Verdicts, times and findings are those of the inputs; a search that throws nothing is a finding."""
+    told = [
+        {"verdict": "accepted", "seconds": 0.5, "input": ""},
+        {"verdict": "refused", "where": "RobotError", "input": ""},
+        {"verdict": "traceback", "where": "KeyError", "input": "urdf-1.input"},
+    ]
+
+    def search(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        kind, log = command[4], Path(command[-1])
+        rows = told if kind == "urdf" else []
+        lines = [json.dumps({**asdict(Outcome(kind, i, "")), **row}) for i, row in enumerate(rows)]
+        (log / f"{kind}.jsonl").write_text("".join(line + "\n" for line in lines))
+        return subprocess.CompletedProcess(command, 0, "#1 INITED cov: 10 ft: 1\n#3 DONE   cov: 25 ft: 2\n")
+
+    monkeypatch.setattr(subprocess, "run", search)
+    outcomes = list(guided(6, 1, tmp_path))
+    found = [outcome for outcome in outcomes if outcome.kind == "urdf, guided"]
+    assert [outcome.verdict for outcome in found] == ["accepted", "refused", "traceback"]
+    assert found[0].seconds == 0.5
+    assert found[2].where == "KeyError in urdf-1.input"
+    others = [outcome for outcome in outcomes if outcome not in found]
+    assert {outcome.where for outcome in others} == {"atheris threw nothing"}
+    assert "urdf: 3 inputs, 10 to 25 edges" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_coverage_guides_to_results_and_refusals(tmp_path: Path) -> None:
+    """Inputs are mutated and thrown: most kinds are refused now and then, and lines are reached."""
+    pytest.importorskip("atheris")
+    command = [sys.executable, "-m", "tests.attack.coverage", "--kind", "robot_toml", "--count", "120"]
+    done = subprocess.run(
+        [*command, "--log", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    rows = [json.loads(line) for line in (tmp_path / "robot_toml.jsonl").read_text().splitlines()]
+    assert len(rows) >= 120
+    assert {"accepted", "refused"} <= {row["verdict"] for row in rows}
+    assert len({row["text"] for row in rows}) > 20
 
 
 def test_the_report_counts(tmp_path: Path) -> None:
