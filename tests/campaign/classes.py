@@ -22,6 +22,8 @@ class TaskClass:
         How far tasks go [rad, m].
     path : str
         Kind of a path constraint.
+    asks : str
+        What else is asked, words of `tests.campaign.asked.ASKS` joined by "+".
     share : float
         Of the tasks.
     """
@@ -36,6 +38,7 @@ class TaskClass:
     spread: float = 2.0
     limits: bool = True
     path: str = ""
+    asks: str = ""
     share: float = 1.0
     steps: tuple[int, ...] = (30, 45, 60, 80)
     duration: tuple[float, float] = (0.8, 3.0)
@@ -98,6 +101,23 @@ CLASSES: dict[str, TaskClass] = {
         ),
         _c("ur5_natural", "natural", "ur5", coordinates="natural", cost="effort", share=0.5, spread=1.5),
         _c("four_bar_natural", "natural", "four_bar", coordinates="natural", cost="effort", motion="loops"),
+        _c("ur5_span", "span", "ur5", asks="span", share=0.5),
+        _c("double_pendulum_span", "span", "double_pendulum", asks="span"),
+        _c("double_pendulum_gate", "equation", "double_pendulum", asks="gate", spread=3.0),
+        _c("ur5_gate", "equation", "ur5", scheme="midpoint", asks="gate", share=0.5),
+        _c("elastic_pendulum_plane", "equation", "elastic_pendulum", cost="effort", asks="plane"),
+        _c("double_pendulum_via", "via point", "double_pendulum", asks="via"),
+        _c("ur5_via", "via point", "ur5", asks="via_pose", share=0.5),
+        _c("ur5_via_box", "via point", "ur5", asks="via_box+via", share=0.5),
+        _c("double_pendulum_via_box", "via point", "double_pendulum", scheme="midpoint", asks="via_box"),
+        _c("ur5_pose", "goal of a frame", "ur5", asks="reach", share=0.5),
+        _c("double_pendulum_pose", "goal of a frame", "double_pendulum", asks="reach"),
+        _c("double_pendulum_rates", "rates", "double_pendulum", asks="rates"),
+        _c("ur5_rates", "rates", "ur5", asks="rates", share=0.5),
+        _c("double_pendulum_free", "free duration", "double_pendulum", cost="effort", asks="free"),
+        _c("double_pendulum_fast", "free duration", "double_pendulum", scheme="midpoint", asks="free+rates"),
+        _c("ur5_free", "free duration", "ur5", cost="effort", asks="free+reach", share=0.5),
+        _c("two_arms", "joined parts", "two_arms", motion="loops", spread=0.1, share=0.5, steps=(20, 30)),
         _c("unicycle", "drive", "unicycle", scheme="heun", share=0.5, steps=(15, 20, 30), **_ROLL),
     )
 }
@@ -111,4 +131,13 @@ QUICK = (
     "cart_pendulum",
     "elastic_pendulum",
     "rigid_pendulum",
+    "double_pendulum_span",
+    "double_pendulum_gate",
+    "elastic_pendulum_plane",
+    "double_pendulum_via",
+    "double_pendulum_via_box",
+    "double_pendulum_pose",
+    "double_pendulum_rates",
+    "double_pendulum_free",
+    "double_pendulum_fast",
 )

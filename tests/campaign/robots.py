@@ -176,6 +176,79 @@ def _standing_urdf() -> str:
     return "".join([*text, "</robot>"])
 
 
+def _two_arms(folder: Path) -> Loaded:
+    """Two planar arms of three joints hold a box by pins: parts for mbocp, one URDF for the checker."""
+    places, mass, size = {"left": -0.45, "right": 0.45}, 1.0, (0.2, 0.1, 0.06)
+    file = _write(
+        folder / "joined" / "arm.urdf", f'<robot name="arm"><link name="base"/>{_planar("")}</robot>'
+    )
+    parts = [
+        {"name": "left", "robot": str(file), "position": [places["left"], 0.0, 0.0]},
+        {"name": "load", "mass": mass, "box": list(size)},
+        {"name": "right", "robot": str(file), "position": [places["right"], 0.0, 0.0]},
+    ]
+    grips = [
+        {
+            "type": "hinge",
+            "name": f"grip_{side}",
+            "frames": [f"{side}/tip", "load/body"],
+            "axis": [0, 1, 0],
+            "position_b": [np.sign(x) * 0.1, 0.0, 0.0],
+        }
+        for side, x in places.items()
+    ]
+    initial = {"q": {"load": [0.0, 0.0, 0.45, 0, 0, 0, 1]}}
+    robot = mbocp.robot.load_parts(parts, constraint=grips, initial=initial)
+    a, b, c = (side**2 for side in size)
+    inertia = [mass / 12 * moment for moment in (b + c, a + c, a + b)]
+    text = ['<robot name="both"><link name="ground"/><link name="load/body"><inertial>']
+    text.append(f'<mass value="{mass!r}"/><inertia ixx="{inertia[0]!r}" iyy="{inertia[1]!r}" ')
+    text.append(f'izz="{inertia[2]!r}" ixy="0" ixz="0" iyz="0"/></inertial></link>')
+    text.append(_joint("load/root_joint", "floating", "ground", "load/body", "0 0 0"))
+    for side, x in places.items():
+        text.append(f'<link name="{side}/base"/>')
+        text.append(_joint(f"{side}/at", "fixed", "ground", f"{side}/base", f"{x!r} 0 0"))
+        text.append(_planar(f"{side}/"))
+        text.append(f'<link name="hold_{side}"/>')
+        text.append(
+            _joint(f"hold_{side}_joint", "fixed", "load/body", f"hold_{side}", f"{np.sign(x) * 0.1} 0 0")
+        )
+    loops = [
+        {"type": "hinge", "frames": [f"{side}/tip", f"hold_{side}"], "axis": [0, 1, 0]} for side in places
+    ]
+    whole = _write(folder / "joined" / "both.urdf", "".join([*text, "</robot>"]))
+    motors = [f"{side}/joint_{i}" for side in places for i in range(3)]
+    system = read_system(whole, motors=motors, loops=loops)
+    first = int(system.model.joints[system.model.getJointId("load/root_joint")].idx_v)
+    return Loaded(robot, system, (first, first + 2, first + 4))
+
+
+def _planar(prefix: str) -> str:
+    """Three links of 0.3 m about y."""
+    lines, parent, offset = [], "base", 0.0
+    for i in range(3):
+        lines.append(
+            f'<link name="{prefix}link_{i}"><inertial><origin xyz="0 0 0.15"/><mass value="0.8"/>'
+            '<inertia ixx="0.006" iyy="0.006" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+        where = f"0 0 {offset!r}"
+        lines.append(
+            _joint(f"{prefix}joint_{i}", "revolute", prefix + parent, f"{prefix}link_{i}", where, "0 1 0")
+        )
+        parent, offset = f"link_{i}", 0.3
+    lines.append(f'<link name="{prefix}tip"/>')
+    lines.append(_joint(f"{prefix}tip_joint", "fixed", f"{prefix}link_2", f"{prefix}tip", "0 0 0.3"))
+    return "".join(lines)
+
+
+def _joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str = "") -> str:
+    more = f'<axis xyz="{axis}"/><limit lower="-6" upper="6" effort="50" velocity="9"/>' if axis else ""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}"/>{more}</joint>'
+    )
+
+
 def _write(file: Path, text: str) -> Path:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text)
@@ -206,5 +279,6 @@ ROBOTS: dict[str, Callable[[Path], Loaded]] = {
     "rigid_pendulum": _own("rigid_pendulum"),
     "cart_pendulum": _own("cart_pendulum_rigid"),
     "elastic_cart": _own("cart_pendulum_elastic"),
+    "two_arms": _two_arms,
     "unicycle": _own("unicycle_pendulum"),
 }

@@ -86,7 +86,8 @@ def motion_of(solution: mbocp.Solution) -> Motion:
     """Numbers of a solution that are judged."""
     s = solution
     arrays = (s.qs, s.vs, s.us, s.cost, s.lam_us, s.lam_vs, s.lam_qs, s.lam_path)
-    return Motion(*(np.array(a) for a in arrays[:3]), float(s.cost), *(np.array(a) for a in arrays[4:]))
+    numbers = (*(np.array(a) for a in arrays[:3]), float(s.cost), *(np.array(a) for a in arrays[4:]))
+    return Motion(*numbers, path_names=tuple(s.path_names), duration=float(s.duration))
 
 
 def read_rows(path: Path) -> list[dict[str, Any]]:

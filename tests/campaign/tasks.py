@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from tests.campaign.asked import asked, asked_tables
 from tests.campaign.classes import CLASSES, TaskClass
 from tests.campaign.robots import Loaded, load
 from tests.campaign.witness import Witness, along_geodesic, along_loops, closed, rollout
@@ -56,6 +57,7 @@ def draw(name: str, seed: int, folder: Path) -> Draw:
     else:
         raise RuntimeError(f"{name} {seed}: no motion found")
     task, is_feasible = _limited(kind, loaded.system, task, witness, rng)
+    task = asked(kind.asks, loaded, task, witness, rng)
     return Draw(task, _tables(kind, loaded, task), loaded, is_feasible, witness)
 
 
@@ -127,6 +129,8 @@ def _moved(
     step = step_of(system, task)
     if kind.motion == "geodesic":
         away = rng.uniform(-kind.spread, kind.spread, system.nv)
+        if "plane" in kind.asks:  # of the sliders one stands still
+            away[int(rng.integers(system.nv))] = 0.0
         found = along_geodesic(step, start, system.step(start, away), task.num_steps)
     elif kind.motion == "loops":
         change = rng.uniform(-kind.spread, kind.spread, len(loaded.dofs))
@@ -329,22 +333,33 @@ def _tables(kind: TaskClass, loaded: Loaded, task: Task) -> dict[str, Any]:
     for key, sides in (("effort", task.u_limits), ("velocity", task.v_limits), ("position", task.q_limits)):
         if np.isfinite(sides).any():
             limits[key] = [[float(a), float(b)] for a, b in sides.T]
+    further = asked_tables(loaded, task)
+    limits |= further["limits"]
+    if "goal_frame" in further:
+        goal = {key: value for key, value in goal.items() if key != "q"} | {"frame": further["goal_frame"]}
+    if "time" in further:
+        cost["time"] = further["time"]
     return {
         "robot": loaded.robot,
-        "duration": task.duration,
+        "duration": further.get("duration", task.duration),
         "steps": task.num_steps,
         "start": {"q": task.q_start},
         "goal": goal,
         "cost": cost,
         "limits": limits,
-        "path": [_path_table(p) for p in task.path],
+        "path": [_path_table(p, task) for p in task.path],
+        "via": further.get("via", []),
         "scheme": task.scheme,
         "coordinates": task.coordinates,
     }
 
 
-def _path_table(bound: PathBound) -> dict[str, Any]:
+def _path_table(bound: PathBound, task: Task) -> dict[str, Any]:
     table: dict[str, Any] = {"kind": bound.kind, "frame": bound.frame}
+    if bound.first > 1:
+        table["from"] = bound.first * task.dt
+    if bound.last is not None:
+        table["until"] = bound.last * task.dt
     if bound.kind == "position":
         table |= {"xyz"[a]: [lo, hi] for a, lo, hi in zip(bound.axes, bound.lower, bound.upper, strict=True)}
     elif bound.kind == "speed":

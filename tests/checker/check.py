@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -58,6 +58,8 @@ def check_solution(system: System, task: Task, motion: Motion) -> Report:
     """Verify a motion: start, steps, constraints, end, limits, cost and first-order optimality."""
     if not all(np.isfinite(a).all() for a in (motion.qs, motion.vs, motion.us)):
         return Report(*(np.nan,) * len(TOLERANCES), "", 0)
+    if task.duration_range is not None:
+        task = replace(task, duration=motion.duration)
     system.choose_rows(task.q_start)
     build = natural_conditions if task.coordinates == "natural" else joint_conditions
     conditions: Conditions = build(system, task, motion)

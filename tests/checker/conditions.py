@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import pinocchio as pin
 from scipy import sparse
 
 from tests.checker.costs import end_cost, rate_cost, running_cost
 from tests.checker.explicit import ExplicitStep
+from tests.checker.frames import bound_values
+from tests.checker.further import Bound, duration_slopes, equations, further_bounds, points_missed
 from tests.checker.implicit import TAU, ImplicitStep
 from tests.checker.natural import NaturalSteps
 from tests.checker.system import Array, System
-from tests.checker.task import PathBound, Task
+from tests.checker.task import Task
 
 __all__ = ["Bound", "Conditions", "Layout", "Motion", "joint_conditions", "natural_conditions", "step_of"]
 
@@ -32,18 +33,14 @@ class Motion:
     lam_vs: Array = field(default_factory=lambda: np.zeros(0))
     lam_qs: Array = field(default_factory=lambda: np.zeros(0))
     lam_path: Array = field(default_factory=lambda: np.zeros(0))
+    path_names: tuple[str, ...] = ()  # of the columns of lam_path
+    duration: float = np.nan
 
-
-@dataclass(frozen=True, eq=False)
-class Bound:
-    """One side of one inequality at one place: value <= 0, with its gradient and the claimed multiplier."""
-
-    name: str
-    value: float
-    scale: float
-    columns: Array
-    gradient: Array
-    claimed: float
+    def claimed(self, name: str, n: int) -> float:
+        """Multiplier of a path constraint or rate in step n; 0 where nothing is claimed of that name."""
+        if name not in self.path_names or not self.lam_path.size:
+            return 0.0
+        return float(self.lam_path[n - 1, self.path_names.index(name)])
 
 
 @dataclass(frozen=True)
@@ -54,6 +51,7 @@ class Layout:
     nc: int
     nu: int
     steps: int
+    is_free: bool = False  # whether the last unknown is the duration
 
     @property
     def width(self) -> int:
@@ -61,7 +59,7 @@ class Layout:
 
     @property
     def size(self) -> int:
-        return self.width * self.steps
+        return self.width * self.steps + self.is_free
 
     def x(self, n: int) -> slice:
         return slice((n - 1) * self.width, (n - 1) * self.width + self.nx)
@@ -75,9 +73,9 @@ class Layout:
         return slice(at, at + self.nu)
 
     def kinds(self, nv: int) -> Array:
-        """0 for configurations, 1 for speeds, 2 for multipliers, 3 for controls."""
+        """0 for configurations, 1 for speeds, 2 for multipliers, 3 for controls, 4 for the duration."""
         one = [0] * nv + [1] * (self.nx - nv) + [2] * self.nc + [3] * self.nu
-        return np.tile(one, self.steps)
+        return np.concatenate([np.tile(one, self.steps), [4] * self.is_free])
 
 
 @dataclass(eq=False)
@@ -159,7 +157,8 @@ def _scales(layout: Layout, nv: int, task: Task, speeds: Array, us: Array, lams:
     moved = v[:nv] * task.duration if v.size == nv else q
     q = np.minimum(q, moved) if v.size == nv else q
     lam = _largest(lams, 1e-3 * max(float(np.abs(lams).max(initial=0.0)), 1.0)) if layout.nc else np.zeros(0)
-    return np.tile(np.concatenate([q, v, lam, u]), layout.steps)
+    many = np.tile(np.concatenate([q, v, lam, u]), layout.steps)
+    return np.concatenate([many, [task.duration] * layout.is_free])
 
 
 def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
@@ -167,7 +166,12 @@ def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
     step, N = step_of(system, task), task.num_steps
     xs = _states(system, task, motion)
     is_explicit = isinstance(step, ExplicitStep)
-    layout = Layout(step.nx, 0 if is_explicit else system.nc, system.nu, N)
+    is_free = task.duration_range is not None
+    layout = Layout(step.nx, 0 if is_explicit else system.nc, system.nu, N, is_free)
+    by_duration, cost_slope = [np.zeros(0)] * N, 0.0
+    if is_free:
+        lams = [step.multipliers(xs[n - 1], xs[n], motion.us[n - 1]) for n in range(1, N + 1)]
+        by_duration, cost_slope = duration_slopes(system, task, motion, xs, lams, step_of)
     rows, gradient, cost = _Rows(), np.zeros(layout.size), 0.0
     lams, violations, sizes, constraint = [], [], [], 0.0
     nv = system.nv
@@ -181,6 +185,7 @@ def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
         parts = [(layout.x(n), at.after), (layout.u(n), at.u)]
         parts += [(layout.x(n - 1), at.before)] if n > 1 else []
         parts += [(layout.lam(n), at.lam)] if layout.nc else []
+        parts += [(slice(layout.size - 1, layout.size), by_duration[n - 1][:, None])] if is_free else []
         rows.add(*parts)
         q, v = step.point(x0, x1, u)
         value, d_x, d_u = running_cost(system, task, q, v, u)
@@ -196,6 +201,12 @@ def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
     end, end_rows = _end(system, task, motion, layout.nx, xs[-1, system.nq :], is_explicit=is_explicit)
     if len(end_rows):
         rows.add((layout.x(N), end_rows))
+    for node, block in equations(system, task, motion):
+        rows.add((layout.x(node), block))
+    end = max(end, points_missed(system, task, motion))
+    if is_free:
+        gradient[-1] = cost_slope
+        cost += task.time * task.duration
     all_rows, all_sizes = np.array(violations), np.array(sizes)
     relative = np.abs(all_rows) / _block_sizes(all_sizes, nv, layout)
     return Conditions(
@@ -206,7 +217,7 @@ def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
         residual=float(relative.max()),
         constraint=constraint,
         end=end,
-        bounds=list(_bounds(system, task, motion, layout, xs)),
+        bounds=[*_bounds(system, task, motion, layout, xs), *further_bounds(system, task, motion, layout)],
         kinds=layout.kinds(nv),
         scales=_scales(layout, nv, task, xs[:, system.nq :], motion.us, np.array(lams)),
     )
@@ -293,18 +304,29 @@ def _bounds(system: System, task: Task, motion: Motion, layout: Layout, xs: Arra
                         "q", n, task.q_limits[:, i : i + 1], motion.qs[n, i : i + 1], offset + k, claimed
                     )
         at = 0
+        claims = motion.lam_path if _are_of_paths(task, motion.lam_path) else np.zeros(0)
         for bound in task.path:
-            values, slopes = _path(system, bound, motion.qs[n], motion.vs[n])
+            if n not in bound.nodes(task.num_steps):
+                at += bound.lower.size
+                continue
+            values, slopes = bound_values(system, bound, motion.qs[n], motion.vs[n])
             columns = np.arange(offset, offset + 2 * system.nv)
             for row, (value, slope) in enumerate(zip(values, slopes, strict=True)):
-                claimed = float(motion.lam_path[n - 1, at]) if motion.lam_path.size else 0.0
+                claimed = float(claims[n - 1, at]) if claims.size else 0.0
                 at += 1
+                if bound.lower[row] == bound.upper[row]:
+                    continue  # an equation
                 name = f"{bound.kind} {bound.frame}[{n}]"
                 scale = max(abs(bound.lower[row]) if np.isfinite(bound.lower[row]) else 0.0, 1.0)
                 if np.isfinite(bound.upper[row]):
                     yield Bound(name, value - bound.upper[row], scale, columns, slope, max(claimed, 0.0))
                 if np.isfinite(bound.lower[row]):
                     yield Bound(name, bound.lower[row] - value, scale, columns, -slope, max(-claimed, 0.0))
+
+
+def _are_of_paths(task: Task, claims: Array) -> bool:
+    """Whether the columns are those of the path bounds and of nothing else."""
+    return claims.ndim == 2 and claims.shape[1] == sum(bound.lower.size for bound in task.path)
 
 
 def _claimed(array: Array, row: int) -> Array:
@@ -329,31 +351,6 @@ def _box(name: str, n: int, limits: Array, values: Array, first: int, claimed: A
                 -np.ones(1),
                 max(-lam, 0.0),
             )
-
-
-def _path(system: System, bound: PathBound, q: Array, v: Array) -> tuple[Array, Array]:
-    """Values of a bound's function, and their derivatives in (q, v)."""
-    model, data, nv = system.model, system.data, system.nv
-    frame = model.getFrameId(bound.frame)
-    zero, world = np.zeros(nv), pin.LOCAL_WORLD_ALIGNED
-    pin.computeForwardKinematicsDerivatives(model, data, q, v, zero)
-    pin.updateFramePlacements(model, data)
-    p = np.array(data.oMf[frame].translation)
-    J = np.array(pin.computeFrameJacobian(model, data, q, frame, world)[:3])
-    if bound.kind == "position":
-        chosen = list(bound.axes)
-        return p[chosen], np.hstack([J[chosen], np.zeros((len(chosen), nv))])
-    if bound.kind == "distance":
-        d = p - bound.point
-        length = float(np.linalg.norm(d))
-        return np.array([length]), np.concatenate([d @ J / length, zero])[None]
-    pin.computeForwardKinematicsDerivatives(model, data, q, v, zero)
-    d_q, d_v = pin.getFrameVelocityDerivatives(model, data, frame, world)
-    speed = np.array(d_v[:3]) @ v
-    length = float(np.linalg.norm(speed))
-    if length < 1e-12:
-        return np.array([length]), np.zeros((1, 2 * nv))
-    return np.array([length]), (speed @ np.hstack([np.array(d_q[:3]), np.array(d_v[:3])]) / length)[None]
 
 
 def natural_conditions(system: System, task: Task, motion: Motion) -> Conditions:

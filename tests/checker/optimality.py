@@ -137,7 +137,7 @@ def _relative(left: Array, K: sparse.csr_matrix, y: Array, g: Array, kinds: Arra
     """Largest remainder of each kind of unknown over the largest sum of terms of that kind."""
     terms = np.abs(g) + np.abs(K).T @ np.abs(y)
     found = 0.0
-    for kind in range(4):
+    for kind in range(5):
         chosen = kinds == kind
         if chosen.any():
             found = max(found, float(np.abs(left[chosen]).max()) / max(float(terms[chosen].max()), 1e-300))

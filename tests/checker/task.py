@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.checker.system import Array
 
-__all__ = ["PathBound", "Task"]
+__all__ = ["FramePose", "PathBound", "Point", "Task"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +21,35 @@ class PathBound:
     upper: Array
     axes: tuple[int, ...] = ()
     point: Array = field(default_factory=lambda: np.zeros(3))
+    first: int = 1
+    last: int | None = None
+
+    def nodes(self, num_steps: int) -> range:
+        """Nodes at which it holds."""
+        return range(self.first, (num_steps if self.last is None else self.last) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class FramePose:
+    """Where a frame is to be: coordinates (NaN: free) and axes; exactly, or within a box and a cone."""
+
+    frame: str
+    position: Array
+    rotation: Array | None = None
+    box: float = 0.0
+    cone: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """What holds at one node: some directions of q and v, and poses of frames."""
+
+    node: int
+    q: Array
+    q_active: Array
+    v: Array
+    v_active: Array
+    frames: tuple[FramePose, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +68,12 @@ class Task:
         Weights of the distance of the end from `q_goal`, instead of an exact end.
     u_limits, v_limits, q_limits : ndarray, shape (2, ...)
         Lower and upper.
+    points : tuple of Point
+        On the way, or at the end.
+    acceleration, jerk, effort_rate, power : ndarray, shape (2, ...), or None
+        Lower and upper, in every step.
+    duration_range : (float, float) or None
+        Bounds of a duration that is found; `time` weighs it.
     """
 
     scheme: str
@@ -62,6 +97,13 @@ class Task:
     v_limits: Array
     q_limits: Array
     path: tuple[PathBound, ...] = ()
+    points: tuple[Point, ...] = ()
+    acceleration: Array | None = None
+    jerk: Array | None = None
+    effort_rate: Array | None = None
+    power: Array | None = None
+    duration_range: tuple[float, float] | None = None
+    time: float = 0.0
 
     @property
     def dt(self) -> float:
@@ -70,4 +112,7 @@ class Task:
     @property
     def is_bounded(self) -> bool:
         limits = (self.u_limits, self.v_limits, self.q_limits)
-        return bool(self.path) or any(bool(np.isfinite(side).any()) for side in limits)
+        further = (self.acceleration, self.jerk, self.effort_rate, self.power, self.duration_range)
+        if self.path or self.points or any(one is not None for one in further):
+            return True
+        return any(bool(np.isfinite(side).any()) for side in limits)

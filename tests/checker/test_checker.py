@@ -49,6 +49,15 @@ def verdict(task: Draw, motion: Motion) -> Report:
         ("rigid_pendulum", 0),
         ("elastic_cart", 0),
         ("four_bar", 0),
+        ("double_pendulum_span", 1),
+        ("double_pendulum_gate", 1),
+        ("elastic_pendulum_plane", 1),
+        ("double_pendulum_via", 0),
+        ("double_pendulum_via_box", 2),
+        ("double_pendulum_pose", 0),
+        ("double_pendulum_rates", 1),
+        ("double_pendulum_free", 0),
+        ("double_pendulum_fast", 1),
     ],
 )
 def test_optima_pass(name: str, seed: int, tmp_path: Path) -> None:
@@ -61,13 +70,32 @@ def test_optima_pass(name: str, seed: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["double_pendulum", "acrobot_midpoint", "rigid_pendulum", "four_bar", "quadrotor"]
+    "name",
+    [
+        "double_pendulum",
+        "acrobot_midpoint",
+        "rigid_pendulum",
+        "four_bar",
+        "quadrotor",
+        "two_arms",
+        "double_pendulum_span",
+        "double_pendulum_gate",
+        "elastic_pendulum_plane",
+        "double_pendulum_via",
+        "double_pendulum_via_box",
+        "double_pendulum_pose",
+        "double_pendulum_rates",
+        "double_pendulum_free",
+        "ur5_gate",
+        "ur5_via",
+        "ur5_pose",
+    ],
 )
 def test_a_feasible_motion_fails_by_not_being_optimal_alone(name: str, tmp_path: Path) -> None:
     """The motions that tasks are built on satisfy everything else."""
     task = draw(name, 3, tmp_path)
     w = task.witness
-    motion = Motion(w.qs, w.vs, w.us)
+    motion = Motion(w.qs, w.vs, w.us, duration=task.task.duration)
     motion = replace(motion, cost=joint_conditions(task.loaded.system, task.task, motion).cost)
     assert verdict(task, motion).failures == ("stationarity",)
 
@@ -113,6 +141,56 @@ def test_the_optimum_of_another_cost_is_found(pendulum: Draw) -> None:
     heavier = replace(pendulum.task, velocity=1.1 * pendulum.task.velocity)
     report = check_solution(pendulum.loaded.system, heavier, motion)
     assert set(report.failures) == {"cost", "stationarity"}
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "found"),
+    [
+        ("double_pendulum_span", "path", "limits"),
+        ("double_pendulum_gate", "path", "end"),
+        ("double_pendulum_via", "via", "end"),
+        ("double_pendulum_via_box", "via", "limits"),
+        ("double_pendulum_rates", "limits", "limits"),
+    ],
+)
+def test_what_is_asked_and_not_met_is_found(name: str, key: str, found: str, tmp_path: Path) -> None:
+    """The optimum of a task that leaves it out: it fails by this alone, if its optimum is another."""
+    missed = []
+    for seed in range(4):
+        task = draw(name, seed, tmp_path)
+        bare = {k: v for k, v in task.tables.items() if k != key}
+        report = verdict(task, solved(replace(task, tables=bare)))
+        missed.append(found in report.failures)
+        assert set(report.failures) <= {found, "stationarity"}
+    assert any(missed)
+
+
+def test_a_goal_of_a_frame_that_is_missed_is_found(tmp_path: Path) -> None:
+    task = draw("double_pendulum_pose", 1, tmp_path)
+    motion = solved(task)
+    assert verdict(task, motion).failures == ()
+    (point,) = task.task.points
+    (pose,) = point.frames
+    moved = replace(point, frames=(replace(pose, position=pose.position + 1e-5),))
+    report = check_solution(task.loaded.system, replace(task.task, points=(moved,)), motion)
+    assert "end" in report.failures
+
+
+def test_a_duration_that_is_not_the_best_is_found(tmp_path: Path) -> None:
+    """Another weight of time, a duration out of its bounds, and one that is given where it is to be found."""
+    task = draw("double_pendulum_free", 0, tmp_path)
+    motion = solved(task)
+    system, wanted = task.loaded.system, task.task
+    assert verdict(task, motion).failures == ()
+    dearer = check_solution(system, replace(wanted, time=1.1 * wanted.time), motion)
+    assert set(dearer.failures) == {"cost", "stationarity"}
+    shorter = replace(wanted, duration_range=(0.1 * motion.duration, 0.9 * motion.duration))
+    assert "limits" in check_solution(system, shorter, motion).failures
+    given = {**task.tables, "duration": 0.8 * motion.duration}
+    given["cost"] = {key: value for key, value in task.tables["cost"].items() if key != "time"}
+    other = solved(replace(task, tables=given))
+    other = replace(other, cost=other.cost + wanted.time * other.duration)
+    assert verdict(task, other).failures == ("stationarity",)
 
 
 def limited(task: Draw, largest: float) -> Draw:
