@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -15,11 +15,12 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, Unread
 from mbocp.robot import FrameTarget
 from mbocp.robot.collision.obstacle import SIZES, Obstacle
 from mbocp.robot.poses.target import target_from_words
+from mbocp.solution.path_text import PathRow, are_pairs, rows_of_path, rows_of_term, rows_of_via
 from mbocp.solution.via_text import ViaPlace, via_places
-from mbocp.terms import PATH_TERMS, RATE_TERMS, FrameGoal
+from mbocp.terms import RATE_TERMS, FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
 from mbocp.terms.frame_tolerance import tolerance_bounds
-from mbocp.terms.span import SPAN, AtVia, End, Share, Span
+from mbocp.terms.span import Span
 
 __all__ = [
     "PathRow",
@@ -121,7 +122,7 @@ def limits_of(problem_text: str) -> dict[str, Array]:
     return {
         name: np.array(written[key], dtype=np.float64).T
         for name, key in _KEYS.items()
-        if _pairs(written.get(key))
+        if are_pairs(written.get(key))
     }
 
 
@@ -135,7 +136,9 @@ def rate_bounds_of(problem_text: str) -> dict[str, Array]:
     """
     problem = _parsed(problem_text)
     written = problem.limits if problem is not None else {}
-    return {key: np.array(written[key], dtype=np.float64).T for key in RATE_TERMS if _pairs(written.get(key))}
+    return {
+        key: np.array(written[key], dtype=np.float64).T for key in RATE_TERMS if are_pairs(written.get(key))
+    }
 
 
 def goal_targets_of(problem_text: str, place: int | None = None) -> tuple[FrameTarget, ...]:
@@ -191,29 +194,6 @@ def _frame_goals_of(asked: dict[str, Any]) -> list[FrameGoal]:
     return found
 
 
-class PathRow(NamedTuple):
-    """What a row of the path constraints says.
-
-    Attributes
-    ----------
-    lower, upper : float
-        Bounds; the same where it is an equation.
-    unit : str
-    span : Span
-        When it holds.
-    """
-
-    lower: float
-    upper: float
-    unit: str
-    span: Span
-
-    @property
-    def is_equation(self) -> bool:
-        """Whether both bounds are the same."""
-        return self.lower == self.upper
-
-
 def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathRow]:
     """What each row of the path constraints says, by the row's name.
 
@@ -229,38 +209,21 @@ def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathR
         If the text is TOML, but no problem.
     """
     problem = _parsed(problem_text)
+    if problem is None:
+        return {}
+    nodes = {via.name: via.node for via in _places(problem).values()}
     found: dict[str, PathRow] = {}
-    nodes = {place.name: place.node for place in _places(problem).values()}
-    for table in problem.path if problem is not None else ():
-        kind = PATH_TERMS.get(str(table.get("kind")))
-        name, unit = str(table.get("name", "")), "" if kind is None else kind.unit
-        pairs = {f"{name}.{axis}": table[axis] for axis in "xyz" if _pairs([table.get(axis)])}
-        ends = [table.get("min", -np.inf), table.get("max", np.inf)]
-        pairs |= {name: ends} if not pairs and _pairs([ends]) else {}
-        pairs |= _kept(name, table.get("tolerance"))
-        sides = {row: (float(lower), float(upper)) for row, (lower, upper) in pairs.items()}
-        found |= {row: PathRow(*bounds, unit, _span_of(table, nodes)) for row, bounds in sides.items()}
+    for table in problem.path:
+        found |= rows_of_path(table, nodes)
     found |= {
         row: PathRow(*bounds, Span())
         for row, bounds in tolerance_bounds(_frame_goals(problem, place)).items()
     }
-    for table in problem.via if problem is not None else ():
-        found |= _via_rows(table)
-    for table in problem.terms if problem is not None else ():
-        name, rows = str(table.get("name", "")), _rows_of(table)
-        labels = [name] if len(rows) == 1 else [f"{name}.{i}" for i in range(len(rows))]
-        unit, span = str(table.get("unit", "")), _span_of(table, nodes)
-        found |= {label: PathRow(*bounds, unit, span) for label, bounds in zip(labels, rows, strict=True)}
+    for table in problem.via:
+        found |= rows_of_via(str(table.get("name", "")), _frame_goals_of(table))
+    for table in problem.terms:
+        found |= rows_of_term(table, nodes)
     return found
-
-
-def _kept(name: str, tolerance: Any) -> dict[str, list[float]]:
-    """Rows of a constraint that has a tolerance; equations where it is zero."""
-    if not is_number(tolerance):
-        return {}
-    return (
-        {f"{name}.{axis}": [0.0, 0.0] for axis in "xyz"} if tolerance == 0 else {name: [-np.inf, tolerance]}
-    )
 
 
 def via_places_of(problem_text: str) -> tuple[ViaPlace, ...]:
@@ -340,44 +303,6 @@ def _triples(*points: Any) -> bool:
     )
 
 
-def _via_rows(table: dict[str, Any]) -> dict[str, PathRow]:
-    """Boxes and cones of a via point; under its name and a colon what holds of all others, equations."""
-    name = str(table.get("name", ""))
-    found = {f"{name}: ": PathRow(0.0, 0.0, "", Span())}
-    for goal in _frame_goals_of(table):
-        if goal.position_tolerance is not None:
-            for i in goal.target.coordinates:
-                side = float(goal.position_tolerance[i])
-                found[f"{name}: {'xyz'[i]} of {goal.name}"] = PathRow(-side, side, "m", Span())
-        if goal.orientation_tolerance is not None:
-            cone = PathRow(-np.inf, goal.orientation_tolerance, "rad", Span())
-            found[f"{name}: angle of {goal.name}"] = cone
-    return found
-
-
-def _span_of(table: dict[str, Any], nodes: dict[str, int]) -> Span:
-    """When a path constraint holds; ends that are odd are left out."""
-    return Span(*(_end_of(table.get(key), nodes) for key in SPAN))
-
-
-def _end_of(written: Any, nodes: dict[str, int]) -> End:
-    if isinstance(written, str):
-        return AtVia(written, nodes[written]) if written in nodes else None
-    if isinstance(written, dict):
-        share = written.get("share")
-        return Share(float(share)) if is_number(share) else None
-    return float(written) if is_number(written) else None
-
-
-def _rows_of(table: dict[str, Any]) -> list[tuple[float, float]]:
-    """Bounds of a path constraint of one's own."""
-    lower, upper = table.get("lower"), table.get("upper")
-    if not (isinstance(lower, list) and isinstance(upper, list) and len(lower) == len(upper)):
-        return []
-    pairs = [[low, high] for low, high in zip(lower, upper, strict=True)]
-    return [(float(low), float(high)) for low, high in pairs] if _pairs(pairs) else []
-
-
 @lru_cache(maxsize=4)
 def _parsed(problem_text: str) -> _Problem | None:
     try:
@@ -390,10 +315,3 @@ def _parsed(problem_text: str) -> _Problem | None:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(step) for step in first["loc"])
         raise InvalidValue("problem_text", f"{key}: {first['msg']}", "the text of a problem file") from error
-
-
-def _pairs(rows: Any) -> bool:
-    return isinstance(rows, list) and all(
-        isinstance(row, list) and len(row) == 2 and all(isinstance(number, (int, float)) for number in row)
-        for row in rows
-    )
