@@ -7,10 +7,11 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.progress import pace_bounds
 from mbocp.formulation.step_lengths import length_bounds
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
-from mbocp.problem import Problem
+from mbocp.problem import PathConstraint, Problem
 from mbocp.programme import StateBounds
 
 __all__ = ["free_speed_bounds", "path_nodes", "state_bounds"]
@@ -38,13 +39,13 @@ def state_bounds(
         target = slice(part.at_z.start, part.at_z.start + plain)
         lower[target], upper[target] = limits.q_lower[source], limits.q_upper[source]
     lower[at.s], upper[at.s] = speeds
-    free = np.full(at.nh, np.inf)
+    free, paces = np.full(at.nh, np.inf), pace_bounds(problem)
     path_lower, path_upper = _path_bounds(problem)
     return StateBounds(
         x_lower=_of_states(lower, problem, at, ("h_lower", "t_lower")),
         x_upper=_of_states(upper, problem, at, ("h_upper", "t_upper")),
-        u_lower=StateBounds.everywhere(np.concatenate([limits.u_lower, -free]), N),
-        u_upper=StateBounds.everywhere(np.concatenate([limits.u_upper, free]), N),
+        u_lower=StateBounds.everywhere(np.concatenate([limits.u_lower, paces[0], -free]), N),
+        u_upper=StateBounds.everywhere(np.concatenate([limits.u_upper, paces[1], free]), N),
         path_lower=path_lower,
         path_upper=path_upper,
     )
@@ -78,6 +79,9 @@ def path_nodes(problem: Problem) -> BoolArray:
     """At which of the nodes 1..N each row of the path constraints holds, shape (N, nh)."""
     N, dt = problem.num_steps, problem.dt
     columns = [np.repeat(c.span.nodes(N, dt)[:, None], c.rows, axis=1) for c in problem.inequalities]
+    for constraint, holds in zip(problem.inequalities, columns, strict=True):
+        if isinstance(constraint, PathConstraint):
+            holds[: np.flatnonzero(holds[:, 0])[-1], list(constraint.term.rows_at_end)] = False
     return np.hstack(columns) if columns else np.ones((N, 0), dtype=np.bool_)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.operations import check_operations
+from mbocp.formulation.pace_terms import ADVANCES
 from mbocp.formulation.parameters import (
     TIME,
     ParameterLayout,
@@ -23,6 +26,7 @@ from mbocp.formulation.parameters import (
     parameter_layout,
     path_parameters,
 )
+from mbocp.formulation.progress import advances
 from mbocp.formulation.remembered import memory_units
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
@@ -36,7 +40,7 @@ from mbocp.problem import Problem
 from mbocp.problem.horizon import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import load_functions
-from mbocp.terms import ExactGoal, TerminalCost, TermNumbers, own_ends, running_terms
+from mbocp.terms import ExactGoal, Follow, TerminalCost, TermNumbers, own_ends, running_terms
 
 __all__ = ["Pieces", "build_programme", "check_size", "needs_plain_states", "signature_of"]
 
@@ -105,7 +109,7 @@ def check_size(
         If the horizon has more steps than there is memory for.
     """
     check_operations(problem.robot.name, layout.nv, signature)
-    per_step = 2 * layout.ndx + num_algebraic + problem.robot.nu + layout.nh
+    per_step = 2 * layout.ndx + num_algebraic + problem.robot.nu + layout.num_more_controls
     check_horizon(problem.num_steps, per_step, by_others=problem.solver.is_interior_point)
 
 
@@ -171,12 +175,12 @@ def _kind(pieces: Pieces, nr: int) -> StageKind:
         nx=at.nx,
         ndx=at.ndx,
         ny=ny,
-        nu=nu + at.nh,
+        nu=nu + at.num_more_controls,
         nr=nr,
         scale_c=np.concatenate([np.ones(at.ndx), np.full(ny, dt)]),
         scale_y=np.full(ny, 1 / dt),
         scale_m=np.concatenate([np.ones(at.ndx), np.full(ny, 1 / dt)]),
-        scale_ru=np.concatenate([np.full(nu, 1 / dt), np.full(at.nh, 1 / T)]),
+        scale_ru=np.concatenate([np.full(nu, 1 / dt), np.full(at.num_more_controls, 1 / T)]),
         turning=pieces.turning,
         groups=pieces.groups,
     )
@@ -224,13 +228,20 @@ def signature_of(
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
         cost=running_terms(given),
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
-        path=tuple(constraint.structure(_of_joints(joints)) for constraint in problem.inequalities),
+        path=_structures(problem, _of_joints(joints)),
         ends=(*frame_ends(problem, rows), *own_ends(given)),
         is_flat=is_flat,
         guarded=guarded,
         has_free_lengths=problem.has_free_lengths,
         has_clock=len(problem.phases) > 1,
     )
+
+
+def _structures(problem: Problem, rotations: str) -> tuple[Any, ...]:
+    """Terms of the path constraints; those that follow paths know which of the paths is theirs."""
+    terms = (constraint.structure(rotations) for constraint in problem.inequalities)
+    numbers = count()
+    return tuple(replace(term, index=next(numbers)) if isinstance(term, Follow) else term for term in terms)
 
 
 def _of_joints(joints: ConfigurationSpace) -> str:
@@ -250,6 +261,7 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     }
     rows: dict[str, Array] = {
         HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None],
+        ADVANCES: advances(problem),
         BEGINS_PHASE: begins_phase(N, phase_starts(problem))[:, None],
         TIME: problem.dt * (np.arange(N, dtype=np.float64) + pieces.signature.steps.tau)[:, None],
     }

@@ -26,6 +26,7 @@ from mbocp.formulation.joint import (
     tangent_duals,
 )
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.progress import with_paces
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
@@ -128,7 +129,8 @@ class ExplicitFormulation:
             xs[:, at.s] = np.einsum("nij,ni->nj", speed_maps(robot, motion.qs), motion.vs)
         else:
             xs[:, at.s] = motion.vs
-        xs, us = with_lengths(self.problem, at, xs, motion.us, motion.dts)
+        us = with_paces(self.problem, at, motion.us, motion.qs)
+        xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
         xs[0] = self.programme.x_start
         xs = with_memory(self.problem, at, xs, us)
         return zero_multipliers(self.programme, xs, np.zeros((len(us), 0)), us)

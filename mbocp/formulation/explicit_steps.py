@@ -106,6 +106,7 @@ def _explicit_derivatives(
     unknowns = ca.vertcat(at.d1, at.d0, at.inputs)
     chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.inputs))
     root, of_u = chain.root(), slice(2 * layout.ndx, 2 * layout.ndx + at.u.numel())
+    paces = root[of_u.stop : of_u.stop + layout.num_paces]
     d1, d0, u = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[of_u]
     before = _state(chain, mechanics, layout, d0, at.x0)
     after = _state(chain, mechanics, layout, d1, at.x1)
@@ -123,7 +124,7 @@ def _explicit_derivatives(
     pieces = [kinematic, reached.s - after.s]
     if layout.nr:
         kept = d1[layout.dr]
-        following = _remembered(chain, at, (before.s, reached.s, u, d0[layout.dr]), (dt, between))
+        following = _remembered(chain, at, (before.s, reached.s, u, d0[layout.dr], paces), (dt, between))
         pieces.append(following - (kept if layout.is_flat else kept + at.x1[layout.r]))
     if layout.nh:
         pieces.append(Affine(at.length_rows, {0: ca.jacobian(at.length_rows, unknowns)}))
@@ -151,19 +152,22 @@ def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca
 def _remembered(
     chain: Chain,
     at: StepSymbols,
-    moving: tuple[Affine, Affine, Affine, Affine],
+    moving: tuple[Affine, ...],
     lengths: tuple[Affine | ca.SX, Affine | ca.SX],
 ) -> Affine:
-    """What the state after the step has to remember, of speeds before and after, controls and memories."""
+    """What the state after the step has to remember.
+
+    `moving`: speeds before and after, controls of the robot, what is remembered, paces.
+    """
     layout = at.space.layout
-    s0, s1, u, d = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
+    s0, s1, u, d, paces = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
     r = d if layout.is_flat else d + at.x0[layout.r]
     step, between, start = ca.SX.sym("dt"), ca.SX.sym("spacing"), layout.r.start
     before = {name: r[at_x.start - start : at_x.stop - start] for name, at_x in layout.remembered.items()}
-    passage = replace(at.remembering(s0, s1, before), u=u, dt=step, spacing=between)
+    passage = replace(at.remembering(s0, s1, before), u=u, dt=step, spacing=between, paces=paces)
     rows = ca.vertcat(*[MEMORY[name].following(passage) for name in before])
     given = [at.x0, at.theta, at.rho]
-    function = ca.Function("remembered", [s0, s1, u, d, step, between, *given], [ca.densify(rows)])
+    function = ca.Function("remembered", [s0, s1, u, d, paces, step, between, *given], [ca.densify(rows)])
     of_unknowns = [length for length in lengths if isinstance(length, Affine)]
     numbers = [length for length in lengths if not isinstance(length, Affine)]
     return chain.apply(function, [*moving, *of_unknowns], [*numbers, *given])[0]

@@ -23,6 +23,7 @@ from mbocp.formulation.joint import (
     tangent_duals,
 )
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.progress import with_paces
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
@@ -116,7 +117,8 @@ class ImplicitFormulation:
         at = self.layout
         xs = np.zeros((len(motion.qs), at.nx))
         xs[:, at.z], xs[:, at.s] = self.space.coordinates(motion.qs), motion.vs
-        xs, us = with_lengths(self.problem, at, xs, motion.us, motion.dts)
+        us = with_paces(self.problem, at, motion.us, motion.qs)
+        xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
         xs[0] = self.programme.x_start
         xs = with_memory(self.problem, at, xs, us)
         return zero_multipliers(self.programme, xs, motion.dts[:, None] * lams, us)

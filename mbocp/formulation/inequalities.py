@@ -9,9 +9,10 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
 from mbocp.formulation.bounds import path_nodes
+from mbocp.formulation.progress import progress_along
 from mbocp.formulation.step_lengths import without_lengths
 from mbocp.mechanics.rates import rates_along
-from mbocp.problem import Problem
+from mbocp.problem import PathConstraint, Problem
 from mbocp.programme import Iterate
 
 __all__ = ["inequalities", "path_along"]
@@ -32,9 +33,22 @@ def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> 
 def path_along(problem: Problem, motion: Motion) -> Array:
     """Values of path constraints and limited rates at the nodes 1..N, shape (N, nh), in their own units."""
     robot, qs, vs, us = problem.robot, motion.qs, motion.vs, motion.us
-    along = [c.values_along(robot, qs[1:], vs[1:], us) for c in problem.path]
+    along = _along(problem, motion)
     rates = [rates_along(robot, qs, vs, us, motion.dts)[c.key][:, c.columns] for c in problem.rate_limits]
     return np.hstack([np.zeros((len(us), 0)), *along, *rates])
+
+
+def _along(problem: Problem, motion: Motion) -> list[Array]:
+    """Values of each path constraint at the nodes 1..N."""
+    robot, qs, vs, us = problem.robot, motion.qs[1:], motion.vs[1:], motion.us
+    progress = iter(progress_along(problem, motion.qs)[1:].T)
+    found = []
+    for constraint in problem.path:
+        if isinstance(constraint, PathConstraint) and "progress" in constraint.term.remembers:
+            found.append(constraint.values_on_path(robot, qs, vs, next(progress)))
+        else:
+            found.append(constraint.values_along(robot, qs, vs, us))
+    return found
 
 
 def _violation(problem: Problem, motion: Motion, path: Array) -> float:

@@ -48,6 +48,16 @@ class StateLayout:
         return sum(size for _, size in self.memory)
 
     @property
+    def num_paces(self) -> int:
+        """Controls of the progress along paths that frames follow; those of lengths come after them."""
+        return dict(self.memory).get("progress", 0)
+
+    @property
+    def num_more_controls(self) -> int:
+        """Controls of the programme beyond those of the robot."""
+        return self.num_paces + self.nh
+
+    @property
     def remembered(self) -> dict[str, slice]:
         """Places of the blocks in a state, by name."""
         return self._blocks(self.nz + self.ns)

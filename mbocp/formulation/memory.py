@@ -7,7 +7,8 @@ controls and dt the length of the step from one state to the next, the blocks an
     \text{control} \quad & u, &
     \text{control\_rate} \quad & (u - u^-) / \delta t, \\
     \text{acceleration} \quad & a = (s_1 - s_0) / \Delta t, &
-    \text{jerk} \quad & (a - a^-) / \delta t
+    \text{jerk} \quad & (a - a^-) / \delta t, &
+    \text{progress} \quad & s^- + e\, w
 
 where a minus means what was remembered before, and delta t is the time from the middle of the step before to
 that of this one: dt where steps are as long as each other. All begin with zero: a motion starts with no
@@ -56,6 +57,8 @@ class Passage:
         What was remembered before it, by name.
     units : mapping of str
         Units of the blocks, by name.
+    paces, advances : casadi.SX, shape (paths,), or ndarray, shape (N, paths)
+        Controls of the progress along followed paths, and what they are multiplied by; see `progress`.
     """
 
     s0: Any
@@ -67,6 +70,8 @@ class Passage:
     has_before: Any
     before: Mapping[str, Any]
     units: Mapping[str, Any]
+    paces: Any = 0.0
+    advances: Any = 0.0
 
     @property
     def acceleration(self) -> Any:
@@ -80,8 +85,8 @@ class Block:
 
     Attributes
     ----------
-    of : {"u", "s"}
-        Whether it has an entry for each control or for each speed.
+    of : {"u", "s", "path"}
+        Whether it has an entry for each control, each speed or each path that a frame follows.
     following : callable
         `Passage` -> the value after the step.
     has_unit : bool
@@ -90,6 +95,8 @@ class Block:
         Blocks that its rule looks at.
     asks_for_first : bool
         Whether its rule looks at `Passage.has_before`.
+    adds_up : bool
+        Whether its rule adds something to what was before.
     """
 
     of: str
@@ -97,6 +104,7 @@ class Block:
     has_unit: bool = True
     needs: tuple[str, ...] = ()
     asks_for_first: bool = False
+    adds_up: bool = False
 
 
 def _control(at: Passage) -> Any:
@@ -117,12 +125,17 @@ def _jerk(at: Passage) -> Any:
     return change / (at.spacing * at.units["jerk"])
 
 
+def _progress(at: Passage) -> Any:
+    return at.before["progress"] + at.advances * at.paces
+
+
 MEMORY: Mapping[str, Block] = MappingProxyType(
     {
         "control": Block("u", _control, has_unit=False),
         "control_rate": Block("u", _control_rate, needs=("control",), asks_for_first=True),
         "acceleration": Block("s", _acceleration),
         "jerk": Block("s", _jerk, needs=("acceleration",)),
+        "progress": Block("path", _progress, has_unit=False, adds_up=True),
     }
 )
 
@@ -139,7 +152,12 @@ def unit_of(name: str) -> str:
 
 
 def memory_along(
-    names: tuple[str, ...], speeds: Array, us: Array, dts: Array, units: Mapping[str, float]
+    names: tuple[str, ...],
+    speeds: Array,
+    us: Array,
+    dts: Array,
+    units: Mapping[str, float],
+    paces: tuple[Array, Array] | None = None,
 ) -> dict[str, Array]:
     """What the nodes of a motion remember, by name, shapes (N + 1, size).
 
@@ -151,13 +169,18 @@ def memory_along(
     dts : ndarray, shape (N,)
         Lengths of the steps [s].
     units : mapping of str to float
+    paces : tuple of ndarray, shapes (N, paths), optional
+        Paces, and what they are multiplied by.
     """
+    w, e = (np.zeros((len(us), 0)),) * 2 if paces is None else paces
     has_before = (np.arange(len(us)) > 0).astype(np.float64)[:, None]
     between = spacings(dts)[:, None]
     found: dict[str, Array] = {}
     for name in names:
-        before = {known: values[:-1] for known, values in found.items()}
-        at = Passage(speeds[:-1], speeds[1:], us, 1.0, dts[:, None], between, has_before, before, units)
+        before = {known: values[:-1] for known, values in found.items()} | {"progress": 0.0}
+        own = (dts[:, None], between, has_before, before, units, w, e)
+        at = Passage(speeds[:-1], speeds[1:], us, 1.0, *own)
         after = MEMORY[name].following(at)
+        after = np.cumsum(after, axis=0) if MEMORY[name].adds_up else after
         found[name] = np.vstack([np.zeros(after.shape[1]), after])
     return found

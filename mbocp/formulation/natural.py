@@ -18,10 +18,11 @@ from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.joint import boundary_duals, duals_of_momenta, stage_costs, weighed_components
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.natural_steps import NaturalSteps
+from mbocp.formulation.progress import with_paces
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
-from mbocp.formulation.step_lengths import given_lengths
+from mbocp.formulation.step_lengths import given_lengths, without_lengths
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
@@ -119,14 +120,20 @@ class NaturalFormulation:
         else:
             xs[:, at.s] = self.space.rates(motion.qs, motion.vs)
         xs[0] = programme.x_start
-        xs = with_memory(self.problem, at, xs, motion.us)
-        return zero_multipliers(programme, xs, _impulses(programme, at, xs, motion.us), motion.us)
+        us = with_paces(self.problem, at, motion.us, motion.qs)
+        xs = with_memory(self.problem, at, xs, us)
+        return zero_multipliers(programme, xs, _impulses(programme, at, xs, us), us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
         zs, ws = iterate.xs[:, self.layout.z], iterate.xs[:, self.layout.s]
         dts = given_lengths(self.problem)
-        return Motion(self.space.configurations(zs), self.space.velocities(zs, ws), iterate.us, dts)
+        return Motion(
+            self.space.configurations(zs),
+            self.space.velocities(zs, ws),
+            without_lengths(self.layout, iterate.us),
+            dts,
+        )
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""

@@ -12,6 +12,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
 from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
+from mbocp.formulation.pace_terms import ADVANCES
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.terms import Sizes
 
@@ -60,6 +61,8 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         stage[HAS_BEFORE] = 1
     if signature.uses_time and not signature.has_clock:
         stage[TIME] = 1
+    if signature.num_paths:
+        stage[ADVANCES] = signature.num_paths
     if signature.has_free_lengths:
         stage[BEGINS_PHASE] = 1
     if signature.has_clock:

@@ -7,6 +7,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY, memory_along
+from mbocp.formulation.progress import advances
 from mbocp.formulation.step_lengths import lengths_of_states
 from mbocp.problem import Problem
 
@@ -34,7 +35,8 @@ def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array) -> Arra
         return xs
     nu, dts = problem.robot.nu, lengths_of_states(problem, at, xs)
     names = tuple(at.remembered)
-    found = memory_along(names, xs[:, at.s], us[:, :nu], dts, memory_units(problem))
+    paces = (us[:, nu : nu + at.num_paces], advances(problem))
+    found = memory_along(names, xs[:, at.s], us[:, :nu], dts, memory_units(problem), paces)
     filled = np.array(xs)
     for name, where in at.remembered.items():
         filled[:, where] = found[name]

@@ -10,6 +10,7 @@ import numpy as np
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY
+from mbocp.formulation.progress import followed, pace_names
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
@@ -23,6 +24,7 @@ _REMEMBERED = {
     "control_rate": "rate of control",
     "acceleration": "acceleration of",
     "jerk": "jerk of",
+    "progress": "progress along",
 }
 
 
@@ -148,13 +150,15 @@ def _limits(
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
     path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
     of_controls = [f"limit of control {label.name}" for label in robot.u_labels]
+    of_controls += [f"limit of the {name}" for name in pace_names(problem)]
     of_controls += ["limit of a length"] * at.nh
     return [*(names.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
 
 
 def _memory(problem: Problem, at: StateLayout, speeds: tuple[Label, ...]) -> list[str]:
     """What the rows of what is remembered are."""
-    labels = {"s": speeds, "u": problem.robot.u_labels}
+    paths = tuple(Label(constraint.name, "") for constraint in followed(problem))
+    labels = {"s": speeds, "u": problem.robot.u_labels, "path": paths}
     return [
         f"{_REMEMBERED.get(name, name)} {label.name}"
         for name, _ in at.memory

@@ -84,6 +84,11 @@ class FunctionSignature:
         return ordered(of_cost.union(*(term.remembers for term in self.path)))
 
     @property
+    def num_paths(self) -> int:
+        """Number of paths that frames follow."""
+        return sum("progress" in term.remembers for term in self.path)
+
+    @property
     def asks_for_first(self) -> bool:
         """Whether functions of a step ask whether it is the first."""
         asks = any(MEMORY[name].asks_for_first for name in self.memory)
@@ -101,7 +106,7 @@ class FunctionSignature:
 
     def state_layout(self, nz: int, nv: int, ns: int, nu: int) -> StateLayout:
         """Pieces of a state, for configurations of `nz` coordinates and `nv` directions."""
-        sizes = {"u": nu, "s": ns}
+        sizes = {"u": nu, "s": ns, "path": self.num_paths}
         memory = tuple((name, sizes[MEMORY[name].of]) for name in self.memory)
         nh = int(self.has_free_lengths)
         nt = int(self.has_clock)
@@ -141,6 +146,7 @@ class FunctionSignature:
             **self.steps.state_key,
             "is_flat": self.is_flat,
             "memory": self.memory,
+            **({"num_paths": self.num_paths} if self.num_paths else {}),
             **({"has_free_lengths": True} if self.has_free_lengths else {}),  # given ones keep their key
             **({"has_clock": True} if self.has_clock else {}),
         }

@@ -32,6 +32,7 @@ from mbocp.formulation.accelerations import driven_acceleration
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE, idle_cost, spacing
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
+from mbocp.formulation.pace_terms import ADVANCES, resting_cost
 from mbocp.formulation.parameters import (
     TIME,
     Sizes,
@@ -84,7 +85,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     if not at.is_flat:
         d0, d1 = ca.SX.sym("d0", at.ndx), ca.SX.sym("d1", at.ndx)
         at0, at1 = space.retract(x0, d0), space.retract(x1, d1)
-    u, w = ca.SX.sym("u", mechanics.nu), ca.SX.sym("w", at.nh)
+    u, w, paces = (ca.SX.sym(n, k) for n, k in (("u", mechanics.nu), ("w", at.nh), ("paces", at.num_paces)))
     given = {**pieces(theta, layout.theta), **pieces(rho, layout.stage)}
     num_drives = len(mechanics.robot.drives)  # at the end of u; what they prescribe is no force
     units_of_u = ca.vertcat(ca.repmat(given["force"], mechanics.nu - num_drives), ca.SX.ones(num_drives))
@@ -101,6 +102,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     change = None if before is None else units_of_u * (u - at0[before])
     node = partial(Point, mechanics, u=controls, change=change, moment=moment)
     idle = idle_cost(given[BEGINS_PHASE], w) if at.nh else ca.SX(0)
+    idle += resting_cost(given[ADVANCES], paces) if at.num_paces else ca.SX(0)
     return StepSymbols(
         mechanics=mechanics,
         space=space,
@@ -112,6 +114,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         at1=at1,
         y=ca.SX.sym("y", ny),
         u=u,
+        paces=paces,
         w=w,
         dt=dt,
         spacing=between,
@@ -179,4 +182,6 @@ def _path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
 
 def _unit(at: StepSymbols, name: str) -> ca.SX:
     """What a block of what is remembered is multiplied by."""
-    return at.given[unit_of(name)] if MEMORY[name].has_unit else at.units_of_u
+    if MEMORY[name].has_unit:
+        return at.given[unit_of(name)]
+    return at.units_of_u if MEMORY[name].of == "u" else ca.SX(1)

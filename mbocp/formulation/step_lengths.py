@@ -143,4 +143,4 @@ def _phase_lengths(problem: Problem, dts: Array) -> Array:
 
 def without_lengths(at: StateLayout, us: Array) -> Array:
     """Controls of the robot among those of the programme."""
-    return us[:, : us.shape[1] - at.nh]
+    return us[:, : us.shape[1] - at.num_more_controls]

@@ -15,6 +15,7 @@ import casadi as ca
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, Passage, unit_of
+from mbocp.formulation.pace_terms import ADVANCES
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
@@ -52,6 +53,8 @@ class StepSymbols:
         Impulses of constraints, in the unit of force.
     u : casadi.SX, shape (nu,)
         Controls of the robot, forces among them in the unit of force.
+    paces : casadi.SX, shape (paths,)
+        Controls of the progress along paths, see `progress`.
     w : casadi.SX, shape (nh,)
         Control of the step length, see `step_lengths`.
     dt : casadi.SX
@@ -80,6 +83,7 @@ class StepSymbols:
     at1: ca.SX
     y: ca.SX
     u: ca.SX
+    paces: ca.SX
     w: ca.SX
     dt: ca.SX
     spacing: ca.SX
@@ -92,14 +96,16 @@ class StepSymbols:
 
     @property
     def inputs(self) -> ca.SX:
-        """All controls of the programme, shape (nu + nh,)."""
-        return ca.vertcat(self.u, self.w)
+        """All controls of the programme, shape (nu + paths + nh,)."""
+        return ca.vertcat(self.u, self.paces, self.w)
 
     def remembering(self, s0: ca.SX, s1: ca.SX, before: Mapping[str, ca.SX]) -> Passage:
         """The step as the rules of what is remembered see it, with these speeds and memories."""
         units = {name: self.given[unit_of(name)] for name in before if MEMORY[name].has_unit}
         has_before = self.given.get(HAS_BEFORE, ca.SX(1))
-        return Passage(s0, s1, self.u, self.units_of_u, self.dt, self.spacing, has_before, before, units)
+        advances = self.given.get(ADVANCES, ca.SX.zeros(0, 1))
+        own = (self.units_of_u, self.dt, self.spacing, has_before, before, units, self.paces, advances)
+        return Passage(s0, s1, self.u, *own)
 
     @property
     def memory_rows(self) -> ca.SX:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from mbocp._arrays import Array
 from mbocp.guesses.ways import Way, position_limits, straight, straight_to
 from mbocp.problem import PathConstraint, Problem
 from mbocp.robot import FrameTarget
 from mbocp.robot.poses.along import along_poses
 
-__all__ = ["usual_way"]
+__all__ = ["follows_path", "usual_way"]
 
 
 def usual_way(problem: Problem) -> Way:
     """Along the lines and paths that frames keep to all the time; without any, straight to the goal."""
-    N, dt = problem.num_steps, problem.dt
-    kept = [c for c in problem.frame_constraints if c.span.has_start and c.span.has_end(N, dt)]
+    kept = _kept(problem)
     if not any(c.term.leads for c in kept):
         return straight(problem)
 
@@ -25,6 +26,17 @@ def usual_way(problem: Problem) -> Way:
         return straight(problem)(q_start, shares) if found is None else found
 
     return way
+
+
+def follows_path(problem: Problem) -> bool:
+    """Whether a frame follows a path all the time, so that the whole way is known without a goal."""
+    return any("progress" in c.term.remembers for c in _kept(problem))
+
+
+def _kept(problem: Problem) -> list[PathConstraint]:
+    """What frames keep to all the time."""
+    N, dt = problem.num_steps, problem.dt
+    return [c for c in problem.frame_constraints if c.span.has_start and c.span.has_end(N, dt)]
 
 
 def _along(problem: Problem, kept: Sequence[PathConstraint], q_start: Array, shares: Array) -> Array | None:
@@ -40,6 +52,13 @@ def _along(problem: Problem, kept: Sequence[PathConstraint], q_start: Array, sha
         found = (c.term.target(c, name, (start, end), share) for c, name, start, end in asked)
         return [target for target in found if target is not None]
 
+    if not (goal.q_active.all() or goal.poses):
+        found = along_poses(
+            robot, [targets(share) for share in shares], np.tile(q_start, (len(shares), 1)), limits
+        )
+        if found is not None:
+            found[shares == 0.0] = q_start
+        return found
     q_end = goal.q
     if not goal.q_active.all():
         reached = along_poses(robot, [targets(1.0)], q_end[None], limits)

@@ -98,7 +98,7 @@ def _bound_multipliers(
     N, at = programme.num_steps, formulation.layout
     return BoundMultipliers(
         xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr + at.nh + at.nt))]),
-        us=np.hstack([saved.lam_us[middle], np.zeros((N, at.nh))]),
+        us=np.hstack([saved.lam_us[middle], np.zeros((N, at.num_more_controls))]),
         path=np.zeros((N, programme.bounds.nh)),
         guard=np.zeros(programme.num_guards),
     )

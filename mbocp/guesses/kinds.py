@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp.formulation import Formulation
+from mbocp.guesses.along import follows_path
 from mbocp.guesses.around import around
 from mbocp.guesses.hold import can_hold, hold
 from mbocp.guesses.line import at_rest, driven_line, is_whole, line
@@ -20,15 +21,14 @@ def guess_candidates(problem: Problem) -> tuple[str, ...]:
     """Kinds of guess to try in turn: the one that was asked for, or those that suit the problem.
 
     A goal that is given in full is approached on the straight line, with the controls that this takes, and so
-    are via points. A
-    robot that can hold still at its start may begin by doing so. Zero control and a forward simulation
-    always satisfies the dynamics.
+    are via points; a path that a frame follows is a way, too. A robot that can hold still at its start may
+    begin by doing so. Zero control and a forward simulation always satisfies the dynamics.
     """
     if problem.guess.kind != "auto":
         return (problem.guess.kind,)
     if COORDINATES[problem.coordinates].takes_joint_guess:
         return ("joint", *guess_candidates(problem.with_(coordinates="joint")))
-    kinds = ["line"] if is_whole(problem) or problem.via else []
+    kinds = ["line"] if is_whole(problem) or problem.via or follows_path(problem) else []
     if can_hold(problem):
         kinds.append("hold")
     return (*kinds, "control")

@@ -18,7 +18,8 @@ from mbocp.problem.clearance import Clearance
 from mbocp.problem.goal import Goal
 from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Label, Robot
-from mbocp.terms import PATH_TERMS, FrameTolerance, OwnPathConstraint, PathTerm, Point, Span
+from mbocp.robot.kinematics import WORLD
+from mbocp.terms import PATH_TERMS, Follow, FrameTolerance, OwnPathConstraint, PathTerm, Point, Span
 
 __all__ = ["PATH_KINDS", "PathConstraint", "check_path", "spans_found"]
 
@@ -139,15 +140,40 @@ class PathConstraint:
         values: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
         return values
 
+    def progress(self, robot: Robot, qs: Array) -> Array:
+        """How far a frame that follows a path is along it at the nodes of a motion, shape (n,), from 0 to 1.
+
+        Raises
+        ------
+        ProblemError
+            If the constraint is of another kind.
+        """
+        term = self.term
+        if not isinstance(term, Follow):
+            raise ProblemError(f'path {self.name!r}: progress is for kind = "follow", got "{self.kind}"')
+        return term.progress(self, robot, qs)
+
+    def values_on_path(self, robot: Robot, qs: Array, vs: Array, progress: Array) -> Array:
+        """Values where the progress along the path is known, shape (n,), as of `values_along`."""
+        s = ca.SX.sym("s")
+        function = self._function(robot, {"progress": s}, s).map(len(qs))
+        found: Array = self.term.value(np.asarray(function(qs.T, vs.T, progress[None])).T)
+        return found
+
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
         """Values at each of n states, shape (n, rows) [m, m/s], by the expression that solvers see."""
-        mechanics, term = JointMechanics(robot), self.term
+        if "progress" in self.term.remembers:
+            return self.values_on_path(robot, qs, vs, self.progress(robot, qs))
+        found = np.asarray(self._function(robot, {}).map(len(qs))(qs.T, vs.T)).T
+        values: Array = self.term.value(found)
+        return values
+
+    def _function(self, robot: Robot, remembered: Mapping[str, ca.SX], *more: ca.SX) -> ca.Function:
+        """The expression as a function of configuration, velocity, and symbols of what is remembered."""
         q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
         numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers.items()}
-        h = term.expression(Point(mechanics, q, v), numbers)
-        found = np.asarray(ca.Function("h", [q, v], [ca.densify(h)]).map(len(qs))(qs.T, vs.T)).T
-        values: Array = term.value(found)
-        return values
+        point = Point(JointMechanics(robot), q, v, remembered=remembered)
+        return ca.Function("h", [q, v, *more], [ca.densify(self.term.expression(point, numbers))])
 
     def _parameters(self, key: str) -> dict[str, Array]:
         """Parameters of the kind that are no fields, checked."""
@@ -222,6 +248,14 @@ def check_path(
     for constraint in path:
         constraint.check_frames(robot)
         constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, num_phases=num_phases)
+        if isinstance(constraint, PathConstraint) and "progress" in constraint.term.remembers:
+            if constraint.span.nodes(num_steps, dt).sum() + constraint.span.has_start < 2:
+                raise ProblemError(
+                    f"path {constraint.name!r}: one node between from and until is no time to follow a path; "
+                    "take times farther apart"
+                )
+            _check_ends_of_path(constraint, robot, q_start, goal, constraint.span.has_end(num_steps, dt))
+            continue
         if constraint.structure("quaternion").remembers:
             continue  # controls are not known before
         if constraint.span.has_start:
@@ -235,9 +269,29 @@ def check_path(
             _refuse_outside(constraint, constraint.values(robot, goal.q, v), "goal")
 
 
-def _refuse_outside(constraint: _Kept, values: Array, where: str) -> None:
+def _check_ends_of_path(
+    constraint: PathConstraint, robot: Robot, q_start: Array, goal: Goal, has_end: bool
+) -> None:
+    """Refuse a path that does not begin where the frame is, or ends elsewhere than at an exact goal."""
+    still = np.zeros((1, robot.nv))
+    rows = slice(0, constraint.rows - 1)  # the last is at the end alone
+    if constraint.span.has_start:
+        values = constraint.values_on_path(robot, q_start[None], still, np.zeros(1))[0]
+        _refuse_outside(constraint, values, "start", rows)
+    if not (has_end and goal.is_exact):
+        return
+    for target in (frame.target for frame in goal.conditions):
+        is_ours = target.relative_to == WORLD and robot.frame_id(target.name) == constraint.frame
+        if is_ours and target.position is not None and len(target.coordinates) == 3:
+            Follow.check_goal(constraint, target.position, f"path {constraint.name!r}")
+    if goal.q_active.all():
+        values = constraint.values_on_path(robot, goal.q[None], still, np.ones(1))[0]
+        _refuse_outside(constraint, values, "goal", rows)
+
+
+def _refuse_outside(constraint: _Kept, values: Array, where: str, rows: slice = slice(None)) -> None:
     outside = (values < constraint.lower - BOUND_TOLERANCE) | (values > constraint.upper + BOUND_TOLERANCE)
-    if outside.any():
+    if outside[rows].any():
         if isinstance(constraint, Clearance):
             raise ProblemError(constraint.refusal(values, where))
         i = int(np.flatnonzero(outside)[0])

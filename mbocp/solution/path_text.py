@@ -52,6 +52,7 @@ def rows_of_path(table: Mapping[str, Any], nodes: Mapping[str, int]) -> dict[str
     ends = [table.get("min", -np.inf), table.get("max", np.inf)]
     pairs |= {name: ends} if not pairs and are_pairs([ends]) else {}
     pairs |= _kept(name, table.get("tolerance"))
+    pairs |= _followed(name, table) if table.get("kind") == "follow" else {}
     sides = {row: (float(lower), float(upper)) for row, (lower, upper) in pairs.items()}
     return {row: PathRow(*bounds, unit, _span_of(table, nodes)) for row, bounds in sides.items()}
 
@@ -85,6 +86,15 @@ def _kept(name: str, tolerance: Any) -> dict[str, list[float]]:
     return (
         {f"{name}.{axis}": [0.0, 0.0] for axis in "xyz"} if tolerance == 0 else {name: [-np.inf, tolerance]}
     )
+
+
+def _followed(name: str, table: Mapping[str, Any]) -> dict[str, list[float]]:
+    """Rows of a path beside the distance from it."""
+    found = {f"{name}.along": [0.0, 0.0], f"{name}.end": [0.0, 0.0]}
+    angle = table.get("orientation_tolerance")
+    if is_number(angle) and angle > 0:
+        return {**found, f"{name}.turn": [-np.inf, angle]}
+    return found | {f"{name}.turn_{axis}": [0.0, 0.0] for axis in "xyz"}
 
 
 def _span_of(table: Mapping[str, Any], nodes: Mapping[str, int]) -> Span:

@@ -21,6 +21,7 @@ from mbocp.terms import RATE_TERMS, FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
 from mbocp.terms.frame_tolerance import tolerance_bounds
 from mbocp.terms.span import Span
+from mbocp.terms.spline import curve_through
 
 __all__ = [
     "PathRow",
@@ -261,8 +262,8 @@ def _places(problem: _Problem | None) -> dict[int, ViaPlace]:
     return via_places(problem.via, problem.horizon.duration, problem.horizon.steps)
 
 
-def lines_of(problem_text: str) -> tuple[tuple[Array, Array], ...]:
-    """Both points of each line that a frame is kept on, shape (3,) [m].
+def lines_of(problem_text: str) -> tuple[Array, ...]:
+    """Points of each line or path that a frame is kept on, shape (k, 3) [m].
 
     Raises
     ------
@@ -270,8 +271,20 @@ def lines_of(problem_text: str) -> tuple[tuple[Array, Array], ...]:
         If the text is TOML, but no problem.
     """
     problem = _parsed(problem_text)
-    ends = [(table.get("a"), table.get("b")) for table in (problem.path if problem is not None else ())]
-    return tuple((np.array(a, dtype=float), np.array(b, dtype=float)) for a, b in ends if _triples(a, b))
+    lines = (_line(table) for table in (problem.path if problem is not None else ()))
+    return tuple(line for line in lines if line is not None)
+
+
+def _line(table: dict[str, Any]) -> Array | None:
+    ends, points = (table.get("a"), table.get("b")), table.get("points")
+    if _triples(*ends):
+        return np.array(ends, dtype=np.float64)
+    if not (isinstance(points, list) and len(points) > 1 and _triples(*points)):
+        return None
+    through = np.array(points, dtype=np.float64)
+    is_closed = table.get("closed") is True and len(points) > 2
+    gaps = np.diff(np.vstack([through, through[: int(is_closed)]]), axis=0)
+    return curve_through(through, is_closed=is_closed).drawn if gaps.any(axis=1).all() else through
 
 
 def obstacles_of(problem_text: str) -> tuple[Obstacle, ...]:

@@ -30,6 +30,7 @@ from mbocp.terms.frame_path import (  # isort: skip  # kinds in the order of the
     Speed,
 )
 from mbocp.terms.kept import Line, OrientationKept  # isort: skip  # after them
+from mbocp.terms.follow import Follow  # isort: skip
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.rates import RATE_TERMS, RateTerm
 from mbocp.terms.span import Span
@@ -47,6 +48,7 @@ __all__ = [
     "Distance",
     "Effort",
     "ExactGoal",
+    "Follow",
     "FrameEnd",
     "FrameGoal",
     "FrameProjections",

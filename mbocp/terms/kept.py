@@ -67,7 +67,7 @@ class Line(PathTerm):
                 "number >= 0",
                 "m, rad",
                 "0",
-                'how far from a `"line"`, and from a kept orientation; 0: exactly there, an equation',
+                'how far from a `"line"`, a followed path, a kept orientation; 0: exactly there, an equation',
             ),
         ] = None
 
@@ -125,6 +125,10 @@ class Line(PathTerm):
     def rows(self) -> int:
         """Two directions, or one distance; and the distance along the line."""
         return (2 if self.is_exact else 1) + self.is_segment
+
+    def drawn(self, given: PathNumbers) -> Array | None:
+        """Both ends."""
+        return np.array([given.number("a"), given.number("b")])
 
     def target(
         self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float

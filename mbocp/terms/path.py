@@ -148,6 +148,15 @@ class PathTerm(ABC):
             if not np.isfinite(given.number(name)).all():
                 raise InvalidValue(f"{key}: {name}", shown(given.number(name).tolist()), "finite numbers")
 
+    @property
+    def rows_at_end(self) -> tuple[int, ...]:
+        """Rows that hold at the last of its nodes alone."""
+        return ()
+
+    def drawn(self, given: PathNumbers) -> Array | None:
+        """Points of the line that the frame is on, shape (k, 3) [m], where there is one."""
+        return None
+
     def target(
         self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float
     ) -> FrameTarget | None:

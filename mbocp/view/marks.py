@@ -1,4 +1,4 @@
-"""What a motion was to go through, for a replay: via points and lines."""
+"""What a motion was to go through, for a replay: via points, lines and paths."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ class Marks:
     Attributes
     ----------
     via : tuple of ViaMark
-    lines : tuple of (ndarray, ndarray)
-        Both ends of each, shape (3,) [m].
+    lines : tuple of ndarray
+        Points of each line and each path that is followed, shape (k, 3) [m].
     obstacles : tuple of Obstacle
     """
 
     via: tuple[ViaMark, ...] = ()
-    lines: tuple[tuple[Array, Array], ...] = ()
+    lines: tuple[Array, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
 
 
 def marks_of(problem: Problem, times: Array | None = None) -> Marks:
-    """Poses of frames at the via points of a problem, and the lines of its path constraints, its obstacles.
+    """Poses of frames at the via points of a problem, lines and paths of its path constraints, obstacles.
 
     Parameters
     ----------
@@ -68,9 +68,9 @@ def marks_of(problem: Problem, times: Array | None = None) -> Marks:
         for point in problem.waypoints
         for frame in point.via.goal.poses
     )
-    numbers = (constraint.numbers for constraint in problem.frame_constraints)
-    lines = tuple((n["a"], n["b"]) for n in numbers if {"a", "b"} <= set(n))
-    return Marks(tuple(via), lines, problem.obstacle)
+    lines = (constraint.term.drawn(constraint) for constraint in problem.frame_constraints)
+    drawn = tuple(points for points in lines if points is not None)
+    return Marks(tuple(via), drawn, problem.obstacle)
 
 
 def marks_of_result(solution: Solution, robot: Robot) -> Marks:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._files import path_of
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice
 from mbocp.problem.file.messages import located
+from mbocp.problem.file.points_file import read_points
 from mbocp.problem.goal import Goal
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
@@ -26,8 +29,10 @@ __all__ = ["path_from", "path_tables"]
 _HEAD = ("name", "kind", "frame", *SPAN)
 
 
-def path_from(robot: Robot, tables: list[PathHead], q_start: Array, goal: Goal) -> tuple[PathConstraint, ...]:
-    """Make the constraints from the tables of `[[path]]`.
+def path_from(
+    robot: Robot, tables: list[PathHead], q_start: Array, goal: Goal, folder: Path
+) -> tuple[PathConstraint, ...]:
+    """Make the constraints from the tables of `[[path]]`; files that they name are relative to a folder.
 
     Raises
     ------
@@ -37,7 +42,7 @@ def path_from(robot: Robot, tables: list[PathHead], q_start: Array, goal: Goal) 
     found = []
     for i, table in enumerate(tables):
         with located(f"path.{i}"):
-            found.append(_constraint(robot, table, f"path.{i}", q_start, goal))
+            found.append(_constraint(robot, table, f"path.{i}", q_start, goal, folder))
     return tuple(found)
 
 
@@ -46,7 +51,9 @@ def path_tables(robot: Robot, path: Sequence[object]) -> list[dict[str, Any]]:
     return [_table(robot, constraint) for constraint in path if isinstance(constraint, PathConstraint)]
 
 
-def _constraint(robot: Robot, table: PathHead, key: str, q_start: Array, goal: Goal) -> PathConstraint:
+def _constraint(
+    robot: Robot, table: PathHead, key: str, q_start: Array, goal: Goal, folder: Path
+) -> PathConstraint:
     kind = check_choice(f"{key}.kind", table.kind, PATH_TERMS)
     term = PATH_TERMS[kind]
     written = {name: getattr(table, name) for name in type(table).model_fields if name not in _HEAD}
@@ -55,6 +62,10 @@ def _constraint(robot: Robot, table: PathHead, key: str, q_start: Array, goal: G
         if name not in term.Keys.model_fields:
             used = ", ".join(term.Keys.model_fields)
             raise ProblemError(f'{key}.{name}: kind = "{kind}" does not use it, but {used}')
+    if "file" in given:
+        if "points" in given:
+            raise ProblemError(f"{key}: points and file; which of the two? Give one")
+        given |= read_points(folder / path_of(given.pop("file")), f"{key}.file")
     frame = robot.frame_id(table.frame)
     start = robot.frame_placement(table.frame, q_start)
     values = term.read(

@@ -133,7 +133,7 @@ def _fields(
         "goals": goals,
         "limits": bounds_from(robot, **dict(table.limits)),
         "via": via,
-        "path": path_from(robot, table.path, q_start, goal),
+        "path": path_from(robot, table.path, q_start, goal, folder),
         "obstacle": obstacles_from(table.obstacle),
         "self_collision": self_collision_from(table.self_collision, folder),
         "terms": terms_from(robot, table.terms, terms),

@@ -18,7 +18,7 @@ from mbocp.robot.poses.target import FrameTarget
 __all__ = ["along_poses"]
 
 _TOLERANCE = 1e-9  # [m, rad]
-_LEAP, _FACTOR = 0.3, 4.0  # [rad, m] beyond so many times the step of what is near: another branch
+_LEAP, _FACTOR = 0.5, 4.0  # [rad, m] beyond so many times the step of what is near: another branch
 
 
 def along_poses(

@@ -101,7 +101,7 @@ def mark_commands(robot: Robot, marks: Marks, motion: Motion, root: str, size: f
                 line = placed.translation + edge @ base.rotation.T
                 yield set_object(f"{path}/edge_{number}", _tube(line, 0.5 * _RADIUS * size, _VIA))
     for index, line in enumerate(marks.lines):
-        yield set_object(f"{root}/lines/{index}", _tube(np.array(line), 0.4 * _RADIUS * size, _LINE))
+        yield set_object(f"{root}/lines/{index}", _tube(line, 0.4 * _RADIUS * size, _LINE))
 
 
 def _via_placements(robot: Robot, marks: Marks, motion: Motion) -> list[pin.SE3]:
@@ -126,4 +126,4 @@ def _edges(sides: Array) -> list[Array]:
 
 def _tube(line: Array, radius: float, colour: tuple[float, float, float]) -> Any:
     material = mg.MeshLambertMaterial(vertexColors=True)
-    return shape_object(tube(line, radius, np.tile(colour, (2, 1))), material)
+    return shape_object(tube(line, radius, np.tile(colour, (len(line), 1))), material)
