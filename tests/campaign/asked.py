@@ -79,6 +79,57 @@ def _plane(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generato
     return replace(task, path=(PathBound("position", frame, at, at, (axis,), first=first, last=last),))
 
 
+def _line(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
+    """The straight line that the motion follows, exactly or as a tube."""
+    frame = last_frame(loaded)
+    places = _places(loaded.system, frame, witness)
+    a, b = places[0].translation, places[-1].translation
+    if rng.random() < 0.5:
+        zero = np.zeros(2)
+        bound = PathBound("line", frame, zero, zero, point=a, direction=_unit(b - a))
+    else:
+        width = np.array([0.02 * np.linalg.norm(b - a)])
+        bound = PathBound("line", frame, -np.inf * width, width, point=a, direction=_unit(b - a))
+    return replace(task, path=(bound,))
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _kept(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
+    """The axes that the motion keeps, exactly or within a cone."""
+    frame = last_frame(loaded)
+    axes = _places(loaded.system, frame, witness)[0].rotation
+    zero, cone = np.zeros(3), np.array([rng.uniform(0.02, 0.1)])
+    if rng.random() < 0.5:
+        return replace(task, path=(PathBound("kept", frame, zero, zero, rotation=axes),))
+    return replace(task, path=(PathBound("kept", frame, -np.inf * cone, cone, rotation=axes),))
+
+
+def _cone(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
+    """A largest angle of an axis to a direction, just above that of the motion."""
+    frame, axis = last_frame(loaded), np.array([0.0, 0.0, 1.0])
+    places = _places(loaded.system, frame, witness)
+    direction = _unit(places[0].rotation @ axis + places[-1].rotation @ axis)
+    largest = max(float(np.arccos(np.clip(direction @ place.rotation @ axis, -1.0, 1.0))) for place in places)
+    most = np.array([min(largest * rng.uniform(1.02, 1.2), 3.0)])
+    bound = PathBound("orientation", frame, -np.inf * most, most, direction=direction, axis=axis)
+    return replace(task, path=(bound,))
+
+
+def _spin(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
+    """A largest angular speed of the last frame."""
+    model, data, frame = loaded.system.model, loaded.system.data, last_frame(loaded)
+    index, speeds = model.getFrameId(frame), []
+    for q, v in zip(witness.qs, witness.vs, strict=True):
+        pin.forwardKinematics(model, data, q, v)
+        pin.updateFramePlacements(model, data)
+        speeds.append(float(np.linalg.norm(pin.getFrameVelocity(model, data, index, pin.LOCAL).angular)))
+    most = np.array([rng.uniform(1.02, 1.3) * max(speeds)])
+    return replace(task, path=(PathBound("angular_speed", frame, -np.inf * most, most),))
+
+
 def _via(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
     """Some joints, and now and then the speeds of others, at a node on the way."""
     nv, node = loaded.system.nv, _inner(task, rng)
@@ -162,6 +213,10 @@ ASKS: dict[str, Callable[[Loaded, Task, Witness, np.random.Generator], Task]] = 
     "span": _span,
     "gate": _gate,
     "plane": _plane,
+    "line": _line,
+    "kept": _kept,
+    "cone": _cone,
+    "spin": _spin,
     "via": _via,
     "via_pose": _via_pose,
     "via_box": _via_box,

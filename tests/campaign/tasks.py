@@ -129,6 +129,8 @@ def _moved(
     step = step_of(system, task)
     if kind.motion == "geodesic":
         away = rng.uniform(-kind.spread, kind.spread, system.nv)
+        if "kept" in kind.asks:  # a free body that does not turn
+            away[3:] = 0.0
         if "plane" in kind.asks:  # of the sliders one stands still
             away[int(rng.integers(system.nv))] = 0.0
         found = along_geodesic(step, start, system.step(start, away), task.num_steps)
@@ -262,7 +264,9 @@ def _limited(
             moved = np.abs(system.away(task.q_start, task.q_goal))
             if kind.motion == "geodesic" and kind.cost != "penalty" and rng.random() < 2 * _INFEASIBLE:
                 i = int(np.argmax(moved))
-                if system.is_vector:
+                # another configuration or another duration may do where the task leaves them open
+                is_given = not {"reach", "free"} & set(kind.asks.split("+"))
+                if system.is_vector and is_given:
                     slow = 0.8 * moved[i] / task.duration
                     changes["v_limits"][:, i] = -slow, slow
                     is_feasible = False
@@ -362,8 +366,18 @@ def _path_table(bound: PathBound, task: Task) -> dict[str, Any]:
         table["until"] = bound.last * task.dt
     if bound.kind == "position":
         table |= {"xyz"[a]: [lo, hi] for a, lo, hi in zip(bound.axes, bound.lower, bound.upper, strict=True)}
-    elif bound.kind == "speed":
+    elif bound.kind in ("speed", "angular_speed"):
         table["max"] = float(bound.upper[0])
+    elif bound.kind == "line":
+        table |= {"a": bound.point, "b": bound.point + bound.direction}
+    elif bound.kind == "kept":
+        rotation = bound.rotation
+        assert rotation is not None
+        table |= {"kind": "orientation_kept", "rpy": pin.rpy.matrixToRpy(rotation).tolist()}
+    elif bound.kind == "orientation":
+        table |= {"axis": bound.axis, "direction": bound.direction, "max": float(bound.upper[0])}
     else:
         table |= {"point": bound.point, "min": float(bound.lower[0]), "max": float(bound.upper[0])}
+    if bound.kind in ("line", "kept") and bound.lower.size == 1:
+        table["tolerance"] = float(bound.upper[0])
     return table

@@ -19,6 +19,7 @@ from tests.checker.task import Task
 __all__ = ["Bound", "Conditions", "Layout", "Motion", "joint_conditions", "natural_conditions", "step_of"]
 
 _INACTIVE = 1e-12  # relative, of singular values
+_FORMS = ("line", "kept", "orientation")  # that others may write in other functions of the same zeros
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,6 +327,8 @@ def _bounds(system: System, task: Task, motion: Motion, layout: Layout, xs: Arra
 
 def _are_of_paths(task: Task, claims: Array) -> bool:
     """Whether the columns are those of the path bounds and of nothing else."""
+    if any(bound.kind in _FORMS for bound in task.path):
+        return False
     return claims.ndim == 2 and claims.shape[1] == sum(bound.lower.size for bound in task.path)
 
 

@@ -27,13 +27,40 @@ def bound_values(system: System, bound: PathBound, q: Array, v: Array) -> tuple[
         d = p - bound.point
         length = float(np.linalg.norm(d))
         return np.array([length]), np.concatenate([d @ J / length, zero])[None]
+    if bound.kind in ("line", "kept", "orientation"):
+        values, slopes = _turned_or_beside(system, bound, frame, J)
+        return values, np.hstack([slopes, np.zeros_like(slopes)])
     pin.computeForwardKinematicsDerivatives(model, data, q, v, zero)
     d_q, d_v = pin.getFrameVelocityDerivatives(model, data, frame, world)
-    speed = np.array(d_v[:3]) @ v
+    at = slice(3, 6) if bound.kind == "angular_speed" else slice(0, 3)
+    speed = np.array(d_v[at]) @ v
     length = float(np.linalg.norm(speed))
     if length < 1e-12:
         return np.array([length]), np.zeros((1, 2 * nv))
-    return np.array([length]), (speed @ np.hstack([np.array(d_q[:3]), np.array(d_v[:3])]) / length)[None]
+    return np.array([length]), (speed @ np.hstack([np.array(d_q[at]), np.array(d_v[at])]) / length)[None]
+
+
+def _turned_or_beside(system: System, bound: PathBound, frame: int, J: Array) -> tuple[Array, Array]:
+    """Values of bounds on lines and axes, and their derivatives in q; frames are placed already."""
+    at = system.data.oMf[frame]
+    world = np.array(pin.getFrameJacobian(system.model, system.data, frame, pin.LOCAL_WORLD_ALIGNED))
+    if bound.kind == "line":
+        normals = np.linalg.svd(bound.direction[None])[2][1:]
+        values, slopes = normals @ (at.translation - bound.point), normals @ J
+    elif bound.kind == "kept":
+        turn = bound.rotation.T @ at.rotation  # type: ignore[union-attr]
+        values = np.array(pin.log3(turn))
+        slopes = pin.Jlog3(turn) @ at.rotation.T @ world[3:]
+    else:
+        axis = at.rotation @ bound.axis
+        normal = np.cross(bound.direction, axis)
+        sine, cosine = float(np.linalg.norm(normal)), float(bound.direction @ axis)
+        slope = (normal / sine) @ world[3:] if sine > 1e-12 else np.zeros(system.nv)
+        return np.array([np.arctan2(sine, cosine)]), slope[None]
+    if bound.lower.size == values.size:
+        return values, slopes
+    length = float(np.linalg.norm(values))
+    return np.array([length]), (values @ slopes / max(length, 1e-300))[None]
 
 
 def pose_left(system: System, pose: FramePose, q: Array) -> tuple[Array, Array, Array, Array]:

@@ -13,7 +13,11 @@ __all__ = ["FramePose", "PathBound", "Point", "Task"]
 
 @dataclass(frozen=True, eq=False)
 class PathBound:
-    """A bound on a frame: coordinates `axes` of its position, its distance from a point, or its speed."""
+    """A bound on a frame: coordinates `axes` of its position, its distance from a point, its speeds or axes.
+
+    "line": its two offsets from the line through `point` along `direction`, or their length with a tolerance;
+    "kept": the rotation vector from `rotation`, or its length; "orientation": angle of `axis` to `direction`.
+    """
 
     kind: str
     frame: str
@@ -21,6 +25,9 @@ class PathBound:
     upper: Array
     axes: tuple[int, ...] = ()
     point: Array = field(default_factory=lambda: np.zeros(3))
+    direction: Array = field(default_factory=lambda: np.zeros(3))
+    axis: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array | None = None
     first: int = 1
     last: int | None = None
 

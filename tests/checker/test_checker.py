@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy import sparse
 
@@ -16,6 +17,7 @@ from tests.campaign.tasks import Draw, draw
 from tests.checker import Report, check_solution
 from tests.checker.conditions import Motion, joint_conditions, step_of
 from tests.checker.differences import derivative
+from tests.checker.frames import bound_values, pose_values
 from tests.checker.optimality import _Projection
 from tests.integrators.conftest import interpreted_functions
 
@@ -52,6 +54,8 @@ def verdict(task: Draw, motion: Motion) -> Report:
         ("double_pendulum_span", 1),
         ("double_pendulum_gate", 1),
         ("elastic_pendulum_plane", 1),
+        ("elastic_pendulum_line", 1),
+        ("drone_level", 1),
         ("double_pendulum_via", 0),
         ("double_pendulum_via_box", 2),
         ("double_pendulum_pose", 0),
@@ -248,6 +252,33 @@ def test_derivatives_of_a_step(name: str, seed: int, tmp_path: Path) -> None:
     )
     for exact, other in zip(at[2:], numeric, strict=True):
         np.testing.assert_allclose(exact, other, atol=1e-9 * (1 + np.abs(other).max(initial=0.0)))
+
+
+@pytest.mark.parametrize(
+    "name", ["double_pendulum_gate", "elastic_pendulum_line", "drone_level", "ur5_cone", "drone_spin"]
+)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_derivatives_of_bounds(name: str, seed: int, tmp_path: Path) -> None:
+    """Pinocchio's Jacobians of a frame's values are those of differences, away from the motion, too."""
+    task = draw(name, seed, tmp_path)
+    system, nv = task.loaded.system, task.loaded.system.nv
+    (bound,) = task.task.path
+    rng = np.random.default_rng(seed)
+    q = system.step(task.witness.qs[7], 0.2 * rng.standard_normal(nv))
+    v = rng.standard_normal(nv)
+    numeric = derivative(lambda d: bound_values(system, bound, system.step(q, d[:nv]), v + d[nv:])[0], 2 * nv)
+    np.testing.assert_allclose(bound_values(system, bound, q, v)[1], numeric, atol=1e-8)
+
+
+def test_derivatives_of_poses(tmp_path: Path) -> None:
+    task = draw("ur5_pose", 0, tmp_path)
+    system = task.loaded.system
+    (point,) = task.task.points
+    (pose,) = point.frames
+    turned = replace(pose, rotation=pin.exp3(np.array([0.3, -0.2, 0.5])))
+    q = system.step(task.witness.qs[7], 0.1 * np.ones(system.nv))
+    numeric = derivative(lambda d: pose_values(system, turned, system.step(q, d))[0], system.nv)
+    np.testing.assert_allclose(pose_values(system, turned, q)[1], numeric, atol=1e-8)
 
 
 def test_multipliers_are_found_where_dynamics_amplify() -> None:
