@@ -22,7 +22,9 @@ __all__ = ["dependent_end_rows"]
 
 _RANK_TOLERANCE = 1e-9  # relative to the largest derivative: far above round-off, far below a real one
 _MET = 1e-6  # violation of a row that nothing acts upon beyond which the goal is out of reach
-_AMPLITUDE = 0.3  # of the random controls, relative to their bounds or to one
+# Of the random controls, relative to their bounds or to one: the first that leads to a tame motion.
+_AMPLITUDES = (0.3, 0.03, 0.003)
+_WILD = 1e12  # states of a motion that explodes, relative to the start or to one
 _SWEEP_TOLERANCE, _SWEEP_ITERATIONS = 1e-10, 50
 
 
@@ -85,18 +87,10 @@ class _Found(NamedTuple):
 @lru_cache(maxsize=256)
 def _examined(case: _Case) -> _Found:
     programme = case.programme
-    native = kernel_programme(programme)
-    native.u = _random_controls(programme)
-    xs = np.zeros((programme.num_steps + 1, programme.x_start.size))
-    xs[0] = programme.x_start
-    native.x = xs.ravel()
-    if not native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS).ok:
+    found = next((f for a in _AMPLITUDES if (f := _derivative(programme, a)) is not None), None)
+    if found is None:
         return _Found((), (), programme.x_start)
-    native.evaluate()
-    native.gradient()
-    derivative = native.end_sensitivity().reshape(programme.ng, -1)
-    if not np.isfinite(derivative).all():
-        return _Found((), (), programme.x_start)
+    derivative, x_end = found
     largest = np.abs(derivative).max(initial=0.0)
     chosen: list[int] = []
     basis = np.zeros((0, derivative.shape[1]))
@@ -109,12 +103,36 @@ def _examined(case: _Case) -> _Found:
             basis = np.vstack([basis, left / norm])
     dependent = tuple(row for row in range(programme.ng) if row not in chosen)
     untouched = tuple(r for r in dependent if np.abs(derivative[r]).max() <= _RANK_TOLERANCE * largest)
-    return _Found(dependent, untouched, np.array(native.x.reshape(xs.shape)[-1]))
+    return _Found(dependent, untouched, x_end)
 
 
-def _random_controls(programme: StagewiseProgramme) -> Array:
+def _derivative(programme: StagewiseProgramme, amplitude: float) -> tuple[Array, Array] | None:
+    """Of the end condition in all controls, at a random motion, and its last state; None if it explodes.
+
+    Explicit schemes explode where a joint turns by too much in a step, and closed loops are torn open; large
+    numbers then hide what a control acts upon.
+    """
+    native = kernel_programme(programme)
+    native.u = _random_controls(programme, amplitude)
+    xs = np.zeros((programme.num_steps + 1, programme.x_start.size))
+    xs[0] = programme.x_start
+    native.x = xs.ravel()
+    if not native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS).ok:
+        return None
+    size = max(1.0, float(np.abs(programme.x_start).max(initial=0.0)))
+    if not np.abs(native.x).max() <= _WILD * size:  # NaN, too
+        return None
+    native.evaluate()
+    native.gradient()
+    derivative = native.end_sensitivity().reshape(programme.ng, -1)
+    if not np.isfinite(derivative).all():
+        return None
+    return derivative, np.array(native.x.reshape(xs.shape)[-1])
+
+
+def _random_controls(programme: StagewiseProgramme, amplitude: float) -> Array:
     bounds = programme.bounds
     reach = np.minimum(np.minimum(np.abs(bounds.u_lower), np.abs(bounds.u_upper)), 1.0)
     rng = np.random.default_rng(1)
-    controls: Array = _AMPLITUDE * reach * rng.uniform(-1.0, 1.0, reach.shape)
+    controls: Array = amplitude * reach * rng.uniform(-1.0, 1.0, reach.shape)
     return controls.ravel()

@@ -95,3 +95,18 @@ def test_a_body_that_only_some_motors_move() -> None:
         Problem.create(robot, 1.0, 10, start=start, goal={**goal, "redundant": "keep"}, **words)
     )
     assert kept.cost == pytest.approx(s.cost, rel=1e-8)
+
+
+def test_a_motion_that_explodes_hides_no_control() -> None:
+    """Large random controls tear the loop of this five-bar open by Heun's method."""
+    problem = mbocp.Problem.create(
+        "five_bar",
+        1.4752719394731781,
+        20,
+        goal={
+            "q": [-0.90918139, 1.80769769, 0.88426114, -1.79925938],
+            "v": [0.26512341, -0.31447873, -0.07219675, 0.24990408],
+        },
+        scheme="heun",
+    )
+    assert names(problem) == []
