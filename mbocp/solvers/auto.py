@@ -5,53 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.fbsm_gradient import Switch
-from mbocp.solvers.interior import run_interior
-from mbocp.solvers.limits import why_limits_cannot_be_kept
 from mbocp.solvers.phases import STOPPED, Outcome, Phases, how_it_ended
-from mbocp.solvers.records import IterationRecord, Status
+from mbocp.solvers.progress import WINDOW, has_stalled
+from mbocp.solvers.records import Status
 from mbocp.solvers.registry import make_solver
 from mbocp.solvers.run import SolverResult
 from mbocp.solvers.settings import SolverSettings
+from mbocp.solvers.within_limits import solve_within_limits
 
 __all__ = ["solve_automatically"]
 
-_WINDOW = 40  # iterations in which `auto` wants progress from Newton's method ...
-_PROGRESS = 0.5  # ... by this factor in the residual, ...
-_GAIN = 0.02  # ... or by this part of the cost, ...
-_FEASIBLE_PART = 0.5  # ... while violations are no more than this part of the residual
+_PATIENCE = 200  # iterations without progress, of the phase after which there is no other
 _GRADIENT_STEPS = 25  # of the gradient phases, as in the paper's hybrids
 
 
 def solve_automatically(settings: SolverSettings, iterate: Iterate, phases: Phases) -> Outcome:
     """Monolithic Newton first; then IPOPT where there are limits, or else the staggered solvers."""
-    way = _solve_within_limits if settings.has_inequalities else _solve_freely
-    return way(settings, iterate, phases)
-
-
-def _solve_within_limits(settings: SolverSettings, iterate: Iterate, phases: Phases) -> Outcome:
-    """Monolithic Newton with its barrier while it makes progress; else IPOPT, which knows the infeasible."""
-    told, begun = "", None
-    if why_limits_cannot_be_kept(phases.programme) is None:
-        solver = make_solver("monolithic", settings)
-        begun = phases.run(solver, "monolithic", iterate, should_stop=_has_stalled)
-        if settings.is_spent(phases.taken) or begun.status in (Status.CONVERGED, *STOPPED):
-            return phases.outcome(begun, f"auto: {solver.name}")
-        told = f"auto: monolithic {how_it_ended(begun)}"
-        if settings.is_doubtful:
-            return phases.outcome(begun, f"auto: {solver.name}", told)
-    before = phases.names
-    found, title = run_interior(settings, "ipopt", iterate, phases)
-    title = "auto: " + " > ".join([*before, title])
-    if (
-        begun is not None
-        and found.status is Status.STAGNATED
-        and begun.record.residual < found.record.residual
-    ):
-        return phases.outcome(begun, title, f"{told}, ipopt {how_it_ended(found)}")
-    return phases.outcome(found, title, told)
+    if settings.has_inequalities:
+        return solve_within_limits(settings, iterate, phases, _solve_freely)
+    return _solve_freely(settings, iterate, phases)
 
 
 def _solve_freely(settings: SolverSettings, iterate: Iterate, phases: Phases) -> Outcome:
@@ -67,16 +43,14 @@ def _solve_freely(settings: SolverSettings, iterate: Iterate, phases: Phases) ->
         is_spent = settings.is_spent(phases.taken)
         return bool(results) and (is_spent or results[-1].status in (Status.CONVERGED, *STOPPED))
 
-    def attempt(name: str, start: Iterate, *, is_watched: bool = True) -> None:
+    def attempt(name: str, start: Iterate, *, is_last: bool = False) -> None:
         if is_over():
             return
         switch = Switch(0.0, 0.0, _GRADIENT_STEPS) if name == "fbsm_bb" else None
-        solver = make_solver(name, settings.within(phases.taken), switch)
-        results.append(
-            phases.run(
-                solver, name, start, should_stop=_has_stalled if is_watched and switch is None else None
-            )
-        )
+        limited = replace(settings.within(phases.taken), is_careful=is_last)
+        solver = make_solver(name, limited.unhurried() if name == "monolithic" else limited, switch)
+        watch = partial(has_stalled, window=_PATIENCE if is_last else WINDOW) if switch is None else None
+        results.append(phases.run(solver, name, start, should_stop=watch))
         told.append(f"{name} {how_it_ended(results[-1])}")
 
     attempt("monolithic", iterate)
@@ -87,7 +61,7 @@ def _solve_freely(settings: SolverSettings, iterate: Iterate, phases: Phases) ->
         attempt("fbsm_newton", reached)
         attempt("monolithic", reached)
     if first.status is Status.STAGNATED:
-        attempt("monolithic", first.iterate, is_watched=False)
+        attempt("monolithic", first.iterate, is_last=True)
     best = _best(results, is_spent=settings.is_spent(phases.taken))
     if len(results) == 1:
         return phases.outcome(best, f"auto: {make_solver('monolithic', settings).name}")
@@ -113,18 +87,3 @@ def _best(results: Sequence[SolverResult], *, is_spent: bool) -> SolverResult:
         )
         return replace(best, status=Status.MAX_ITERATIONS, advice=reached)
     return replace(best, status=last.status, advice=last.advice) if best.status is Status.SWITCHED else best
-
-
-def _has_stalled(history: Sequence[IterationRecord]) -> bool:
-    """Whether over the last iterations neither the residual has halved nor the cost fallen by much.
-
-    Far from a minimum the residual may stand still for long while the cost falls from step to step.
-    """
-    if len(history) <= _WINDOW:
-        return False
-    residuals = [r.residual if math.isfinite(r.residual) else math.inf for r in history]
-    if min(residuals[-_WINDOW:]) <= _PROGRESS * min(residuals[:-_WINDOW]):
-        return False
-    before, now = history[-_WINDOW - 1], history[-1]
-    is_feasible = now.primal <= max(_FEASIBLE_PART * now.residual, before.primal)
-    return not (is_feasible and now.cost < before.cost - _GAIN * abs(before.cost))

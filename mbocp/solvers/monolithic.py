@@ -57,7 +57,7 @@ from mbocp.solvers.newton import (
 )
 from mbocp.solvers.records import Status
 from mbocp.solvers.round_off import has_a_say
-from mbocp.solvers.shift import MAX_SHIFT, larger_shift, next_shift
+from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, Care, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 
@@ -66,8 +66,7 @@ if TYPE_CHECKING:
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
 
-_MIN_STEP = 0.02  # below it a larger shift is tried first ...
-_PATIENCE = 3  # ... this many times; then
+_CAREFUL_AFTER = 200  # iterations in a run: most take less, and those that take more follow a valley
 _RESTARTS = 2
 _MIN_SHIFT = 1e-6  # of the Hessian: a larger one makes many short steps along flat valleys
 _MAX_TURN = 1.0  # of a joint in one iteration [rad]: beyond, its linearisation has little to do with it
@@ -144,6 +143,8 @@ class GlobalisedNewton:
         Unit of the shift: the running cost's weight of one control over one step.
     is_polish : bool
         Whether it begins near a solution, with the last barrier and the iterate's own multipliers.
+    is_careful : bool
+        Whether it begins where many steps have led along a valley, see `mbocp.solvers.shift`.
     """
 
     tolerance: float = SOLVER_TOLERANCE
@@ -151,6 +152,7 @@ class GlobalisedNewton:
     control_weight: float = 1.0
     name: str = "monolithic (Newton, inertia correction, filter line search)"
     is_polish: bool = False
+    is_careful: bool = False
 
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         """State at an iterate."""
@@ -164,18 +166,20 @@ class GlobalisedNewton:
             state = update_barrier(state, self.tolerance)
         if state.reference is not None:
             return self._relaxed(state)
-        shift, attempts = state.shift, 0
+        shift, attempts, care = state.shift, 0, self._care(state)
         while True:
             factorisation, augmentation, direction = self._direction(state, shift)
             if not (factorisation.ok or shift):
                 state = raised(state, self.tolerance)  # slacks follow with a step, and one may be enough
             if direction is not None:
-                found = _search(state, direction, _MIN_STEP if attempts < _PATIENCE else _LAST_RESORT_STEP)
+                found = _search(
+                    state, direction, care.min_step if attempts < care.patience else _LAST_RESORT_STEP
+                )
                 is_short = found is None or found[0] < _RELAXED_STEP
                 swept = _with_adjoint(state) if is_short else None
                 if swept is not None:
                     return self.step(swept)
-                is_stuck = is_short and attempts >= _PATIENCE
+                is_stuck = is_short and attempts >= care.patience
                 if is_stuck and state.patience == 0 and state.evaluation.violation > FEASIBLE_VIOLATION:
                     return self._relaxed(
                         replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
@@ -189,7 +193,7 @@ class GlobalisedNewton:
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return replace(state, increment=direction.increment)  # round-off hides any decrease
             attempts += 1
-            shift = larger_shift(shift, _MIN_SHIFT)
+            shift = larger_shift(shift, _MIN_SHIFT, care)
             if shift > MAX_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 if direction is not None and state.restarts < _RESTARTS:
@@ -205,7 +209,9 @@ class GlobalisedNewton:
             length * direction.longest,
             augmentation=augmentation,
             regularisation=shift,
-            shift=next_shift(shift, length, evaluation.residual / state.evaluation.residual, _MIN_SHIFT),
+            shift=next_shift(
+                shift, length, evaluation.residual / state.evaluation.residual, _MIN_SHIFT, care
+            ),
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),
             at_minimum=shift == 0.0,
@@ -227,6 +233,10 @@ class GlobalisedNewton:
             or _is_centred(state, self.tolerance)
         )
         return Status.CONVERGED if is_there and state.failure is None else status
+
+    def _care(self, state: NewtonState) -> Care:
+        is_valley = self.is_careful or state.iteration >= _CAREFUL_AFTER
+        return CAREFUL if is_valley and not state.barrier else BOLD  # limits cut steps whatever the shift
 
     def _direction(self, state: NewtonState, shift: float) -> tuple[Factorisation, float, Direction | None]:
         """Factorisation, augmentation and direction; no direction where the inertia is not a minimum's."""

@@ -68,8 +68,9 @@ class Options:
         The solver has converged when residual and increment are both below it (``fbsm_bb``: the residual).
         The paper's 1e-9.
     max_iterations : int or None
-        Steps before the solver gives up. None: 200 for the Newton methods, 5000 for ``fbsm_bb``. A number is
-        the limit of a hybrid's Newton phase, and of all phases of ``auto`` together.
+        Steps before the solver gives up. None: 200 for the Newton methods, 5000 for ``fbsm_bb``; ``auto``
+        goes on with ``monolithic`` to 1500 while it makes progress. A number is the limit of a hybrid's
+        Newton phase, and of all phases of ``auto`` together.
     hessian : {"structured", "dense", "finite-difference"}
         How ``fbsm_newton`` gets its step: by the structured factorisation, in linear time; from the dense
         matrix K of Algorithm 2, exact; or from K by finite differences, the paper's.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -73,11 +74,22 @@ class Phases:
 
     def __init__(self, start: Start, time_limit: float | None) -> None:
         self.programme, self.callback, self.label = start.programme, start.callback, start.label
-        self.first = start.first
+        self._begun = start.first
         self.deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
         self.history: list[IterationRecord] = []
         self.phases: list[Phase] = []
         self.last: SolverResult | None = None
+
+    def on(self, programme: StagewiseProgramme, label: str = "") -> Phases:
+        """The same account for phases that solve another programme; `label` is put behind their names."""
+        other = copy(self)
+        other.programme, other.label = programme, label + self.label
+        return other
+
+    @property
+    def first(self) -> int:
+        """Iterations before the next phase, where its records go on counting."""
+        return self._begun + self.taken
 
     @property
     def taken(self) -> int:
@@ -125,7 +137,6 @@ class Phases:
     def _kept(self, result: SolverResult, name: str, clock: float) -> SolverResult:
         taken = sum(not record.is_guess for record in result.history)
         self.history += result.history
-        self.first += taken
         self.phases.append(Phase(name + self.label, taken, time.perf_counter() - clock))
         self.last = result
         return result

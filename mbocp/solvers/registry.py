@@ -29,6 +29,7 @@ def _monolithic(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
         options.tolerance,
         options.newton_iterations,
         control_weight=settings.control_weight,
+        is_careful=settings.is_careful,
         name=f"monolithic (Newton, {words}inertia correction, filter line search)",
     )
 

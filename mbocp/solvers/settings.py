@@ -11,6 +11,7 @@ from mbocp.solvers.options import Options
 __all__ = ["SolverSettings"]
 
 _INTERIOR_ITERATIONS = 1000
+_UNHURRIED_ITERATIONS = 1500  # of Newton's method, where somebody watches whether it makes progress
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class SolverSettings:
         Whether IPOPT has found the problem infeasible from another guess: `auto` does not ask it again.
     time_limit : float or None
         What is left of the options' [s].
+    is_careful : bool
+        Whether Newton's method is to change its shift by small factors, see `mbocp.solvers.shift`.
     """
 
     options: Options
@@ -35,6 +38,7 @@ class SolverSettings:
     has_inequalities: bool = False
     is_doubtful: bool = False
     time_limit: float | None = None
+    is_careful: bool = False
 
     @classmethod
     def of(
@@ -69,7 +73,14 @@ class SolverSettings:
         limit = self.options.max_iterations
         if limit is None:
             return self
-        return replace(self, options=replace(self.options, max_iterations=max(1, limit - taken)))
+        return self._with_most(max(1, limit - taken))
+
+    def unhurried(self) -> SolverSettings:
+        """Settings for a Newton method that may go on while it makes progress, if the user sets no limit."""
+        return self if self.options.max_iterations is not None else self._with_most(_UNHURRIED_ITERATIONS)
+
+    def _with_most(self, iterations: int) -> SolverSettings:
+        return replace(self, options=replace(self.options, max_iterations=iterations))
 
     def interior_iterations(self, taken: int) -> int:
         """Limit of an interior-point method after so many iterations of others."""

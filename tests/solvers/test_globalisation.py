@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,9 @@ from mbocp.formulation import formulate, transcribe
 from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.auto import _has_stalled
+from mbocp.solvers.progress import has_stalled, is_nearly_feasible
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.shift import larger_shift, next_shift
+from mbocp.solvers.shift import CAREFUL, larger_shift, next_shift
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -130,17 +131,17 @@ def records(residuals: list[float], costs: list[float], primal: float = 0.0) -> 
 
 def test_a_falling_cost_is_progress_as_a_falling_residual_is() -> None:
     flat, falling = [1.0] * 80, list(np.geomspace(1.0, 1e-2, 80))
-    assert _has_stalled(records(flat, flat))
-    assert not _has_stalled(records(falling, flat))
-    assert not _has_stalled(records(flat, falling))
-    assert not _has_stalled(records(flat[:40], flat[:40]))  # too early to tell
+    assert has_stalled(records(flat, flat))
+    assert not has_stalled(records(falling, flat))
+    assert not has_stalled(records(flat, falling))
+    assert not has_stalled(records(flat[:40], flat[:40]))  # too early to tell
 
 
 def test_a_cost_that_falls_while_constraints_are_given_up_is_no_progress() -> None:
     flat, falling = [1.0] * 80, list(np.geomspace(1.0, 1e-2, 80))
     history = records(flat, falling)
     away = [IterationRecord(r.iteration, 1.0, cost=r.cost, primal=0.01 * r.iteration) for r in history]
-    assert _has_stalled(away)
+    assert has_stalled(away)
 
 
 def test_what_is_infeasible_from_one_guess_is_not_asked_of_ipopt_from_the_next() -> None:
@@ -158,3 +159,26 @@ def test_what_is_infeasible_from_one_guess_is_not_asked_of_ipopt_from_the_next()
     assert len(of_ipopt) == 1
     assert len(of_newton) > 1
     assert s.iterations == sum(phase.iterations for phase in s.phases)
+
+
+def test_a_slow_descent_from_a_saddle_gets_more_iterations() -> None:
+    flat = [1.0] * 120
+    slow = list(1.0 - 1e-5 * np.arange(120))  # 4e-4 in forty iterations
+    near = [IterationRecord(i, 1.0, cost=c, primal=1.0 if i == 0 else 0.01) for i, c in enumerate(slow)]
+    far = [replace(r, primal=1.0) for r in near]
+    assert not has_stalled(near[:90])
+    assert has_stalled(near)  # not for ever
+    assert has_stalled(far[:90])
+    assert has_stalled(records(flat[:90], flat[:90]))  # at rest
+    assert is_nearly_feasible(near)
+    assert not is_nearly_feasible(far)
+
+
+def test_one_step_that_violates_more_does_not_hide_a_falling_cost() -> None:
+    falling = records([1.0] * 80, list(np.geomspace(1.0, 1e-2, 80)))
+    assert not has_stalled([*falling[:-1], replace(falling[-1], primal=0.9)])
+
+
+def test_careful_shifts_change_by_smaller_factors() -> None:
+    assert larger_shift(1e-3, 1e-6, CAREFUL) < larger_shift(1e-3, 1e-6)
+    assert next_shift(1e-3, 1.0, 0.5, 1e-6, CAREFUL) > next_shift(1e-3, 1.0, 0.5, 1e-6)

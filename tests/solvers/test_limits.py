@@ -147,7 +147,7 @@ def test_auto_goes_over_to_ipopt_where_its_own_solver_fails() -> None:
     assert "largest violation: end condition" in own.advice
     s = mbocp.solve(problem, solver="auto")
     assert s.status == "infeasible"
-    assert s.solver == "auto: monolithic > IPOPT"
+    assert s.solver == "auto: monolithic > monolithic without limits > monolithic > IPOPT"
     assert "; auto: monolithic " in s.advice
     assert s.iterations == sum(p.iterations for p in s.phases) > own.iterations
 
