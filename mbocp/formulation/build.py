@@ -12,7 +12,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.end import build_end_functions
-from mbocp.formulation.goal import EndRows, EndTarget, frame_ends
+from mbocp.formulation.goal import EndRows, EndTarget, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
@@ -40,7 +40,7 @@ from mbocp.problem import Problem
 from mbocp.problem.horizon import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import load_functions
-from mbocp.terms import ExactGoal, Follow, TerminalCost, TermNumbers, own_ends, running_terms
+from mbocp.terms import AccelerationEnd, ExactGoal, Follow, TerminalCost, TermNumbers, own_ends, running_terms
 
 __all__ = ["Pieces", "build_programme", "check_size", "needs_plain_states", "signature_of"]
 
@@ -229,12 +229,21 @@ def signature_of(
         cost=running_terms(given),
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
         path=_structures(problem, _of_joints(joints)),
-        ends=(*frame_ends(problem, rows), *own_ends(given)),
+        ends=(*frame_ends(problem, rows), *own_ends(given), *_acceleration_end(problem)),
         is_flat=is_flat,
         guarded=guarded,
         has_free_lengths=problem.has_free_lengths,
         has_clock=len(problem.phases) > 1,
     )
+
+
+def _acceleration_end(problem: Problem) -> tuple[AccelerationEnd, ...]:
+    """Accelerations that the goal asks for, where it does."""
+    goal = problem.goal
+    if not goal.a_active.any():
+        return ()
+    D = acceleration_rows(problem.robot, goal)
+    return (AccelerationEnd(len(D), D, goal.a / memory_units(problem)["acceleration"]),)
 
 
 def _structures(problem: Problem, rotations: str) -> tuple[Any, ...]:

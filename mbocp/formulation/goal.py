@@ -17,7 +17,14 @@ from mbocp.problem.frames import frame_projections
 from mbocp.robot import Robot
 from mbocp.terms import FrameEnd, FrameProjections
 
-__all__ = ["EndRows", "EndTarget", "end_condition_rows", "frame_ends", "guarded_parts"]
+__all__ = [
+    "EndRows",
+    "EndTarget",
+    "acceleration_rows",
+    "end_condition_rows",
+    "frame_ends",
+    "guarded_parts",
+]
 
 _RANK_TOLERANCE = (
     1e-9  # relative to the largest singular value: far above round-off, far below any real direction
@@ -105,6 +112,12 @@ def end_condition_rows(robot: Robot, goal: Goal, speeds: Callable[[Array], Array
     to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
     frames = frame_projections(robot, goal, D_q, D_rate @ to_rate @ reachable, reachable)
     return EndRows(D_q, D_rate, frames)
+
+
+def acceleration_rows(robot: Robot, goal: Goal) -> Array:
+    """Independent rows on the accelerations that the goal asks for, shape (rows, nv)."""
+    basis = tangent_space(robot, goal.q)
+    return _project(goal.a_active, basis, basis)
 
 
 def frame_ends(problem: Problem, rows: EndRows) -> tuple[FrameEnd, ...]:

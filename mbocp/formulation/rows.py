@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbocp.formulation.goal import EndRows
+from mbocp.formulation.goal import EndRows, acceleration_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY
 from mbocp.formulation.progress import followed, pace_names
@@ -114,6 +114,8 @@ def row_describer(
     robot, of_end = problem.robot, tuple(rows.words(problem.robot, problem.goal))
     for term in problem.terms:
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
+    for row in acceleration_rows(robot, problem.goal) if problem.goal.a_active.any() else ():
+        of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
     is_free = problem.has_free_lengths
     times = _Times(
         problem.num_steps,

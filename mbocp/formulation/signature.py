@@ -15,6 +15,7 @@ from mbocp.formulation.memory import MEMORY, ordered
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
 from mbocp.terms import (
+    AccelerationEnd,
     ClearanceTerm,
     Effort,
     ExactGoal,
@@ -48,7 +49,7 @@ class FunctionSignature:
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
     path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm and ClearanceTerm
-    ends : tuple of FrameEnd and OwnEnd
+    ends : tuple of FrameEnd, OwnEnd and AccelerationEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
         See `StateLayout`.
@@ -66,7 +67,7 @@ class FunctionSignature:
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
     path: tuple[PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm | ClearanceTerm, ...] = ()
-    ends: tuple[FrameEnd | OwnEnd, ...] = ()
+    ends: tuple[FrameEnd | OwnEnd | AccelerationEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
     has_free_lengths: bool = False
@@ -81,7 +82,7 @@ class FunctionSignature:
     def memory(self) -> tuple[str, ...]:
         """Names of what a state remembers of the step that led to it, see `memory`."""
         of_cost = {"control"} if self.couples_steps else set()
-        return ordered(of_cost.union(*(term.remembers for term in self.path)))
+        return ordered(of_cost.union(*(term.remembers for term in (*self.path, *self.ends))))
 
     @property
     def num_paths(self) -> int:

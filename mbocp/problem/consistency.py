@@ -83,7 +83,7 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
             f"degree{'s' * (mobility != 1)} of freedom: {singular_pose(robot, goal.q)}; move goal.q away "
             'from such a singular pose, give fewer joints in the goal, or say enforce = "penalty"'
         )
-    count = sum(counts)
+    count = sum(counts) + _rank(P[goal.a_active])
     available = num_steps * robot.nu
     if count > available:
         raise OverdeterminedGoal(

@@ -113,6 +113,11 @@ def check_coordinates(
                 f"goal.frame: a velocity of {frame.name!r}, but in natural coordinates velocities of bodies "
                 'are those over a step: take 0, which is rest in any case, or coordinates = "joint"'
             )
+    if goal.a_active.any():
+        raise ProblemError(
+            "goal.a: natural coordinates have no accelerations of joints; leave it out, or take "
+            'coordinates = "joint"'
+        )
     for point in via:
         asked = point.goal
         if asked.q_active.any() or asked.rate_active.any() or any(frame.rates.size for frame in asked.frames):

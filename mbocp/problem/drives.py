@@ -12,7 +12,12 @@ from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem.goal import Goal
 from mbocp.robot import Robot
 
-__all__ = ["check_driven_rate", "check_driven_start", "without_driven_velocities"]
+__all__ = [
+    "check_driven_acceleration",
+    "check_driven_rate",
+    "check_driven_start",
+    "without_driven_velocities",
+]
 
 
 def check_driven_start(robot: Robot, q: Array, v: Array) -> None:
@@ -52,6 +57,15 @@ def without_driven_velocities(robot: Robot, goal: Goal) -> Goal:
                 )
             active[i] = False
     return replace(goal, rate_active=active)
+
+
+def check_driven_acceleration(robot: Robot, goal: Goal) -> None:
+    """Refuse accelerations at the end of a robot whose velocities controls prescribe."""
+    if robot.drives and goal.a_active.any():
+        raise ProblemError(
+            f"goal.a: controls prescribe velocities of robot {robot.name!r}, which are no states and have no "
+            "accelerations at the end; leave it out"
+        )
 
 
 def check_driven_rate(robot: Robot, goal: Goal) -> None:

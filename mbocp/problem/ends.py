@@ -10,7 +10,12 @@ from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_finite, check_size
 from mbocp.problem.consistency import check_end_conditions, check_goal_rate
-from mbocp.problem.drives import check_driven_rate, check_driven_start, without_driven_velocities
+from mbocp.problem.drives import (
+    check_driven_acceleration,
+    check_driven_rate,
+    check_driven_start,
+    without_driven_velocities,
+)
 from mbocp.problem.frames import check_frames, with_configuration
 from mbocp.problem.goal import Goal
 from mbocp.problem.integration import check_unused
@@ -78,6 +83,7 @@ def completed_goal(
         goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, q_start))
         check_goal_rate(robot, goal)
         check_driven_rate(robot, goal)
+        check_driven_acceleration(robot, goal)
         check_end_conditions(robot, goal, num_steps)
         warn_singular(robot, goal.q, "goal.q")
     if goal.q_active.any() or goal.poses:

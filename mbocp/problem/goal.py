@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
 from mbocp.exceptions import DimensionMismatch, ProblemError
@@ -40,6 +42,10 @@ class Goal:
         Momentum or velocity at the end.
     rate_active : ndarray of bool, shape (nv,)
         Which components of `value` are asked for.
+    a : ndarray, shape (nv,), optional
+        Accelerations at the end, the mean of the last step [m/s^2, rad/s^2].
+    a_active : ndarray of bool, shape (nv,), optional
+        Which components of `a` are asked for; default: none, or all that are given.
     frames : tuple of FrameGoal
         Poses and velocities of frames. Where they ask for a pose, entries of `q` that are not active hold a
         configuration at it, one near the start; see `mbocp.problem.frames`.
@@ -64,6 +70,10 @@ class Goal:
     enforce: Enforce = "exact"
     guard: bool = True
     redundant: Redundant = "drop"
+    a: Array = field(default_factory=lambda: frozen_array(np.zeros(0)))
+    a_active: BoolArray = field(
+        default_factory=lambda: frozen_mask(np.zeros(0, dtype=np.bool_), size=0, name="a")
+    )
 
     def __post_init__(self) -> None:
         for key, name in (("q", "goal.q"), ("value", f"goal.{self.rate}")):
@@ -75,6 +85,7 @@ class Goal:
         object.__setattr__(
             self, "rate_active", frozen_mask(self.rate_active, size=nv, name="goal.rate_active")
         )
+        self._take_accelerations(nv)
         object.__setattr__(self, "frames", tuple(self.frames))
         check_choice("goal.enforce", self.enforce, ENFORCE)
         check_choice("goal.rate", self.rate, RATES)
@@ -92,10 +103,25 @@ class Goal:
                 'p for the end velocity, or say enforce = "none"'
             )
 
+    def _take_accelerations(self, nv: int) -> None:
+        asked = np.asarray(self.a)
+        a = frozen_array(asked if asked.size else np.zeros(nv), shape=(nv,), name="goal.a")
+        check_finite("goal.a", a)
+        mask = np.asarray(self.a_active)
+        mask = mask if mask.size else np.full(nv, asked.size > 0)
+        object.__setattr__(self, "a", a)
+        object.__setattr__(self, "a_active", frozen_mask(mask, size=nv, name="goal.a_active"))
+        if self.a_active.any() and not self.is_exact:
+            raise ProblemError(
+                f'goal.a: is an end condition, for enforce = "exact" or "both", got "{self.enforce}"; leave '
+                "it out, or take one of them"
+            )
+
     @property
     def is_empty(self) -> bool:
         """Whether nothing at all is asked for."""
-        return not (self.q_active.any() or self.rate_active.any() or self.frames)
+        says = (self.q_active, self.rate_active, self.a_active)
+        return not (any(mask.any() for mask in says) or self.frames)
 
     @property
     def poses(self) -> tuple[FrameGoal, ...]:

@@ -43,6 +43,8 @@ class ViaPoint:
         goal = self.goal
         if goal.enforce != "exact" or goal.rate != "v":
             raise ProblemError(f"{key}: takes q, v and frame; no momentum, and no weight instead of it")
+        if goal.a_active.any():
+            raise ProblemError(f"{key}: a is for the goal; a via point takes q, v and frame")
         for frame in goal.frames:
             if frame.weight != 1.0:
                 raise ProblemError(

@@ -14,6 +14,7 @@ from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Veloci
 
 from mbocp.terms.time import Time  # isort: skip  # keys in the order of the documentation
 from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
+from mbocp.terms.end_acceleration import AccelerationEnd
 from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.frame_tolerance import FrameTolerance, ToleranceTerm, frame_tolerances
 from mbocp.terms.frames import FrameEnd, FrameProjections, FrameShape
@@ -40,6 +41,7 @@ __all__ = [
     "COST_TERMS",
     "PATH_TERMS",
     "RATE_TERMS",
+    "AccelerationEnd",
     "AngularSpeed",
     "ClearanceTerm",
     "ControlRate",

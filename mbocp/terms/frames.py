@@ -203,6 +203,11 @@ class FrameEnd:
         return cls(shapes, 0, 0, True, goals, None, scale)
 
     @property
+    def remembers(self) -> tuple[str, ...]:
+        """Nothing: goals of frames are functions of the last configuration and velocity."""
+        return ()
+
+    @property
     def signature(self) -> dict[str, Any]:
         """What its functions depend on."""
         shapes = [dataclasses.asdict(shape) for shape in self.shapes]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -82,6 +82,8 @@ class OwnRunning(_Part, RunningTerm):
 @dataclass(frozen=True)
 class OwnEnd(_Part):
     """A cost of the last state, or conditions on it."""
+
+    remembers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def is_cost(self) -> bool:

@@ -219,10 +219,17 @@ def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
         value, rate_active = _tangent(robot, written, f"goal.{rate}")
     if table.assemble and rate == "v" and rate_active.all():
         value = assembled_velocity(robot, q, value, rate_active, assemble=True)
-    given = table.q is not None or written is not None or bool(table.frame)
-    enforce = table.enforce if table.enforce is not None else ("exact" if given else "none")
+    a, a_active = (
+        _tangent(robot, table.a, "goal.a")
+        if table.a is not None
+        else (np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_))
+    )
+    says = [table.q is not None, written is not None, a_active.any(), bool(table.frame)]
+    enforce = table.enforce if table.enforce is not None else ("exact" if any(says) else "none")
     goal = Goal(
         q=q,
+        a=a,
+        a_active=a_active,
         q_active=q_active,
         rate=rate,  # type: ignore[arg-type]
         value=value,

@@ -231,6 +231,7 @@ class GoalMemberTable(Table):
     q: VectorOrNamed = None
     v: Rate = None
     p: Rate = None
+    a: Rate = None
     frame: Annotated[list[FrameGoalTable], BeforeValidator(_listed)] = Field(default_factory=list)
     assemble: bool = False
     enforce: str | None = None

@@ -145,6 +145,8 @@ def _goal(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
     for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
         if active.any():
             table[key] = _written(robot, value, active)
+    if goal.a_active.any():
+        table["a"] = _written(robot, goal.a, goal.a_active)
     if goal.frames:
         table["frame"] = frame_tables(goal.frames)
     return table
