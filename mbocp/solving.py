@@ -11,11 +11,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
 from mbocp.guesses.several import solve_from_starts
 from mbocp.problem import Problem, load_problem
+from mbocp.problem.clearance import with_larger_margin
 from mbocp.solution import Solution
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord
@@ -24,6 +26,10 @@ from mbocp.solvers.reachability import dependent_end_rows
 from mbocp.solvers.records import timed
 
 __all__ = ["solve"]
+
+_ROUNDS = 4  # of solving again with larger margins
+_RESERVE = 1e-3  # [m] beyond what a motion lacks between nodes
+_MOST_RAISED = 0.03  # [m]
 
 
 def solve(
@@ -66,10 +72,26 @@ def solve(
         problem = load_problem(problem)
     if solver is not None:
         problem = problem.with_(solver=replace(problem.solver, method=solver))
+    limit = problem.solver.time_limit
+    deadline = math.inf if limit is None else time.perf_counter() + limit
+    solution = _solved(problem, warm_start, callback, deadline)
+    if solution.is_stationary and not problem.goals:
+        solution = _cleared(problem, solution, callback, deadline)
+    if check and not solution.converged:
+        raise NotConverged(solution)
+    return solution
+
+
+def _solved(
+    problem: Problem,
+    warm_start: Solution | None,
+    callback: Callable[[IterationRecord], object] | None,
+    deadline: float,
+    asked: Problem | None = None,
+) -> Solution:
+    """Solution of a problem; `asked` is what it is said to solve, if that is another."""
     begun = time.perf_counter()
     phases: list[Phase] = []
-    limit = problem.solver.time_limit
-    deadline = math.inf if limit is None else begun + limit
     with timed(phases, "compile"):
         formulated = [
             (place if problem.goals else None, *_formulated(member, deadline))
@@ -85,7 +107,7 @@ def solve(
             members, warm_start, callback, phases, deadline
         )
     left_out = next(words for _, member, words in formulated if member is formulation)
-    solution = read_solution(
+    return read_solution(
         formulation,
         outcome,
         phases,
@@ -93,10 +115,41 @@ def solve(
         left_out=left_out,
         begun=begun,
         starts=starts,
-        asked=problem,
+        asked=asked or problem,
     )
-    if check and not solution.converged:
-        raise NotConverged(solution)
+
+
+def _cleared(
+    problem: Problem,
+    solution: Solution,
+    callback: Callable[[IterationRecord], object] | None,
+    deadline: float,
+) -> Solution:
+    """The solution, or one with larger margins at the nodes if it touches obstacles between them."""
+    tightened, raised = problem, 0.0
+    for _ in range(_ROUNDS):
+        if not solution.clearance < -BOUND_TOLERANCE or time.perf_counter() > deadline:
+            break
+        more = _RESERVE - solution.clearance
+        if raised + more > _MOST_RAISED:
+            break  # it jumps over the obstacle rather than cutting a corner: that takes more steps
+        larger = with_larger_margin(tightened, solution.clearance_between, more)
+        if larger is None:
+            break
+        again = _solved(larger, solution, callback, deadline, asked=problem)
+        if not again.is_stationary or again.clearance <= solution.clearance:
+            break
+        tightened, raised = larger, raised + more
+        words = f"; margins at nodes were raised by {1e3 * raised:.3g} mm in all to be clear between them"
+        spent = solution.wall_time_s
+        solution = replace(
+            again,
+            advice=again.advice + words,
+            guess_used=solution.guess_used,
+            starts=solution.starts,
+            phases=(Phase("smaller margins", 0, spent), *again.phases),
+            wall_time_s=spent + again.wall_time_s,
+        )
     return solution
 
 

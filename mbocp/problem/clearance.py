@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import casadi as ca
 import coal
@@ -22,10 +23,25 @@ from mbocp.robot.collision.reach import reach
 from mbocp.robot.collision.self_pairs import SelfPairs, disabled_by, find_srdf, self_pairs
 from mbocp.terms import ClearanceTerm, Point, ShapeOn, Span
 
-__all__ = ["Clearance", "SelfCollision", "clearance_of"]
+__all__ = ["Clearance", "SelfCollision", "clearance_of", "with_larger_margin"]
+
+P = TypeVar("P", bound="WithObstacles")
 
 _STILL = "that stand still beside it"
 _FAR = "that cannot reach it"
+
+
+class WithObstacles(Protocol):
+    """Fields of `mbocp.problem.Problem`, which imports this module."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    # fmt: off
+    @property
+    def obstacle(self) -> tuple[Obstacle, ...]: ...
+    @property
+    def self_collision(self) -> SelfCollision | bool | None: ...
+    # fmt: on
 
 
 @dataclass(frozen=True)
@@ -257,6 +273,30 @@ def clearance_of(
         left_out=left_out,
         self_pairs=found,
     )
+
+
+def with_larger_margin(problem: P, between: str, more: float) -> P | None:
+    """The problem with more room between two things, which keep their pairs; None if an end is too near.
+
+    Parameters
+    ----------
+    problem : Problem
+    between : str
+        Both, as `mbocp.problem.approach.Approach` says it.
+    more : float
+        [m].
+    """
+    names = [o for o in problem.obstacle if between.endswith(f" and {o.name}")]
+    try:
+        if names:
+            raised = (replace(o, margin=o.margin + more) if o in names else o for o in problem.obstacle)
+            return replace(problem, obstacle=tuple(raised))
+        own = problem.self_collision
+        if not isinstance(own, SelfCollision):
+            return None
+        return replace(problem, self_collision=replace(own, margin=own.margin + more))
+    except ProblemError:  # the start or the goal has not as much room: the motion stays as it is
+        return None
 
 
 def _never_meet(robot: Robot, link: LinkSpheres, number: int, obstacle: Obstacle, limits: Bounds) -> str:

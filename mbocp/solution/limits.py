@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,6 +14,7 @@ from mbocp.solution.data import SolutionData
 from mbocp.solution.problem_text import (
     PathRow,
     duration_range_of,
+    margins_of,
     path_rows_of,
     rate_bounds_of,
     via_places_of,
@@ -75,12 +76,14 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
     rows = path_rows_of(solution.problem_text, solution.goal_place) if solution.path_names else {}
     rates = _rate_bounds(solution) if solution.path_names else {}
+    margins = margins_of(solution.problem_text) if solution.path_names else {}
     N, unknown = len(solution.t) - 1, PathRow(np.nan, np.nan, "", Span())
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
         if name in rates:
             found += _pulled(rates[name], multipliers, pulls)
             continue
-        row = rows.get(name) or rows.get(name.partition(": ")[0] + ": ", unknown)
+        row = rows.get(name) or rows.get(name.partition(": ")[0] + ": ")
+        row = row or _clearance_row(name, margins) or unknown
         total = N if row.span == Span() else int(np.count_nonzero(row.span.nodes(N, solution.t[-1] / N)))
         for side, bound, active in (
             ("lower", row.lower, multipliers < -pulls),
@@ -95,6 +98,14 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         bounds_of_it = np.array(of_duration)[:, None]
         found += _touched("duration", (Column("horizon", "s"),), taken, bounds_of_it)
     return (*found, *_of_via(solution, of_duration))
+
+
+def _clearance_row(name: str, margins: Mapping[str, float]) -> PathRow | None:
+    """What a row of clearances says, by the obstacle at the end of its name; None if it is none of them."""
+    if not name.startswith("distance of "):
+        return None
+    found = next((m for key, m in margins.items() if name.endswith(f" from {key}")), margins.get(""))
+    return None if found is None else PathRow(found, np.inf, "m", Span())
 
 
 def _of_via(solution: SolutionData, of_duration: tuple[float, float] | None) -> Iterator[ActiveLimit]:

@@ -71,6 +71,7 @@ class _Problem(_Part):
     via: list[dict[str, Any]] = []
     path: list[dict[str, Any]] = []
     obstacle: list[dict[str, Any]] = []
+    self_collision: bool | dict[str, Any] = False
     terms: list[dict[str, Any]] = []
 
 
@@ -307,6 +308,24 @@ def obstacles_of(problem_text: str) -> tuple[Obstacle, ...]:
         except (InvalidValue, DimensionMismatch, TypeError, ValueError):
             continue  # not written by mbocp: the picture is without it
     return tuple(found)
+
+
+def margins_of(problem_text: str) -> dict[str, float]:
+    """Margin of each obstacle by name [m]; that of self-collision, where it is asked for, by "".
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    if problem is None:
+        return {}
+    tables = {str(table.get("name", "")): table.get("margin", 0.0) for table in problem.obstacle}
+    own = problem.self_collision
+    if isinstance(own, dict):
+        tables[""] = own.get("margin", 0.0)
+    return {name: float(margin) for name, margin in tables.items() if is_number(margin)}
 
 
 def _triples(*points: Any) -> bool:

@@ -57,7 +57,8 @@ def read_solution(
     starts : tuple of StartRecord
         What each start came to, where there were several.
     asked : Problem, optional
-        What was asked for, if it has several goals.
+        What was asked for, if that is not the problem of the formulation: it has several goals, or smaller
+        margins.
     """
     problem, result = formulation.problem, outcome.result
     approach: Approach | None = None
@@ -68,9 +69,10 @@ def read_solution(
         told = left_out + _singular(problem.robot, trajectory.qs)
     motion = Motion(trajectory.qs, trajectory.vs, trajectory.us, np.diff(trajectory.t))
     status, advice = _resolution(formulation, result, motion)
-    if problem.clearance is not None:
+    clearance = problem.clearance if asked is None else asked.clearance
+    if clearance is not None:
         with timed(phases, "clearance"):
-            approach = nearest_approach(problem.clearance, trajectory.t, trajectory.qs)
+            approach = nearest_approach(clearance, trajectory.t, trajectory.qs)
         status, advice = _cleared(approach, status, advice)
     return Solution(
         status=status,

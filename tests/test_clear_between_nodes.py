@@ -1,0 +1,100 @@
+"""Motions that touch an obstacle between nodes are solved again with larger margins, or said to do so."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbocp
+from mbocp.problem import Problem
+from mbocp.solution import Status
+from tests.robot.urdfs import link, robot, write
+
+BALL = '<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
+HINGE = (
+    '<joint name="j{k}" type="revolute"><origin xyz="{x} 0 0"/><parent link="{a}"/><child link="{b}"/>'
+    '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="50" velocity="9"/></joint>'
+)
+POST = {"name": "post", "shape": "cylinder", "radius": 0.06, "length": 1.0, "position": [1.45, 0.55, 0.0]}
+
+
+@pytest.fixture
+def around_a_post(tmp_path: Path):
+    """A planar arm whose collision shapes are its spheres, so that they keep nothing back between nodes."""
+    names = ["base", "l1", "l2", "l3"]
+    links = [link(n, extra=BALL.format(x=0.0 if n == "base" else 0.5)) for n in names]
+    joints = [
+        HINGE.format(k=k, x=0.5 * (k > 1), a=a, b=b) for k, (a, b) in enumerate(pairwise(names), start=1)
+    ]
+    made = mbocp.load_robot(write(tmp_path, robot(*links, *joints)))
+
+    def problem(steps: int) -> Problem:
+        return Problem.create(
+            made,
+            1.0,
+            steps,
+            start={"q": [-0.3, 0.1, 0.1]},
+            goal={"q": [1.4, 0.1, 0.1], "v": 0},
+            cost={"effort": 1e-3, "velocity": 0.1},
+            obstacle=[POST],
+            solver={"method": "monolithic"},
+        )
+
+    return problem
+
+
+def smallest(problem: Problem, t: np.ndarray, qs: np.ndarray) -> float:
+    """Distance of all shapes from the post at two thousand poses."""
+    model, shapes = problem.robot.model, problem.robot.collision_model.geometryObjects
+    data, best = model.createData(), np.inf
+    there = coal.Transform3s(np.eye(3), np.array(POST["position"]))
+    for time in np.linspace(t[0], t[-1], 2000):
+        k = min(int(np.searchsorted(t, time, side="right")) - 1, len(t) - 2)
+        share = (time - t[k]) / (t[k + 1] - t[k])
+        pin.forwardKinematics(model, data, pin.interpolate(model, qs[k], qs[k + 1], share))
+        for shape in shapes:
+            at = data.oMi[shape.parentJoint] * shape.placement
+            here = coal.Transform3s(at.rotation, at.translation)
+            asked, found = coal.DistanceRequest(), coal.DistanceResult()
+            post = coal.Cylinder(POST["radius"], POST["length"])
+            best = min(best, coal.distance(shape.geometry, here, post, there, asked, found))
+    return best
+
+
+def test_margins_grow_until_the_motion_is_clear(around_a_post):
+    problem = around_a_post(30)
+    solution = mbocp.solve(problem)
+    assert solution.converged
+    assert "margins at nodes were raised by" in solution.advice
+    assert 0.0 <= solution.clearance < 0.03
+    assert solution.clearance == pytest.approx(smallest(problem, solution.t, solution.qs), abs=1e-4)
+    nodes = problem.clearance.values_along(problem.robot, solution.qs, solution.vs, solution.us)
+    assert nodes.min() > solution.clearance
+    assert "post" in solution.problem_text
+    assert mbocp.problem.parse_problem(solution.problem_text).obstacle[0].margin == 0.0
+    assert "smaller margins" in [phase.name for phase in solution.phases]
+
+
+def test_a_jump_over_an_obstacle_is_no_solution(around_a_post):
+    """With a dozen steps the arm is before the post at one node and behind it at the next."""
+    problem = around_a_post(12)
+    solution = mbocp.solve(problem)
+    assert solution.status is Status.UNDER_RESOLVED
+    assert "l3 is" in solution.advice
+    assert "inside post" in solution.advice
+    assert "take more steps" in solution.advice
+    assert solution.clearance < -0.03
+    assert solution.clearance == pytest.approx(smallest(problem, solution.t, solution.qs), abs=5e-3)
+
+
+def test_rows_at_their_bound_say_their_margin(around_a_post):
+    problem = around_a_post(30).with_(obstacle=[{**POST, "margin": 0.02}])
+    solution = mbocp.solve(problem)
+    rows = [limit for limit in solution.active_limits if limit.kind == "path"]
+    assert rows
+    assert {(row.bound, row.unit, row.side) for row in rows} == {(0.02, "m", "lower")}
