@@ -11,9 +11,10 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import joints, kinematics
+from mbocp.robot.loading.actuator_tables import JointActuator, Thruster, Wrench
 from mbocp.robot.loading.drive_tables import DriveReader
 from mbocp.robot.loading.limits import limit_of
-from mbocp.robot.loading.schema import JointActuator, RobotTable, Thruster, Wrench
+from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.parts import Actuation, FrameActuator, Label
 

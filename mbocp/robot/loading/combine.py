@@ -13,8 +13,9 @@ from pydantic import BaseModel
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotError, UnknownFrame
 from mbocp.robot import joints, kinematics
+from mbocp.robot.loading.actuator_tables import ActuationTable, JointActuator
 from mbocp.robot.loading.body import Body, initial_pose, posed_joints
-from mbocp.robot.loading.schema import ActuationTable, InitialTable, JointActuator, RobotTable
+from mbocp.robot.loading.schema import InitialTable, RobotTable
 from mbocp.robot.placed import SEPARATOR, PlacedRobot
 
 __all__ = ["Part", "combined", "prefixed", "prefixed_frame"]

@@ -9,8 +9,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.robot import joints
+from mbocp.robot.loading.actuator_tables import DriveTable
 from mbocp.robot.loading.limits import limit_of
-from mbocp.robot.loading.schema import DriveTable
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.parts import Drive
 

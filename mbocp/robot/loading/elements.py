@@ -14,18 +14,18 @@ from mbocp._arrays import Array
 from mbocp.exceptions import UnknownFrame, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.actuation import ActuationReader
-from mbocp.robot.loading.limits import limits_of
-from mbocp.robot.loading.mimic import Follower
-from mbocp.robot.loading.schema import (
+from mbocp.robot.loading.constraint_tables import (
     ConstraintTable,
     CouplingTable,
     HingeTable,
     LineTable,
     PlaneTable,
     PointTable,
-    RobotTable,
     RodTable,
 )
+from mbocp.robot.loading.limits import limits_of
+from mbocp.robot.loading.mimic import Follower
+from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loops.constraints import Constraint, Hinge, Point, PointOnLine, PointOnPlane, Rod, Weld
 from mbocp.robot.loops.coupling import Coupling

@@ -8,8 +8,9 @@ import pinocchio as pin
 
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import kinematics
+from mbocp.robot.loading.constraint_tables import ConstraintTable, CouplingTable
 from mbocp.robot.loading.placement_table import placement_from
-from mbocp.robot.loading.schema import ConstraintTable, CouplingTable, RobotTable
+from mbocp.robot.loading.schema import RobotTable
 
 __all__ = ["with_joint_frames"]
 

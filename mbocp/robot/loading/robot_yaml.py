@@ -23,8 +23,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from mbocp._files import MEGABYTE, read_text
 from mbocp._text import shown
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
+from mbocp.robot.loading.actuator_tables import ActuationTable
+from mbocp.robot.loading.constraint_tables import ConstraintTable, PointTable, WeldTable
 from mbocp.robot.loading.safe_yaml import parse_yaml
-from mbocp.robot.loading.schema import ActuationTable, ConstraintTable, PointTable, RobotTable, WeldTable
+from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.urdf import Urdf
 from mbocp.robot.warnings import IgnoredKeysWarning
 

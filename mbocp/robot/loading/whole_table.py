@@ -8,8 +8,9 @@ from typing import Any
 
 from mbocp.exceptions import DimensionMismatch
 from mbocp.robot import joints
+from mbocp.robot.loading.actuator_tables import ActuationTable
 from mbocp.robot.loading.body import Body
-from mbocp.robot.loading.schema import ActuationTable, InitialTable, RobotTable
+from mbocp.robot.loading.schema import InitialTable, RobotTable
 from mbocp.robot.placed import SEPARATOR
 
 __all__ = ["by_joint", "with_own_tables"]

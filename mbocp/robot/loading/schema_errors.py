@@ -1,0 +1,64 @@
+"""The first complaint of pydantic about a robot.toml, in the words of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+from pydantic import ValidationError
+
+from mbocp._text import shown
+from mbocp.exceptions import suggest
+
+__all__ = ["first_complaint"]
+
+Allowed: TypeAlias = Callable[[tuple[int | str, ...]], list[str]]
+
+
+def first_complaint(error: ValidationError, data: Any, allowed: Allowed) -> tuple[str, str]:
+    """Key and words of the first complaint."""
+    first = error.errors()[0]
+    more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return _key(data, first["loc"], absent=first["type"] == "missing"), _reason(first, data, allowed) + more
+
+
+def _key(data: Any, loc: tuple[int | str, ...], *, absent: bool) -> str:
+    """Dotted key as in the file, e.g. constraint[0].frames, without pydantic's tags for unions."""
+    parts: list[str] = []
+    node, last = data, len(loc) - 1
+    for position, step in enumerate(loc):
+        if isinstance(step, int):
+            parts.append(f"[{step}]")
+        elif (absent and position == last) or (isinstance(node, dict) and step in node):
+            parts.append(f".{step}")
+        else:
+            continue
+        node = _child(node, step)
+    return "".join(parts).lstrip(".")
+
+
+def _child(node: Any, step: int | str) -> Any:
+    if isinstance(node, dict):
+        return node.get(step)
+    return node[step] if isinstance(node, list) and isinstance(step, int) and step < len(node) else None
+
+
+def _reason(error: Any, data: Any, allowed: Allowed) -> str:
+    kind, context, got = error["type"], error.get("ctx", {}), error["input"]
+    if kind == "extra_forbidden":
+        return f"unknown key; {suggest(str(error['loc'][-1]), allowed(error['loc']))}"
+    if kind == "missing":
+        return "this key is required" if isinstance(error["loc"][-1], str) else "this number is missing"
+    if kind == "union_tag_not_found":
+        return f"type is required: {_plain(context.get('discriminator', 'type'))}"
+    if kind == "union_tag_invalid":
+        return f"unknown type {shown(context['tag'])}, known: {_plain(context['expected_tags'])}"
+    if kind == "literal_error":
+        what = "unknown type" if error["loc"][-1] == "type" else "got"
+        return f"{what} {shown(got)}, known: {_plain(context['expected'])}"
+    message = error["msg"].removeprefix("Value error, ")
+    return message if kind == "value_error" else f"got {shown(got)}: {message}"
+
+
+def _plain(text: str) -> str:
+    return text.replace("'", "").replace(" or ", ", ")

@@ -1,0 +1,62 @@
+"""Numbers, vectors and the base of the tables of a robot.toml."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat
+
+from mbocp._text import has_control_characters
+
+__all__ = [
+    "Component",
+    "Direction",
+    "FramePair",
+    "Length",
+    "Number",
+    "Numbers",
+    "PositiveNumber",
+    "Printable",
+    "Table",
+    "Vector3",
+    "is_zero",
+]
+
+_MAX_VALUE = 1e15  # of numbers in the equations, as in a URDF
+_MIN_DIRECTION = 1e-15  # largest component of a direction
+Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]
+PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_MAX_VALUE)]
+Vector3: TypeAlias = tuple[Number, Number, Number]
+Numbers: TypeAlias = Number | list[Number]
+Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0, le=_MAX_VALUE)]
+Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
+FramePair: TypeAlias = tuple[str, str]
+
+
+def _printable(text: str) -> str:
+    if has_control_characters(text.replace("\n", " ").replace("\t", " ")):
+        raise ValueError("must not have control characters")
+    return text
+
+
+Printable: TypeAlias = Annotated[str, AfterValidator(_printable)]
+
+
+def is_zero(vector: tuple[float, float, float]) -> bool:
+    """Whether a vector has no direction in double precision."""
+    return max(map(abs, vector)) < _MIN_DIRECTION
+
+
+def _has_direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if is_zero(vector):
+        raise ValueError("must not be zero")
+    return vector
+
+
+Direction: TypeAlias = Annotated[Vector3, AfterValidator(_has_direction)]
+
+
+class Table(BaseModel):
+    """A table that takes no other keys than its own, and does not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
