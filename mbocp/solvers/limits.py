@@ -215,10 +215,10 @@ def raised(state: NewtonState, tolerance: float) -> NewtonState:
     """State with a larger last barrier parameter, for one that makes the system singular; or the same state.
 
     A limit with the multiplier z adds z^2 / mu to the Hessian. Where that is 1e16 times the curvature of a
-    small cost, round-off leaves nothing of the latter. The tolerance is the largest last one: then each
-    product of a multiplier and its distance is below it, if not all of them together.
+    small cost, round-off leaves nothing of the latter. The tolerance, relative to a cost above one, is the
+    largest last one: each product of a multiplier and its distance is below it, if not all of them together.
     """
-    barrier = min(_RAISE * state.barrier, tolerance)
+    barrier = min(_RAISE * state.barrier, tolerance * max(1.0, abs(state.evaluation.cost)))
     if barrier <= state.barrier:
         return state
     evaluation = state.native.weigh(barrier)

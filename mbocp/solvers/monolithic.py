@@ -166,6 +166,8 @@ class GlobalisedNewton:
             state = update_barrier(state, self.tolerance)
         if state.reference is not None:
             return self._relaxed(state)
+        if state.least_barrier and state.shift:
+            state = self._sharpened(state)
         shift, attempts, care = state.shift, 0, self._care(state)
         while True:
             factorisation, augmentation, direction = self._direction(state, shift)
@@ -246,6 +248,13 @@ class GlobalisedNewton:
         if found is None or not found.finite:
             return factorisation, augmentation, None
         return factorisation, augmentation, Direction.of(state, found, _MAX_TURN)
+
+    def _sharpened(self, state: NewtonState) -> NewtonState:
+        """State with a barrier that rises while the system is singular without a shift; or with no shift."""
+        factorisation, _, direction = self._direction(state, 0.0)
+        if not factorisation.ok:
+            return raised(state, self.tolerance)
+        return state if direction is None else replace(state, shift=0.0)
 
     def _restarted(self, state: NewtonState) -> NewtonState:
         """The same motion with multipliers that know nothing of the way there."""

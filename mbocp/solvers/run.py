@@ -147,8 +147,8 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, t
                     f"each product of a limit's multiplier and its distance (norm {e.complementarity:.0e})"
                 )
                 return (
-                    f"a strict local minimum: all else is below the tolerance, and {products}, as near as "
-                    "round-off lets them come to zero"
+                    f"a strict local minimum: all else is below the tolerance, and {products} as near to "
+                    "zero as round-off lets it come"
                 )
             if e.residual > tolerance:
                 noise = f"the residual ({e.residual:.0e}) is round-off"

@@ -229,12 +229,13 @@ def test_limits_that_outweigh_a_small_cost_by_round_off_end_with_a_larger_barrie
 
 def test_a_barrier_is_raised_to_the_tolerance_at_most(arm: Path) -> None:
     _, _, state = begun(LIMITS)
+    most = 1e-9 * max(1.0, abs(state.evaluation.cost))
     assert raised(state, 1e-9) is state  # a first barrier is larger
     low = replace(state, barrier=1e-12)
     once = raised(low, 1e-9)
     assert once.barrier == once.least_barrier == pytest.approx(1e-11)
-    last = raised(replace(low, barrier=5e-10), 1e-9)
-    assert last.barrier == 1e-9
+    last = raised(replace(low, barrier=0.5 * most), 1e-9)
+    assert last.barrier == most
     assert raised(last, 1e-9) is last
     assert raised(replace(state, barrier=0.0), 1e-9).least_barrier == 0.0
     settled = replace(once, evaluation=once.native.weigh(once.barrier))
