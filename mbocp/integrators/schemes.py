@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from mbocp.integrators.euler import TAU
@@ -26,12 +26,16 @@ class SchemeData:
         Whether controls may prescribe velocities.
     takes_matrices : bool
         Whether attitudes may be rotation matrices.
+    alternates : bool
+        Whether its steps move by the mean of the velocities at both ends, or nearly so. Equations on
+        positions at all nodes then leave velocities across them that change their sign from node to node.
     """
 
     options: frozenset[str]
     solves_constraints: bool
     takes_drives: bool
     takes_matrices: bool
+    alternates: bool = False
 
     def takes(self, key: str) -> bool:
         """Whether a key of a problem file, with its table, is one of the options."""
@@ -57,7 +61,8 @@ _RUNGE_KUTTA = SchemeData(
 )
 
 SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
-    dict.fromkeys(TAU, _TAU_FAMILY) | dict.fromkeys(TABLEAUX, _RUNGE_KUTTA)
+    {name: replace(_TAU_FAMILY, alternates=tau == 0.5) for name, tau in TAU.items()}
+    | {name: replace(_RUNGE_KUTTA, alternates=tableau.num_stages > 1) for name, tableau in TABLEAUX.items()}
 )
 
 

@@ -37,7 +37,7 @@ from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.problem.via_places import placed, via_marks, via_nodes, via_order
 from mbocp.problem.via_points import resolved_points, via_constraints
-from mbocp.problem.warn import warn_singular
+from mbocp.problem.warn import warn_alternating, warn_singular
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolerances
@@ -450,6 +450,7 @@ class Problem:
         N, dt = self.num_steps, self.dt
         ends = (self.q_start, self.v_start, self.goal)
         check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, num_phases=len(self.phases))
+        warn_alternating(self.frame_constraints, self.goal, self.scheme, num_steps=N, dt=dt)
         if self.is_bounded:
             table = "limits" if self.limits.any_finite else "via" if self.via else "path"
             table = "obstacle" if self.clearance is not None else table

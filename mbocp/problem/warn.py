@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp.integrators import SCHEMES
 from mbocp.problem._checks import ProblemWarning
+from mbocp.problem.goal import Goal
 from mbocp.problem.limits import Bounds
+from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 
-__all__ = ["warn_limits", "warn_singular"]
+__all__ = ["warn_alternating", "warn_limits", "warn_singular"]
 
 _BESIDE = (
     "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
@@ -27,6 +31,32 @@ def warn_singular(robot: Robot, q: Array, key: str) -> None:
     words = singular_pose(robot, q)
     if words:
         warnings.warn(f"{key}: {words}; {_BESIDE}", ProblemWarning, stacklevel=_TO_THE_CALLER)
+
+
+def warn_alternating(
+    path: Iterable[PathConstraint], goal: Goal, scheme: str, *, num_steps: int, dt: float
+) -> None:
+    """Say that equations at all nodes and a velocity at the end are too much for schemes of mean velocities.
+
+    With q1 - q0 = dt (v0 + v1) / 2 the velocity across the equations is minus the one before, at each node.
+    So it is known at the end but for the curvature, and to ask for it once more is nearly dependent.
+    """
+    if not (SCHEMES[scheme].alternates and goal.is_exact and goal.rate_active.any()):
+        return
+    for constraint in path:
+        term, span = constraint.term, constraint.span
+        is_equation = np.asarray(constraint.lower) == np.asarray(constraint.upper)
+        is_equation[list(term.rows_with_progress)] = False
+        always = span.has_start and span.has_end(num_steps, dt)
+        if always and is_equation.any() and not term.has_velocity:
+            warnings.warn(
+                f"path {constraint.name!r}: equations at all nodes, and a velocity at the end; "
+                f'integrator.scheme = "{scheme}" moves by mean velocities, so that those across the '
+                "equations alternate from node to node, and solvers converge slowly or not; take scheme = "
+                '"se1", or a tolerance',
+                ProblemWarning,
+                stacklevel=_TO_THE_CALLER,
+            )
 
 
 def warn_limits(robot: Robot, bounds: Bounds, q: Array, key: str) -> None:

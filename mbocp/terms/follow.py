@@ -218,6 +218,11 @@ class Follow(PathTerm):
         """At the end of its time, and only there, the frame is at the end of the path."""
         return (self.rows - 1,)
 
+    @property
+    def rows_with_progress(self) -> tuple[int, ...]:
+        """The end, and in a tube the nearest point."""
+        return self.rows_at_end if self.is_exact else (0, *self.rows_at_end)
+
     def drawn(self, given: PathNumbers) -> Array | None:
         """The path."""
         return self.curve(given).drawn

@@ -153,6 +153,11 @@ class PathTerm(ABC):
         """Rows that hold at the last of its nodes alone."""
         return ()
 
+    @property
+    def rows_with_progress(self) -> tuple[int, ...]:
+        """Rows that the progress along a path fulfils, whatever the configuration is."""
+        return ()
+
     def drawn(self, given: PathNumbers) -> Array | None:
         """Points of the line that the frame is on, shape (k, 3) [m], where there is one."""
         return None

@@ -12,7 +12,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import build
-from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
+from mbocp.problem import Problem, ProblemWarning, load_problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Solution
 from mbocp.view.marks import marks_of
@@ -104,6 +104,17 @@ def test_they_are_written_and_read_back() -> None:
         assert old.upper == pytest.approx(new.upper)
         for name, value in old.numbers_in("quaternion").items():
             assert new.numbers_in("quaternion")[name] == pytest.approx(value, abs=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "heun", "rk4"])
+def test_schemes_of_mean_velocities_are_told_of(scheme: str) -> None:
+    """With what they say, problems are as easy as ever."""
+    with pytest.warns(ProblemWarning, match='line of tool0.*"se1", or a tolerance'):
+        arm({"kind": "line"}, scheme=scheme)
+    arm({"kind": "line", "tolerance": 0.01}, scheme=scheme)
+    arm({"kind": "line", "until": 1.0}, scheme=scheme)
+    arm({"kind": "line"}, scheme=scheme, goal={"frame": GOAL["frame"]})
+    arm({"kind": "line"}, scheme="se2")
 
 
 def test_refusals_say_which_and_why() -> None:
