@@ -1,7 +1,12 @@
 """How good the minima are that one guess, or several, lead to: `python -m benchmarks.quality`.
 
 Each task is solved by mbocp, by mbocp from several starts, and by IPOPT and fatrop from the same guess. The
-best cost that any of them finds with steps that resolve the motion is the measure.
+best cost that any of them finds with steps that resolve the motion is the measure: a motion that turns a
+joint by more than a radian in a step satisfies the discrete equations and is none of the robot. How near each
+comes to the lowest cost of all that satisfies these equations is counted, too.
+
+`--refine` solves each result once more with twice the steps, from where it is: what its cost then changes by
+says how much of it the steps resolve.
 """
 
 from __future__ import annotations
@@ -11,6 +16,7 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from statistics import median
 
 import numpy as np
@@ -20,9 +26,21 @@ from benchmarks.machine import header, one_core
 from benchmarks.random_tasks import CLASSES, random_problems
 from benchmarks.tables import Table, show
 from mbocp.formulation import formulate
+from mbocp.mechanics.diagnostics import largest_turn
 from mbocp.solvers import Status
+from mbocp.study.rows import solver_seconds
 
-__all__ = ["COSTS", "SETS", "WAYS", "Found", "measure", "quality_table", "tasks"]
+__all__ = [
+    "COSTS",
+    "SETS",
+    "WAYS",
+    "Found",
+    "measure",
+    "quality_table",
+    "refined",
+    "refinement_table",
+    "tasks",
+]
 
 SETS = ("ur5", "panda", "kinova", "acrobot", "drone")
 COSTS: Mapping[str, Mapping[str, object]] = {"effort": {"velocity": 0.0}, "auto": {"velocity": "auto"}}
@@ -32,7 +50,13 @@ WAYS: Mapping[str, Mapping[str, object]] = {
     "ipopt": {"method": "ipopt"},
     "fatrop": {"method": "fatrop"},
 }
+_STATIONARY = (Status.CONVERGED, Status.UNDER_RESOLVED)
 _NEAR = 0.01  # relative distance from the best cost that counts as the same
+
+
+_TURNS = (0.0, 0.25, 0.5, 0.75, 1.0, 2.0, math.inf)  # [rad] in one step: bounds of the refinement's rows
+_HOLDS = 0.1  # relative change of the cost with twice the steps
+_DEVIATION = 1.96  # standard deviations on either side that hold 95 %
 
 
 @dataclass(frozen=True)
@@ -42,15 +66,23 @@ class Found:
     Attributes
     ----------
     cost : float
-        Infinite where it has not converged to a motion that the steps resolve.
+        Infinite where the optimality conditions do not hold.
     iterations : int
-    is_unresolved : bool
-        Whether it has converged, and the steps do not resolve the motion.
+    seconds : float
+        Solver alone.
+    is_resolved : bool
+        Whether the optimality conditions hold and the steps resolve the motion.
     """
 
     cost: float
     iterations: int
-    is_unresolved: bool
+    seconds: float
+    is_resolved: bool
+
+    @property
+    def resolved_cost(self) -> float:
+        """The cost; infinite for what is no motion."""
+        return self.cost if self.is_resolved else math.inf
 
 
 def tasks(name: str, cost: str, number: int, seed: int) -> Iterator[mbocp.Problem]:
@@ -69,8 +101,8 @@ def measure(problem: mbocp.Problem, time_limit: float) -> dict[str, Found]:
         formulate(chosen)  # compiling is not within the limit
         solution = mbocp.solve(chosen)
         iterations = sum(start.iterations for start in solution.starts) or solution.iterations
-        cost = solution.cost if solution.converged else math.inf
-        found[way] = Found(cost, iterations, solution.status is Status.UNDER_RESOLVED)
+        cost = solution.cost if solution.status in _STATIONARY else math.inf
+        found[way] = Found(cost, iterations, solver_seconds(solution), solution.converged)
     return found
 
 
@@ -88,42 +120,113 @@ def quality_table(
             results = [measure(problem, time_limit) for problem in tasks(name, cost, number, seed)]
             for way in WAYS:
                 rows.append((f"{name}, {cost}", way, *_cells(results, way)))
-    columns = ("tasks", "way", "solved", "one guess", "all", "worst", "under-resolved", "iterations")
+    columns = (
+        "tasks",
+        "way",
+        "resolved",
+        "unresolved",
+        "one guess",
+        "all",
+        "any",
+        "worst",
+        "iterations",
+        "time [ms]",
+    )
     note = (
-        f"{number} tasks of each set, seed {seed}. solved: by any way, with a motion that the steps resolve; "
-        "one guess: within 1 % of the lowest cost that a single guess leads to; all: of the lowest cost of "
-        "all; worst: cost over the lowest of all, of those that converged; iterations: median, of all starts."
+        f"{number} tasks of each set, seed {seed}. resolved, unresolved: results with and without steps that "
+        "resolve the motion; one guess: within 1 % of the lowest cost of a resolved motion that a single "
+        "guess leads to, of the tasks with one; all: of the lowest such cost of all ways; any: the same with "
+        "unresolved results, which only the discrete equations allow; in brackets intervals of 95 % "
+        "(Wilson); worst: cost over the lowest of all, of resolved motions; iterations: median, of all "
+        "starts; time: median."
     )
     return Table("Quality of minima", columns, rows, note)
 
 
+def refined(problem: mbocp.Problem, time_limit: float) -> list[tuple[float, float]]:
+    """Largest turn in a step [rad], and what twice the steps change the cost by, of each way."""
+    found = []
+    for options in (options for options in WAYS.values() if "starts" not in options):
+        solver = replace(problem.solver, time_limit=time_limit, **options)
+        solution = mbocp.solve(problem.with_(solver=solver))
+        if solution.status not in _STATIONARY:
+            continue
+        newton = replace(problem.solver, time_limit=time_limit, method="monolithic")
+        finer = problem.with_(num_steps=2 * problem.num_steps, solver=newton)
+        again = mbocp.solve(finer, warm_start=solution)
+        if again.status in _STATIONARY:
+            turn = largest_turn(problem.robot, solution.qs, solution.vs, problem.dt, problem.substeps)[1]
+            found.append((turn, again.cost / solution.cost - 1.0))
+    return found
+
+
+def refinement_table(
+    sets: Sequence[str], costs: Sequence[str], number: int, seed: int, time_limit: float
+) -> Table:
+    """How far costs change with twice the steps, by the largest turn of a joint in one of the single ones."""
+    rows = []
+    for name in sets:
+        for cost in costs:
+            found = [
+                pair for problem in tasks(name, cost, number, seed) for pair in refined(problem, time_limit)
+            ]
+            for low, high in pairwise(_TURNS):
+                changes = np.array([change for turn, change in found if low <= turn < high])
+                if changes.size:
+                    holding = int((np.abs(changes) <= _HOLDS).sum())
+                    middle = f"{100.0 * np.median(np.abs(changes)):.1f} %"
+                    rows.append(
+                        (f"{name}, {cost}", f"{low:g} to {high:g}", str(changes.size), middle, str(holding))
+                    )
+    columns = ("tasks", "turn in a step [rad]", "results", "median change", "within 10 %")
+    note = (
+        f"{number} tasks of each set, seed {seed}; results of auto, IPOPT and fatrop, each solved again with "
+        "twice the steps by Newton's method from where it is; without those for which that fails."
+    )
+    return Table("Costs with twice the steps", columns, rows, note)
+
+
 def _cells(results: Sequence[Mapping[str, Found]], way: str) -> tuple[str, ...]:
-    solved = [found for found in results if math.isfinite(_best(found))]
-    alone = [found for found in results if math.isfinite(_best(found, alone=True))]
-    ratios = np.array([_ratio(found[way].cost, _best(found)) for found in solved])
-    finite = ratios[np.isfinite(ratios)]
+    singles = [other for other in WAYS if "starts" not in WAYS[other]]
+    ratios = _ratios(results, way, list(WAYS))
+    finite = [ratio for ratio in ratios if math.isfinite(ratio)]
     return (
-        str(len(solved)),
-        _share([_ratio(found[way].cost, _best(found, alone=True)) for found in alone]),
-        _share(list(ratios)),
-        f"{finite.max():.3g}" if finite.size else "-",
-        str(sum(found[way].is_unresolved for found in results)),
+        str(sum(found[way].is_resolved for found in results)),
+        str(sum(math.isfinite(found[way].cost) and not found[way].is_resolved for found in results)),
+        _share(_ratios(results, way, list({*singles, way}))),
+        _share(ratios),
+        _share([_ratio(f[way].cost, min(f[w].cost for w in WAYS)) for f in results]),
+        f"{max(finite):.3g}" if finite else "-",
         f"{median(found[way].iterations for found in results):g}",
+        f"{1e3 * median(found[way].seconds for found in results):.0f}",
     )
 
 
+def _ratios(results: Sequence[Mapping[str, Found]], way: str, ways: Sequence[str]) -> list[float]:
+    """Cost over the lowest of these ways, of resolved motions, for each task of which there is one."""
+    best = [min(found[other].resolved_cost for other in ways) for found in results]
+    return [
+        _ratio(found[way].resolved_cost, least)
+        for found, least in zip(results, best, strict=True)
+        if math.isfinite(least)
+    ]
+
+
 def _share(ratios: Sequence[float]) -> str:
-    if not len(ratios):
+    """Share of those near one, its interval of 95 %, and of how many."""
+    n = len(ratios)
+    if not n:
         return "-"
-    return f"{100.0 * sum(ratio <= 1.0 + _NEAR for ratio in ratios) / len(ratios):.1f} %"
-
-
-def _best(found: Mapping[str, Found], *, alone: bool = False) -> float:
-    """Lowest cost of all ways, or of those with a single guess."""
-    return min(entry.cost for way, entry in found.items() if not (alone and "starts" in WAYS[way]))
+    good, z = sum(ratio <= 1.0 + _NEAR for ratio in ratios), _DEVIATION
+    middle = (good + z**2 / 2.0) / (n + z**2)
+    half = z / (n + z**2) * math.sqrt(good * (n - good) / n + z**2 / 4.0)
+    low, high = max(0.0, middle - half), min(1.0, middle + half)
+    return f"{100.0 * good / n:.0f} % of {n} ({100.0 * low:.0f} to {100.0 * high:.0f})"
 
 
 def _ratio(cost: float, best: float) -> float:
+    if not math.isfinite(cost):
+        return math.inf
     return cost / best if best > 0.0 else 1.0 + abs(cost - best)
 
 
@@ -136,12 +239,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--number", type=int, default=20, help="tasks of each set")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--time-limit", type=float, default=60.0, help="[s] of each solve")
+    parser.add_argument("--refine", action="store_true", help="what costs come to with twice the steps")
     options = parser.parse_args(arguments)
     one_core()
     show(header(), markdown=options.markdown)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # goals beyond the limits of a joint: no matter here
-        table = quality_table(options.sets, options.costs, options.number, options.seed, options.time_limit)
+        make = refinement_table if options.refine else quality_table
+        table = make(options.sets, options.costs, options.number, options.seed, options.time_limit)
     show(table, markdown=options.markdown)
 
 

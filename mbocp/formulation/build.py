@@ -11,6 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.bounds import state_bounds
+from mbocp.formulation.easing import eased_terms, easing_weights
 from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.goal import EndRows, EndTarget, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
@@ -23,6 +24,7 @@ from mbocp.formulation.parameters import (
     ParameterLayout,
     Sizes,
     concatenated,
+    mask,
     parameter_layout,
     path_parameters,
 )
@@ -165,6 +167,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         units=units_of(problem, signature, at, pieces.num_algebraic, layout),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=signature.has_free_lengths,
+        easing=_easing(problem, signature, layout),
     )
 
 
@@ -184,6 +187,15 @@ def _kind(pieces: Pieces, nr: int) -> StageKind:
         turning=pieces.turning,
         groups=pieces.groups,
     )
+
+
+def _easing(problem: Problem, signature: FunctionSignature, layout: ParameterLayout) -> Array | None:
+    weights = easing_weights(problem, signature.cost)
+    if weights is None:
+        return None
+    easing = np.zeros(sum(layout.theta.values()))
+    easing[mask(layout.theta, ("velocity",))] = weights
+    return easing
 
 
 def _control_weight(problem: Problem) -> float:
@@ -226,7 +238,7 @@ def signature_of(
         robot=problem.robot.fingerprint,
         steps=steps,
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
-        cost=running_terms(given),
+        cost=eased_terms(problem, running_terms(given)),
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
         path=_structures(problem, _of_joints(joints)),
         ends=(*frame_ends(problem, rows), *own_ends(given), *_acceleration_end(problem)),

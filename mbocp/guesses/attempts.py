@@ -9,16 +9,16 @@ from dataclasses import replace
 
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
-from mbocp.formulation.end_reached import end_missed
+from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import guess_candidates
 from mbocp.guesses.make import make_guess
+from mbocp.guesses.ranking import is_better, with_end
 from mbocp.solution import Solution
 from mbocp.solvers import (
     IterationRecord,
     Outcome,
     Phase,
-    SolverResult,
     SolverSettings,
     Start,
     Status,
@@ -26,7 +26,7 @@ from mbocp.solvers import (
 )
 from mbocp.solvers.records import timed
 
-__all__ = ["interrupted", "is_better", "solve_from_guesses", "with_end"]
+__all__ = ["interrupted", "solve_from_guesses"]
 
 
 def solve_from_guesses(
@@ -60,7 +60,6 @@ def solve_from_guesses(
             best = (interrupted(best[0]), best[1])
             break
         is_doubtful = best is not None and best[0].result.status is Status.INFEASIBLE
-        left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
         start = Start(
             programme,
             iterate,
@@ -68,7 +67,11 @@ def solve_from_guesses(
             first=sum(not record.is_guess for record in history),
             label="" if attempt == 0 else f" (guess: {kind})",
         )
-        outcome = run_strategy(replace(settings, time_limit=left, is_doubtful=is_doubtful), start)
+        limited = replace(settings, time_limit=_time_left(deadline), is_doubtful=is_doubtful)
+        outcome = run_strategy(limited, start)
+        if attempt == 0 and kind not in GIVEN_SOLUTIONS:
+            remaining = replace(limited, time_limit=_time_left(deadline))
+            outcome = better_of_eased(formulation, remaining, start, outcome)
         outcome = with_end(formulation, outcome)
         history += outcome.result.history
         phases += outcome.phases
@@ -85,27 +88,11 @@ def solve_from_guesses(
     return replace(outcome, result=replace(outcome.result, history=tuple(history))), words
 
 
-def with_end(formulation: Formulation, outcome: Outcome) -> Outcome:
-    """Outcome that says so where it ends beside the goal; at another root it has not converged."""
-    result = outcome.result
-    if result.status is not Status.CONVERGED:
-        return outcome
-    missed = end_missed(formulation, formulation.motion_of(result.iterate).qs)
-    if missed is None:
-        return outcome
-    status = Status.OTHER_ROOT if missed.is_other_root else result.status
-    return replace(outcome, result=replace(result, status=status, advice=f"{result.advice}; {missed.words}"))
-
-
 def interrupted(outcome: Outcome) -> Outcome:
     """Outcome of an earlier guess, returned because a later one was interrupted."""
     return replace(outcome, result=outcome.result.interrupted())
 
 
-def is_better(new: SolverResult, old: SolverResult) -> bool:
-    """Whether one of two results that have not converged says more: another root, then `infeasible`."""
-    if Status.OTHER_ROOT in (new.status, old.status):
-        return old.status is not Status.OTHER_ROOT
-    if old.status is Status.INFEASIBLE:
-        return False
-    return new.record.residual < old.record.residual
+def _time_left(deadline: float) -> float | None:
+    """Time until a deadline [s]; None: there is none."""
+    return None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())

@@ -17,8 +17,9 @@ from typing import TypeAlias
 
 from mbocp._environment import available_workers
 from mbocp.formulation import Formulation
-from mbocp.formulation.resolution import unresolved
-from mbocp.guesses.attempts import interrupted, is_better, with_end
+from mbocp.guesses.attempts import interrupted
+from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
+from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
 from mbocp.solution import Solution
 from mbocp.solution.records import StartRecord
@@ -29,7 +30,6 @@ from mbocp.solvers.records import timed
 __all__ = ["solve_from_starts"]
 
 _PATIENCE = 1.0  # [s] after which a process that helps is worth its beginning
-_SAME_COST = 1e-9  # relative: the same minimum, and the earlier start has found it
 
 _Callback: TypeAlias = Callable[[IterationRecord], object]
 
@@ -60,6 +60,7 @@ def solve_from_starts(
     clock = time.perf_counter()
     batch = _Batch(tasks, callback, deadline)
     batch.run(_helpers() if workers is None else workers - 1)
+    batch.ease()
     tried = [tasks[i] for i in sorted(batch.outcomes)]
     ends = [
         with_end(task.formulation, batch.outcomes[i]) for i, task in enumerate(tasks) if i in batch.outcomes
@@ -161,6 +162,26 @@ class _Batch:
         self.is_interrupted |= outcome.result.status is Status.INTERRUPTED
         return outcome
 
+    def ease(self) -> None:
+        """Give each start a second descent; the first to a goal the one that it has where it is alone."""
+        seen: set[int | None] = set()
+        for number in sorted(self.outcomes):
+            task = self.tasks[number]
+            is_first = task.goal not in seen
+            seen.add(task.goal)
+            if self.is_over or task.guess.kind in GIVEN_SOLUTIONS:
+                continue
+            start = Start(task.formulation.programme, task.guess.iterate, self.callback, label=_label(number))
+            found = better_of_eased(
+                task.formulation,
+                task.settings(self.deadline),
+                start,
+                self.outcomes[number],
+                is_first=is_first,
+            )
+            self.outcomes[number] = found
+            self.is_interrupted |= found.result.status is Status.INTERRUPTED
+
     def _next(self) -> int | None:
         try:
             return self._waiting.popleft()
@@ -199,33 +220,13 @@ def _label(number: int) -> str:
 
 def _best(tasks: Sequence[_Task], ends: Sequence[Outcome]) -> int:
     """Which outcome is the best: the cheapest that converged, motions that the steps resolve first."""
-    ranks = [_rank(task.formulation, end) for task, end in zip(tasks, ends, strict=True)]
     best = 0
     for i, end in enumerate(ends[1:], start=1):
-        if ranks[i] != ranks[best]:
-            is_preferred = ranks[i] < ranks[best]
-        elif end.result.status is Status.CONVERGED:
-            cost, least = end.result.record.cost, ends[best].result.record.cost
-            is_preferred = cost < least - _SAME_COST * abs(least)
-        else:
-            is_preferred = is_better(end.result, ends[best].result)
-        best = i if is_preferred else best
+        known = tasks[best].formulation, ends[best]
+        best = i if is_preferred(tasks[i].formulation, end, known) else best
     return best
 
 
-def _rank(formulation: Formulation, end: Outcome) -> int:
-    status = _status(formulation, end)
-    return {Status.CONVERGED: 0, Status.UNDER_RESOLVED: 1}.get(status, 2)
-
-
-def _status(formulation: Formulation, end: Outcome) -> Status:
-    result = end.result
-    if result.status is not Status.CONVERGED:
-        return result.status
-    is_resolved = unresolved(formulation, formulation.motion_of(result.iterate)) is None
-    return Status.CONVERGED if is_resolved else Status.UNDER_RESOLVED
-
-
 def _record(task: _Task, end: Outcome) -> StartRecord:
-    status = _status(task.formulation, end)
+    status = status_of(task.formulation, end)
     return StartRecord(task.words, status, end.result.record.cost, end.iterations, task.goal)

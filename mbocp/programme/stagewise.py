@@ -98,6 +98,9 @@ class StagewiseProgramme:
         Of the path functions, for messages.
     has_free_lengths : bool
         Whether step lengths are unknowns, so that messages count steps and name no times.
+    easing : ndarray, shape of theta, or None
+        What may be added to theta to make a programme of fewer minima, one of which leads to a good one of
+        this when it fades; None: nothing does.
     """
 
     num_steps: int
@@ -121,6 +124,7 @@ class StagewiseProgramme:
     units: Units
     path_names: tuple[str, ...] = ()
     has_free_lengths: bool = False
+    easing: Array | None = None
 
     def describe_step(self, stage: int) -> str:
         """Words for a stage."""

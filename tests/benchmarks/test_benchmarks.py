@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
@@ -10,10 +11,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the package
 
+from benchmarks import quality
 from benchmarks.machine import header
 from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
 from benchmarks.paper.__main__ import PAGE, replaced
-from benchmarks.quality import WAYS, quality_table, tasks
+from benchmarks.quality import WAYS, Found, quality_table, refined, tasks
 from benchmarks.random_tasks import random_problems
 from benchmarks.reliability import reliability_table
 from benchmarks.rivals import compare, reach
@@ -123,9 +125,26 @@ def test_quality_compares_with_the_best_of_all() -> None:
     made = quality_table(["double pendulum"], ["effort"], number=2, seed=1, time_limit=30.0)
     assert [row[1] for row in made.rows] == list(WAYS)
     by_way = {row[1]: row for row in made.rows}
-    assert {row[2] for row in made.rows} == {"2"}
-    assert by_way["auto, 4 starts"][4] == "100.0 %"  # nothing else starts from as many guesses
+    assert all(int(row[2]) + int(row[3]) <= 2 for row in made.rows)
+    assert by_way["auto, 4 starts"][5].startswith("100 % of 2 (")  # nothing else has as many guesses
     first, second = tasks("double pendulum", "auto", 2, 1)
+    changes = refined(first, 30.0)
+    assert len(changes) == 3  # the ways with one guess
+    assert all(0.0 < turn < 1.0 and abs(change) < 0.1 for turn, change in changes)
     assert not first.is_bounded
     assert first.cost.velocity.any()
     assert not np.array_equal(first.goal.q, second.goal.q)
+
+
+def test_what_the_steps_do_not_resolve_is_no_measure(monkeypatch: pytest.MonkeyPatch) -> None:
+    good, spun = Found(2.0, 10, 0.1, is_resolved=True), Found(1.0, 10, 0.1, is_resolved=False)
+    failed = Found(math.inf, 10, 0.1, is_resolved=False)
+    found = {"auto": good, "auto, 4 starts": good, "ipopt": spun, "fatrop": failed}
+    monkeypatch.setattr(quality, "measure", lambda problem, time_limit: found)
+    made = quality_table(["double pendulum"], ["effort"], number=1)
+    rows = {row[1]: row for row in made.rows}
+    assert rows["auto"][2:4] == ("1", "0")
+    assert rows["ipopt"][2:4] == ("0", "1")
+    assert rows["fatrop"][2:4] == ("0", "0")
+    assert [rows[way][4][:3].strip() for way in ("auto", "ipopt", "fatrop")] == ["100", "0 %", "0 %"]
+    assert [rows[way][6][:3].strip() for way in ("auto", "ipopt", "fatrop")] == ["0 %", "100", "0 %"]

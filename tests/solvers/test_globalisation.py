@@ -98,7 +98,8 @@ def test_a_swing_that_had_not_been_solved_in_all_phases() -> None:
     )
     s = mbocp.solve(problem)
     assert s.status.is_stationary, s.advice  # a joint turns fast, which is not the solver's to judge
-    assert s.iterations < 100
+    plain = next(phase for phase in s.phases if phase.name == "monolithic")
+    assert plain.iterations < 100  # the descent along a fading weight comes after it
 
 
 def test_shifts_go_down_to_the_least_one_and_then_to_none() -> None:
