@@ -4,6 +4,10 @@ Some systems meet a condition by themselves: a symmetric top without a torque ab
 Such a row repeats the dynamics; with it the constraints of a problem are linearly dependent (no LICQ), and
 interior-point solvers crawl. The derivative of all rows in all controls shows them, at a motion with nothing
 special about it: one with random controls.
+
+Where dynamics amplify (a light pendulum that is driven hard), all derivatives point one way up to round-off,
+and rows look dependent that are not. What the dynamics imply they imply for every motion and for any controls:
+weaker ones, and the last of them, have to show the same.
 """
 
 from __future__ import annotations
@@ -22,8 +26,9 @@ __all__ = ["dependent_end_rows"]
 
 _RANK_TOLERANCE = 1e-9  # relative to the largest derivative: far above round-off, far below a real one
 _MET = 1e-6  # violation of a row that nothing acts upon beyond which the goal is out of reach
-# Of the random controls, relative to their bounds or to one: the first that leads to a tame motion.
+# Of the random controls, relative to their bounds or to one: all that lead to a tame motion.
 _AMPLITUDES = (0.3, 0.03, 0.003)
+_SHARES = (1.0, 0.25, 0.06)  # of the controls that are looked at: all, and the last of them
 _WILD = 1e12  # states of a motion that explodes, relative to the start or to one
 _SWEEP_TOLERANCE, _SWEEP_ITERATIONS = 1e-10, 50
 
@@ -87,10 +92,26 @@ class _Found(NamedTuple):
 @lru_cache(maxsize=256)
 def _examined(case: _Case) -> _Found:
     programme = case.programme
-    found = next((f for a in _AMPLITUDES if (f := _derivative(programme, a)) is not None), None)
-    if found is None:
+    dependent, untouched = set(range(programme.ng)), set(range(programme.ng))
+    x_end: Array | None = None
+    for amplitude in _AMPLITUDES:
+        found = _derivative(programme, amplitude)
+        if found is None:
+            continue
+        derivative, x_end = found
+        for share in _SHARES:  # the last controls are not amplified yet
+            late = derivative[:, -max(programme.ng, round(share * derivative.shape[1])) :]
+            implied, idle = _implied(late)
+            dependent, untouched = dependent & implied, untouched & idle
+        if not dependent:
+            break
+    if x_end is None:
         return _Found((), (), programme.x_start)
-    derivative, x_end = found
+    return _Found(tuple(sorted(dependent)), tuple(sorted(untouched)), x_end)
+
+
+def _implied(derivative: Array) -> tuple[set[int], set[int]]:
+    """Rows that those before them imply, and those of them that are zero."""
     largest = np.abs(derivative).max(initial=0.0)
     chosen: list[int] = []
     basis = np.zeros((0, derivative.shape[1]))
@@ -101,9 +122,8 @@ def _examined(case: _Case) -> _Found:
         if norm > _RANK_TOLERANCE * largest * np.sqrt(slope.size):
             chosen.append(row)
             basis = np.vstack([basis, left / norm])
-    dependent = tuple(row for row in range(programme.ng) if row not in chosen)
-    untouched = tuple(r for r in dependent if np.abs(derivative[r]).max() <= _RANK_TOLERANCE * largest)
-    return _Found(dependent, untouched, x_end)
+    dependent = {row for row in range(len(derivative)) if row not in chosen}
+    return dependent, {r for r in dependent if np.abs(derivative[r]).max() <= _RANK_TOLERANCE * largest}
 
 
 def _derivative(programme: StagewiseProgramme, amplitude: float) -> tuple[Array, Array] | None:

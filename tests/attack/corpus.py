@@ -98,7 +98,8 @@ def _studies() -> tuple[Entry, ...]:
 
 def _robots() -> tuple[Entry, ...]:
     folders = [path.parent for path in sorted((ROOT / "robots").glob("*/robot.toml"))]
-    return tuple(
+    cell = _entry("cell", "robot.toml", (_DATA / "cell" / "robot.toml").read_bytes())
+    alone = tuple(
         _entry(
             folder.name,
             "robot.toml",
@@ -107,6 +108,7 @@ def _robots() -> tuple[Entry, ...]:
         )
         for folder in folders
     )
+    return (*alone, cell)
 
 
 def _yamls() -> tuple[Entry, ...]:

@@ -34,6 +34,14 @@ def test_random_tasks(name: str, tmp_path: Path) -> None:
     assert "stationarity" in worst(rows)
 
 
+@pytest.mark.parametrize(("name", "seed"), [("free_rk4", 43), ("rates_heun", 13), ("rates_heun", 2)])
+def test_dynamics_that_amplify_leave_no_end_condition_out(name: str, seed: int, tmp_path: Path) -> None:
+    """Random controls make these pendulums tumble: end conditions looked as if the dynamics implied them."""
+    row = run_task(name, seed, tmp_path)
+    assert (row["status"], row["failures"]) == ("converged", [])
+    assert "left out" not in row["advice"]
+
+
 def impossible(name: str) -> list[int]:
     """Seeds of the first tasks of a class that nothing can solve."""
     return [seed for seed in range(120) if not draw(name, seed, Path()).is_feasible][:3]
