@@ -6,7 +6,7 @@ interior-point solvers crawl. The derivative of all rows in all controls shows t
 special about it: one with random controls.
 
 Where dynamics amplify (a light pendulum that is driven hard), all derivatives point one way up to round-off,
-and rows look dependent that are not. What the dynamics imply they imply for every motion and for any controls:
+and rows look dependent that are not. What the dynamics imply they imply for every motion and any controls:
 weaker ones, and the last of them, have to show the same.
 """
 
