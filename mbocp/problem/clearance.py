@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -29,6 +30,7 @@ P = TypeVar("P", bound="WithObstacles")
 
 _STILL = "that stand still beside it"
 _FAR = "that cannot reach it"
+_TOLD = 20  # obstacles of which the summary speaks each
 
 
 class WithObstacles(Protocol):
@@ -209,12 +211,16 @@ class Clearance:
     @property
     def words(self) -> tuple[str, ...]:
         """What is kept apart and what is left out, a line for each."""
-        lines = []
-        for k, obstacle in enumerate(self.obstacles):
-            count = sum(1 for _, other in self.pairs if other == k)
+        lines, counts = [], Counter(k for _, k in self.pairs)
+        for k, obstacle in enumerate(self.obstacles[:_TOLD]):
+            count = counts[k]
             told = [f"{n} {reason}" for reason, n in self.left_out.get(obstacle.name, {}).items()]
             left = f"; left out {' and '.join(told)}" if told else ""
             lines.append(f"{obstacle.name}: {count} {'sphere' if count == 1 else 'spheres'}{left}")
+        more = len(self.obstacles) - _TOLD
+        if more > 0:
+            count = sum(counts[k] for k in range(_TOLD, len(self.obstacles)))
+            lines.append(f"and {more} more obstacles: {count} spheres")
         if self.self_pairs is not None:
             found = self.self_pairs
             told = [f"{len(pairs)} {reason}" for reason, pairs in found.left_out.items()]
@@ -238,8 +244,8 @@ def clearance_of(
     """
     what = "obstacle" if obstacles else "self_collision"
     names = [obstacle.name for obstacle in obstacles]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(names).items():
+        if count > 1:
             raise ProblemError(f"obstacle {name!r}: there are several of this name; give each its own")
     links = robot.collision_spheres
     if not links:

@@ -137,29 +137,30 @@ def _record(state: SolverState, phase: str, first: int, seconds: float) -> Itera
     )
 
 
+def _kept(state: SolverState, tolerance: float) -> str:
+    """What of a solution is below the tolerance, and what is round-off."""
+    e = state.evaluation
+    if e.residual > tolerance >= _without_limits(e):
+        products = f"each product of a limit's multiplier and its distance (norm {e.complementarity:.0e})"
+        return f"all else is below the tolerance, and {products} as near to zero as round-off lets it come"
+    if e.residual > tolerance:
+        return f"the residual ({e.residual:.0e}) is round-off, since multipliers or states are large"
+    if state.increment > tolerance:
+        noise = f"the increments are round-off ({state.increment:.0e})"
+        return f"the residual is below the tolerance, {noise}"
+    return "residual and increment are below the tolerance"
+
+
 def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, tolerance: float) -> str:
     e, worst = state.evaluation, _worst(state, programme)
     taken = f"{state.iteration} iteration{'' if state.iteration == 1 else 's'}"
     if status is Status.CONVERGED:
+        kept = _kept(state, tolerance)
         if state.at_minimum:
-            if e.residual > tolerance >= _without_limits(e):
-                products = (
-                    f"each product of a limit's multiplier and its distance (norm {e.complementarity:.0e})"
-                )
-                return (
-                    f"a strict local minimum: all else is below the tolerance, and {products} as near to "
-                    "zero as round-off lets it come"
-                )
-            if e.residual > tolerance:
-                noise = f"the residual ({e.residual:.0e}) is round-off"
-                return f"a strict local minimum: {noise}, since multipliers or states are large"
-            if state.increment > tolerance:
-                noise = f"the increments are round-off ({state.increment:.0e})"
-                return f"a strict local minimum: the residual is below the tolerance, {noise}"
-            return "a strict local minimum: residual and increment are below the tolerance"
+            return f"a strict local minimum: {kept}"
         return (
-            "a stationary point, but not a strict minimum: the Hessian is indefinite or singular there; "
-            'start from another guess, or use globalisation = "default"'
+            "a stationary point, but not a strict minimum: the Hessian is indefinite or singular there "
+            f'({kept}); start from another guess, or use globalisation = "default"'
         )
     if status is Status.SINGULAR:
         return f"the linear system is singular {_place(state, programme)}; {worst}"

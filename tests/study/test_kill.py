@@ -85,6 +85,16 @@ def rows_of(rows: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in rows.read_text().splitlines()[1:]]
 
 
+def some_workers(process: subprocess.Popen[str]) -> list[int]:
+    """Workers of a study, waited for: one that resumes has its rows before it has any."""
+    end = time.monotonic() + PATIENCE
+    while not (found := workers(process.pid)):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end, "a study has no workers"
+        time.sleep(0.01)
+    return found
+
+
 def kill_and_resume(folder: Path, tasks: int, main_kills: int, worker_kills: int, seed: int) -> list[str]:
     """Run a study to its end through deaths at random moments; statuses of its rows."""
     generator = random.Random(seed)
@@ -98,7 +108,7 @@ def kill_and_resume(folder: Path, tasks: int, main_kills: int, worker_kills: int
         time.sleep(0.05 * generator.random())
         assert process.poll() is None, process.communicate()
         if kind == "worker":
-            os.kill(generator.choice(workers(process.pid)), signal.SIGKILL)
+            os.kill(generator.choice(some_workers(process)), signal.SIGKILL)
             continue
         family = [child for child, _ in descendants(process.pid)]
         before = rows.read_bytes()

@@ -156,19 +156,6 @@ Barrier::Passes Barrier::resolve_equations(const Increment& step) {
         change = std::max(change, std::abs(pass_[row])), most = std::max(most, std::abs(dlambda_[k]));
         all = std::max(all, std::abs(z_upper[row]));
     }
-    if (getenv("D_LOG")) {
-        double m = 0, r = 0;
-        int at = -1, atd = -1;
-        double dd = 0;
-        for (std::size_t k = 0; k < missed_.size(); ++k) {
-            const int row = limits_.equations[k].row;
-            m = std::max(m, std::abs(missed_[k]));
-            if (std::abs(missed_[k] + ds_[row]) > r) r = std::abs(missed_[k] + ds_[row]), at = row;
-            if (std::abs(pass_[row]) > dd) dd = std::abs(pass_[row]), atd = row;
-        }
-        printf("   missed %.2e left %.2e at %d change %.2e at %d of %.2e difference %.2e\n", m, r, at, change, atd,
-               most, difference);
-    }
     if (!(change > resolved * most && change > resolved_of_all * all)) return Passes::enough;
     return difference > repeated * change ? Passes::more : Passes::repeat;
 }
