@@ -39,7 +39,7 @@ __all__ = [
 
 _NEAR_BRANCHES, _NEAR_RESTARTS = 3, 10  # where one is wanted: the nearest of a few is a good one
 _BRANCHES, _RESTARTS = 8, 24  # where several are wanted; an arm of six joints has eight
-_MANY_RESTARTS = 200  # before a pose counts as out of reach
+_MANY_RESTARTS, _MANY_WITH_LOOPS = 200, 50  # before a pose counts as out of reach; loops take longer
 _ORDINARY_NV, _MIN_RESTARTS = 12, 8
 _START_TOLERANCE = 1e-11  # [m, rad] the first step of the mechanics starts from here
 _AT_POSE = 1e-8  # [m, rad] of a goal.q that is kept
@@ -73,8 +73,10 @@ def start_at(robot: Robot, targets: Sequence[FrameTarget], q: Array, written: Bo
             robot.frame_id(name)
     fixed = [name for name in robot.joint_names if written[robot.velocity_indices(name)].any()]
     best: InverseKinematics | None = None
-    for choice in (True, False):
-        for branches, restarts in ((1, 0), (_NEAR_BRANCHES, _MANY_RESTARTS)):
+    limits = robot.limits
+    has_limits = bool(np.isfinite(np.append(limits.position_lower, limits.position_upper)).any())
+    for choice in (True, False) if has_limits else (False,):
+        for branches, restarts in ((1, 0), (_NEAR_BRANCHES, _many(robot))):
             found = robot.inverse_kinematics(
                 targets,
                 q,
@@ -154,7 +156,7 @@ def goal_branches(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> I
     targets, start, fixed = _asked(robot, goal, q_start)
     found: InverseKinematics | None = None
     for choice in _limit_choices(limits):
-        for branches, restarts in ((_BRANCHES, _RESTARTS), (1, _MANY_RESTARTS)):
+        for branches, restarts in ((_BRANCHES, _RESTARTS), (1, _many(robot))):
             found_now = robot.inverse_kinematics(
                 targets,
                 start,
@@ -167,6 +169,11 @@ def goal_branches(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> I
                 return found_now
         found = found or found_now
     return found if found is not None else found_now
+
+
+def _many(robot: Robot) -> int:
+    """Restarts before a pose counts as out of reach."""
+    return _MANY_WITH_LOOPS if robot.nc else _MANY_RESTARTS
 
 
 def _affordable(restarts: int, nv: int) -> int:
