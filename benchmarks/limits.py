@@ -15,7 +15,7 @@ import numpy as np
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
-from benchmarks.tables import Table, put_into, show
+from benchmarks.tables import Table, present
 from mbocp.problem import Problem
 from mbocp.study.rows import solver_seconds
 
@@ -155,10 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         tables += [solver_table(), random_table(options.number)]
-    for table in tables:
-        show(table)
-    if options.docs:
-        put_into(_DOCS, _BEGIN, tables)
+    present(tables, _DOCS, _BEGIN, into_page=options.docs)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import pinocchio as pin
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.straight_path import fastest_on_line, has_toppra, slowest_joint_alone
-from benchmarks.tables import Table, put_into, show
+from benchmarks.tables import Table, present
 from mbocp._arrays import Array
 from mbocp.problem import Problem
 from mbocp.robot import Robot
@@ -272,10 +272,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         tables.append(minimum_time_table(options.number, options.steps, options.seed))
-    for table in tables:
-        show(table)
-    if options.docs:
-        put_into(_DOCS, _BEGIN, tables)
+    present(tables, _DOCS, _BEGIN, into_page=options.docs)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import mbocp
 from benchmarks.machine import header
-from benchmarks.tables import Table, put_into, show
+from benchmarks.tables import Table, present
 
 __all__ = ["CASES", "Optimum", "optima_table"]
 
@@ -93,10 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--docs", action="store_true", help=f"rewrite the tables of {_DOCS.name}")
     options = parser.parse_args(arguments)
     tables = [header(), optima_table()]
-    for table in tables:
-        show(table)
-    if options.docs:
-        put_into(_DOCS, _BEGIN, tables)
+    present(tables, _DOCS, _BEGIN, into_page=options.docs)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 import mbocp
 from benchmarks.machine import header, one_core
-from benchmarks.tables import Table, put_into, show
+from benchmarks.tables import Table, present
 from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem
 
@@ -115,10 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         tables.append(poses_table(options.number, options.starts, options.seed))
-    for table in tables:
-        show(table)
-    if options.docs:
-        put_into(_DOCS, _BEGIN, tables)
+    present(tables, _DOCS, _BEGIN, into_page=options.docs)
 
 
 if __name__ == "__main__":

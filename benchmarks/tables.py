@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-__all__ = ["Table", "put_into", "show"]
+__all__ = ["Table", "present", "put_into", "show"]
 
 _END = "<!-- end of tables -->"
 
@@ -52,6 +52,14 @@ def show(table: Table, *, markdown: bool = False) -> None:
     if table.note:
         console.print(Text(table.note, style="dim"))
     console.print()
+
+
+def present(tables: Sequence[Table], page: Path, begin: str, *, into_page: bool) -> None:
+    """Print tables, and put them into a Markdown file if that is asked."""
+    for table in tables:
+        show(table)
+    if into_page:
+        put_into(page, begin, tables)
 
 
 def put_into(page: Path, begin: str, tables: Sequence[Table]) -> None:

@@ -11,11 +11,10 @@ from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.cost import Cost
 from mbocp.problem.goal import Goal
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.warn import TO_THE_CALLER
 from mbocp.solvers.options import BOUNDED_METHODS
 
 __all__ = ["check_method", "check_weights"]
-
-_TO_THE_CALLER = 5  # from here over the check, `__post_init__` and `__init__` of the problem
 
 
 def check_weights(cost: Cost, goal: Goal, *, is_free: bool, has_more: bool) -> None:
@@ -42,13 +41,13 @@ def check_weights(cost: Cost, goal: Goal, *, is_free: bool, has_more: bool) -> N
             "cost.time: the duration is given, so that its weight adds a constant; "
             "horizon.duration = {min, max} sets it free",
             ProblemWarning,
-            stacklevel=_TO_THE_CALLER,
+            stacklevel=TO_THE_CALLER,
         )
     if goal.enforce == "none" and cost.tracking == 0.0 and not has_more:
         warnings.warn(
             "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
             ProblemWarning,
-            stacklevel=_TO_THE_CALLER,
+            stacklevel=TO_THE_CALLER,
         )
 
 

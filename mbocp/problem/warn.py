@@ -17,20 +17,20 @@ from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 
-__all__ = ["warn_alternating", "warn_limits", "warn_singular"]
+__all__ = ["TO_THE_CALLER", "warn_alternating", "warn_limits", "warn_singular"]
 
 _BESIDE = (
     "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
     "assembly mode: give a pose beside it"
 )
-_TO_THE_CALLER = 5  # from here over the check, `__post_init__` and `__init__` of the problem
+TO_THE_CALLER = 5  # from here over the check, `__post_init__` and `__init__` of the problem
 
 
 def warn_singular(robot: Robot, q: Array, key: str) -> None:
     """Say that a mechanism is where it may go on in several ways."""
     words = singular_pose(robot, q)
     if words:
-        warnings.warn(f"{key}: {words}; {_BESIDE}", ProblemWarning, stacklevel=_TO_THE_CALLER)
+        warnings.warn(f"{key}: {words}; {_BESIDE}", ProblemWarning, stacklevel=TO_THE_CALLER)
 
 
 def warn_alternating(
@@ -55,7 +55,7 @@ def warn_alternating(
                 "equations alternate from node to node, and solvers converge slowly or not; take scheme = "
                 '"se1", or a tolerance',
                 ProblemWarning,
-                stacklevel=_TO_THE_CALLER,
+                stacklevel=TO_THE_CALLER,
             )
 
 
@@ -69,4 +69,4 @@ def warn_limits(robot: Robot, bounds: Bounds, q: Array, key: str) -> None:
     if outside.any():
         names = ", ".join(robot.q_labels[i].name for i in np.flatnonzero(outside))
         message = f"{key}: outside the position limits of {names}; limits are not enforced"
-        warnings.warn(message, ProblemWarning, stacklevel=_TO_THE_CALLER)
+        warnings.warn(message, ProblemWarning, stacklevel=TO_THE_CALLER)

@@ -16,7 +16,8 @@ from mbocp.formulation.step_lengths import begins_phase, length_bounds
 from mbocp.problem import ProblemWarning
 from mbocp.problem.phases import Mark, node_times, phases_between
 from mbocp.terms import running_cost
-from tests.formulation.test_step_lengths import CASES, Point
+from tests.formulation.stages import check_derivatives, near
+from tests.formulation.test_step_lengths import CASES
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 N, BEGINS = 6, 4  # steps, and the node at which the second phase begins
@@ -59,14 +60,6 @@ def speed(robot: Any) -> dict[str, Any]:
     sizes = {name: len(robot.v_labels[robot.velocity_indices(name)]) for name in robot.joint_names}
     free = [n for n in sizes if not set(robot.driven) & set(range(robot.nv)[robot.velocity_indices(n)])]
     return {free[-1]: 0.1 if sizes[free[-1]] == 1 else [0.1] * sizes[free[-1]]}
-
-
-def near(formulation: Formulation, seed: int = 5) -> tuple[Point, np.ndarray]:
-    rng, kind = np.random.default_rng(seed), formulation.programme.kinds[0]
-    x0 = formulation.programme.x_start + 0.05 * rng.standard_normal(kind.nx)
-    x1 = x0 + 0.1 * rng.standard_normal(kind.nx)
-    point = Point(x0, x1, rng.standard_normal(kind.ny), 0.3 * rng.standard_normal(kind.nu))
-    return point, rng.standard_normal(kind.ndx + kind.ny)
 
 
 @pytest.fixture(params=CASES + ARM, ids=lambda case: "-".join(map(str, (case[0], *case[1].values()))))
@@ -114,36 +107,9 @@ def problem_tau(formulation: Formulation) -> float:
 
 @pytest.mark.parametrize("stage", [0, 3, BEGINS])
 def test_derivatives(case: tuple[str, dict[str, Any]], stage: int) -> None:
-    """Against differences of fourth order along lines through all unknowns, lengths and times among them."""
+    """Length and time of the step are among the unknowns that are looked at alone."""
     formulation = formulate(free(*case, has_rates=True))
-    programme, at = formulation.programme, formulation.layout
-    point, m = near(formulation)
-    rho = programme.rho.reshape(N, -1)[stage]
-    values, complete = (programme.functions.function(name) for name in ("values", "complete"))
-    _, _, dc, dl, upper = (np.array(o.full()) for o in complete(*point, m, programme.theta, rho))
-    dl, hessian = dl.ravel(), np.triu(upper) + np.triu(upper, 1).T
-    sizes = [at.ndx, point.y.size, at.ndx, point.u.size]
-    rng, every = np.random.default_rng(1), np.eye(sum(sizes))
-    directions = [rng.standard_normal(sum(sizes)) for _ in range(3)]
-    before = at.ndx + point.y.size
-    directions += [every[before + at.dh.start], every[before + at.dt.start], every[-1]]  # h0, t0, w alone
-    for direction in directions:
-        d1, dy, d0, du = np.split(direction, np.cumsum(sizes)[:-1])
-
-        def lagrangian(t: float, d0=d0, d1=d1, dy=dy, du=du) -> np.ndarray:
-            moved = (point.x0 + t * d0, point.x1 + t * d1, point.y + t * dy, point.u + t * du)
-            c, cost = values(*moved, programme.theta, rho)
-            return np.append(np.asarray(c).ravel(), float(cost) + m @ np.asarray(c).ravel())
-
-        h = 1e-3
-        a, b, c, d = (lagrangian(t) for t in (h, -h, 2 * h, -2 * h))
-        slope = (8 * (a - b) - (c - d)) / (12 * h)
-        bend = ((16 * (a + b) - (c + d) - 30 * lagrangian(0.0)) / (12 * h * h))[-1]
-        wanted = np.append(dc @ direction, (dl + m @ dc) @ direction)
-        scale = 1.0 + np.abs(wanted).max() + np.abs(a).max()
-        assert np.allclose(slope, wanted, atol=1e-8 * scale)
-        curvature = direction @ hessian @ direction
-        assert bend == pytest.approx(curvature, abs=1e-6 * (scale + abs(curvature)))
+    check_derivatives(formulation, stage, [formulation.layout.dh.start, formulation.layout.dt.start])
 
 
 def test_motions_keep_the_lengths_of_their_phases() -> None:

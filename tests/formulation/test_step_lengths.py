@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mbocp import Problem, load_problem
 from mbocp.formulation import Motion, formulate
-from mbocp.formulation.base import Formulation
 from mbocp.formulation.step_lengths import begins_phase
 from mbocp.problem import ProblemWarning
+from tests.formulation.stages import check_derivatives, near
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 N = 6
@@ -32,15 +32,6 @@ CASES = [
 pytestmark = pytest.mark.usefixtures("interpreted")
 
 
-class Point(NamedTuple):
-    """Arguments of a stage function."""
-
-    x0: Any
-    x1: Any
-    y: Any
-    u: Any
-
-
 def free(name: str, integrator: dict[str, Any]) -> Problem:
     problem = load_problem(EXAMPLES / f"{name}.toml")
     T = problem.duration
@@ -51,15 +42,6 @@ def free(name: str, integrator: dict[str, Any]) -> Problem:
         cost={"time": 0.7, "control_rate": 0.1, "velocity": 0.3, "fuel": 0.2},
         solver={"method": "auto"},
     )
-
-
-def near(formulation: Formulation, seed: int = 5) -> tuple[Point, np.ndarray]:
-    """Some point not far from the start, where rotations are rotations nearly, and multipliers."""
-    rng, kind = np.random.default_rng(seed), formulation.programme.kinds[0]
-    x0 = formulation.programme.x_start + 0.05 * rng.standard_normal(kind.nx)
-    x1 = x0 + 0.1 * rng.standard_normal(kind.nx)
-    point = Point(x0, x1, rng.standard_normal(kind.ny), 0.3 * rng.standard_normal(kind.nu))
-    return point, rng.standard_normal(kind.ndx + kind.ny)
 
 
 @pytest.fixture(params=CASES, ids=lambda case: "-".join(map(str, (case[0], *case[1].values()))))
@@ -91,38 +73,9 @@ def test_a_step_is_the_one_of_given_length(problem: Problem, stage: int) -> None
 
 @pytest.mark.parametrize("stage", [0, 3])
 def test_derivatives(problem: Problem, stage: int) -> None:
-    """Against differences of fourth order along lines through all unknowns, the step length among them."""
+    """The step length is among the unknowns that are looked at alone."""
     formulation = formulate(problem)
-    programme, at = formulation.programme, formulation.layout
-    point, m = near(formulation)
-    rho = programme.rho.reshape(N, -1)[stage]
-    values, complete = (programme.functions.function(name) for name in ("values", "complete"))
-    _, _, dc, dl, upper = (np.array(o.full()) for o in complete(*point, m, programme.theta, rho))
-    dl = dl.ravel()
-    hessian = np.triu(upper) + np.triu(upper, 1).T
-    sizes = [at.ndx, point.y.size, at.ndx, point.u.size]
-    rng = np.random.default_rng(1)
-    directions = [rng.standard_normal(sum(sizes)) for _ in range(3)]
-    directions.append(np.eye(sum(sizes))[at.ndx + point.y.size + at.dh.start])  # h0 alone
-    directions.append(np.eye(sum(sizes))[-1])  # w alone
-
-    for direction in directions:
-        d1, dy, d0, du = np.split(direction, np.cumsum(sizes)[:-1])
-
-        def lagrangian(t: float, d0=d0, d1=d1, dy=dy, du=du) -> np.ndarray:
-            moved = (point.x0 + t * d0, point.x1 + t * d1, point.y + t * dy, point.u + t * du)
-            c, cost = values(*moved, programme.theta, rho)
-            return np.append(np.asarray(c).ravel(), float(cost) + m @ np.asarray(c).ravel())
-
-        h = 1e-3
-        a, b, c, d = (lagrangian(t) for t in (h, -h, 2 * h, -2 * h))
-        slope = (8 * (a - b) - (c - d)) / (12 * h)
-        bend = ((16 * (a + b) - (c + d) - 30 * lagrangian(0.0)) / (12 * h * h))[-1]
-        wanted = np.append(dc @ direction, (dl + m @ dc) @ direction)
-        scale = 1.0 + np.abs(wanted).max() + np.abs(a).max()
-        assert np.allclose(slope, wanted, atol=1e-8 * scale)
-        curvature = direction @ hessian @ direction
-        assert bend == pytest.approx(curvature, abs=1e-6 * (scale + abs(curvature)))
+    check_derivatives(formulation, stage, [formulation.layout.dh.start])
 
 
 def test_phases_begin_where_their_first_steps_are() -> None:
