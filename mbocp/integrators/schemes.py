@@ -29,6 +29,8 @@ class SchemeData:
     alternates : bool
         Whether its steps move by the mean of the velocities at both ends, or nearly so. Equations on
         positions at all nodes then leave velocities across them that change their sign from node to node.
+    takes_holds : bool
+        Whether constraints may begin and end along the way: their positions are solved at the end of a step.
     """
 
     options: frozenset[str]
@@ -36,6 +38,7 @@ class SchemeData:
     takes_drives: bool
     takes_matrices: bool
     alternates: bool = False
+    takes_holds: bool = False
 
     def takes(self, key: str) -> bool:
         """Whether a key of a problem file, with its table, is one of the options."""
@@ -61,7 +64,7 @@ _RUNGE_KUTTA = SchemeData(
 )
 
 SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
-    {name: replace(_TAU_FAMILY, alternates=tau == 0.5) for name, tau in TAU.items()}
+    {name: replace(_TAU_FAMILY, alternates=tau == 0.5, takes_holds=tau > 0.0) for name, tau in TAU.items()}
     | {name: replace(_RUNGE_KUTTA, alternates=tableau.num_stages > 1) for name, tableau in TABLEAUX.items()}
 )
 

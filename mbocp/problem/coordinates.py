@@ -34,6 +34,8 @@ class CoordinatesData:
         Whether the multipliers of a solution are those of the robot's own constraints, and no others.
     takes_free_duration : bool
         Whether steps may be of a length that is found.
+    takes_holds : bool
+        Whether constraints may begin and end along the way.
     """
 
     needs_constraints: bool
@@ -41,6 +43,7 @@ class CoordinatesData:
     takes_joint_guess: bool
     has_robot_multipliers: bool
     takes_free_duration: bool
+    takes_holds: bool = False
 
 
 COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
@@ -51,6 +54,7 @@ COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
             takes_joint_guess=False,
             has_robot_multipliers=True,
             takes_free_duration=True,
+            takes_holds=True,
         ),
         # Far from a solution Newton's method gets on badly with bodies: hence the guess.
         "natural": CoordinatesData(

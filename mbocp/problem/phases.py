@@ -64,6 +64,8 @@ class Phase:
         Bounds of the time at its end [s].
     name : str
         Of the mark at its end; "" for the end of the motion.
+    num_impacts : int
+        Number of its steps of no duration.
     """
 
     first: int
@@ -74,15 +76,20 @@ class Phase:
     earliest: float
     latest: float
     name: str = ""
+    num_impacts: int = 0
 
     @property
     def num_steps(self) -> int:
-        """Number of its steps."""
-        return self.last - self.first
+        """Number of its steps that take time."""
+        return self.last - self.first - self.num_impacts
 
 
 def phases_between(
-    marks: Sequence[Mark], num_steps: int, duration: float, bounds: tuple[float, float]
+    marks: Sequence[Mark],
+    num_steps: int,
+    duration: float,
+    bounds: tuple[float, float],
+    impacts: Sequence[int] = (),
 ) -> tuple[Phase, ...]:
     """Phases from the start over the marks, in the order of their nodes, to the end.
 
@@ -94,6 +101,8 @@ def phases_between(
         Guess of the whole [s].
     bounds : tuple of float
         Least and greatest duration of the whole [s]; equal where it is given.
+    impacts : sequence of int
+        Steps of no duration.
 
     Raises
     ------
@@ -101,14 +110,16 @@ def phases_between(
         If bounds or guesses of the times contradict their order.
     """
     if not marks:
-        return (Phase(0, num_steps, duration, *bounds, *bounds),)
+        return (Phase(0, num_steps, duration, *bounds, *bounds, num_impacts=len(impacts)),)
     stops = [*marks, Mark("", num_steps, *bounds, duration, is_given=True)]
     nodes = [0, *(stop.node for stop in stops)]
-    steps = [last - first for first, last in pairwise(nodes)]
-    shortest = [least_time(count, num_steps, bounds[0]) for count in steps]
+    leaps = [sum(first <= step < last for step in impacts) for first, last in pairwise(nodes)]
+    steps = [last - first - leap for (first, last), leap in zip(pairwise(nodes), leaps, strict=True)]
+    timed = num_steps - len(impacts)
+    shortest = [least_time(count, timed, bounds[0]) for count in steps]
     _check_bounds(stops, shortest)
     _check_guesses(stops)
-    times = _guessed(stops, shortest, [_ROOM * count * bounds[0] / num_steps for count in steps])
+    times = _guessed(stops, shortest, [_ROOM * count * bounds[0] / timed for count in steps])
     befores = [0.0, *times]
     return tuple(
         Phase(
@@ -120,6 +131,7 @@ def phases_between(
             earliest=stop.earliest,
             latest=stop.latest,
             name=stop.name,
+            num_impacts=leaps[i],
         )
         for i, stop in enumerate(stops)
     )
@@ -140,20 +152,24 @@ class Horizon(Protocol):
     def num_steps(self) -> int: ...
     @property
     def phases(self) -> tuple[Phase, ...]: ...
+    @property
+    def impacts(self) -> tuple[int, ...]: ...
     # fmt: on
 
 
 def step_lengths(problem: Horizon) -> Array:
     """Lengths of the steps [s], or their guess, shape (N,)."""
-    if len(problem.phases) < 2:
-        return np.full(problem.num_steps, problem.dt)
-    lengths = [phase.duration / phase.num_steps for phase in problem.phases]
-    return np.repeat(lengths, [phase.num_steps for phase in problem.phases])
+    lengths = np.full(problem.num_steps, problem.dt)
+    if len(problem.phases) > 1:
+        for phase in problem.phases:
+            lengths[phase.first : phase.last] = phase.duration / phase.num_steps
+    lengths[list(problem.impacts)] = 0.0
+    return lengths
 
 
 def node_times(problem: Horizon) -> Array:
     """Times of the nodes [s], or their guess, shape (N + 1,)."""
-    if len(problem.phases) < 2:
+    if len(problem.phases) < 2 and not problem.impacts:
         return np.arange(problem.num_steps + 1.0) * problem.dt
     return np.append(0.0, np.cumsum(step_lengths(problem)))
 

@@ -26,6 +26,8 @@ from mbocp.problem.frames import goal_branches
 from mbocp.problem.goal import Goal
 from mbocp.problem.goal_set import reachable_members
 from mbocp.problem.guess import Guess
+from mbocp.problem.hold import Hold, Release
+from mbocp.problem.hold_checks import check_holds
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator
 from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.path import PathConstraint, check_path, spans_found
@@ -83,7 +85,14 @@ class Problem:
         Runs of steps that are as long as each other, where lengths are found with the motion: one for a free
         duration, and more where times of via points are free, too. Follows from the others.
     num_steps : int
-        N.
+        N, impacts included.
+    holds : tuple of Hold
+        Constraints that are taken on and let go along the horizon, see `mbocp.problem.hold`.
+    releases : tuple of Release
+        Steps in which constraints of the robot itself do not hold.
+    impacts : tuple of int
+        Steps of no duration, counted from 0, in which velocities leap: M (v+ - v-) = Phi_q^T Lambda. The
+        others are as long as each other, or as long as `phases` says.
     robot : Robot
         The mechanics f, and the holonomic constraints Phi.
     coordinates : {"joint", "natural"}
@@ -147,6 +156,9 @@ class Problem:
     duration: float
     duration_range: tuple[float, float] | None = None
     num_steps: int
+    holds: tuple[Hold, ...] = ()
+    releases: tuple[Release, ...] = ()
+    impacts: tuple[int, ...] = ()
     robot: Robot
     coordinates: Literal["joint", "natural"] = "joint"
     scheme: Scheme = "se1"
@@ -180,6 +192,7 @@ class Problem:
         object.__setattr__(self, "duration", duration)
         object.__setattr__(self, "duration_range", duration_range)
         object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))
+        object.__setattr__(self, "impacts", tuple(sorted({int(step) for step in self.impacts})))
         check_choice("coordinates", self.coordinates, COORDINATES)
         check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)
         if self.robot.nu == 0:
@@ -202,6 +215,7 @@ class Problem:
         q_start, v_start = checked_start(self.robot, self.limits, self.q_start, self.v_start)
         object.__setattr__(self, "q_start", q_start)
         object.__setattr__(self, "v_start", v_start)
+        check_holds(self)
         nodes = self._take_via()
         goal = completed_goal(
             self.robot,
@@ -224,7 +238,12 @@ class Problem:
     @property
     def dt(self) -> float:
         """Length of a step [s]; the guess of it where the duration is free."""
-        return self.duration / self.num_steps
+        return self.duration / self.num_timed_steps
+
+    @property
+    def num_timed_steps(self) -> int:
+        """Number of the steps that take time: all but impacts."""
+        return self.num_steps - len(self.impacts)
 
     @property
     def has_free_duration(self) -> bool:
@@ -421,7 +440,7 @@ class Problem:
         object.__setattr__(self, "path", (*spans_found(self.path, named), *found))
         marks = via_marks(self.via, at, N, T, is_free=self.has_free_duration)
         if marks or self.has_free_duration:
-            phases = phases_between(marks, N, T, self.duration_range or (T, T))
+            phases = phases_between(marks, N, T, self.duration_range or (T, T), self.impacts)
             object.__setattr__(self, "phases", phases)
 
     def _take_obstacles(self) -> None:

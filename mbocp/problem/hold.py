@@ -1,0 +1,161 @@
+r"""Holds: constraints between frames that are taken on and let go along the horizon.
+
+A hold has spans of steps ``[first, last)``, counted from 0, in which it acts, and what happens where one
+begins follows from the step it begins with:
+
+- an *impact*, a step of no duration named by `Problem.impacts`: velocities leap, inelastically. All holds
+  and loops that act in that step take part, and the others are free;
+- any other step: a soft landing. At the node where the span begins the motion has the velocity that the hold
+  allows, as an equation;
+- step 0: the start has to fit, and is refused otherwise.
+
+So a foot that lands at step 20 with an impact has the span (20, 40) and 20 is one of the impacts: steps 0 to
+19 take time, step 20 takes none, steps 21 to 39 take time again. Steps of the robot's own constraints in
+which they do not act are a `Release`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from mbocp._text import shown
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.problem._checks import check_choice
+from mbocp.robot import Robot
+from mbocp.robot.kinematics import WORLD
+from mbocp.robot.loops.constraints import (
+    Axis,
+    FrameConstraint,
+    Hinge,
+    Point,
+    PointOnLine,
+    PointOnPlane,
+    Weld,
+)
+
+__all__ = ["HOLD_KINDS", "Hold", "HoldKind", "Release", "Spans", "checked_spans", "holds_in"]
+
+HoldKind = Literal["weld", "point", "hinge", "plane", "line"]
+HOLD_KINDS: tuple[HoldKind, ...] = get_args(HoldKind)
+Spans = tuple[tuple[int, int], ...]
+
+_PLACES = ("where_it_is", "coincide")
+_WITH_AXIS = ("hinge", "plane", "line")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold:
+    """A frame is held at another one, or in the world, in some of the steps.
+
+    Attributes
+    ----------
+    name : str
+        What it is called; rows of multipliers are ``name.x`` and so on.
+    frame, to : str
+        The frame that is held, and the one that holds it; "world" for the ground.
+    kind : {"weld", "point", "hinge", "plane", "line"}
+        What of the frame is held: all of it, its origin, its origin and an axis, its origin in a plane or on
+        a line.
+    at : {"where_it_is", "coincide"}
+        Held where it is when a span begins, relative to `to`; or with both frames in one place, as loops of a
+        robot are closed.
+    axis : (float, float, float)
+        Of a hinge in the axes of `frame`; normal of a plane and direction of a line in those of `to`.
+    spans : tuple of (int, int)
+        Steps ``[first, last)`` in which it holds, one after the other.
+    """
+
+    name: str
+    frame: str
+    to: str = WORLD
+    kind: HoldKind = "weld"
+    at: Literal["where_it_is", "coincide"] = "where_it_is"
+    axis: Axis = (0.0, 0.0, 1.0)
+    spans: Spans = ()
+
+    def __post_init__(self) -> None:
+        key = f"hold {self.name!r}"
+        check_choice(f"{key}: kind", self.kind, HOLD_KINDS)
+        check_choice(f"{key}: at", self.at, _PLACES)
+        object.__setattr__(self, "spans", checked_spans(key, self.spans))
+
+    @property
+    def is_anchored(self) -> bool:
+        """Whether it is held where it is when a span begins."""
+        return self.at == "where_it_is"
+
+    @property
+    def takes_axis(self) -> bool:
+        """Whether its kind has an axis."""
+        return self.kind in _WITH_AXIS
+
+    def constraint(self, robot: Robot) -> FrameConstraint:
+        """The constraint between the frames, of the robot's own kind.
+
+        Raises
+        ------
+        UnknownFrame
+            If the robot has no such frame.
+        ProblemError
+            If a frame is held at itself.
+        """
+        a, b = robot.frame_id(self.frame), robot.frame_id(self.to)
+        if a == b:
+            raise ProblemError(f"hold {self.name!r}: holds frame {self.frame!r} at itself; give another `to`")
+        frames = (self.frame, self.to)
+        match self.kind:
+            case "weld":
+                return Weld(self.name, a, b, frames)
+            case "point":
+                return Point(self.name, a, b, frames)
+            case "hinge":
+                return Hinge(self.name, a, b, frames, axis_a=self.axis, axis_b=self.axis)
+            case "plane":
+                return PointOnPlane(self.name, a, b, frames, normal=self.axis)
+            case "line":
+                return PointOnLine(self.name, a, b, frames, axis=self.axis)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Release:
+    """One of the robot's own constraints does not hold in some of the steps.
+
+    Attributes
+    ----------
+    constraint : str
+        Its name.
+    spans : tuple of (int, int)
+        Steps ``[first, last)`` in which it is let go.
+    """
+
+    constraint: str
+    spans: Spans = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "spans", checked_spans(f"release {self.constraint!r}", self.spans))
+
+
+def checked_spans(key: str, spans: Iterable[tuple[int, int]]) -> Spans:
+    """Spans of steps that are not empty and follow each other with steps between them.
+
+    Raises
+    ------
+    InvalidValue
+        If they do not.
+    """
+    found, before = [], -1
+    for span in spans:
+        first, last = (int(step) for step in span)
+        if not before < first < last:
+            expected = "steps [first, last) that rise, with steps between one span and the next"
+            raise InvalidValue(f"{key}: spans", shown(list(spans)), expected)
+        found.append((first, last))
+        before = last
+    return tuple(found)
+
+
+def holds_in(spans: Spans, step: int) -> bool:
+    """Whether a step is in one of the spans."""
+    return any(first <= step < last for first, last in spans)
