@@ -5,7 +5,8 @@ An input is made of its kind and a seed number, and of nothing else. What it may
 
     corpus.py       files that are mutated: of robots/, examples/ and example-robot-data
     raw.py          mutations of bytes and of lines
-    trees.py        mutations of TOML and YAML
+    trees.py        mutations of TOML, and of what YAML holds
+    yamls.py        mutations of YAML
     elements.py     mutations of XML: URDF and Collada
     meshes.py       mutations of OBJ, MTL and STL
     containers.py   mutations of HDF5, by bit and by structure

@@ -68,7 +68,8 @@ def _attack(options: argparse.Namespace) -> int:
                 f"{tally.thrown} thrown, {tally.lost} findings, {seconds:.0f} s", file=sys.stderr, flush=True
             )
     if options.guided:
-        for outcome in guided(options.count * options.guided // 100, options.processes):
+        wanted = options.count * options.guided // 100
+        for outcome in guided(wanted, options.processes, seed=options.first + 1):
             tally.add(outcome)
     print(tally.table(time.monotonic() - begun))
     if tally.lost:

@@ -23,7 +23,8 @@ from .corpus import entries
 from .elements import mutate_xml
 from .meshes import mutate_mesh
 from .raw import mutate_bytes, mutate_lines
-from .trees import Vocabulary, mutate_toml, mutate_yaml
+from .trees import Vocabulary, mutate_toml
+from .yamls import mutate_yaml
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -22,24 +22,24 @@ _COVERED = re.compile(r"^#\d+\s.*?\bcov: (\d+)", re.MULTILINE)
 _LOG = Path("attack-coverage")
 
 
-def guided(count: int, processes: int, log: Path = _LOG) -> Iterator[Outcome]:
+def guided(count: int, processes: int, log: Path = _LOG, seed: int = 1) -> Iterator[Outcome]:
     """Outcomes of `count` inputs that coverage guides; none, with a word, if atheris is missing.
 
     Says on stderr of each kind from how many edges of mbocp's code to how many the inputs came.
     """
     each = count // len(GUIDED)
     with ThreadPoolExecutor(processes) as pool:
-        for outcomes in pool.map(lambda kind: _run(kind, each, log), GUIDED):
+        for outcomes in pool.map(lambda kind: _run(kind, each, log, seed), GUIDED):
             yield from outcomes
 
 
-def _run(kind: str, count: int, folder: Path) -> list[Outcome]:
+def _run(kind: str, count: int, folder: Path, seed: int) -> list[Outcome]:
     """What came of every input."""
     folder.mkdir(exist_ok=True)
     log = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=folder))
     command = [sys.executable, "-m", "tests.attack.coverage", "--kind", kind]
     done = subprocess.run(
-        [*command, "--count", str(count), "--log", str(log)],
+        [*command, "--count", str(count), "--seed", str(seed), "--log", str(log)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

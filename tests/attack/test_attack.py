@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -11,15 +12,18 @@ import warnings
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from random import Random
 
 import pytest
+import yaml
 
-from .cases import KINDS, Case, make_case
+from .cases import KINDS, Case, make_case, mutate_file
 from .corpus import ROOT, entries
 from .guided import guided
 from .report import Tally, shares
 from .runner import LIMITS, Limits, Outcome, attack, throw
 from .targets import TARGETS
+from .yamls import count_entries
 
 COUNT = 2000
 
@@ -146,6 +150,18 @@ def test_coverage_guides_to_results_and_refusals(tmp_path: Path) -> None:
     assert len(rows) >= 120
     assert {"accepted", "refused"} <= {row["verdict"] for row in rows}
     assert len({row["text"] for row in rows}) > 20
+
+
+def test_an_alias_bomb_is_mutated_as_a_text() -> None:
+    """As a tree it has 9^12 entries, and took the memory of the process that mutates what it has mutated."""
+    lines = ["b0: &b0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"b{i}: &b{i} [{', '.join([f'*b{i - 1}'] * 9)}]" for i in range(1, 12)]
+    bomb = "\n".join([*lines, "closed_loop: *b11"]).encode()
+    assert count_entries(yaml.safe_load(bomb)) > 9**12
+    assert count_entries(yaml.safe_load("a: &a [*a]")) == math.inf
+    mutated = {mutate_file("robot_yaml", "robot.yaml", bomb, Random(seed)) for seed in range(50)}
+    assert len(mutated) > 10
+    assert max(map(len, mutated)) < 10 * len(bomb) + 200_000
 
 
 def test_the_report_counts(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Mutations of what TOML and YAML hold: tables, lists, numbers and words."""
+"""Mutations of what TOML and YAML hold, tables, lists, numbers and words; and TOML of it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from datetime import date, datetime, time
 from random import Random
 from typing import Any
 
-import yaml
+from .raw import mutate_bytes, mutate_lines
 
-from .raw import EXTREMES, mutate_bytes, mutate_lines
-
-__all__ = ["Raw", "Vocabulary", "mutate_toml", "mutate_tree", "mutate_yaml"]
+__all__ = ["DEEP", "Raw", "Vocabulary", "mutate_text", "mutate_toml", "mutate_tree"]
 
 _Path = tuple[Any, ...]
 Vocabulary = Sequence[frozenset[str]]  # keys of each table that there is
@@ -156,27 +154,17 @@ _DATES = (
     Raw("2020-13-45"),
     Raw("9999-12-31T23:59:60Z"),
 )
-_DEEP = (20, 200, 3000, 50_000)
+DEEP = (20, 200, 3000, 50_000)
 
 
 def mutate_toml(tree: Mapping[str, Any], random: Random, vocabulary: Vocabulary = ()) -> bytes:
     """TOML of a mutated tree; at times its text is mutated, too."""
     text = _toml(mutate_tree(tree, random, vocabulary)) if random.random() < 0.85 else _toml(tree)
-    return _mutate_text(text, random, likely=0.12)
+    return mutate_text(text, random, likely=0.12)
 
 
-def mutate_yaml(tree: Mapping[str, Any], random: Random, vocabulary: Vocabulary = ()) -> bytes:
-    """YAML of a mutated tree, with what YAML has beyond it: aliases, tags, dates, several documents."""
-    mutated = mutate_tree(tree, random, vocabulary) if random.random() < 0.8 else tree
-    text = yaml.safe_dump(
-        _plain(mutated), allow_unicode=True, default_flow_style=random.choice((True, False, None))
-    )
-    if random.random() < 0.35:
-        text = random.choice(_YAML)(text, random)
-    return _mutate_text(text, random, likely=0.12)
-
-
-def _mutate_text(text: str, random: Random, likely: float) -> bytes:
+def mutate_text(text: str, random: Random, likely: float) -> bytes:
+    """Mutate lines and bytes of a text, each with that likelihood."""
     if random.random() < likely:
         text = mutate_lines(text, random)
     data = text.encode("utf-8", errors="surrogatepass")
@@ -227,7 +215,7 @@ def _value(random: Random) -> Any:
     if kind < 0.84:
         return random.choice(_DATES)
     if kind < 0.88:
-        depth = random.choice(_DEEP)
+        depth = random.choice(DEEP)
         return Raw("[" * depth + "]" * depth)
     return random.choice(_SHAPES)
 
@@ -354,72 +342,3 @@ def _inline(value: Any) -> str:
     if isinstance(value, (date, datetime, time)):
         return value.isoformat()
     return "null"
-
-
-def _plain(value: Any) -> Any:
-    """Without `Raw`, which YAML's writer does not know."""
-    if isinstance(value, Raw):
-        return f"RAW{value[:200]}" if len(value) > 300 else str(value)
-    if isinstance(value, dict):
-        return {key: _plain(v) for key, v in value.items()}
-    if isinstance(value, list):
-        return [_plain(v) for v in value]
-    return value.isoformat() if isinstance(value, time) else value
-
-
-def _bomb(text: str, random: Random) -> str:
-    width, depth = random.choice((2, 9)), random.choice((3, 9, 12))
-    lines = ["b0: &b0 [x, x, x, x, x, x, x, x, x]"]
-    lines += [f"b{i}: &b{i} [{', '.join([f'*b{i - 1}'] * width)}]" for i in range(1, depth)]
-    key = random.choice(("closed_loop", "name_mot", "type", "extra", "joint_name"))
-    return "\n".join([*lines, f"{key}: *b{depth - 1}", text])
-
-
-def _nested(text: str, random: Random) -> str:
-    depth = random.choice(_DEEP)
-    key = random.choice(("closed_loop", "name_mot", "extra"))
-    return (
-        f"{text}\n{key}: {'[' * depth}{']' * depth}\n"
-        if random.random() < 0.5
-        else f"{key}: {'{a: ' * depth}"
-    )
-
-
-def _tagged(text: str, random: Random) -> str:
-    return text.replace(": ", f": {random.choice(_TAGS)} ", 1)
-
-
-def _scalar(text: str, random: Random) -> str:
-    key = random.choice(("closed_loop", "name_mot", "type", "joint_type", "? [a, b]", "<<", "1", "null"))
-    return f"{text}\n{key}: {random.choice(_SCALARS)}\n"
-
-
-_TAGS = (
-    "!!python/object/apply:os.getpid []",
-    "!!binary",
-    "!!set",
-    "!!omap",
-    "!!float",
-    "!!timestamp",
-    "!x",
-    "&a",
-)
-_SCALARS = (
-    *EXTREMES,
-    "2020-13-45",
-    "2020-01-01",
-    "2020-01-01 25:61:00",
-    "12:30:45",
-    "!!float x",
-    "!!int 1e",
-    "*none",
-)
-_YAML = (
-    _bomb,
-    _nested,
-    _tagged,
-    _scalar,
-    _scalar,
-    lambda text, _: f"{text}\n---\n{text}",
-    lambda text, _: f"\t{text}",
-)

@@ -19,6 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run, resume or only show a campaign; 1 if something converged that is not."""
     parser = argparse.ArgumentParser(prog="python -m tests.campaign", description=__doc__)
     parser.add_argument("--count", type=int, default=2000, help="tasks over all classes")
+    parser.add_argument("--first", type=int, default=0, help="number of the first seed of each class")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("-o", "--out", type=Path, default=Path("build/campaign.jsonl"), help="rows; resumed")
     parser.add_argument("--classes", nargs="*", default=[], help=f"of {', '.join(CLASSES)}")
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _follow(options: argparse.Namespace, folder: Path) -> None:
-    tasks, clock = plan(options.count, options.classes), time.perf_counter()
+    tasks, clock = plan(options.count, options.classes, options.first), time.perf_counter()
     for k, row in enumerate(run(tasks, options.out, folder, options.workers), start=1):
         note, seconds = " FALSE" if false_converged([row]) else "", time.perf_counter() - clock
         words = f"{k:5d} {seconds:7.1f} s  {row['class']}:{row['seed']} {row['status']}{note}"

@@ -28,14 +28,17 @@ SOLVER_LIMIT = 20.0  # s, of a solve
 TASK_LIMIT = 900.0  # s, with the compilation of a new shape and the check
 
 
-def plan(count: int, names: Sequence[str] = ()) -> list[tuple[str, int]]:
-    """`count` tasks, spread over the classes by their shares, so that any first part covers all classes."""
+def plan(count: int, names: Sequence[str] = (), first: int = 0) -> list[tuple[str, int]]:
+    """`count` tasks, spread over the classes by their shares, so that any first part covers all classes.
+
+    Their seeds count from `first`.
+    """
     chosen = [CLASSES[name] for name in names or CLASSES]
     total = sum(c.share for c in chosen)
     tasks = []
     for c in chosen:
         wanted = max(1, round(count * c.share / total))
-        tasks += [((i + 0.5) / wanted, c.name, i) for i in range(wanted)]
+        tasks += [((i + 0.5) / wanted, c.name, first + i) for i in range(wanted)]
     return [(name, seed) for _, name, seed in sorted(tasks)]
 
 
