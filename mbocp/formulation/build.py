@@ -35,6 +35,12 @@ from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.formulation.step_lengths import begins_phase, phase_starts
 from mbocp.formulation.steps import Steps
+from mbocp.formulation.switches import (
+    evaluation_times,
+    has_step_before,
+    switch_numbers,
+    switches_of,
+)
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
@@ -246,6 +252,7 @@ def signature_of(
         guarded=guarded,
         has_free_lengths=problem.has_free_lengths,
         has_clock=len(problem.phases) > 1,
+        switches=switches_of(problem),
     )
 
 
@@ -277,14 +284,15 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "force": np.ones(1),
-        STEP_SHARE: np.array([1.0 / N]),
+        STEP_SHARE: np.array([1.0 / problem.num_timed_steps]),
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
     rows: dict[str, Array] = {
-        HAS_BEFORE: (np.arange(N) > 0).astype(float)[:, None],
+        HAS_BEFORE: has_step_before(problem)[:, None],
         ADVANCES: advances(problem),
         BEGINS_PHASE: begins_phase(N, phase_starts(problem))[:, None],
-        TIME: problem.dt * (np.arange(N, dtype=np.float64) + pieces.signature.steps.tau)[:, None],
+        TIME: evaluation_times(problem, pieces.signature.steps.tau)[:, None],
+        **switch_numbers(problem),
     }
     for term in pieces.signature.cost:
         named |= term.numbers(given)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from mbocp.exceptions import TranscriptionError
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.explicit import ExplicitFormulation
 from mbocp.formulation.implicit import ImplicitFormulation
@@ -40,8 +39,6 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     ProblemError
         If a velocity is limited that is no unknown, because controls prescribe it.
     """
-    if problem.holds or problem.releases or problem.impacts:
-        raise TranscriptionError("holds: constraints that begin or end along the way have no equations yet")
     if problem.scheme in TABLEAUX:
         return ExplicitFormulation.of(problem, without, deadline=deadline)
     # Robots whose bodies only slide have the same equations in both coordinates.

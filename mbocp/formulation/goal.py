@@ -10,6 +10,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Goal, Problem
@@ -81,7 +83,13 @@ class EndTarget(NamedTuple):
     rate: Array  # (nv,) momentum or velocity
 
 
-def end_condition_rows(robot: Robot, goal: Goal, speeds: Callable[[Array], Array] | None = None) -> EndRows:
+def end_condition_rows(
+    robot: Robot,
+    goal: Goal,
+    speeds: Callable[[Array], Array] | None = None,
+    *,
+    ties: tuple[Array, Array] | None = None,
+) -> EndRows:
     r"""Projections D_q, D_rate of the exact end condition, eq. (14).
 
     Eq. (14) as printed asks for all of p = p_d and is rank-deficient on a constrained system: the discrete
@@ -97,6 +105,9 @@ def end_condition_rows(robot: Robot, goal: Goal, speeds: Callable[[Array], Array
     speeds : callable, optional
         Configuration -> directions in which velocities can be, shape (nv, any), where these are fewer than
         the constraints allow.
+    ties : tuple of ndarray, shapes (any, nv), optional
+        Derivatives of what acts on positions and on velocities at the end, where it is not what the robot's
+        constraints say.
 
     Returns
     -------
@@ -105,12 +116,13 @@ def end_condition_rows(robot: Robot, goal: Goal, speeds: Callable[[Array], Array
     if not goal.is_exact:
         nothing = np.zeros((0, robot.nv))
         return EndRows(nothing, nothing, FrameProjections(nothing, nothing))
-    basis = tangent_space(robot, goal.q)
-    reachable = basis if speeds is None else speeds(goal.q)
+    basis = tangent_space(robot, goal.q) if ties is None else null_space(ties[0], RANK_TOLERANCE)
+    free = basis if ties is None else null_space(ties[1], RANK_TOLERANCE)
+    reachable = free if speeds is None else speeds(goal.q)
     moments = robot.mass_matrix(goal.q) @ reachable if goal.rate == "p" else reachable
     D_q, D_rate = _project(goal.q_active, basis, basis), _project(goal.rate_active, moments, reachable)
     to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
-    frames = frame_projections(robot, goal, D_q, D_rate @ to_rate @ reachable, reachable)
+    frames = frame_projections(robot, goal, D_q, D_rate @ to_rate @ reachable, reachable, basis)
     return EndRows(D_q, D_rate, frames)
 
 

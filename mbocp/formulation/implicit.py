@@ -28,6 +28,16 @@ from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
+from mbocp.formulation.switches import (
+    filled_impulses,
+    filled_lengths,
+    impacts_of,
+    labels_of,
+    repeated,
+    switched_violation,
+    ties_at_end,
+    with_held,
+)
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
@@ -60,11 +70,12 @@ class ImplicitFormulation:
         """See `mbocp.formulation.formulate`."""
         robot = problem.robot
         space = ConfigurationSpace(robot.model, "quaternion")
-        rows = end_condition_rows(robot, problem.goal).without(without)
+        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem)).without(without)
         is_flat = needs_plain_states(problem) or robot.is_vector_space
         signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
-        check_size(problem, signature, at, robot.nc)
+        labels = labels_of(problem)
+        check_size(problem, signature, at, len(labels))
         start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr), start_of_lengths(at)]
         pieces = Pieces(
             problem=problem,
@@ -72,21 +83,21 @@ class ImplicitFormulation:
             space=space,
             signature=signature,
             layout=at,
-            num_algebraic=robot.nc,
+            num_algebraic=len(labels),
             groups=(),
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
             turning=turning_factors(robot.model, space, at),
             x_start=np.concatenate(start),
             speed_bounds=(np.asarray(problem.limits.v_lower), np.asarray(problem.limits.v_upper)),
-            labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, robot.constraint_labels),
+            labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels),
         )
         return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:
         """Name and unit of each holonomic constraint."""
-        return self.problem.robot.constraint_labels
+        return labels_of(self.problem)
 
     @property
     def keeps_adjoints(self) -> bool:
@@ -121,7 +132,8 @@ class ImplicitFormulation:
         xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
         xs[0] = self.programme.x_start
         xs = with_memory(self.problem, at, xs, us)
-        return zero_multipliers(self.programme, xs, motion.dts[:, None] * lams, us)
+        dts = filled_impulses(self.problem, motion.dts)
+        return zero_multipliers(self.programme, xs, dts * with_held(self.problem, lams), us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
@@ -129,11 +141,12 @@ class ImplicitFormulation:
         zs = iterate.xs[:, at.z]
         qs = self.space.configurations(zs) if at.is_flat else zs
         dts = solved_lengths(self.problem, at, iterate)
-        return Motion(qs, iterate.xs[:, at.s], without_lengths(at, iterate.us), dts)
+        us = repeated(without_lengths(at, iterate.us), impacts_of(self.problem))
+        return Motion(qs, iterate.xs[:, at.s], us, dts)
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
-        problem, dts = self.problem, motion.dts[:, None]
+        problem, dts = self.problem, filled_impulses(self.problem, motion.dts)
         states = boundary_duals(self.programme, iterate)
         costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
         return Duals(
@@ -167,7 +180,8 @@ class ImplicitFormulation:
         The momentum row's multiplier is mu_p at 1 - tau; c_q is the boundary dual before the step and the
         kinematic row's multiplier after it, before the constraint at the node acts on it.
         """
-        robot, nv, tau, dts = self.problem.robot, self.problem.robot.nv, self.tau, motion.dts
+        robot, nv, tau = self.problem.robot, self.problem.robot.nv, self.tau
+        dts = filled_lengths(self.problem, motion.dts)
         q_taus, v_taus = self.evaluation_points(motion.qs, motion.vs, dts)
         rows = self._row_duals(iterate)
         along = tau * duals.costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
@@ -179,8 +193,8 @@ class ImplicitFormulation:
         )
         if robot.nc:
             residuals = np.array([robot.constraint_residual(q) for q in motion.qs[1:]])
-            hamiltonians += np.einsum("ni,ni->n", duals.zetas, residuals)
-        return hamiltonians
+            hamiltonians += np.einsum("ni,ni->n", duals.zetas[:, : robot.nc], residuals)
+        return repeated(hamiltonians, impacts_of(self.problem))
 
     def control_momenta(
         self, iterate: Iterate, motion: Motion, duals: Duals
@@ -190,6 +204,9 @@ class ImplicitFormulation:
 
     def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
         """Largest violation of the robot's constraints."""
+        table = self.problem.switches
+        if table is not None:
+            return switched_violation(table, motion.qs, motion.vs)
         return constraint_violation(self.problem.robot, motion.qs, motion.vs)
 
     def drifts(self, xs: Array) -> Array:

@@ -11,6 +11,7 @@ import casadi as ca
 from mbocp.formulation.accelerations import mean_acceleration
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.integrators import TAU, State, evaluation_point, step_rows
+from mbocp.integrators.switched import switched_point, switched_rows
 from mbocp.mechanics import JointMechanics, Mechanics
 from mbocp.robot import Robot
 
@@ -76,9 +77,15 @@ def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
     dt, force = at.dt, at.given["force"]
     before = State(at.at0[layout.z], at.at0[layout.s])
     after = State(at.at1[layout.z], at.at1[layout.s])
-    point = evaluation_point(mechanics, scheme, before, after, dt)
     impulse, difference = force * at.y, space.configuration_difference
-    rows = step_rows(mechanics, scheme, before, after, point, impulse, at.controls, dt, difference=difference)
+    states = (mechanics, scheme, before, after)
+    if at.switches:
+        point = switched_point(*states, dt, at.switched)
+        own = (impulse, at.controls, dt, at.switched)
+        rows = switched_rows(*states, point, *own, difference=difference)
+    else:
+        point = evaluation_point(*states, dt)
+        rows = step_rows(*states, point, impulse, at.controls, dt, difference=difference)
     momentum = (1.0 / force) * rows.momentum
     c = ca.densify(ca.vertcat(rows.kinematic, momentum, at.memory_rows, at.length_rows, rows.constraint))
     cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.mechanics.rates import spacings
 
 __all__ = ["HAS_BEFORE", "MEMORY", "Block", "Passage", "memory_along", "ordered", "unit_of"]
@@ -158,6 +158,7 @@ def memory_along(
     dts: Array,
     units: Mapping[str, float],
     paces: tuple[Array, Array] | None = None,
+    is_impact: BoolArray | None = None,
 ) -> dict[str, Array]:
     """What the nodes of a motion remember, by name, shapes (N + 1, size).
 
@@ -171,16 +172,22 @@ def memory_along(
     units : mapping of str to float
     paces : tuple of ndarray, shapes (N, paths), optional
         Paces, and what they are multiplied by.
+    is_impact : ndarray of bool, shape (N,), optional
+        Steps that take no time, and leave what is remembered; their lengths are not looked at.
     """
     w, e = (np.zeros((len(us), 0)),) * 2 if paces is None else paces
+    timed = np.ones(len(us), dtype=np.bool_) if is_impact is None else ~is_impact
+    nodes = np.cumsum(np.append(0, timed))  # for each its place among those after steps that take time
+    starts, speeds = speeds[:-1][timed], speeds[1:][timed]
+    us, dts, w, e = us[timed], dts[timed], w[timed], e[timed]
     has_before = (np.arange(len(us)) > 0).astype(np.float64)[:, None]
     between = spacings(dts)[:, None]
     found: dict[str, Array] = {}
     for name in names:
         before = {known: values[:-1] for known, values in found.items()} | {"progress": 0.0}
         own = (dts[:, None], between, has_before, before, units, w, e)
-        at = Passage(speeds[:-1], speeds[1:], us, 1.0, *own)
+        at = Passage(starts, speeds, us, 1.0, *own)
         after = MEMORY[name].following(at)
         after = np.cumsum(after, axis=0) if MEMORY[name].adds_up else after
         found[name] = np.vstack([np.zeros(after.shape[1]), after])
-    return found
+    return {name: values[nodes] for name, values in found.items()}

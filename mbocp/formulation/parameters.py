@@ -65,6 +65,7 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         stage[ADVANCES] = signature.num_paths
     if signature.has_free_lengths:
         stage[BEGINS_PHASE] = 1
+    _add(stage, signature.switches.stage_parameters)
     if signature.has_clock:
         theta[STEP_SHARE] = 1
     _add(theta, signature.steps.parameters)

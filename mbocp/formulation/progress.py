@@ -17,6 +17,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.switches import impacts_of
 from mbocp.problem import PathConstraint, Problem
 
 __all__ = ["advances", "followed", "pace_bounds", "pace_names", "progress_along", "with_paces"]
@@ -38,6 +39,7 @@ def advances(problem: Problem) -> Array:
         on_path = constraint.span.nodes(problem.num_steps, problem.dt)
         if not constraint.span.has_start:
             on_path = on_path & np.append(False, on_path[:-1])  # the step to its first node leads to the path
+        on_path = on_path & ~impacts_of(problem)
         columns.append(on_path / max(int(on_path.sum()), 1))
     return np.column_stack(columns) if columns else np.zeros((problem.num_steps, 0))
 

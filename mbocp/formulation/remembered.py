@@ -9,6 +9,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY, memory_along
 from mbocp.formulation.progress import advances
 from mbocp.formulation.step_lengths import lengths_of_states
+from mbocp.formulation.switches import impacts_of
 from mbocp.problem import Problem
 
 __all__ = ["memory_units", "with_memory"]
@@ -36,7 +37,9 @@ def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array) -> Arra
     nu, dts = problem.robot.nu, lengths_of_states(problem, at, xs)
     names = tuple(at.remembered)
     paces = (us[:, nu : nu + at.num_paces], advances(problem))
-    found = memory_along(names, xs[:, at.s], us[:, :nu], dts, memory_units(problem), paces)
+    found = memory_along(
+        names, xs[:, at.s], us[:, :nu], dts, memory_units(problem), paces, impacts_of(problem)
+    )
     filled = np.array(xs)
     for name, where in at.remembered.items():
         filled[:, where] = found[name]

@@ -14,12 +14,14 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY, ordered
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
+from mbocp.formulation.switch_terms import NO_SWITCHES, Switches
 from mbocp.terms import (
     AccelerationEnd,
     ClearanceTerm,
     Effort,
     ExactGoal,
     FrameEnd,
+    MeetingTerm,
     OwnEnd,
     OwnPath,
     PathTerm,
@@ -48,7 +50,7 @@ class FunctionSignature:
     cost : tuple of RunningTerm
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
-    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm and ClearanceTerm
+    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm, ClearanceTerm and MeetingTerm
     ends : tuple of FrameEnd, OwnEnd and AccelerationEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
@@ -59,6 +61,8 @@ class FunctionSignature:
         Whether states hold the length of the steps.
     has_clock : bool
         Whether they hold the time, too, as they do where there are several lengths.
+    switches : Switches
+        Constraints that begin and end along the way, and impacts.
     """
 
     robot: str
@@ -66,12 +70,15 @@ class FunctionSignature:
     goal: ExactGoal
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
-    path: tuple[PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm | ClearanceTerm, ...] = ()
+    path: tuple[
+        PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm | ClearanceTerm | MeetingTerm, ...
+    ] = ()
     ends: tuple[FrameEnd | OwnEnd | AccelerationEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
     has_free_lengths: bool = False
     has_clock: bool = False
+    switches: Switches = NO_SWITCHES
 
     @property
     def couples_steps(self) -> bool:
@@ -120,6 +127,7 @@ class FunctionSignature:
             {
                 **self._state,
                 **self.steps.stage_key,
+                **({"switches": self.switches.signature} if self.switches else {}),
                 "cost": [term.signature for term in self.cost],
                 "path": [term.signature for term in self.path],
             }

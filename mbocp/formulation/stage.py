@@ -42,6 +42,7 @@ from mbocp.formulation.parameters import (
 )
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.formulation.switch_terms import IS_IMPACT, idle_impact
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point
 
@@ -77,7 +78,7 @@ def build_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[
 
 def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     mechanics, at = space.configurations, space.layout
-    ny = signature.steps.num_algebraic(mechanics)
+    ny = signature.steps.num_algebraic(mechanics) + signature.switches.num_held
     layout = parameter_layout(signature, Sizes.of(mechanics))
     theta, rho = (ca.SX.sym(n, sum(p.values())) for n, p in (("theta", layout.theta), ("rho", layout.stage)))
     x0, x1 = ca.SX.sym("x0", at.nx), ca.SX.sym("x1", at.nx)
@@ -103,6 +104,8 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     node = partial(Point, mechanics, u=controls, change=change, moment=moment)
     idle = idle_cost(given[BEGINS_PHASE], w) if at.nh else ca.SX(0)
     idle += resting_cost(given[ADVANCES], paces) if at.num_paces else ca.SX(0)
+    leap = given.get(IS_IMPACT, ca.SX(0))
+    idle += idle_impact(leap, u) if signature.switches.has_impacts else ca.SX(0)
     return StepSymbols(
         mechanics=mechanics,
         space=space,
@@ -123,7 +126,8 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         theta=theta,
         rho=rho,
         given=given,
-        running_cost=_RunningCost(signature, node, given, dt, between, idle),
+        running_cost=_RunningCost(signature, node, given, dt, between, idle, leap),
+        switches=signature.switches,
     )
 
 
@@ -137,6 +141,7 @@ class _RunningCost:
     dt: ca.SX
     spacing: ca.SX
     idle: ca.SX  # cost of a control that does nothing
+    is_impact: ca.SX
 
     def __call__(self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX]) -> ca.SX:
         at, dt = self.node(q, v, acceleration=acceleration), self.dt
@@ -147,7 +152,7 @@ class _RunningCost:
                     between += self.given[HAS_BEFORE] * addend / self.spacing
                 else:
                     cost += addend
-        return dt * cost + between + self.idle
+        return (1 - self.is_impact) * (dt * cost + between) + self.idle
 
 
 def _functions(at: StepSymbols, step: StepDerivatives) -> dict[str, ca.Function]:

@@ -26,6 +26,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.switches import impacts_of
 from mbocp.problem import Problem
 from mbocp.problem.phases import step_lengths
 from mbocp.programme import Iterate
@@ -102,7 +103,9 @@ def solved_lengths(problem: Problem, at: StateLayout, iterate: Iterate) -> Array
 
 def lengths_of_states(problem: Problem, at: StateLayout, xs: Array) -> Array:
     """Step lengths [s] that states (N + 1, nx) say, shape (N,)."""
-    return problem.dt * xs[1:, at.h][:, 0] if at.nh else given_lengths(problem)
+    if not at.nh:
+        return given_lengths(problem)
+    return np.where(impacts_of(problem), 0.0, problem.dt * xs[1:, at.h][:, 0])
 
 
 def start_of_lengths(at: StateLayout) -> Array:
@@ -118,7 +121,8 @@ def with_lengths(problem: Problem, at: StateLayout, xs: Array, us: Array, dts: A
     filled = np.array(xs)
     filled[:, at.h] = h[:, None]
     if at.nt:
-        filled[:, at.t] = np.append(0.0, np.cumsum(h[1:]) / problem.num_steps)[:, None]
+        goes = ~impacts_of(problem)
+        filled[:, at.t] = np.append(0.0, np.cumsum(goes * h[1:]) / problem.num_timed_steps)[:, None]
     return filled, np.column_stack([us, np.diff(h)])
 
 
@@ -138,7 +142,7 @@ def _phase_lengths(problem: Problem, dts: Array) -> Array:
         whole = float(durations.sum())
         durations *= min(max(whole, phases[-1].earliest), phases[-1].latest) / whole
     lengths = np.clip(durations / (counts * dt), bounds.h_lower[starts], bounds.h_upper[starts])
-    return np.append(1.0, np.repeat(lengths, counts))
+    return np.append(1.0, np.repeat(lengths, [p.last - p.first for p in phases]))
 
 
 def without_lengths(at: StateLayout, us: Array) -> Array:

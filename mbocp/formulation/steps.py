@@ -16,6 +16,8 @@ from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, Passage, unit_of
 from mbocp.formulation.pace_terms import ADVANCES
+from mbocp.formulation.switch_terms import NO_SWITCHES, Switches
+from mbocp.integrators.switched import Switched
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
@@ -71,6 +73,8 @@ class StepSymbols:
         Pieces of theta and rho, by name.
     running_cost : callable
         (q, v, acceleration) -> the cost of the step, evaluated there; acceleration is a callable.
+    switches : Switches
+        Constraints that begin and end along the way, and impacts.
     """
 
     mechanics: Mechanics
@@ -93,6 +97,12 @@ class StepSymbols:
     rho: ca.SX
     given: Mapping[str, ca.SX]
     running_cost: RunningCost
+    switches: Switches = NO_SWITCHES
+
+    @property
+    def switched(self) -> Switched:
+        """What acts in the step."""
+        return self.switches.in_symbols(self.mechanics.nc, self.given)
 
     @property
     def inputs(self) -> ca.SX:
@@ -112,8 +122,11 @@ class StepSymbols:
         """What the state after the step has to remember, less what it does, shape (nr,)."""
         at = self.space.layout
         before = {name: self.at0[where] for name, where in at.remembered.items()}
-        passage = self.remembering(self.at0[at.s], self.at1[at.s], before)
-        rows = [MEMORY[name].following(passage) - self.at1[where] for name, where in at.remembered.items()]
+        passage, leap = self.remembering(self.at0[at.s], self.at1[at.s], before), self.switched.is_impact
+        after = {name: MEMORY[name].following(passage) for name in before}
+        if self.switches.has_impacts:  # they take no time, and leave it
+            after = {name: (1 - leap) * value + leap * before[name] for name, value in after.items()}
+        rows = [after[name] - self.at1[where] for name, where in at.remembered.items()]
         return ca.vertcat(ca.SX.zeros(0, 1), *rows)
 
     @property
@@ -126,7 +139,8 @@ class StepSymbols:
         rows = length - self.at1[at.h]
         if not at.nt:
             return rows
-        return ca.vertcat(rows, self.at0[at.t] + self.given[STEP_SHARE] * length - self.at1[at.t])
+        passed = (1 - self.switched.is_impact) * self.given[STEP_SHARE] * length
+        return ca.vertcat(rows, self.at0[at.t] + passed - self.at1[at.t])
 
     @property
     def controls(self) -> ca.SX:

@@ -92,7 +92,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
 
 def _times(problem: Problem, dts: Array) -> Array:
     """Times of the nodes [s]."""
-    if problem.has_free_lengths:
+    if problem.has_free_lengths or problem.impacts:
         times = np.append(0.0, np.cumsum(dts))
         if (
             not problem.has_free_duration

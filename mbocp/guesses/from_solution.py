@@ -11,6 +11,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion, given_lengths
+from mbocp.formulation.switches import filled_impulses
 from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -35,10 +36,11 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     robot, N, at = problem.robot, problem.num_steps, formulation.layout
     known = COORDINATES.get(saved.coordinates)
     has_multipliers = known is None or known.has_robot_multipliers
+    rows = len(formulation.constraint_labels) if has_multipliers else robot.nc
     nc = saved.lams.shape[1] if has_multipliers else robot.nc
     got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], nc)
-    if got != (robot.nq, robot.nv, robot.nu, robot.nc):
-        raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, robot.nc))
+    if got != (robot.nq, robot.nv, robot.nu, rows):
+        raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, rows))
     nodes = _nodes_of(problem, saved)
     left = np.minimum(nodes.astype(int), saved.num_steps - 1)
     share = nodes - left
@@ -57,10 +59,11 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     iterate = formulation.iterate_of(Motion(qs, vs, us, dts), lams)
     if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
+    scales = filled_impulses(problem, dts)
     mus = _row_multipliers(saved, formulation, left, share)
     return replace(
         iterate,
-        ms=np.hstack([mus, np.zeros((N, at.nr + at.nh + at.nt)), dts[:, None] ** 2 * saved.zetas[middle]]),
+        ms=np.hstack([mus, np.zeros((N, at.nr + at.nh + at.nt)), scales**2 * saved.zetas[middle]]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
         bounds=_bound_multipliers(saved, formulation, left, share, middle),
     )
@@ -73,6 +76,8 @@ def _nodes_of(problem: Problem, saved: Solution) -> Array:
     and where there are none, the motion is stretched evenly in time.
     """
     numbers, times = np.arange(saved.num_steps + 1.0), saved.t - saved.t[0]
+    if problem.impacts and saved.num_steps == problem.num_steps:  # nodes of an impact have one time
+        return numbers
     phases = problem.phases if len(problem.phases) > 1 else ()
     wanted = node_times(problem) * (times[-1] / node_times(problem)[-1])
     passed, before = saved.via_times, 0.0

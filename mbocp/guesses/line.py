@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, Motion, given_lengths
+from mbocp.formulation.switches import filled_lengths, impacts_of, repeated
 from mbocp.guesses.along import usual_way
 from mbocp.guesses.balance import balances
 from mbocp.guesses.through import guessed_times, line_of
@@ -42,7 +43,7 @@ def line(formulation: Formulation, way: Way | None = None) -> Iterate:
     problem = formulation.problem
     qs, vs = _line_states(formulation, way)
     dts = given_lengths(problem)
-    accelerations = np.diff(vs, axis=0) / dts[:, None]
+    accelerations = np.diff(vs, axis=0) / filled_lengths(problem, dts)[:, None]
     us, lams = balances(problem.robot, *formulation.evaluation_points(qs, vs, dts), accelerations)
     return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
 
@@ -81,7 +82,7 @@ def _evenly(problem: Problem, way: Way | None = None) -> Array:
     times = guessed_times(problem)
     if problem.waypoints and way is None:
         return line_of(problem, problem.q_start, _end(problem)).evenly(times)
-    return (way or usual_way(problem))(problem.q_start, times / problem.num_steps)
+    return (way or usual_way(problem))(problem.q_start, times / problem.num_timed_steps)
 
 
 def _end(problem: Problem) -> Array:
@@ -94,11 +95,12 @@ def _end(problem: Problem) -> Array:
 def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Array]:
     """Nodes on the way from start to goal, with velocities that the scheme's kinematics ask for."""
     problem = formulation.problem
-    robot, N, dts = problem.robot, problem.num_steps, given_lengths(problem)
+    robot, N, dts = problem.robot, problem.num_steps, filled_lengths(problem, given_lengths(problem))
+    is_impact, T = impacts_of(problem), problem.num_timed_steps
     tau, v_start = formulation.tau, formulation.start_velocity
     model, q_start = robot.model, problem.q_start
     times = guessed_times(problem)
-    s = times / N
+    s = times / T
     if tau == 0.0:  # the first step goes where the start velocity says, whatever the controls
         s = np.append(0.0, (times[1:] - times[1]) / (N - times[1]) if N > 1 else 1.0)
         q_start = pin.integrate(model, q_start, dts[0] * v_start)
@@ -110,12 +112,13 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
         qs = (way or usual_way(problem))(q_start, blend)
     qs[0] = problem.q_start
     steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dts[n] for n in range(N)])
+    steps = repeated(steps, is_impact)
     if tau == 1.0:
         return qs, np.vstack([v_start, steps])
     if tau == 0.0:
         return qs, np.vstack([v_start, steps[1:], np.zeros(robot.nv)])
     vs = np.zeros((N + 1, robot.nv))
     for n in range(N):  # from rest: beginning with the start velocity they would swing about the line's
-        vs[n + 1] = 2 * steps[n] - vs[n]
+        vs[n + 1] = vs[n] if is_impact[n] else 2 * steps[n] - vs[n]
     vs[0] = v_start
     return qs, vs

@@ -31,15 +31,20 @@ def rates_along(robot: Robot | None, qs: Array, vs: Array, us: Array, dts: Array
     dict of str to ndarray
         ``acceleration`` (v_n - v_{n-1}) / dt and ``jerk`` (a_n - a_{n-1}) / dt with a_0 = 0, shape (N, nv);
         ``effort_rate`` (u_n - u_{n-1}) / dt, zero in the first step, and ``power`` at the end of each step,
-        shape (N, nu). Of jerks and rates of controls dt is `spacings`.
+        shape (N, nu). Of jerks and rates of controls dt is `spacings`. Steps of no duration, impacts, repeat
+        what the step before them has.
     """
-    lengths, between = dts[:, None], spacings(dts)[:, None]
-    accelerations = np.diff(vs, axis=0) / lengths
+    timed = dts > 0.0
+    steps = np.flatnonzero(timed)
+    places = np.maximum(np.searchsorted(steps, np.arange(len(dts)), side="right") - 1, 0)
+    lengths, between = dts[timed][:, None], spacings(dts[timed])[:, None]
+    accelerations, forces = (vs[1:] - vs[:-1])[timed] / lengths, us[timed]
     rates = {
         "acceleration": accelerations,
         "jerk": np.diff(accelerations, axis=0, prepend=np.zeros((1, vs.shape[1]))) / between,
-        "effort_rate": np.diff(us, axis=0, prepend=us[:1]) / between,
+        "effort_rate": np.diff(forces, axis=0, prepend=forces[:1]) / between,
     }
+    rates = {key: values[places] for key, values in rates.items()}
     return rates if robot is None else {**rates, "power": powers(robot, qs[1:], vs[1:], us)}
 
 

@@ -13,7 +13,7 @@ from mbocp._linear import independent_rows, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError, UnreachableGoal, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal
-from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, tangent_space
+from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
 from mbocp.problem.goal import Goal
 from mbocp.problem.limits import Bounds
@@ -223,7 +223,7 @@ def frame_rates(goal: Goal) -> Array:
 
 
 def frame_projections(
-    robot: Robot, goal: Goal, D_q: Array, rates: Array, reachable: Array
+    robot: Robot, goal: Goal, D_q: Array, rates: Array, reachable: Array, basis: Array
 ) -> FrameProjections:
     """Combinations of the rows of frames that the constraints and the goal's joints do not decide.
 
@@ -235,8 +235,9 @@ def frame_projections(
         Conditions on the velocity that there are beside, on the directions below.
     reachable : ndarray, shape (nv, m)
         Directions in which velocities can be.
+    basis : ndarray, shape (nv, k)
+        Directions in which the configuration can move.
     """
-    basis = tangent_space(robot, goal.q)
     free = basis @ null_space(D_q @ basis, RANK_TOLERANCE)
     moving = reachable @ null_space(rates, RANK_TOLERANCE)
     return FrameProjections(

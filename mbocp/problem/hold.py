@@ -22,6 +22,7 @@ from typing import Literal, get_args
 
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.mechanics.held import HeldFrame
 from mbocp.problem._checks import check_choice
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
@@ -90,6 +91,10 @@ class Hold:
     def takes_axis(self) -> bool:
         """Whether its kind has an axis."""
         return self.kind in _WITH_AXIS
+
+    def held(self, robot: Robot) -> HeldFrame:
+        """What its equations are written of."""
+        return HeldFrame(self.constraint(robot), self.is_anchored)
 
     def constraint(self, robot: Robot) -> FrameConstraint:
         """The constraint between the frames, of the robot's own kind.

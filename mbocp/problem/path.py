@@ -16,6 +16,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.clearance import Clearance
 from mbocp.problem.goal import Goal
+from mbocp.problem.meeting import Meeting
 from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
@@ -196,7 +197,7 @@ class PathConstraint:
                 raise DimensionMismatch(f"path {self.name!r}: frame {index}", index, len(robot.frame_names))
 
 
-_Kept: TypeAlias = PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance
+_Kept: TypeAlias = PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
 
 
 def spans_found(path: Sequence[_Kept], via: Mapping[str, int]) -> tuple[_Kept, ...]:

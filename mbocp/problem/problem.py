@@ -30,10 +30,12 @@ from mbocp.problem.hold import Hold, Release
 from mbocp.problem.hold_checks import check_holds
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator
 from mbocp.problem.limits import Bounds, check_limits
+from mbocp.problem.meeting import Meeting, meetings
 from mbocp.problem.path import PathConstraint, check_path, spans_found
 from mbocp.problem.phases import Phase, phases_between
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.switches import SwitchTable, switch_table
 from mbocp.problem.together import check_method, check_weights
 from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
@@ -46,7 +48,9 @@ from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolera
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
-PathObject: TypeAlias = PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance
+PathObject: TypeAlias = (
+    PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
+)
 Inequality: TypeAlias = PathObject | RateLimit
 
 
@@ -170,6 +174,7 @@ class Problem:
     phases: tuple[Phase, ...] = field(init=False, repr=False, default=())
     _members: tuple[tuple[int, Problem], ...] = field(init=False, repr=False, default=())
     clearance: Clearance | None = field(init=False, repr=False, default=None)
+    switches: SwitchTable | None = field(init=False, repr=False, default=None)
     limits: Bounds = field(default_factory=Bounds)
     via: tuple[ViaPoint, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
@@ -215,7 +220,7 @@ class Problem:
         q_start, v_start = checked_start(self.robot, self.limits, self.q_start, self.v_start)
         object.__setattr__(self, "q_start", q_start)
         object.__setattr__(self, "v_start", v_start)
-        check_holds(self)
+        self._take_holds()
         nodes = self._take_via()
         goal = completed_goal(
             self.robot,
@@ -418,6 +423,15 @@ class Problem:
         allowed = frame_tolerances(self.goal.frames, self.robot)
         object.__setattr__(self, "path", (*path, *own, *allowed))
 
+    def _take_holds(self) -> None:
+        """Find which rows of constraints act in which steps, where that changes."""
+        for name in ("holds", "releases"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        check_holds(self)
+        if self.holds or self.releases or self.impacts:
+            own = (self.robot, self.holds, self.releases, self.impacts, self.num_steps)
+            object.__setattr__(self, "switches", switch_table(*own, (self.q_start, self.v_start)))
+
     def _take_via(self) -> list[int | None]:
         """Via points in the order of the motion, with configurations; their nodes, as far as known."""
         nodes = via_nodes(self.via, self.num_steps, self.duration, self.duration_range)
@@ -436,8 +450,9 @@ class Problem:
         at = placed(robot, self.via, nodes, self.q_start, q_end, N)
         found = via_constraints(robot, self.via, at, N)
         object.__setattr__(self, "via", tuple(constraint.via for constraint in found))
+        met = () if self.switches is None else meetings(self.switches)
         named = {constraint.name: constraint.node for constraint in found}
-        object.__setattr__(self, "path", (*spans_found(self.path, named), *found))
+        object.__setattr__(self, "path", (*spans_found(self.path, named), *found, *met))
         marks = via_marks(self.via, at, N, T, is_free=self.has_free_duration)
         if marks or self.has_free_duration:
             phases = phases_between(marks, N, T, self.duration_range or (T, T), self.impacts)

@@ -18,6 +18,7 @@ from mbocp.terms.end_acceleration import AccelerationEnd
 from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.frame_tolerance import FrameTolerance, ToleranceTerm, frame_tolerances
 from mbocp.terms.frames import FrameEnd, FrameProjections, FrameShape
+from mbocp.terms.held import MeetingTerm
 from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
 from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
@@ -58,6 +59,7 @@ __all__ = [
     "FrameTolerance",
     "Kinematics",
     "Line",
+    "MeetingTerm",
     "Orientation",
     "OrientationKept",
     "OwnEnd",

@@ -143,6 +143,10 @@ class NaturalMechanics(NaturalKinematics):
             energy += force_element_energy(element, self, q)
         return energy
 
+    def tangent_map(self, q: ca.SX) -> ca.SX:
+        """Derivative of q in its tangent space: the identity."""
+        return ca.SX.eye(self.nv)
+
     def constraints(self, q: ca.SX) -> ca.SX:
         """Phi(q), shape (nc,): body by body orthonormality and joint, then the robot's own constraints."""
         return self._constraints(q)

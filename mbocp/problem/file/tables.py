@@ -26,6 +26,7 @@ from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import LIMITS, Bounds
+from mbocp.problem.meeting import Meeting
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.via import ViaPoint
@@ -34,7 +35,7 @@ from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import COST_TERMS, FrameTolerance, OwnPathConstraint, OwnTerm
 
-PathObject: TypeAlias = OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance
+PathObject: TypeAlias = OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
 
 __all__ = ["ProblemFields", "tables_of", "to_toml"]
 

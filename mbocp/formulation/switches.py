@@ -1,0 +1,143 @@
+"""Numbers of constraints that begin and end along the way, and what a motion makes of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.formulation.switch_terms import ACTIVE, IS_IMPACT, NO_SWITCHES, Switches
+from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
+from mbocp.problem import Problem
+from mbocp.problem.switches import SwitchTable
+from mbocp.robot import Label
+
+__all__ = [
+    "evaluation_times",
+    "filled_impulses",
+    "filled_lengths",
+    "has_step_before",
+    "impacts_of",
+    "labels_of",
+    "repeated",
+    "switch_numbers",
+    "switched_violation",
+    "switches_of",
+    "ties_at_end",
+    "with_held",
+]
+
+
+def switches_of(problem: Problem) -> Switches:
+    """What of a problem's constraints can be switched."""
+    table = problem.switches
+    if table is None:
+        return NO_SWITCHES
+    return Switches(table.held, problem.robot.nc if table.has_releases else 0, bool(problem.impacts))
+
+
+def switch_numbers(problem: Problem) -> dict[str, Array]:
+    """Parameters of every step by name, shapes (N, any)."""
+    table, switches = problem.switches, switches_of(problem)
+    if table is None:
+        return {}
+    own = table.own if switches.num_own else table.own[:, :0]
+    return {
+        ACTIVE: np.hstack([own, table.rows]).astype(np.float64),
+        IS_IMPACT: table.is_impact.astype(np.float64)[:, None],
+    }
+
+
+def impacts_of(problem: Problem) -> BoolArray:
+    """Which steps take no time, shape (N,)."""
+    if problem.switches is None:
+        return np.zeros(problem.num_steps, dtype=np.bool_)
+    return problem.switches.is_impact
+
+
+def has_step_before(problem: Problem) -> Array:
+    """1 in steps that follow one that takes time, shape (N,)."""
+    timed = ~impacts_of(problem)
+    found: Array = (np.arange(problem.num_steps) > int(np.argmax(timed))).astype(np.float64)
+    return found
+
+
+def evaluation_times(problem: Problem, tau: float) -> Array:
+    """Times at which steps as long as each other are evaluated [s], shape (N,)."""
+    goes = (~impacts_of(problem)).astype(np.float64)
+    found: Array = problem.dt * (np.cumsum(goes) - goes + tau * goes)
+    return found
+
+
+def filled_lengths(problem: Problem, dts: Array) -> Array:
+    """Lengths of steps [s], with the mean one in the place of those of impacts."""
+    found: Array = np.where(impacts_of(problem), problem.dt, dts)
+    return found
+
+
+def filled_impulses(problem: Problem, dts: Array) -> Array:
+    """What multipliers are multiplied by to be impulses, shape (N, 1): lengths [s], and 1 in impacts."""
+    found: Array = np.where(impacts_of(problem), 1.0, dts)[:, None]
+    return found
+
+
+def repeated(values: Array, is_impact: BoolArray) -> Array:
+    """Values of the steps, (N,) or (N, any), where impacts, which have none, repeat those of a neighbour.
+
+    It is the step before, or the first that takes time.
+    """
+    steps = np.flatnonzero(~is_impact)
+    places = np.searchsorted(steps, np.arange(len(values)), side="right") - 1
+    found: Array = values[steps[np.maximum(places, 0)]]
+    return found
+
+
+def ties_at_end(problem: Problem) -> tuple[Array, Array] | None:
+    """Derivatives of the constraints on positions and on velocities at the end, where these are others."""
+    table, q = problem.switches, problem.goal.q
+    if table is None:
+        return None
+    return table.at_end(q, of_rates=False), table.at_end(q, of_rates=True)
+
+
+def labels_of(problem: Problem) -> tuple[Label, ...]:
+    """Name and unit of the rows of a robot's constraints, and of what is held."""
+    own = problem.robot.constraint_labels
+    return own if problem.switches is None else (*own, *problem.switches.labels)
+
+
+def with_held(problem: Problem, lams: Array) -> Array:
+    """Multipliers (N, nc) of the robot's constraints with zeros for what is held, where they have none."""
+    missing = len(labels_of(problem)) - lams.shape[1]
+    return np.hstack([lams, np.zeros((len(lams), missing))]) if missing else lams
+
+
+def switched_violation(table: SwitchTable, qs: Array, vs: Array) -> ConstraintViolation:
+    """Largest violation of what acts, at the nodes after the steps in which it does.
+
+    What is held where it is counts from where it was when its span began. Velocities count there, too, after
+    an impact.
+    """
+    robot, N = table.robot, len(table.rows)
+    kept = list(robot.kept_rows)
+    if robot.nc:
+        residuals, jacobians = robot.closure_along(qs)
+        own = residuals[1:, kept], np.einsum("nij,nj->ni", jacobians[1:, kept], vs[1:])
+    else:
+        own = np.zeros((N, 0)), np.zeros((N, 0))
+    names = [label.name for label in (*robot.constraint_labels, *table.labels)]
+    position, velocity = np.zeros((N + 1, len(names))), np.zeros((N + 1, len(names)))
+    rates = np.einsum("nij,nj->ni", table.jacobians(qs[1:]), vs[1:]) * table.rows
+    velocity[1:] = np.hstack([own[1] * table.own, rates])
+    position[1:] = np.hstack([own[0] * table.own, _places(table, qs)])
+    return worst_violation(position, velocity, names)
+
+
+def _places(table: SwitchTable, qs: Array) -> Array:
+    """How far what is held has moved since its span began, shape (N, rows)."""
+    anchors = table.anchors
+    found = np.zeros(table.rows.shape)
+    for first in np.unique(anchors[anchors >= 0]):
+        steps = np.flatnonzero((anchors == first).any(axis=1))
+        residuals = table.residuals(qs[steps + 1], np.tile(qs[first], (len(steps), 1)))
+        found[steps] = np.where(anchors[steps] == first, residuals, found[steps])
+    return found

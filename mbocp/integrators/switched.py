@@ -1,0 +1,92 @@
+r"""Steps in which some constraints act and others do not, and impacts, steps of no duration.
+
+One kind of step for all of them, so that nothing compiles anew for other spans and no solver has to know.
+Each row that can be switched has a number e, 1 where it acts and 0 where it does not, and each step a number
+k, 1 for an impact. With the impulses :math:`\Lambda` and :math:`\Delta t' = (1 - k)\,\Delta t`,
+
+.. math::
+    q_1 &= q_0 \exp(\Delta t'\,v_\tau), \\
+    M\,(v_1 - v_0) &= \Delta t'\,(f - C v - g) - J^T \Lambda, \\
+    0 &= e\,\bigl[(1 - k)\,\Phi(q_1; q_0) / \Delta t + k\,J v_1\bigr] + (1 - e)\,\Lambda.
+
+So an impact leaves the configuration, and :math:`M (v_1 - v_0) = -J^T \Lambda` with :math:`J v_1 = 0`: the
+inelastic impact, in which the kinetic energy falls by :math:`(v_1 - v_0)^T M (v_1 - v_0) / 2`, and momenta
+about what holds are kept. The robot's own loops take part. The duration of a step is never divided by: of an
+impact :math:`\Delta t` is that of its neighbours, and scales alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from mbocp.integrators.euler import Difference, State, StepRows, evaluation_point
+from mbocp.mechanics import Mechanics
+from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
+
+__all__ = ["Switched", "switched_point", "switched_rows"]
+
+
+@dataclass(frozen=True, eq=False)
+class Switched:
+    """What acts in a step.
+
+    Attributes
+    ----------
+    held : sequence of HeldFrame
+        Further constraints, after those of the mechanics.
+    active : casadi.SX, shape (rows,)
+        e of every row: of the mechanics' constraints, then of the held frames.
+    is_impact : casadi.SX
+        k; a constant zero where there are no impacts.
+    """
+
+    held: Sequence[HeldFrame]
+    active: ca.SX
+    is_impact: ca.SX
+
+
+def switched_point(
+    mechanics: Mechanics, scheme: str, before: State, after: State, dt: ca.SX, switched: Switched
+) -> State:
+    """State at which forces and running cost are evaluated."""
+    return evaluation_point(mechanics, scheme, before, after, (1 - switched.is_impact) * dt)
+
+
+def switched_rows(
+    mechanics: Mechanics,
+    scheme: str,
+    before: State,
+    after: State,
+    at: State,
+    impulse: ca.SX,
+    u: ca.SX,
+    dt: ca.SX,
+    switched: Switched,
+    *,
+    difference: Difference | None = None,
+) -> StepRows:
+    """Rows of a step or an impact; see `mbocp.integrators.step_rows`, whose rows they are where all act.
+
+    Parameters
+    ----------
+    impulse : casadi.SX
+        Of the mechanics' constraints and of the held frames.
+    """
+    goes = 1 - switched.is_impact
+    reached = mechanics.integrate(before.q, goes * dt * at.v)
+    kinematic = (difference or mechanics.difference)(after.q, reached)
+    acceleration = (after.v - before.v) / dt
+    inertial = mechanics.inverse_dynamics(at.q, goes * at.v, acceleration)
+    if not switched.is_impact.is_zero():  # what gravity does in no time
+        still = ca.SX.zeros(mechanics.nv)
+        inertial -= switched.is_impact * mechanics.inverse_dynamics(at.q, still, still)
+    jacobian = ca.vertcat(mechanics.constraint_jacobian(at.q), held_jacobian(switched.held, mechanics, at.q))
+    momentum = dt * (goes * mechanics.force(at.q, at.v, u) - inertial) - jacobian.T @ impulse
+    places = ca.vertcat(
+        mechanics.constraints(after.q), held_rows(switched.held, mechanics, after.q, before.q)
+    )
+    rows = goes * places / dt + switched.is_impact * (jacobian @ after.v)
+    return StepRows(kinematic, momentum, switched.active * rows + (1 - switched.active) * impulse)
