@@ -313,7 +313,7 @@ def _never_meet(robot: Robot, link: LinkSpheres, number: int, obstacle: Obstacle
         return _STILL
     if carrier and (model.parents[link.joint] == carrier or model.parents[carrier] == link.joint):
         return "on the link next to its own"
-    if carrier:
+    if carrier or obstacle.movable:
         return ""
     center = model.frames[link.frame].placement.act(np.array(link.centers[number]))
     at, radius = reach(model, link.joint, center, np.asarray(limits.q_lower), np.asarray(limits.q_upper))

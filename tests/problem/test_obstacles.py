@@ -69,6 +69,20 @@ def test_what_never_meets_is_left_out_and_told(planar):
     assert not far.path
 
 
+def test_movable_obstacles_keep_their_pairs(planar):
+    """Wherever they stand: the structure is the same, and so are the compiled functions."""
+    near, far = (
+        problem(planar, obstacle=[box(movable=True, position=[x, -0.6, 0.0])]) for x in (0.9, 9.0)
+    )
+    assert near.clearance.rows == far.clearance.rows == 3
+    assert near.clearance.term.signature == far.clearance.term.signature
+    again = parse_problem(problem_to_toml(far))
+    assert again.obstacle[0].movable
+    assert "movable = " not in problem_to_toml(problem(planar, obstacle=[box()]))
+    with pytest.raises(MbocpError, match=r"movable"):
+        problem(planar, obstacle=[box(movable=2)])
+
+
 def test_reach_is_never_too_short(planar):
     """No pose of many brings a sphere that was left out to the obstacle."""
     p = problem(planar, obstacle=[box()])

@@ -93,4 +93,5 @@ def _obstacle(table: ObstacleTable, index: int) -> Obstacle:
             frame=table.frame or "world",
             margin=table.margin,
             smoothing=table.smoothing,
+            movable=table.movable,
         )

@@ -324,6 +324,7 @@ class ObstacleTable(Table):
     frame: str | None = None
     margin: Finite = 0.0
     smoothing: Finite = SMOOTHING
+    movable: bool = False
 
 
 class SelfCollisionTable(Table):

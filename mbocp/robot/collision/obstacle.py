@@ -53,6 +53,9 @@ class Obstacle:
         Least distance [m].
     smoothing : float
         Length over which edges are rounded in the equations [m].
+    movable : bool
+        Whether it is moved from one problem to the next: even what cannot reach it takes part, so that
+        nothing compiles anew.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class Obstacle:
     frame: str = kinematics.WORLD
     margin: float = 0.0
     smoothing: float = SMOOTHING
+    movable: bool = False
 
     def __post_init__(self) -> None:
         key = f"obstacle {self.name!r}"
@@ -91,6 +95,8 @@ class Obstacle:
             if not (is_number(value) and least <= value <= _LARGEST):
                 raise InvalidValue(f"{key}: {name}", shown(value), f"a length from {least:g} on [m]")
             object.__setattr__(self, name, float(value))
+        if not isinstance(self.movable, bool | np.bool_):
+            raise InvalidValue(f"{key}: movable", shown(self.movable), "true or false")
 
     @property
     def placement(self) -> pin.SE3:
@@ -118,7 +124,8 @@ class Obstacle:
         found |= {"position": np.asarray(self.position), "orientation": np.asarray(self.orientation)}
         if self.frame != kinematics.WORLD:
             found["frame"] = self.frame
-        return found | {"margin": self.margin, "smoothing": self.smoothing}
+        found |= {"margin": self.margin, "smoothing": self.smoothing}
+        return found | ({"movable": True} if self.movable else {})
 
     def _take(self, name: str, count: int, unit: str) -> None:
         array = np.asarray(getattr(self, name), dtype=np.float64)
