@@ -81,7 +81,7 @@ def record_of(problem: Problem, number: int, starts: int) -> dict[str, Any]:
     line = np.array([pin.interpolate(*ends, share) for share in np.linspace(0.0, 1.0, _STEPS + 1)])
     return {
         "number": number,
-        "obstacles": sum(np.asarray(o.position)[2] < _FAR / 2 for o in problem.obstacle),
+        "obstacles": sum(bool(o.position[2] < _FAR / 2) for o in problem.obstacle),
         "line": touching.first(solution.t, line) is not None,
         "status": str(solution.status),
         "iterations": solution.iterations,

@@ -56,7 +56,7 @@ def test_grips_carry_the_box(problem: Problem, solved: Solution) -> None:
     finer = mbocp.solve(problem.with_(steps=2 * problem.num_steps), solver="monolithic", check=True)
     errors = [balance_errors(problem.robot, one) for one in (solved, finer)]
     for coarse, fine in zip(*errors, strict=True):
-        assert fine < 0.65 * coarse
+        assert fine < 0.8 * coarse < 0.05  # N, N m; the grips pull by 49 N and turn by 18 N m
 
 
 def balance_errors(robot: Robot, solution: Solution) -> tuple[float, float]:

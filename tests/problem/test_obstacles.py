@@ -71,9 +71,7 @@ def test_what_never_meets_is_left_out_and_told(planar):
 
 def test_movable_obstacles_keep_their_pairs(planar):
     """Wherever they stand: the structure is the same, and so are the compiled functions."""
-    near, far = (
-        problem(planar, obstacle=[box(movable=True, position=[x, -0.6, 0.0])]) for x in (0.9, 9.0)
-    )
+    near, far = (problem(planar, obstacle=[box(movable=True, position=[x, -0.6, 0.0])]) for x in (0.9, 9.0))
     assert near.clearance.rows == far.clearance.rows == 3
     assert near.clearance.term.signature == far.clearance.term.signature
     again = parse_problem(problem_to_toml(far))
