@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp.accuracy import follows_fast, with_accuracy
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
@@ -39,6 +40,7 @@ def solve(
     warm_start: Solution | None = None,
     callback: Callable[[IterationRecord], object] | None = None,
     check: bool = False,
+    accuracy: bool | None = False,
 ) -> Solution:
     """Solve an optimal control problem.
 
@@ -54,6 +56,9 @@ def solve(
         Called with every `IterationRecord`.
     check : bool
         Raise unless converged.
+    accuracy : bool, optional
+        Compare the motion with what the robot would do, see `mbocp.accuracy`. None: unless that takes long to
+        compile, as it does for large closed mechanisms.
 
     Returns
     -------
@@ -77,6 +82,8 @@ def solve(
     solution = _solved(problem, warm_start, callback, deadline)
     if solution.is_stationary and not problem.goals:
         solution = _cleared(problem, solution, callback, deadline)
+    if accuracy or (accuracy is None and follows_fast(problem)):
+        solution = with_accuracy(problem, solution, deadline)
     if check and not solution.converged:
         raise NotConverged(solution)
     return solution

@@ -37,6 +37,7 @@ LAYERS = (
     "problem",
     "formulation",
     "solution",
+    "accuracy",
     "view",
     "guesses",
     "solving",

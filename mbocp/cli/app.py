@@ -75,6 +75,14 @@ def solve(
     plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Write plots.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
+    accuracy: Annotated[
+        bool | None,
+        typer.Option(
+            "--accuracy/--no-accuracy",
+            help="Compare the motion with what the robot would do; by default unless that takes long.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Solve a problem file.
 
@@ -83,7 +91,8 @@ def solve(
     from mbocp.cli.solve import Outputs, run
 
     outputs = Outputs(result=output, replay=replay, plot=plot)
-    raise typer.Exit(run(file, settings or [], solver, outputs, as_json=as_json, quiet=quiet))
+    status = run(file, settings or [], solver, outputs, as_json=as_json, quiet=quiet, accuracy=accuracy)
+    raise typer.Exit(status)
 
 
 @app.command()

@@ -75,7 +75,14 @@ def check_output(path: Path, option: str, suffixes: Sequence[str]) -> None:
 
 
 def run(
-    file: Path, settings: Sequence[str], solver: str | None, outputs: Outputs, *, as_json: bool, quiet: bool
+    file: Path,
+    settings: Sequence[str],
+    solver: str | None,
+    outputs: Outputs,
+    *,
+    as_json: bool,
+    quiet: bool,
+    accuracy: bool | None = None,
 ) -> int:
     """Solve the problem file and write what is asked for.
 
@@ -92,6 +99,8 @@ def run(
         Print the JSON object, and nothing else, on stdout.
     quiet : bool
         Print errors only.
+    accuracy : bool, optional
+        See `mbocp.solve`.
 
     Returns
     -------
@@ -109,7 +118,7 @@ def run(
         progress.say("loading the robot")
         problem = load_problem(file, chosen)
         progress.say("compiling, then guessing (slow the first time)")
-        solution = _solve(problem, progress)
+        solution = _solve(problem, progress, accuracy)
     written = _write(solution, problem, outputs)
     if as_json:
         typer.echo(solution.to_json(indent=2))
@@ -139,10 +148,10 @@ def _exit_status(solution: Solution) -> int:
     return 0 if solution.converged else 1
 
 
-def _solve(problem: Problem, progress: Progress) -> Solution:
+def _solve(problem: Problem, progress: Progress, accuracy: bool | None) -> Solution:
     import mbocp
 
-    return mbocp.solve(problem, callback=progress)
+    return mbocp.solve(problem, callback=progress, accuracy=accuracy)
 
 
 def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple[str, Path]]:

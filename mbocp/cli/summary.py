@@ -66,6 +66,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
     if solution.advice:
         verdict.append(f": {solution.advice}", style="not bold default")
     return [
+        *_coarse(solution),
         ("robot", robot),
         *_carried(solution.robot_spec),
         ("horizon", f"{_duration(solution)} in {_steps(solution)}{_scheme(solution)}"),
@@ -82,9 +83,43 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         *_limits(solution),
         *_clearance(solution),
         *_drift(solution),
+        *_accuracy(solution),
         ("conserved", _conserved(solution)),
         *_hamiltonian(solution),
     ]
+
+
+def _coarse(solution: Solution) -> _Rows:
+    """What has to be known before everything else: that the steps are too long for the motion."""
+    found = solution.accuracy
+    if not found.is_known or found.is_small:
+        return []
+    words = (
+        f"the errors of the steps are {100 * found.share:.2g} % of the way of {found.way_joint}: a robot "
+        "under these controls moves otherwise; take more steps, or a scheme of higher order (see accuracy)"
+    )
+    return [("coarse", Text(words, style="bold yellow"))]
+
+
+def _accuracy(solution: Solution) -> _Rows:
+    """Errors of single steps, of their sum, and of a replay."""
+    found = solution.accuracy
+    if not found.is_known:
+        return []
+    units = {column.name: column.unit.removesuffix("/s") for column in solution.labels.v}
+
+    def size(value: float, joint: str) -> str:
+        return f"{value:.2g} {units.get(joint, '')}".rstrip() + f" ({joint})"
+
+    missed = size(found.replay_error, found.replay_joint)
+    lines = [
+        f"a step is wrong by {size(found.local_error, found.local_joint)} at most, to t = "
+        f"{found.local_time:.4g} s; all of them by {100 * found.share:.2g} % of the way of {found.way_joint}",
+        f"the controls alone, without feedback, miss the end by {missed}",
+        f"the steps {'make' if found.made_energy > 0.0 else 'lose'} {abs(found.made_energy):.2g} J of "
+        f"{found.energy_range:.3g} J",
+    ]
+    return [("accuracy", "\n".join(lines))]
 
 
 def _starts(solution: Solution) -> _Rows:

@@ -77,6 +77,14 @@ class ForwardMechanics(JointMechanics):
         """Multipliers lambda of the holonomic constraints, shape (nc,)."""
         return self._lambda(q, v, self.forward_dynamics(q, v, self.force(q, v, u)), gamma)
 
+    def projected_velocity(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """The velocity that keeps the constraints and is nearest to v in kinetic energy, shape (nv,)."""
+        if self.nc == 0:
+            return v
+        jacobian = self.constraint_jacobian(q)
+        moved = self.inverse_mass_matrix(q) @ jacobian.T
+        return v - moved @ _solved(jacobian @ moved, jacobian @ v)
+
     def _lambda(self, q: ca.SX, v: ca.SX, free: ca.SX, gamma: ca.SX) -> ca.SX:
         jacobian = self.constraint_jacobian(q)
         rate = jacobian @ v

@@ -15,12 +15,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue
+from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.records import IterationRecord, Phase, StartRecord, Status
 from mbocp.storage.content import FileContent
 
 __all__ = ["check_content", "read_records"]
 
-_Record = TypeVar("_Record", Phase, IterationRecord, StartRecord)
+_Record = TypeVar("_Record", Phase, IterationRecord, StartRecord, Accuracy)
 
 
 class _Strict(BaseModel):
@@ -83,7 +84,7 @@ def _read_as(hint: Any) -> Any:
 
 
 _TABLES: dict[type, type[_Strict]] = {
-    record: _table_of(record) for record in (Phase, IterationRecord, StartRecord)
+    record: _table_of(record) for record in (Phase, IterationRecord, StartRecord, Accuracy)
 }
 
 
@@ -91,6 +92,7 @@ class _Structures(_Strict):
     phases: list[dict[str, Any]]
     history: list[dict[str, Any]]
     starts: list[dict[str, Any]] = []  # of several guesses
+    accuracy: list[dict[str, Any]] = []  # one, where somebody has looked
     robot_spec: dict[str, Any]
     options: dict[str, Any]
     versions: dict[str, str]

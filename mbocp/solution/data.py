@@ -12,6 +12,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.solution._values import checked_arrays, json_copy
+from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
 from mbocp.solution.problem_text import duration_range_of, integrator_of, limits_of, via_places_of
 from mbocp.solution.records import IterationRecord, Labels, Phase, StartRecord, Status
@@ -131,6 +132,7 @@ class SolutionData:
     problem_text: str = ""
     guess_used: str = ""
     starts: tuple[StartRecord, ...] = ()
+    accuracy: Accuracy = field(default_factory=Accuracy)
     options: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     labels: Labels = field(default_factory=Labels)

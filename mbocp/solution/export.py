@@ -94,6 +94,7 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "clearance": solution.clearance,
         "clearance_between": solution.clearance_between,
         "clearance_time": solution.clearance_time,
+        "accuracy": dataclasses.asdict(solution.accuracy) if solution.accuracy.is_known else None,
         "unknowns": solution.unknowns,
         "num_steps": solution.num_steps,
         "duration": solution.duration,

@@ -49,6 +49,8 @@ class Solution(SolutionData):
         Duration of the whole solve [s].
     phases : tuple of Phase
     history : tuple of IterationRecord
+    accuracy : Accuracy
+        How far the steps are from what the robot would do; of NaN where nobody has looked.
     starts : tuple of StartRecord
         With `solver.starts` above 1 or several goals what each guess led to; empty else.
     t : ndarray, shape (N + 1,)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_records
 from mbocp.solution.data import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, SolutionData
 from mbocp.solution.records import Column, IterationRecord, Labels, Phase, StartRecord, dual_columns
@@ -28,6 +29,8 @@ def content_of(solution: SolutionData) -> FileContent:
     if solution.starts:
         starts = [dataclasses.asdict(record) for record in solution.starts]
         structures["starts"] = [{**record, "status": str(record["status"])} for record in starts]
+    if solution.accuracy.is_known:
+        structures["accuracy"] = [dataclasses.asdict(solution.accuracy)]
     arrays = {name: getattr(solution, name) for name in ARRAYS}
     arrays |= {name: getattr(solution, name) for name in OPTIONAL if _says_something(solution, name)}
     return FileContent(
@@ -53,6 +56,7 @@ def fields_of(content: FileContent) -> dict[str, Any]:
     fields["phases"] = read_records(Phase, fields["phases"])
     fields["history"] = read_records(IterationRecord, fields["history"])
     fields["starts"] = read_records(StartRecord, fields.get("starts", []))
+    fields["accuracy"] = next(iter(read_records(Accuracy, fields.get("accuracy", []))), Accuracy())
     labels = {name: tuple(Column(*pair) for pair in content.columns[f"{name}s"]) for name in _LABELLED}
     fields["labels"] = Labels(**labels)
     fields["control_momentum_names"] = tuple(name for name, _ in content.columns["control_momenta"])

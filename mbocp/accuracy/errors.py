@@ -1,0 +1,129 @@
+r"""Errors of a discrete motion against the flow of the robot.
+
+With :math:`\varphi_n` the flow over the step n under its control, from the node itself, and E the energy,
+
+.. math::
+    e_n &= \varphi_n(x_{n-1})^{-1} x_n          && \text{local error,} \\
+    E(x_n) - E(\varphi_n(x_{n-1}))              &&& \text{energy that the step makes,} \\
+    \varphi_N \circ \dots \circ \varphi_1(x_0)  &&& \text{replay of the controls.}
+
+Whatever the controls and dampers do along the flow is in its energy, so that the second line is what work and
+energy differ by. A replay tells how the motion's errors grow; where the robot is unstable, as an arm that
+holds its links up, they grow by many powers of ten in an open loop.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.accuracy.flow import Flow
+from mbocp.formulation import Motion
+from mbocp.robot import Robot
+from mbocp.robot.drives import control_velocity_maps, speed_maps
+from mbocp.solution import Accuracy
+
+__all__ = ["accuracy_of"]
+
+_MOST_PARTS = 64  # of a step: stiffer ones are not followed
+_RESOLVED = 0.01  # of the local errors: what the flow itself may be wrong by
+_ROUND_OFF = 1e-11  # [rad, m]: what no flow is better than
+_STANDS = 1e-3  # of the longest way: joints that hardly move
+
+
+def accuracy_of(robot: Robot, motion: Motion, *, deadline: float = math.inf) -> Accuracy:
+    """Compare a motion with the flow of the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    deadline : float
+        Time of `time.perf_counter` at which compiling is given up.
+
+    Returns
+    -------
+    Accuracy
+        Of NaN where the motion is not finite, or where the robot is too stiff to be followed.
+    """
+    if not all(np.isfinite(array).all() for array in (motion.qs, motion.vs, motion.us)):
+        return Accuracy()
+    flow = Flow.of(robot, deadline=deadline)
+    qs, vs, us, dts = motion.qs, flow.consistent(motion.qs, motion.vs), motion.us, motion.dts
+    speeds = _speeds(robot, qs, vs)
+    followed = _followed(flow, motion, speeds)
+    if followed is None:
+        return Accuracy()
+    ends, end_speeds, parts, own = followed
+    errors = np.abs(flow.differences(ends, qs[1:]))
+    ways = np.abs(flow.differences(qs[:-1], qs[1:])).sum(axis=0)
+    names = [label.name for label in robot.v_labels]
+    step, joint = np.unravel_index(errors.argmax(), errors.shape)
+    worst = _worst_share(errors.sum(axis=0), ways)
+    left = _replayed(flow, motion, speeds, parts)
+    energies = flow.energies(qs, vs)
+    made = np.cumsum(energies[1:] - flow.energies(ends, _velocities(robot, ends, end_speeds, us)))
+    kinetic = energies - flow.energies(qs, np.zeros_like(vs))
+    return Accuracy(
+        local_error=float(errors.max()),
+        local_joint=names[joint],
+        local_time=float(dts[: step + 1].sum()),
+        sum_of_errors=float(errors[:, worst].sum()),
+        way=float(ways[worst]),
+        way_joint=names[worst],
+        replay_error=float(left.max()),
+        replay_joint=names[int(left.argmax())],
+        made_energy=float(made[np.abs(made).argmax()]),
+        energy_range=float(max(np.ptp(energies), kinetic.max())),
+        own_error=own,
+    )
+
+
+def _followed(flow: Flow, motion: Motion, speeds: Array) -> tuple[Array, Array, int, float] | None:
+    """States after the flows, parts of a step that this takes, and what they are wrong by."""
+    start = (motion.qs[:-1], speeds[:-1], motion.us, motion.dts)
+    parts, coarse = 1, flow.ends(*start, 1)
+    while parts < _MOST_PARTS:
+        parts *= 2
+        fine = flow.ends(*start, parts)
+        if np.isfinite(fine[0]).all() and np.isfinite(coarse[0]).all():
+            own = np.abs(flow.differences(coarse[0], fine[0])).max()
+            errors = np.abs(flow.differences(fine[0], motion.qs[1:])).max()
+            if own <= max(_RESOLVED * errors, _ROUND_OFF):
+                return *fine, parts, float(own)
+        coarse = fine
+    return None
+
+
+def _replayed(flow: Flow, motion: Motion, speeds: Array, parts: int) -> Array:
+    """Errors at the end of the replay, shape (nv,); infinite where it leaves all bounds."""
+    qs, _ = flow.replay(motion.qs[0], speeds[0], motion.us, motion.dts, parts)
+    if not np.isfinite(qs[-1]).all():
+        return np.full(motion.vs.shape[1], np.inf)
+    missed: Array = np.abs(flow.differences(qs[-1:], motion.qs[-1:])[0])
+    return missed
+
+
+def _speeds(robot: Robot, qs: Array, vs: Array) -> Array:
+    """Speeds nearest to velocities, shape (k, ns); see `mbocp.mechanics.forward`."""
+    if not robot.drives:
+        return vs
+    found: Array = np.einsum("nij,ni->nj", speed_maps(robot, qs), vs)
+    return found
+
+
+def _velocities(robot: Robot, qs: Array, speeds: Array, us: Array) -> Array:
+    """Velocities of speeds and controls, shape (k, nv)."""
+    if not robot.drives:
+        return speeds
+    prescribed = np.einsum("nij,nj->ni", control_velocity_maps(robot, qs), us)
+    found: Array = np.einsum("nij,nj->ni", speed_maps(robot, qs), speeds) + prescribed
+    return found
+
+
+def _worst_share(sums: Array, ways: Array) -> int:
+    """Component whose errors are largest against its way; of those that stand still, nothing is asked."""
+    moves = ways > _STANDS * ways.max(initial=0.0)
+    return int(np.where(moves, sums / np.where(moves, ways, 1.0), -1.0).argmax())

@@ -1,0 +1,160 @@
+r"""The flow of a robot under constant controls, to many more digits than steps of a problem have.
+
+States are (q, s), configurations in Pinocchio's coordinates and speeds. The flow solves
+
+.. math:: \dot q = q\,v(q, s, u), \qquad \dot s = a(q, s, u)
+
+by the method of order eight of Dormand and Prince [Hairer1993]_ in these coordinates, in parts of a step that
+are as short as its error asks for. Holonomic constraints act through projected accelerations, from
+velocities that satisfy them.
+
+The right-hand side is compiled once for a robot. Flows from all nodes are one call.
+
+.. [Hairer1993] Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, section II.5.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import DOP853
+
+from mbocp._arrays import Array
+from mbocp.formulation.sources import sources_digest
+from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.programme.compilation import CompiledFunctions, load_functions
+from mbocp.robot import Robot
+
+__all__ = ["Flow"]
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """Flow of a robot.
+
+    Attributes
+    ----------
+    robot : Robot
+    functions : CompiledFunctions
+        "rate" (q, s, u) -> dq/dt, ds/dt; "energy" (q, v) -> E; "difference" (q, q) -> tangent;
+        "consistent" (q, v) -> v on the constraints.
+    """
+
+    robot: Robot
+    functions: CompiledFunctions
+
+    @classmethod
+    def of(cls, robot: Robot, *, deadline: float = math.inf) -> Flow:
+        """Compile the right-hand side, or take it from the cache.
+
+        Raises
+        ------
+        UnsupportedRobot
+            If the robot has both drives and holonomic constraints.
+        CompilationError
+            If it cannot be compiled, or not before the deadline.
+        """
+        key = f"flow {robot.fingerprint} {sources_digest()} {_own_digest()}"
+        return cls(robot, load_functions(key, lambda: _functions(robot), deadline=deadline))
+
+    def ends(self, qs: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
+        """States after flows over every step, each from its own node.
+
+        Parameters
+        ----------
+        qs : ndarray, shape (N, nq)
+        speeds : ndarray, shape (N, ns)
+        us : ndarray, shape (N, nu)
+        dts : ndarray, shape (N,)
+            Lengths of the steps [s].
+        parts : int
+            Steps of the method in each.
+
+        Returns
+        -------
+        qs : ndarray, shape (N, nq)
+        speeds : ndarray, shape (N, ns)
+        """
+        step = _step(self.functions.function("rate")).map(len(us))
+        x = np.hstack([qs, speeds]).T
+        for _ in range(parts):
+            x = step(x, us.T, dts[None] / parts).full()
+        return x[: qs.shape[1]].T, x[qs.shape[1] :].T
+
+    def replay(self, q: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
+        """States of the nodes of one flow from (q, speeds) under the controls of all steps.
+
+        Returns
+        -------
+        qs : ndarray, shape (N + 1, nq)
+        speeds : ndarray, shape (N + 1, ns)
+        """
+        chain = _step(self.functions.function("rate")).mapaccum(parts * len(us))
+        found = chain(
+            np.append(q, speeds), np.repeat(us, parts, axis=0).T, np.repeat(dts, parts)[None] / parts
+        )
+        xs = np.vstack([np.append(q, speeds), found.full().T[parts - 1 :: parts]])
+        return xs[:, : q.size], xs[:, q.size :]
+
+    def differences(self, befores: Array, afters: Array) -> Array:
+        """Tangents that lead from configurations to others, shape (k, nv)."""
+        found: Array = self.functions.function("difference").map(len(befores))(befores.T, afters.T).full().T
+        return found
+
+    def energies(self, qs: Array, vs: Array) -> Array:
+        """Kinetic and potential energy, springs included [J], shape (k,)."""
+        found: Array = self.functions.function("energy").map(len(qs))(qs.T, vs.T).full().ravel()
+        return found
+
+    def consistent(self, qs: Array, vs: Array) -> Array:
+        """Velocities nearest in kinetic energy that keep the constraints, shape (k, nv)."""
+        if not self.robot.nc:
+            return vs
+        found: Array = self.functions.function("consistent").map(len(qs))(qs.T, vs.T).full().T
+        return found
+
+
+def _functions(robot: Robot) -> dict[str, ca.Function]:
+    mechanics = ForwardMechanics(robot)
+    q, v = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", mechanics.nv)
+    other = ca.SX.sym("other", mechanics.nq)
+    s, u = ca.SX.sym("s", mechanics.ns), ca.SX.sym("u", mechanics.nu)
+    along = mechanics.space.rate(q, mechanics.velocity(q, s, u))
+    rates = [ca.densify(along), ca.densify(mechanics.speed_rate(q, s, u, ca.SX(0)))]
+    energy = ca.dot(v, mechanics.momentum(q, v)) / 2 + mechanics.potential_energy(q)
+    functions = {
+        "rate": ca.Function("rate", [q, s, u], ca.cse(rates)),
+        "energy": ca.Function("energy", [q, v], ca.cse([energy])),
+        "difference": ca.Function("difference", [q, other], [ca.densify(mechanics.difference(q, other))]),
+    }
+    if mechanics.nc:
+        consistent = [ca.densify(mechanics.projected_velocity(q, v))]
+        functions["consistent"] = ca.Function("consistent", [q, v], ca.cse(consistent))
+    return functions
+
+
+@lru_cache(maxsize=64)
+def _step(rate: ca.Function) -> ca.Function:
+    """One step of the method, (x, u, h) -> x."""
+    nq, ns, nu = (rate.numel_in(i) for i in range(3))
+    x, u, h = ca.MX.sym("x", nq + ns), ca.MX.sym("u", nu), ca.MX.sym("h")
+    slopes: list[ca.MX] = []
+    for row in DOP853.A:
+        at = x + h * _sum(row, slopes) if slopes else x
+        slopes.append(ca.vertcat(*rate.call([at[:nq], at[nq:], u])))
+    return ca.Function("step", [x, u, h], [x + h * _sum(DOP853.B, slopes)])
+
+
+def _sum(row: Array, slopes: list[ca.MX]) -> ca.MX:
+    return sum((float(a) * k for a, k in zip(row, slopes, strict=False) if a), start=ca.MX(0))
+
+
+@lru_cache(maxsize=1)
+def _own_digest() -> str:
+    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()

@@ -1,0 +1,53 @@
+"""Solutions that say how accurate they are."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from mbocp.accuracy.errors import accuracy_of
+from mbocp.exceptions import CompilationTimeout, ProblemError
+from mbocp.formulation import Motion
+from mbocp.problem import Problem
+from mbocp.solution import Phase, Solution
+
+__all__ = ["follows_fast", "with_accuracy"]
+
+_MOST_LOOPS = 6  # constraints, of which more take seconds to compile
+_MOST_JOINTS = 30  # velocity components, the same
+_MOST_STEPS = 20_000
+
+
+def follows_fast(problem: Problem) -> bool:
+    """Whether the flow of the robot takes no more than a second to compile, and milliseconds to follow."""
+    robot = problem.robot
+    is_small = robot.nc <= _MOST_LOOPS and robot.nv <= _MOST_JOINTS and problem.num_steps <= _MOST_STEPS
+    return is_small and not (problem.holds or problem.releases)
+
+
+def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solution:
+    """The solution with the errors of its motion; as it is where there is no motion or no time.
+
+    Raises
+    ------
+    ProblemError
+        If constraints are taken on and let go along the way: the flow does not know them yet.
+    """
+    if problem.holds or problem.releases:
+        raise ProblemError(
+            "accuracy: holds and releases are not followed yet; solve with accuracy = False, or from the "
+            "shell with --no-accuracy"
+        )
+    if not solution.is_stationary:
+        return solution
+    begun = time.perf_counter()
+    motion = Motion(solution.qs, solution.vs, solution.us, np.diff(solution.t))
+    try:
+        found = accuracy_of(problem.robot, motion, deadline=deadline)
+    except CompilationTimeout:
+        return solution
+    spent = time.perf_counter() - begun
+    phases = (*solution.phases, Phase("accuracy", 0, spent))
+    return replace(solution, accuracy=found, phases=phases, wall_time_s=solution.wall_time_s + spent)

@@ -1,0 +1,1 @@
+"""How far motions are from the robot."""

@@ -1,0 +1,168 @@
+"""Errors that solutions tell: their orders, what is known of them, and where nothing is."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.accuracy import accuracy_of, follows_fast, with_accuracy
+from mbocp.accuracy import flow as flows
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.formulation import Motion, build
+from mbocp.solution import Accuracy, Solution
+from tests.integrators.conftest import interpreted_functions
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+LOCAL_ORDERS = {"se1": 2, "se2": 2, "midpoint": 3, "heun": 3, "rk4": 5}
+
+
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flows, "load_functions", interpreted_functions)
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+
+
+def swing(scheme: str = "se1", steps: int = 40, **others: object) -> mbocp.Problem:
+    return mbocp.Problem.create(
+        mbocp.load_robot("double_pendulum"),
+        1.0,
+        steps,
+        start={"q": {"joint1": 0.3, "joint2": -0.2}},
+        goal={"q": {"joint1": 1.0, "joint2": 0.6}, "v": 0},
+        scheme=scheme,
+        **others,
+    )
+
+
+def solved(problem: mbocp.Problem) -> Solution:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return mbocp.solve(problem, check=True, accuracy=True)
+
+
+@pytest.mark.parametrize("scheme", LOCAL_ORDERS)
+def test_local_errors_have_the_order_of_the_scheme(scheme: str) -> None:
+    cart_pole = mbocp.load_problem(EXAMPLES / "optima" / "cart_pole.toml").with_(scheme=scheme)
+    coarse, fine = (solved(cart_pole.with_(num_steps=steps)).accuracy for steps in (100, 200))
+    assert np.log2(coarse.local_error / fine.local_error) == pytest.approx(LOCAL_ORDERS[scheme], abs=0.15)
+    assert fine.own_error < 0.02 * fine.local_error + 1e-10
+
+
+def test_an_exact_step_has_no_error() -> None:
+    """A mass under constant force: the midpoint rule is exact, and makes no energy."""
+    problem = mbocp.load_problem(EXAMPLES / "optima" / "two_carts.toml").with_(scheme="midpoint")
+    found = solved(problem).accuracy
+    assert found.local_error < 1e-11
+    assert abs(found.made_energy) < 1e-9
+    assert found.replay_error < 1e-8
+
+
+def test_made_energy_is_what_work_and_energy_differ_by() -> None:
+    """Work of the controls along the replay of each step, by Simpson's rule on the flow."""
+    problem = mbocp.load_problem(EXAMPLES / "optima" / "cart_pole.toml").with_(scheme="midpoint")
+    solution = solved(problem)
+    robot, flow = problem.robot, flows.Flow.of(problem.robot)
+    qs, vs, us, dts = solution.qs, solution.vs, solution.us, np.diff(solution.t)
+    energies = flow.energies(qs, vs)
+    at_q, at_v = qs[:-1], vs[:-1]
+    B = robot.actuation_matrix(qs[0])
+    power = [np.einsum("ni,ni->n", at_v, us @ B.T)]
+    for _ in range(8):
+        at_q, at_v = flow.ends(at_q, at_v, us, dts / 8, 1)
+        power.append(np.einsum("ni,ni->n", at_v, us @ B.T))
+    work = dts * (np.array([1, 4, 2, 4, 2, 4, 2, 4, 1]) / 24.0 @ np.array(power))
+    made = np.cumsum(np.diff(energies) - work)
+    assert solution.accuracy.made_energy == pytest.approx(made[np.abs(made).argmax()], rel=1e-4)
+
+
+def test_a_replay_tells_what_the_local_errors_come_to() -> None:
+    """Of second order where the scheme is."""
+    coarse, fine = (solved(swing("midpoint", steps)).accuracy for steps in (60, 120))
+    assert np.log2(coarse.replay_error / fine.replay_error) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "name", ["loops/four_bar", "free_flyer/drone_flip", "so3/unicycle_pendulum", "paper/elastic_pendulum"]
+)
+def test_loops_attitudes_drives_and_springs_are_followed(name: str) -> None:
+    found = solved(mbocp.load_problem(EXAMPLES / f"{name}.toml")).accuracy
+    assert found.is_known
+    assert 0.0 < found.local_error < 0.1
+    assert found.own_error < 0.02 * found.local_error + 1e-10
+    assert all([found.local_joint, found.way_joint, found.replay_joint])
+
+
+def test_shares_say_whether_steps_are_too_long() -> None:
+    assert not solved(swing("se1", 15)).accuracy.is_small
+    assert solved(swing("rk4", 60)).accuracy.is_small
+    assert Accuracy().is_small  # nothing is known against it
+    assert math.isnan(Accuracy(sum_of_errors=0.0, way=0.0).share)
+
+
+def test_what_is_not_finite_or_too_stiff_has_no_errors() -> None:
+    problem = swing()
+    solution = solved(problem)
+    motion = Motion(solution.qs, solution.vs, solution.us, np.diff(solution.t))
+    broken = dataclasses.replace(motion, vs=np.full_like(motion.vs, np.nan))
+    assert not accuracy_of(problem.robot, broken).is_known
+    wild = dataclasses.replace(motion, us=1e9 * motion.us, dts=10 * motion.dts)
+    assert not accuracy_of(problem.robot, wild).is_known
+
+
+def test_by_default_nobody_looks() -> None:
+    assert not mbocp.solve(swing()).accuracy.is_known
+
+
+def test_what_did_not_converge_is_not_looked_at() -> None:
+    problem = swing(solver={"max_iterations": 1})
+    assert not mbocp.solve(problem, accuracy=True).accuracy.is_known
+
+
+def test_small_robots_are_followed_without_being_asked() -> None:
+    problem = swing()
+    assert follows_fast(problem)
+    assert mbocp.solve(problem, accuracy=None).accuracy.is_known
+    large = mbocp.load_problem(EXAMPLES / "loops" / "stewart.toml")
+    assert not follows_fast(large)
+
+
+def test_holds_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = swing()
+    solution = mbocp.solve(problem)
+    monkeypatch.setattr(type(problem), "holds", ("a hold",), raising=False)
+    object.__setattr__(problem, "holds", ("a hold",))
+    assert not follows_fast(problem)
+    with pytest.raises(ProblemError, match="holds and releases"):
+        with_accuracy(problem, solution, math.inf)
+
+
+def test_files_and_json_carry_it(tmp_path: Path) -> None:
+    solution = solved(swing())
+    again = Solution.load(solution.save(tmp_path / "swing.h5"))
+    assert again.accuracy == solution.accuracy
+    written = json.loads(solution.to_json())["accuracy"]
+    assert written["local_error"] == solution.accuracy.local_error
+    assert json.loads(mbocp.solve(swing()).to_json())["accuracy"] is None
+
+
+def test_infinite_replays_are_stored(tmp_path: Path) -> None:
+    solution = solved(swing())
+    wild = dataclasses.replace(
+        solution, accuracy=dataclasses.replace(solution.accuracy, replay_error=math.inf)
+    )
+    assert Solution.load(wild.save(tmp_path / "wild.h5")).accuracy.replay_error == math.inf
+    assert json.loads(wild.to_json())["accuracy"]["replay_error"] is None
+
+
+def test_a_foreign_value_in_the_file_is_refused() -> None:
+    from mbocp.solution.checked import read_records
+
+    with pytest.raises(InvalidValue, match="Accuracy 0"):
+        read_records(Accuracy, [{"local_error": "much"}])
