@@ -166,3 +166,16 @@ def test_a_foreign_value_in_the_file_is_refused() -> None:
 
     with pytest.raises(InvalidValue, match="Accuracy 0"):
         read_records(Accuracy, [{"local_error": "much"}])
+
+
+def test_the_summary_tells_it(capsys: pytest.CaptureFixture[str]) -> None:
+    from mbocp.cli.summary import print_summary
+
+    problem = swing("se1", 15)
+    print_summary(solved(problem), problem)
+    said = capsys.readouterr().out
+    assert said.splitlines()[1].startswith("coarse")
+    assert "a step is wrong by" in said
+    assert "the steps make" in said or "the steps lose" in said
+    print_summary(mbocp.solve(problem), problem)
+    assert "a step is wrong by" not in capsys.readouterr().out

@@ -77,7 +77,13 @@ class FakeSolver:
         self.error: BaseException | None = None
         self.problems: list[Problem] = []
 
-    def __call__(self, problem: Problem, *, callback: Callable[[Any], object] | None = None) -> Solution:
+    def __call__(
+        self,
+        problem: Problem,
+        *,
+        callback: Callable[[Any], object] | None = None,
+        accuracy: bool | None = False,
+    ) -> Solution:
         self.problems.append(problem)
         solution = straight_line(problem, self.status)
         for record in solution.history:

@@ -83,7 +83,7 @@ import os, signal, sys, threading
 import mbocp
 from mbocp.cli import main
 real, number, waits = mbocp.solve, getattr(signal, sys.argv.pop(1)), []
-def solve(problem, callback):
+def solve(problem, callback, accuracy):
     def count(record):
         callback(record)
         waits.append(record)

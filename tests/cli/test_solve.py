@@ -64,6 +64,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "velocity_violation",
         "limit_violation",
         "manifold_drift",
+        "accuracy",
         "manifold_drift_resimulated",
         "clearance",
         "clearance_between",
