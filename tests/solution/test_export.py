@@ -18,7 +18,7 @@ from .fabricated import limited, pendulum
 KEYS = [
     "status", "converged", "advice", "solver", "iterations", "cost", "residual", "increment",
     "constraint_violation", "velocity_violation", "limit_violation", "manifold_drift",
-    "manifold_drift_resimulated", "clearance", "clearance_between", "clearance_time",
+    "manifold_drift_resimulated", "clearance", "clearance_between", "clearance_time", "accuracy",
     "unknowns", "num_steps", "duration", "via_times", "wall_time_s", "phases",
     "history",
     "control_hamiltonian", "control_momentum_drift",
