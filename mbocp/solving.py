@@ -18,7 +18,7 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
 from mbocp.guesses.several import solve_from_starts
 from mbocp.problem import Problem, load_problem
-from mbocp.problem.clearance import with_larger_margin
+from mbocp.problem.margins import with_larger_margin
 from mbocp.solution import Solution
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord

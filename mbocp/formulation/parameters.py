@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -25,6 +26,8 @@ __all__ = [
     "path_parameters",
     "pieces",
 ]
+
+S = TypeVar("S", ca.SX, ca.MX)
 
 TIME = "t"  # at which a step is evaluated [s]
 
@@ -100,7 +103,7 @@ def mask(sizes: Mapping[str, int], names: Container[str]) -> BoolArray:
     return np.concatenate([np.full(size, name in names) for name, size in sizes.items()])
 
 
-def pieces(vector: ca.SX, sizes: Mapping[str, int]) -> dict[str, ca.SX]:
+def pieces(vector: S, sizes: Mapping[str, int]) -> dict[str, S]:
     """Named pieces of a symbolic vector."""
     bounds = [0]
     for size in sizes.values():

@@ -23,23 +23,22 @@ balance count in a unit of force that is one of the parameters, see `Units`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import casadi as ca
 
-from mbocp.formulation.accelerations import driven_acceleration
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE, idle_cost, spacing
-from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
+from mbocp.formulation.memory import HAS_BEFORE
 from mbocp.formulation.pace_terms import ADVANCES, resting_cost
 from mbocp.formulation.parameters import (
     TIME,
     Sizes,
     parameter_layout,
-    path_parameters,
     pieces,
 )
+from mbocp.formulation.path import build_path
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.formulation.switch_terms import IS_IMPACT, idle_impact
@@ -68,7 +67,7 @@ def build_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[
     symbols = _symbols(space, signature)
     functions = _functions(symbols, signature.steps.derivatives(symbols))
     if signature.path:
-        functions["path"] = _path(symbols, signature)
+        functions["path"] = build_path(symbols, signature)
     nx, ndx = space.layout.nx, space.layout.ndx
     x, dx, moved = ca.SX.sym("x", nx), ca.SX.sym("dx", ndx), ca.SX.sym("x_moved", nx)
     functions["retract"] = ca.Function("retract", [x, dx], [ca.densify(space.retract(x, dx))])
@@ -164,29 +163,3 @@ def _functions(at: StepSymbols, step: StepDerivatives) -> dict[str, ca.Function]
         "jacobian": ca.Function("jacobian", [*arguments, *parameters], ca.cse(derivatives[:4])),
         "complete": ca.Function("complete", [*arguments, at.m, *parameters], ca.cse(derivatives)),
     }
-
-
-def _path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
-    """Path constraints at the end of the step, in coordinates: only flat programmes have them."""
-    mechanics, layout, rows = at.mechanics, at.space.layout, []
-    q, s = at.x1[layout.z], at.x1[layout.s]
-    node = Point(mechanics, q, mechanics.velocity(q, s, at.controls))
-    remembered = {name: _unit(at, name) * at.x1[where] for name, where in layout.remembered.items()}
-    node = replace(node, remembered=remembered)
-    if "control" in remembered:
-        u = remembered["control"]
-        node = replace(node, u=u, acceleration=partial(driven_acceleration, node, u))
-    for k, term in enumerate(signature.path):
-        rows.append(term.expression(node, {n: at.given[path_parameters(k, n)] for n in term.sizes}))
-    h = ca.densify(ca.vertcat(*rows))
-    m = ca.SX.sym("m", h.numel())
-    hessian, _ = ca.hessian(ca.dot(m, h), at.x1)
-    outputs = [h, ca.jacobian(h, at.x1), ca.triu(hessian)]
-    return ca.Function("path", [at.x1, m, at.inputs, at.theta], ca.cse(outputs))
-
-
-def _unit(at: StepSymbols, name: str) -> ca.SX:
-    """What a block of what is remembered is multiplied by."""
-    if MEMORY[name].has_unit:
-        return at.given[unit_of(name)]
-    return at.units_of_u if MEMORY[name].of == "u" else ca.SX(1)

@@ -29,6 +29,7 @@ _CHECKED = 8  # configurations of a step
 _MOST = 4000  # steps of both trees
 _CUTS = 150  # tries to cut a corner
 _RESERVES = (0.03, 0.01, 0.0)  # [m] beyond the margins, the first with which a way is found
+_NEAR = 1e-3  # [m] beyond a reserve: how near does not matter there
 _PLACES, _ROUNDS = 60, 60  # of a way whose corners are rounded
 
 
@@ -57,10 +58,9 @@ class _Room:
     problem: Problem
     clearance: Clearance
 
-    def least(self, qs: Array) -> Array:
-        """Least clearance beyond its margin at each configuration, shape (n,) [m]."""
-        found = self.clearance.values_along(self.problem.robot, qs, qs, qs)
-        return np.asarray((found - self.clearance.lower).min(axis=1))
+    def least(self, qs: Array, most: float = np.inf) -> Array:
+        """Least clearance beyond its margin at each configuration, at most `most`, shape (n,) [m]."""
+        return self.clearance.least(qs, most)
 
     def between(self, q0: Array, q1: Array, count: int) -> Array:
         """Configurations on the line, without its start, shape (count, nq)."""
@@ -72,7 +72,7 @@ class _Room:
         length = float(np.linalg.norm(self.problem.robot.difference(q0, q1)))
         count = _CHECKED * max(1, int(np.ceil(length / _STEP)))
         for part in np.array_split(self.between(q0, q1, count), count // _CHECKED):
-            if self.least(part).min() < reserve:
+            if self.least(part, reserve + _NEAR).min() < reserve:
                 return False
         return True
 
@@ -115,7 +115,7 @@ class _Tree:
         there = target
         if length > _STEP:
             there = np.asarray(robot.integrate(self.places[nearest], ahead * _STEP / length))
-        if room.least(room.between(self.places[nearest], there, _CHECKED)).min() < reserve:
+        if room.least(room.between(self.places[nearest], there, _CHECKED), reserve + _NEAR).min() < reserve:
             return None
         self.places.append(there)
         self.parents.append(nearest)

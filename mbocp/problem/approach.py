@@ -126,7 +126,7 @@ def _bounds(clearance: Clearance, qs: Array) -> tuple[list[tuple[int, int, bool]
     """Pairs of a link and an obstacle or link; bounds of their distances beyond margins; their margins."""
     links = clearance.robot.collision_spheres
     gaps = [0.0 if np.isnan(link.gap) else link.gap for link in links]
-    values = clearance.values_along(clearance.robot, qs, qs, qs) - clearance.lower
+    values = clearance.pair_values(qs) - clearance.margins
     rounding = max([o.smoothing for o in clearance.obstacles], default=0.0)
     columns: dict[tuple[int, int, bool], list[int]] = {}
     for row, (sphere, k) in enumerate(clearance.pairs):
@@ -138,7 +138,7 @@ def _bounds(clearance: Clearance, qs: Array) -> tuple[list[tuple[int, int, bool]
         values[:, rows].min(axis=1) - rounding - gaps[a] - (0.0 if is_obstacle else gaps[b])
         for (a, b, is_obstacle), rows in columns.items()
     ]
-    return pairs, np.array(found).T, [float(clearance.lower[rows[0]]) for rows in columns.values()]
+    return pairs, np.array(found).T, [float(clearance.margins[rows[0]]) for rows in columns.values()]
 
 
 def _link(clearance: Clearance, number: int) -> _Thing:

@@ -7,43 +7,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeVar
 
-import casadi as ca
-import coal
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.exceptions import ProblemError
-from mbocp.mechanics import JointMechanics
-from mbocp.problem.limits import Bounds
+from mbocp.problem.pair_clearances import PairClearances
 from mbocp.robot import Label, LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
-from mbocp.robot.collision.reach import reach
-from mbocp.robot.collision.self_pairs import SelfPairs, disabled_by, find_srdf, self_pairs
-from mbocp.terms import ClearanceTerm, Point, ShapeOn, Span
+from mbocp.robot.collision.self_pairs import SelfPairs
+from mbocp.terms import ClearanceRow, ClearanceTerm, Span, clearance_slots
+from mbocp.terms.distances import core_of
 
-__all__ = ["Clearance", "SelfCollision", "clearance_of", "with_larger_margin"]
+__all__ = ["Clearance", "SelfCollision"]
 
-P = TypeVar("P", bound="WithObstacles")
-
-_STILL = "that stand still beside it"
-_FAR = "that cannot reach it"
 _TOLD = 20  # obstacles of which the summary speaks each
-
-
-class WithObstacles(Protocol):
-    """Fields of `mbocp.problem.Problem`, which imports this module."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    # fmt: off
-    @property
-    def obstacle(self) -> tuple[Obstacle, ...]: ...
-    @property
-    def self_collision(self) -> SelfCollision | bool | None: ...
-    # fmt: on
+_IDLE = Label("nothing", "m")  # a row that is not needed
+_AWAY = 10.0  # [m]: its value
 
 
 @dataclass(frozen=True)
@@ -69,6 +48,8 @@ class SelfCollision:
 class Clearance:
     """Distances of spheres from obstacles and from each other, see `mbocp.problem.PathConstraint`.
 
+    A pair is a sphere and an obstacle, or two spheres; rows are what solvers see of them.
+
     Attributes
     ----------
     robot : Robot
@@ -83,6 +64,8 @@ class Clearance:
     left_out : mapping of str to mapping of str to int
         How many spheres of an obstacle, by its name, are left out for which reason.
     self_pairs : SelfPairs, optional
+    chosen : tuple of int, optional
+        Pairs that have rows; all where it is None.
     """
 
     robot: Robot
@@ -93,6 +76,7 @@ class Clearance:
     self_margin: float = 0.0
     left_out: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     self_pairs: SelfPairs | None = None
+    chosen: tuple[int, ...] | None = None
 
     name = "clearance"
     span = Span()
@@ -101,12 +85,92 @@ class Clearance:
     def _links(self) -> tuple[LinkSpheres, ...]:
         return self.robot.collision_spheres
 
+    @property
+    def num_pairs(self) -> int:
+        """Of spheres and obstacles, then of spheres."""
+        return len(self.pairs) + len(self.sphere_pairs)
+
+    def of_pairs(self, chosen: Sequence[int]) -> Clearance:
+        """The same with rows for some of the pairs alone."""
+        return replace(self, chosen=tuple(sorted(chosen)))
+
+    @cached_property
+    def _frames(self) -> tuple[int, ...]:
+        """Frames that carry spheres, whether these take part or not, or obstacles."""
+        carriers = {self.robot.frame_id(o.frame) for o in self.obstacles if self._is_carried(o)}
+        return tuple(sorted({link.frame for link in self._links} | carriers))
+
+    def _is_carried(self, obstacle: Obstacle) -> bool:
+        return int(self.robot.model.frames[self.robot.frame_id(obstacle.frame)].parentJoint) > 0
+
+    @cached_property
+    def _every(self) -> tuple[tuple[ClearanceRow, ...], Array]:
+        """A row for each pair, and what is subtracted from its distance [m]."""
+        place = {frame: k for k, frame in enumerate(self._frames, start=1)}
+        spheres = [(self._links[link], number) for link, number in self.spheres]
+        point = core_of("sphere", (0.0,), SMOOTHING)
+        shapes = []
+        for obstacle in self.obstacles:
+            core, at, other = (
+                core_of(obstacle.shape, obstacle.sizes, obstacle.smoothing),
+                obstacle.placement,
+                0,
+            )
+            frame = self.robot.frame_id(obstacle.frame)
+            if self._is_carried(obstacle):
+                other = place[frame]
+            else:
+                at = self.robot.model.frames[frame].placement * at
+            shapes.append((other, at.translation + core.middle * at.rotation[:, 2], at.rotation, core))
+        rows, radii = [], []
+        for a, k in self.pairs:
+            link, number = spheres[a]
+            rows.append(ClearanceRow(place[link.frame], shapes[k][0], link.centers[number], *shapes[k][1:]))
+            radii.append(link.radii[number] + shapes[k][3].radius)
+        for a, b in self.sphere_pairs:
+            (one, number), (other_link, second) = spheres[a], spheres[b]
+            centers = one.centers[number], other_link.centers[second]
+            places = place[one.frame], place[other_link.frame]
+            rows.append(ClearanceRow(*places, *centers, np.eye(3), point))
+            radii.append(one.radii[number] + other_link.radii[second])
+        return tuple(rows), np.array(radii)
+
+    @cached_property
+    def _pair_clearances(self) -> PairClearances:
+        return PairClearances.of(self.robot.model, self._frames, *self._every)
+
+    @cached_property
+    def margins(self) -> Array:
+        """Least clearance of each pair, shape (num_pairs,) [m]."""
+        of_obstacles = [self.obstacles[k].margin for _, k in self.pairs]
+        return np.array([*of_obstacles, *[self.self_margin] * len(self.sphere_pairs)])
+
+    def pair_values(self, qs: Array) -> Array:
+        """Clearance of each pair at each configuration, shape (n, num_pairs) [m]."""
+        return self._pair_clearances.values(np.asarray(qs))
+
+    def least(self, qs: Array, most: float = np.inf) -> Array:
+        """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""
+        return self._pair_clearances.least(np.asarray(qs), self.margins, most)
+
+    @cached_property
+    def _order(self) -> tuple[int, ...]:
+        """Pair of each row, those of shapes that stand still first; -1: of none."""
+        chosen = range(self.num_pairs) if self.chosen is None else self.chosen
+        rows = self._every[0]
+        still = [k for k in chosen if rows[k].other == 0]
+        moving = [k for k in chosen if rows[k].other]
+        found: list[int] = []
+        for group in (still, moving):
+            found += [*group, *[-1] * (clearance_slots(len(group)) - len(group))]
+        return tuple(found)
+
     @cached_property
     def term(self) -> ClearanceTerm:
-        """Its structure, with its expression."""
-        shapes = (ShapeOn(o.shape, self.robot.frame_id(o.frame)) for o in self.obstacles)
-        frames = tuple(self._links[link].frame for link, _ in self.spheres)
-        return ClearanceTerm(frames, tuple(shapes), self.pairs, self.sphere_pairs)
+        """Its structure, with its function."""
+        moving = sum(k >= 0 and self._every[0][k].other > 0 for k in self._order)
+        slots = clearance_slots(moving)
+        return ClearanceTerm(self._frames, len(self._order) - slots, slots)
 
     def structure(self, rotations: str) -> ClearanceTerm:
         """The same in all coordinates of attitudes."""
@@ -114,52 +178,42 @@ class Clearance:
 
     @property
     def rows(self) -> int:
-        """Number of pairs."""
-        return len(self.pairs) + len(self.sphere_pairs)
+        """Number of rows, more than there are pairs: see `mbocp.terms.clearance`."""
+        return len(self._order)
 
     @cached_property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row."""
+        return tuple(_IDLE if k < 0 else Label(f"distance of {self._words(k)}", "m") for k in self._order)
+
+    def _words(self, pair: int) -> str:
         names = [f"{self._links[link].link}[{number}]" for link, number in self.spheres]
-        words = [f"distance of {names[a]} from {self.obstacles[k].name}" for a, k in self.pairs]
-        words += [f"distance of {names[a]} from {names[b]}" for a, b in self.sphere_pairs]
-        return tuple(Label(word, "m") for word in words)
+        if pair < len(self.pairs):
+            a, k = self.pairs[pair]
+            return f"{names[a]} from {self.obstacles[k].name}"
+        a, b = self.sphere_pairs[pair - len(self.pairs)]
+        return f"{names[a]} from {names[b]}"
 
     @cached_property
     def lower(self) -> Array:
         """Least clearances, shape (rows,) [m]."""
-        margins = [self.obstacles[k].margin for _, k in self.pairs]
-        return np.array([*margins, *[self.self_margin] * len(self.sphere_pairs)])
+        return np.array([-np.inf if k < 0 else self.margins[k] for k in self._order])
 
     @cached_property
     def upper(self) -> Array:
         """None, shape (rows,)."""
         return np.full(self.rows, np.inf)
 
-    @cached_property
-    def _sizes(self) -> Array:
-        """What is subtracted from distances of centres, shape (rows,) [m]."""
-        radii = np.array([self._links[link].radii[number] for link, number in self.spheres])
-        single = [radii[a] for a, _ in self.pairs]
-        return np.array([*single, *(radii[a] + radii[b] for a, b in self.sphere_pairs)])
-
     @property
     def inner_bounds(self) -> tuple[Array, Array]:
-        """Bounds of the expression: of distances of centres."""
-        return self.lower + self._sizes, self.upper
+        """Bounds of the expression: of distances of centres from cores."""
+        radii = np.array([0.0 if k < 0 else self._every[1][k] for k in self._order])
+        return self.lower + radii, self.upper
 
     @cached_property
     def numbers(self) -> dict[str, Array]:
         """Parameters by name."""
-        centers = [self._links[link].centers[number] for link, number in self.spheres]
-        found = {"centers": np.concatenate([np.zeros(0), *centers])}
-        for k, obstacle in enumerate(self.obstacles):
-            placed = obstacle.placement
-            found[f"{k}.lengths"] = np.asarray(obstacle.sizes)
-            found[f"{k}.position"] = placed.translation
-            found[f"{k}.rotation"] = placed.rotation.ravel(order="F")
-            found[f"{k}.smoothing"] = np.array([obstacle.smoothing])
-        return found | ({"smoothing": np.array([SMOOTHING])} if self.sphere_pairs else {})
+        return self.term.numbers([ClearanceRow.idle() if k < 0 else self._every[0][k] for k in self._order])
 
     def numbers_in(self, rotations: str) -> dict[str, Array]:
         """The same where attitudes are in these coordinates."""
@@ -175,16 +229,10 @@ class Clearance:
 
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
         """Clearances at each of n states, shape (n, rows) [m], by the expression that solvers see."""
-        found: Array = np.asarray(self._function(np.asarray(qs).T)).T - self._sizes
+        order = np.array(self._order, dtype=np.int64)
+        found = np.full((len(qs), self.rows), _AWAY)
+        found[:, order >= 0] = self.pair_values(qs)[:, order[order >= 0]]
         return found
-
-    @cached_property
-    def _function(self) -> ca.Function:
-        robot = self.robot
-        q = ca.SX.sym("q", robot.nq)
-        numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers.items()}
-        h = self.term.expression(Point(JointMechanics(robot), q, ca.SX.zeros(robot.nv)), numbers)
-        return ca.Function("h", [q], ca.cse([ca.densify(h)]))
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""
@@ -193,11 +241,12 @@ class Clearance:
     def refusal(self, values: Array, where: str) -> str:
         """Why a state of these clearances is refused, of what is worst; `where`: "start" or "goal"."""
         row = int((values - self.lower).argmin())
-        if row < len(self.pairs):
-            sphere, k = self.pairs[row]
+        pair = self._order[row]
+        if pair < len(self.pairs):
+            sphere, k = self.pairs[pair]
             subject, other = f"obstacle {self.obstacles[k].name!r}", "it"
         else:
-            sphere, second = self.sphere_pairs[row - len(self.pairs)]
+            sphere, second = self.sphere_pairs[pair - len(self.pairs)]
             subject, other = "self_collision", self._links[self.spheres[second][0]].link
         link, number = self.spheres[sphere]
         name, size = self._links[link].link, f"{1e3 * abs(values[row]):.4g} mm"
@@ -228,129 +277,3 @@ class Clearance:
             pairs = len(self.sphere_pairs)
             lines.append(f"itself: {len(found.links)} pairs of links, {pairs} of spheres{left}")
         return tuple(lines)
-
-
-def clearance_of(
-    robot: Robot, obstacles: Sequence[Obstacle], own: SelfCollision | None, limits: Bounds
-) -> Clearance:
-    """The clearance of a problem with obstacles, or whose links keep away from each other.
-
-    Raises
-    ------
-    ProblemError
-        If the robot has no collision geometry, or obstacles have the same name.
-    UnknownFrame
-        If the robot has no frame of an obstacle's `frame`.
-    """
-    what = "obstacle" if obstacles else "self_collision"
-    names = [obstacle.name for obstacle in obstacles]
-    for name, count in Counter(names).items():
-        if count > 1:
-            raise ProblemError(f"obstacle {name!r}: there are several of this name; give each its own")
-    links = robot.collision_spheres
-    if not links:
-        raise ProblemError(
-            f"{what}: robot {robot.name!r} has no collision geometry: its URDF has no <collision>; add it, "
-            "or give [[collision_sphere]] in its robot.toml"
-        )
-    every = [(i, j) for i, link in enumerate(links) for j in range(len(link.radii))]
-    kept: list[tuple[tuple[int, int], int]] = []
-    left_out: dict[str, dict[str, int]] = {}
-    for k, obstacle in enumerate(obstacles):
-        told: dict[str, int] = {}
-        for sphere in every:
-            reason = _never_meet(robot, links[sphere[0]], sphere[1], obstacle, limits)
-            if reason:
-                told[reason] = told.get(reason, 0) + 1
-            else:
-                kept.append((sphere, k))
-        left_out[obstacle.name] = told
-    found = None if own is None else _self_pairs(robot, own, limits)
-    between = () if found is None else found.spheres
-    used = sorted({sphere for sphere, _ in kept} | {s for pair in between for s in pair})
-    place = {sphere: n for n, sphere in enumerate(used)}
-    return Clearance(
-        robot=robot,
-        obstacles=tuple(obstacles),
-        spheres=tuple(used),
-        pairs=tuple((place[sphere], k) for sphere, k in kept),
-        sphere_pairs=tuple((place[a], place[b]) for a, b in between),
-        self_margin=0.0 if own is None else own.margin,
-        left_out=left_out,
-        self_pairs=found,
-    )
-
-
-def with_larger_margin(problem: P, between: str, more: float) -> P | None:
-    """The problem with more room between two things, which keep their pairs; None if an end is too near.
-
-    Parameters
-    ----------
-    problem : Problem
-    between : str
-        Both, as `mbocp.problem.approach.Approach` says it.
-    more : float
-        [m].
-    """
-    names = [o for o in problem.obstacle if between.endswith(f" and {o.name}")]
-    try:
-        if names:
-            raised = (replace(o, margin=o.margin + more) if o in names else o for o in problem.obstacle)
-            return replace(problem, obstacle=tuple(raised))
-        own = problem.self_collision
-        if not isinstance(own, SelfCollision):
-            return None
-        return replace(problem, self_collision=replace(own, margin=own.margin + more))
-    except ProblemError:  # the start or the goal has not as much room: the motion stays as it is
-        return None
-
-
-def _never_meet(robot: Robot, link: LinkSpheres, number: int, obstacle: Obstacle, limits: Bounds) -> str:
-    """Why a sphere never meets an obstacle; empty if it may."""
-    model, frame = robot.model, robot.model.frames[robot.frame_id(obstacle.frame)]
-    carrier = int(frame.parentJoint)
-    if link.joint == carrier:
-        return _STILL
-    if carrier and (model.parents[link.joint] == carrier or model.parents[carrier] == link.joint):
-        return "on the link next to its own"
-    if carrier or obstacle.movable:
-        return ""
-    center = model.frames[link.frame].placement.act(np.array(link.centers[number]))
-    at, radius = reach(model, link.joint, center, np.asarray(limits.q_lower), np.asarray(limits.q_upper))
-    if not np.isfinite(radius):
-        return ""
-    placed = frame.placement * obstacle.placement
-    return _FAR if _distance(obstacle, placed, at, radius + link.radii[number]) > obstacle.margin else ""
-
-
-def _distance(obstacle: Obstacle, placed: pin.SE3, center: Array, radius: float) -> float:
-    shape = coal.Transform3s(placed.rotation, placed.translation)
-    ball = coal.Transform3s(np.eye(3), np.array(center))
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    return float(coal.distance(obstacle.geometry, shape, coal.Sphere(float(radius)), ball, request, result))
-
-
-def _self_pairs(robot: Robot, own: SelfCollision, limits: Bounds) -> SelfPairs:
-    disabled = {frozenset(pair) for pair in own.disabled}
-    known = {link.link for link in robot.collision_spheres}
-    for pair in own.disabled:
-        for name in pair:
-            if name not in known:
-                raise ProblemError(
-                    f"self_collision.disabled: {name!r} is no link with collision geometry; there are "
-                    f"{', '.join(sorted(known))}"
-                )
-    if own.srdf is not None:
-        disabled |= disabled_by(own.srdf)
-    else:
-        for source in robot.collision:
-            beside = find_srdf(source.urdf.path)
-            disabled |= set() if beside is None else disabled_by(beside, source.prefix)
-    lower, upper = (
-        np.where(np.isfinite(mine), mine, theirs)
-        for mine, theirs in (
-            (np.asarray(limits.q_lower), np.asarray(robot.model.lowerPositionLimit)),
-            (np.asarray(limits.q_upper), np.asarray(robot.model.upperPositionLimit)),
-        )
-    )
-    return self_pairs(robot.model, robot.collision_spheres, robot.q0, (lower, upper), disabled)

@@ -14,7 +14,8 @@ from mbocp.problem._checks import (
     check_choice,
     check_integer,
 )
-from mbocp.problem.clearance import Clearance, SelfCollision, clearance_of
+from mbocp.problem.clearance import Clearance, SelfCollision
+from mbocp.problem.clearance_pairs import clearance_of
 from mbocp.problem.consistency import check_end_conditions
 from mbocp.problem.coordinates import COORDINATES, check_coordinates
 from mbocp.problem.cost import Cost

@@ -1,6 +1,6 @@
 """What a problem is made of: terms of its cost, path constraints, end conditions; one class each."""
 
-from mbocp.terms.clearance import ClearanceTerm, ShapeOn
+from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, clearance_slots
 from mbocp.terms.cost import (
     COST_TERMS,
     CostTerm,
@@ -44,6 +44,7 @@ __all__ = [
     "RATE_TERMS",
     "AccelerationEnd",
     "AngularSpeed",
+    "ClearanceRow",
     "ClearanceTerm",
     "ControlRate",
     "CostTerm",
@@ -73,7 +74,6 @@ __all__ = [
     "RateTerm",
     "Reader",
     "RunningTerm",
-    "ShapeOn",
     "Sizes",
     "Span",
     "Speed",
@@ -86,6 +86,7 @@ __all__ = [
     "ViaFrameShape",
     "ViaTerm",
     "Weighted",
+    "clearance_slots",
     "end_condition",
     "frame_tolerances",
     "own_ends",

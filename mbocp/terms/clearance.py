@@ -1,106 +1,222 @@
 """Clearance: spheres of a robot keep their distance from shapes, and from each other.
 
-One term for all of them, so that the placement of each frame is computed once.
+The rows are one function of numbers, called in a loop: for each row a sphere, by the place that carries
+it and its centre, and a core (see `mbocp.terms.distances`), by its placement. Places are frames of the robot;
+how these are placed, and how their placements change, is computed once for all rows. So functions depend on
+how many rows there are, and not on what these are about; numbers of rows are rounded up, and rows that are
+not needed are about things that are far away.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
-from mbocp.robot.collision.obstacle import SIZES
-from mbocp.terms.distances import distance_between_points, signed_distance
+from mbocp._arrays import Array
+from mbocp.terms.distances import CORE, Core, core_of, distance_from_core
 from mbocp.terms.point import Point
 
-__all__ = ["ClearanceTerm", "ShapeOn"]
+__all__ = ["ClearanceRow", "ClearanceTerm", "clearance_slots"]
+
+_LEAST_SLOTS = 16
+_CENTER, _AT, _AXES, _CORE = slice(0, 3), slice(3, 6), slice(6, 15), slice(15, 15 + CORE)
+_NUMBERS = 15 + CORE  # of a row, beside its places
+_PLACE = 12  # axes by columns and origin
+_FAR = 10.0  # [m]
+
+
+def clearance_slots(count: int) -> int:
+    """How many rows there are where some are needed: powers of two, so that few numbers are compiled for."""
+    return 0 if count == 0 else max(_LEAST_SLOTS, 1 << (count - 1).bit_length())
 
 
 @dataclass(frozen=True)
-class ShapeOn:
-    """The structure of an obstacle.
+class ClearanceRow:
+    """What a row is about.
 
     Attributes
     ----------
-    shape : str
-        A key of `SIZES`.
-    frame : int
-        Index of the frame that carries it; 0: the world.
+    place, other : int
+        What carries the sphere and the shape, see `ClearanceTerm`.
+    center : ndarray, shape (3,)
+        Of the sphere at its place [m].
+    at : ndarray, shape (3,)
+        Middle of the core at its place [m].
+    axes : ndarray, shape (3, 3)
+        Axes of the shape at its place, columns.
+    core : Core
     """
 
-    shape: str
-    frame: int
+    place: int
+    other: int
+    center: Array
+    at: Array
+    axes: Array
+    core: Core
+
+    @classmethod
+    def idle(cls) -> ClearanceRow:
+        """One about things that are far from each other."""
+        point = core_of("sphere", (0.0,), 1e-3)
+        return cls(0, 0, np.zeros(3), np.array([0.0, 0.0, _FAR]), np.eye(3), point)
 
     @property
-    def sizes(self) -> dict[str, int]:
-        """Size of each parameter: lengths, position and rotation by columns in its frame, smoothing."""
-        return {"lengths": sum(SIZES[self.shape].values()), "position": 3, "rotation": 9, "smoothing": 1}
+    def numbers(self) -> Array:
+        """Shape (_NUMBERS,)."""
+        return np.concatenate([self.center, self.at, self.axes.ravel(order="F"), self.core.numbers])
 
 
 @dataclass(frozen=True)
 class ClearanceTerm:
-    """The structure of clearances: which spheres keep away from what.
+    """The structure of clearances.
 
     Attributes
     ----------
     frames : tuple of int
-        Frame that carries each sphere.
-    shapes : tuple of ShapeOn
-    pairs : tuple of (int, int)
-        A sphere and a shape.
-    sphere_pairs : tuple of (int, int)
-        Two spheres.
+        The places 1, 2, ...; the place 0 is the world.
+    still : int
+        Rows whose shapes are in the world.
+    moving : int
+        Rows whose shapes are at any place; they follow.
     """
 
     frames: tuple[int, ...]
-    shapes: tuple[ShapeOn, ...]
-    pairs: tuple[tuple[int, int], ...]
-    sphere_pairs: tuple[tuple[int, int], ...] = ()
+    still: int
+    moving: int
 
     has_velocity: ClassVar[bool] = False
     remembers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def rows(self) -> int:
-        """One for each pair."""
-        return len(self.pairs) + len(self.sphere_pairs)
+        """One for each sphere and shape."""
+        return self.still + self.moving
 
     @property
     def sizes(self) -> dict[str, int]:
         """Size of each parameter."""
-        found = {"centers": 3 * len(self.frames)}
-        for k, shape in enumerate(self.shapes):
-            found |= {f"{k}.{name}": size for name, size in shape.sizes.items()}
-        return found | ({"smoothing": 1} if self.sphere_pairs else {})
+        return {"still": (1 + _NUMBERS) * self.still, "moving": (2 + _NUMBERS) * self.moving}
 
     @property
     def signature(self) -> dict[str, Any]:
         """What its function depends on."""
         return {"term": "clearance", **dataclasses.asdict(self)}
 
-    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
-        """Distances of centres from shapes, then of centres from each other [m]."""
-        placed = {
-            frame: (at.mechanics.frame_rotation(frame, at.q), at.mechanics.frame_position(frame, at.q))
-            for frame in {*self.frames, *(shape.frame for shape in self.shapes if shape.frame)}
+    def numbers(self, rows: list[ClearanceRow]) -> dict[str, Array]:
+        """Value of each parameter."""
+        still, moving = rows[: self.still], rows[self.still :]
+        return {
+            "still": np.concatenate([np.zeros(0), *(np.append(r.place, r.numbers) for r in still)]),
+            "moving": np.concatenate([np.zeros(0), *([r.place, r.other, *r.numbers] for r in moving)]),
         }
-        centers = []
-        for k, frame in enumerate(self.frames):
-            R, origin = placed[frame]
-            centers.append(origin + R @ p["centers"][3 * k : 3 * k + 3])
-        rows = []
-        for sphere, k in self.pairs:
-            shape = self.shapes[k]
-            point = centers[sphere]
-            if shape.frame:
-                R, origin = placed[shape.frame]
-                point = R.T @ (point - origin)
-            local = ca.reshape(p[f"{k}.rotation"], 3, 3).T @ (point - p[f"{k}.position"])
-            rows.append(signed_distance(shape.shape, local, p[f"{k}.lengths"], p[f"{k}.smoothing"]))
-        rows += [
-            distance_between_points(centers[a], centers[b], p["smoothing"]) for a, b in self.sphere_pairs
-        ]
-        return ca.vertcat(*rows)
+
+    def function(self, at: Point) -> ca.Function:
+        """(q, m, still, moving) -> h, dh_dq, upper Hessian of m'h; h are distances of centres from cores [m].
+
+        Parameters
+        ----------
+        at : Point
+            Its q are plain symbols.
+        """
+        nq = at.q.numel()
+        q, m = ca.MX.sym("q", nq), ca.MX.sym("m", self.rows)
+        given = {name: ca.MX.sym(name, size) for name, size in self.sizes.items()}
+        places, bend = _places(at, self.frames)
+        placed = places(q)
+        num_places = len(self.frames) + 1
+        h: list[ca.MX] = []
+        dh: list[ca.MX] = []
+        hessian, weights = ca.MX.zeros(nq * (nq + 1) // 2), ca.MX.zeros(_PLACE, num_places)
+        for name, count, carriers in (("still", self.still, 1), ("moving", self.moving, 2)):
+            if not count:
+                continue
+            first = sum(part.numel() for part in h)
+            table = ca.reshape(given[name], carriers + _NUMBERS, count)
+            chosen = [table[k, :] for k in range(carriers)]
+            row = _row(nq, carriers).map(count)
+            arguments = [_picked(placed, which) for which in chosen]
+            found = row(*arguments, table[carriers:, :], m[first : first + count].T)
+            h.append(found[0].T)
+            dh.append(found[1].T)
+            hessian += ca.sum2(found[2])
+            for which, share in zip(chosen, found[3:], strict=True):
+                numbers = ca.repmat(ca.DM(np.arange(num_places)), 1, count)
+                weights += share @ (ca.repmat(which, num_places, 1) == numbers).T
+        upper = ca.MX(ca.Sparsity.upper(nq), hessian) + bend(q, weights)
+        outputs = [ca.vertcat(*h), ca.vertcat(*dh), upper]
+        return ca.Function("clearance", [q, m, *given.values()], outputs)
+
+
+def _places(at: Point, frames: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+    """Placements with their derivatives, a column for each place; and what their curvature adds.
+
+    q -> (placement, its Jacobian by columns); (q, weights) -> upper Hessian of the weighted placements.
+    """
+    world = ca.vertcat(ca.vec(ca.densify(ca.SX.eye(3))), ca.SX.zeros(3))
+    columns = [world]
+    for frame in frames:
+        rotation = ca.densify(at.mechanics.frame_rotation(frame, at.q))
+        columns.append(ca.vertcat(ca.vec(rotation), at.mechanics.frame_position(frame, at.q)))
+    with_slopes = [ca.vertcat(c, ca.vec(ca.densify(ca.jacobian(c, at.q)))) for c in columns]
+    weights = ca.SX.sym("weights", _PLACE, len(columns))
+    hessian, _ = ca.hessian(ca.dot(weights, ca.horzcat(*columns)), at.q)
+    upper = ca.densify(hessian)[ca.Sparsity.upper(at.q.numel())]
+    return (
+        ca.Function("places", [at.q], ca.cse([ca.densify(ca.horzcat(*with_slopes))])),
+        ca.Function("bend", [at.q, weights], ca.cse([ca.SX(ca.Sparsity.upper(at.q.numel()), upper.nz[:])])),
+    )
+
+
+def _picked(placed: ca.MX, which: ca.MX) -> ca.MX:
+    """Columns by their numbers, which are unknowns of the function."""
+    rows, count = placed.size1(), which.numel()
+    entries = ca.repmat(ca.DM(np.arange(rows)), 1, count) + rows * ca.repmat(which, rows, 1)
+    return ca.reshape(ca.vec(placed)[ca.vec(entries)], rows, count)
+
+
+def _row(nq: int, carriers: int) -> ca.Function:
+    """(place..., numbers, m) -> h, its gradient, m times its curvature by first derivatives, m dh_dplace...
+
+    Along the tangent e of the configuration places are, to first order, their value and Jacobian times e.
+    What these leave out of the second derivative is the curvature of the places, weighed with m dh_dplace.
+    """
+    given = [ca.SX.sym(f"place{k}", _PLACE * (1 + nq)) for k in range(carriers)]
+    numbers, m = ca.SX.sym("numbers", _NUMBERS), ca.SX.sym("m")
+    e, p, pull = ca.SX.sym("e", nq), ca.SX.sym("p", 3), ca.SX.sym("pull", 3)
+    here = [column[:_PLACE] for column in given]
+    moved = [column[:_PLACE] + ca.reshape(column[_PLACE:], _PLACE, nq) @ e for column in given]
+    along = _point(moved, numbers)
+    at_rest = ca.Function("rest", [e, *given, numbers], [along, ca.jacobian(along, e)])
+    p0, J = at_rest(ca.SX.zeros(nq), *given, numbers)
+    core = numbers[_CORE]
+    distance = distance_from_core(p, core)
+    h, slope, curvature = ca.Function("distance", [p, core], [distance, *reversed(ca.hessian(distance, p))])(
+        p0, core
+    )
+    rest = ca.Function("bilinear", [e, pull, *given, numbers], [ca.hessian(ca.dot(pull, along), e)[0]])
+    bilinear = rest(ca.SX.zeros(nq), slope, *given, numbers)
+    hessian = m * (J.T @ (curvature @ J) + bilinear)
+    symbols = [ca.SX.sym(f"at{k}", _PLACE) for k in range(carriers)]
+    pulled = ca.dot(pull, _point(symbols, numbers))
+    shares = ca.Function(
+        "shares", [pull, *symbols, numbers], [ca.densify(ca.gradient(pulled, s)) for s in symbols]
+    ).call([m * slope, *here, numbers])
+    upper = ca.densify(hessian)[ca.Sparsity.upper(nq)]
+    outputs = [h, ca.densify(J.T @ slope), ca.vertcat(*upper.nz[:].elements()), *shares]
+    return ca.Function("row", [*given, numbers, m], ca.cse(outputs))
+
+
+def _point(places: list[ca.SX], numbers: ca.SX) -> ca.SX:
+    """Centre of a sphere from the middle of a core, in the axes of the shape, shape (3,) [m]."""
+    point = _act(places[0], numbers[_CENTER])
+    for place in places[1:]:
+        point = ca.reshape(place[:9], 3, 3).T @ (point - place[9:])
+    return ca.reshape(numbers[_AXES], 3, 3).T @ (point - numbers[_AT])
+
+
+def _act(place: ca.SX, point: ca.SX) -> ca.SX:
+    return ca.reshape(place[:9], 3, 3) @ point + place[9:]

@@ -1,81 +1,113 @@
-r"""Signed distances of a point from shapes, smooth everywhere, for path constraints.
+r"""Signed distance of a point from a shape, smooth everywhere, for path constraints: one function for all.
 
-A shape is in a frame of its own. With :math:`s(w) = (w + \sqrt{w^2 + \varepsilon^2})/2`, a smooth
-:math:`\max(w, 0)`, and :math:`|x|_\varepsilon = \sqrt{x^2 + \varepsilon^2}`:
+A shape is a core, in a frame of its own, that is rounded by a radius r. With
+:math:`s(w) = (w + \sqrt{w^2 + \varepsilon^2})/2`, a smooth :math:`\max(w, 0)`,
+:math:`|x|_\varepsilon = \sqrt{x^2 + \varepsilon^2}` and the gaps to the core's sides
+:math:`g_1 = \sqrt{x^2 + \lambda y^2 + \varepsilon^2} - \beta_1`, :math:`g_2 = |y|_\varepsilon - \beta_2` and
+:math:`g_3 = |z|_\varepsilon - \beta_3`,
 
-- ``sphere``: :math:`|p|_\varepsilon - |r|_\varepsilon`;
-- ``capsule`` along z: the same from the point of its axis that is next, whose offset along z is
-  :math:`s(|z|_\varepsilon - |l|_\varepsilon)`;
-- ``box`` with half sides b, and ``cylinder`` with radius and half length b: with the gaps
-  :math:`g_i = |x_i|_\varepsilon - |b_i|_\varepsilon` to the sides,
+.. math:: d = \sqrt{\textstyle\sum_i s(g_i)^2} - s(-\max_\varepsilon g_i) - r,
 
-  .. math:: d = \sqrt{\textstyle\sum_i s(g_i)^2} - s(-\max_\varepsilon g_i),
+outside the length of the way to the shape, inside less the way to the nearest side: its gradient is about one
+long on both sides and pushes out. Next to a side :math:`s(w) - s(-w) = w`, so that d is the distance.
 
-  outside the length of the way to the shape, inside less the way to the nearest side: its gradient is about
-  one long on both sides and pushes out. Next to a side :math:`s(w) - s(-w) = w`, so that d is the distance;
-- ``halfspace``: z.
+- ``box`` with half sides b: :math:`\beta_i = |b_i|_\varepsilon`;
+- ``cylinder`` along z: :math:`\lambda = 1`, :math:`\beta_1` of the radius, :math:`\beta_3` of half the
+  length, and nothing across y: :math:`\beta_2` is large;
+- ``capsule`` along z: the core is its axis, :math:`\beta = (0, 0, |l/2|_\varepsilon)`;
+- ``sphere``: the core is a point, :math:`\beta = 0`; a sphere of another link is one, too;
+- ``halfspace``: a large box below z = 0.
 
-Every d differs from the true distance by less than :math:`\varepsilon` within a few sizes of the shape,
-and by much less away from edges and from the planes in the middle of a box.
+Every d differs from the true distance by less than :math:`\varepsilon` within a few sizes of the shape, and
+by much less away from edges, from the planes in the middle of a box, and from points and axes that are nearer
+than a few :math:`\varepsilon`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
 from functools import reduce
+from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
-__all__ = ["distance_between_points", "signed_distance"]
+from mbocp._arrays import Array
+
+__all__ = ["CORE", "Core", "core_of", "distance_from_core", "distances_from_cores"]
+
+CORE = 5  # numbers of a core
+_BROAD = 1e3  # [m]: what has no side; cancellation takes 1e-13 m
 
 
-def signed_distance(shape: str, p: ca.SX, sizes: ca.SX, smoothing: ca.SX) -> ca.SX:
-    """Distance of a point from a shape's surface, negative inside [m].
+class Core(NamedTuple):
+    """What stands for a shape.
+
+    Attributes
+    ----------
+    numbers : ndarray, shape (CORE,)
+        beta, lambda and epsilon.
+    radius : float
+        By which it is rounded [m].
+    middle : float
+        Where its middle is along z of the shape [m].
+    """
+
+    numbers: Array
+    radius: float = 0.0
+    middle: float = 0.0
+
+
+def core_of(shape: str, sizes: Sequence[float] | Array, smoothing: float) -> Core:
+    """Core of a shape.
 
     Parameters
     ----------
     shape : str
         A key of `mbocp.robot.collision.obstacle.SIZES`.
-    p : casadi.SX, shape (3,)
-        In the axes of the shape [m].
-    sizes : casadi.SX
+    sizes : sequence of float
         Sides of a box; radius, and length of a capsule (of its axis) or a cylinder [m].
-    smoothing : casadi.SX
+    smoothing : float
         Epsilon [m].
     """
-    return _DISTANCES[shape](p, sizes, smoothing)
+    e = smoothing
+    if shape == "sphere":
+        return Core(np.array([0.0, 0.0, 0.0, 0.0, e]), float(sizes[0]))
+    if shape == "capsule":
+        return Core(np.array([0.0, 0.0, np.hypot(sizes[1] / 2.0, e), 0.0, e]), float(sizes[0]))
+    if shape == "cylinder":
+        return Core(np.array([np.hypot(sizes[0], e), _BROAD, np.hypot(sizes[1] / 2.0, e), 1.0, e]))
+    if shape == "halfspace":
+        return Core(np.array([_BROAD, _BROAD, _BROAD, 0.0, e]), middle=-_BROAD)
+    return Core(np.array([*np.hypot(np.asarray(sizes) / 2.0, e), 0.0, e]))
 
 
-def distance_between_points(a: ca.SX, b: ca.SX, smoothing: ca.SX) -> ca.SX:
-    """Distance of two points, smooth where they meet [m]."""
-    return ca.sqrt(ca.sumsqr(a - b) + smoothing**2)
+def distance_from_core(p: ca.SX, core: ca.SX) -> ca.SX:
+    """Distance of a point from a core, negative inside [m].
 
-
-def _sphere(p: ca.SX, sizes: ca.SX, e: ca.SX) -> ca.SX:
-    return ca.sqrt(ca.sumsqr(p) + e**2) - _length(sizes[0], e)
-
-
-def _capsule(p: ca.SX, sizes: ca.SX, e: ca.SX) -> ca.SX:
-    beyond = _positive(_length(p[2], e) - _length(sizes[1] / 2, e), e)
-    return ca.sqrt(p[0] ** 2 + p[1] ** 2 + beyond**2 + e**2) - _length(sizes[0], e)
-
-
-def _box(p: ca.SX, sizes: ca.SX, e: ca.SX) -> ca.SX:
-    return _convex([_length(p[i], e) - _length(sizes[i] / 2, e) for i in range(3)], e)
-
-
-def _cylinder(p: ca.SX, sizes: ca.SX, e: ca.SX) -> ca.SX:
-    across = ca.sqrt(p[0] ** 2 + p[1] ** 2 + e**2) - _length(sizes[0], e)
-    return _convex([across, _length(p[2], e) - _length(sizes[1] / 2, e)], e)
-
-
-def _halfspace(p: ca.SX, sizes: ca.SX, e: ca.SX) -> ca.SX:
-    return p[2]
-
-
-def _convex(gaps: list[ca.SX], e: ca.SX) -> ca.SX:
+    Parameters
+    ----------
+    p : casadi.SX, shape (3,)
+        From the middle of the core, in the axes of the shape [m].
+    core : casadi.SX, shape (CORE,)
+    """
+    e = core[4]
+    across = ca.sqrt(p[0] ** 2 + core[3] * p[1] ** 2 + e**2)
+    gaps = [across - core[0], _length(p[1], e) - core[1], _length(p[2], e) - core[2]]
     outside = ca.sqrt(sum((_positive(gap, e) ** 2 for gap in gaps), ca.SX(0)))
     return outside - _positive(-reduce(lambda a, b: _largest(a, b, e), gaps), e)
+
+
+def distances_from_cores(p: Array, cores: Array) -> Array:
+    """The same in numbers, for points (..., 3) and cores (..., CORE) that broadcast against each other."""
+    squares, square = p**2, cores[..., 4] ** 2
+    across = np.sqrt(squares[..., 0] + cores[..., 3] * squares[..., 1] + square)
+    gaps = [across - cores[..., 0]]
+    gaps += [np.sqrt(squares[..., i] + square) - cores[..., i] for i in (1, 2)]
+    parts = [(gap + np.sqrt(gap**2 + square)) / 2 for gap in gaps]
+    outside = np.sqrt(parts[0] ** 2 + parts[1] ** 2 + parts[2] ** 2)
+    largest = reduce(lambda a, b: (a + b + np.sqrt((a - b) ** 2 + square)) / 2, gaps)
+    return np.asarray(outside - (np.sqrt(largest**2 + square) - largest) / 2)
 
 
 def _length(x: ca.SX, e: ca.SX) -> ca.SX:
@@ -88,12 +120,3 @@ def _positive(w: ca.SX, e: ca.SX) -> ca.SX:
 
 def _largest(a: ca.SX, b: ca.SX, e: ca.SX) -> ca.SX:
     return (a + b + _length(a - b, e)) / 2
-
-
-_DISTANCES: Mapping[str, Callable[[ca.SX, ca.SX, ca.SX], ca.SX]] = {
-    "sphere": _sphere,
-    "capsule": _capsule,
-    "box": _box,
-    "cylinder": _cylinder,
-    "halfspace": _halfspace,
-}

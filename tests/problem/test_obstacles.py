@@ -13,10 +13,12 @@ import pytest
 
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import formulate
+from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.problem.approach import nearest_approach
 from mbocp.robot import Robot, load_robot
 from mbocp.solution.problem_text import obstacles_of
+from mbocp.terms import Point
 from tests.robot.urdfs import link, robot, write
 
 BALL = '<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
@@ -51,10 +53,12 @@ def box(**words: Any) -> dict[str, Any]:
 
 def test_rows_are_clearances_of_spheres(planar):
     p = problem(planar, obstacle=[box()])
-    assert [label.name for label in p.clearance.labels] == [f"distance of l{k}[0] from box" for k in (2, 3)]
+    names = [label.name for label in p.clearance.labels]
+    assert names == [*(f"distance of l{k}[0] from box" for k in (2, 3)), *["nothing"] * 14]
+    assert np.isneginf(p.clearance.lower[2:]).all()
     q = np.array([0.7, 0.4, 0.9])
     found = p.clearance.values(planar, q, np.zeros(3))
-    for value, name in zip(found, ("l2", "l3"), strict=True):
+    for value, name in zip(found[:2], ("l2", "l3"), strict=True):
         center = planar.frame_placement(name, q).act(np.array([0.5, 0.0, 0.0]))
         outside = np.maximum(np.abs(center - np.array([0.9, -0.6, 0.0])) - 0.05, 0.0)
         assert value == pytest.approx(np.linalg.norm(outside) - 0.1, abs=1e-4)
@@ -72,7 +76,7 @@ def test_what_never_meets_is_left_out_and_told(planar):
 def test_movable_obstacles_keep_their_pairs(planar):
     """Wherever they stand: the structure is the same, and so are the compiled functions."""
     near, far = (problem(planar, obstacle=[box(movable=True, position=[x, -0.6, 0.0])]) for x in (0.9, 9.0))
-    assert near.clearance.rows == far.clearance.rows == 3
+    assert near.clearance.num_pairs == far.clearance.num_pairs == 3
     assert near.clearance.term.signature == far.clearance.term.signature
     again = parse_problem(problem_to_toml(far))
     assert again.obstacle[0].movable
@@ -104,29 +108,67 @@ def test_obstacles_on_a_frame_move_with_it(planar):
         assert value == pytest.approx(p.clearance.values(planar, np.array([0, 0.5, 0.6]), np.zeros(3))[row])
 
 
+SHAPES = [
+    box(rpy=[0.1, 0.2, 0.3]),
+    {"name": "ball", "shape": "sphere", "radius": 0.1, "position": [1.5, 1.0, 0.1]},
+    {"name": "pill", "shape": "capsule", "radius": 0.1, "length": 0.3, "position": [-1, 0.8, 0]},
+    {"name": "can", "shape": "cylinder", "radius": 0.1, "length": 0.3, "position": [0, -1.2, 0]},
+    {"name": "floor", "shape": "halfspace", "position": [0, 0, -1]},
+    {"name": "held", "shape": "box", "size": [0.1, 0.2, 0.3], "frame": "l1", "position": [0, 0.4, 0]},
+]
+
+
 def test_derivatives_of_the_rows(planar):
-    p = problem(planar, obstacle=[box(rpy=[0.1, 0.2, 0.3])], self_collision=True)
-    clearance = p.clearance
-    q = ca.SX.sym("q", 3)
+    """Values against those in numbers, derivatives against differences: still and carried shapes, itself."""
+    clearance = problem(planar, obstacle=SHAPES, self_collision=True).clearance
     assert clearance.sphere_pairs
-    h = clearance._function(q)
-    f = ca.Function("f", [q], [h, ca.jacobian(h, q)])
-    at, step = np.array([0.4, 0.8, -0.7]), 1e-6
-    ahead = [(np.array(f(at + step * e)[0]) - np.array(f(at - step * e)[0])) / (2 * step) for e in np.eye(3)]
-    np.testing.assert_allclose(np.array(f(at)[1]), np.hstack(ahead), atol=1e-7)
+    assert (clearance.term.still, clearance.term.moving) == (16, 16)
+    q = ca.SX.sym("q", 3)
+    f = clearance.term.function(Point(JointMechanics(planar), q, ca.SX.zeros(3)))
+    numbers, at, step = list(clearance.numbers.values()), np.array([0.4, 0.8, -0.7]), 1e-6
+    m = np.random.default_rng(0).normal(size=clearance.rows)
+    h, J, H = (np.array(ca.DM(x).full()) for x in f(at, m, *numbers))
+    kept = np.isfinite(clearance.lower)
+    radii = clearance.inner_bounds[0][kept] - clearance.lower[kept]
+    np.testing.assert_allclose(h.ravel()[kept] - radii, clearance.values(planar, at, at)[kept], atol=1e-12)
+    sides = [[f(at + s * step * e, m, *numbers) for s in (1, -1)] for e in np.eye(3)]
+    ahead = [(np.array(a[0]) - np.array(b[0])) / (2 * step) for a, b in sides]
+    np.testing.assert_allclose(J, np.hstack(ahead), atol=1e-7)
+    bends = [m @ (np.array(a[1]) - np.array(b[1])) / (2 * step) for a, b in sides]
+    np.testing.assert_allclose(H, np.triu(bends), atol=1e-6)
 
 
-def test_numbers_compile_nothing(planar):
-    """Sizes, poses and margins are parameters; the shape is not."""
+def test_the_least_clearance_is_that_of_all_pairs(planar):
+    clearance = problem(planar, obstacle=SHAPES, self_collision=True).clearance
+    qs = np.random.default_rng(1).uniform(-3, 3, (50, 3))
+    least = (clearance.pair_values(qs) - clearance.margins).min(axis=1)
+    np.testing.assert_allclose(clearance.least(qs), least, atol=1e-12)
+    np.testing.assert_allclose(clearance.least(qs, 0.1), np.minimum(least, 0.1), atol=1e-12)
 
-    def text(**words: Any) -> str:
-        made = problem(planar, obstacle=[box(**words)])
+
+def test_scenes_compile_nothing(planar):
+    """How many obstacles there are, of which shape, where, and which pairs take part are parameters."""
+
+    def text(*obstacles: dict[str, Any]) -> str:
+        made = problem(planar, obstacle=obstacles)
         return str([constraint.structure("quaternion").signature for constraint in made.path])
 
-    assert text() == text(size=[0.2, 0.1, 0.3], position=[0.9, -0.7, 0.1], rpy=[0, 0, 1], margin=0.02)
-    other = {"shape": "sphere", "radius": 0.1, "name": "box", "position": [0.9, -0.6, 0.0]}
-    sphere = problem(planar, obstacle=[other])
-    assert text() != str([constraint.structure("quaternion").signature for constraint in sphere.path])
+    one = text(box())
+    assert one == text(box(size=[0.2, 0.1, 0.3], position=[0.9, -0.7, 0.1], rpy=[0, 0, 1], margin=0.02))
+    assert one == text(*SHAPES[:5])
+    assert one != text(*(box(name=f"box {k}") for k in range(20)))
+
+
+def test_rows_of_some_pairs(planar):
+    clearance = problem(planar, obstacle=SHAPES, self_collision=True).clearance
+    some = clearance.of_pairs([0, 3, len(clearance.pairs)])
+    names = [label.name for label in some.labels if label.name != "nothing"]
+    assert set(names) <= {label.name for label in clearance.labels}
+    assert len(names) == 3
+    q = np.array([0.4, 0.8, -0.7])
+    values = dict(zip(clearance.labels, clearance.values(planar, q, q), strict=True))
+    for label, value in zip(some.labels, some.values(planar, q, q), strict=True):
+        assert value == values[label]
 
 
 def test_a_file_says_the_same_again(planar):
@@ -258,4 +300,5 @@ def test_a_formulation_has_the_rows(planar):
     p = problem(planar, obstacle=[box(margin=0.01)])
     made = formulate(p)
     assert made.programme.path_names == tuple(label.name for label in p.clearance.labels)
-    np.testing.assert_allclose(made.programme.bounds.path_lower[0], 0.1 + 0.01)
+    np.testing.assert_allclose(made.programme.bounds.path_lower[0, :2], 0.1 + 0.01)
+    assert np.isneginf(made.programme.bounds.path_lower[0, 2:]).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbocp.robot.collision.obstacle import SIZES, Obstacle
-from mbocp.terms.distances import distance_between_points, signed_distance
+from mbocp.terms.distances import core_of, distance_from_core, distances_from_cores
 
 LENGTHS = {
     "sphere": [0.2],
@@ -22,7 +22,9 @@ SMOOTHING = 2e-3
 
 def function(shape: str) -> ca.Function:
     p = ca.SX.sym("p", 3)
-    d = signed_distance(shape, p, ca.SX(ca.DM(LENGTHS[shape])), ca.SX(SMOOTHING))
+    core = core_of(shape, LENGTHS[shape], SMOOTHING)
+    middle = ca.DM([0.0, 0.0, core.middle])
+    d = distance_from_core(p - middle, ca.SX(ca.DM(core.numbers))) - core.radius
     hessian, gradient = ca.hessian(d, p)
     return ca.Function("d", [p], [d, gradient, hessian])
 
@@ -98,8 +100,16 @@ def test_distances_are_smooth_in_the_middle(shape):
 
 
 def test_points_that_meet():
-    a, b = ca.SX.sym("a", 3), ca.SX.sym("b", 3)
-    d = distance_between_points(a, b, ca.SX(1e-3))
-    f = ca.Function("d", [a, b], [d, ca.hessian(d, a)[0]])
-    assert float(f([0.3, 0, 0], [0, 0.4, 0])[0]) == pytest.approx(0.5, abs=1e-5)
-    assert np.isfinite(np.array(f(np.zeros(3), np.zeros(3))[1])).all()
+    """As two spheres whose centres coincide."""
+    p = ca.SX.sym("p", 3)
+    d = distance_from_core(p, ca.SX(ca.DM(core_of("sphere", [0.0], 1e-3).numbers)))
+    f = ca.Function("d", [p], [d, ca.hessian(d, p)[0]])
+    assert float(f([0.3, -0.4, 0.0])[0]) == pytest.approx(0.5, abs=1e-5)
+    assert np.isfinite(np.array(f(np.zeros(3))[1])).all()
+
+
+@pytest.mark.parametrize("shape", SIZES)
+def test_numbers_are_those_of_the_expression(shape):
+    core, d, p = core_of(shape, LENGTHS[shape], SMOOTHING), function(shape), points(100, 4)
+    found = distances_from_cores(p - np.array([0.0, 0.0, core.middle]), core.numbers) - core.radius
+    np.testing.assert_allclose(found, [float(d(x)[0]) for x in p], atol=1e-12)

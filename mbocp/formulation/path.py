@@ -1,0 +1,89 @@
+"""Path constraints at the end of a step, in coordinates, with exact first and second derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import casadi as ca
+import numpy as np
+
+from mbocp.formulation.accelerations import driven_acceleration
+from mbocp.formulation.memory import MEMORY, unit_of
+from mbocp.formulation.parameters import Sizes, parameter_layout, path_parameters, pieces
+from mbocp.formulation.signature import FunctionSignature
+from mbocp.formulation.steps import StepSymbols
+from mbocp.terms import ClearanceTerm, Point
+
+__all__ = ["build_path"]
+
+
+def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
+    """(x1, m, u, theta) -> h, dh_dx1, upper Hessian of m'h in x1; only flat programmes have it."""
+    clearances = {k: term for k, term in enumerate(signature.path) if isinstance(term, ClearanceTerm)}
+    others = [k for k in range(len(signature.path)) if k not in clearances]
+    if not clearances:
+        return _written_out(at, signature, others)
+    nx, ends = at.x1.numel(), np.cumsum([0, *(term.rows for term in signature.path)]).tolist()
+    x, theta = ca.MX.sym("x1", nx), ca.MX.sym("theta", at.theta.numel())
+    m, u = ca.MX.sym("m", ends[-1]), ca.MX.sym("u", at.inputs.numel())
+    of_term = ca.vertsplit(m, ends)
+    rows = {k: (ca.MX(0, 1), ca.MX(0, nx)) for k in range(len(of_term))}
+    hessian = ca.MX(nx, nx)
+    if others:
+        found = _written_out(at, signature, others)(x, ca.vertcat(*(of_term[k] for k in others)), u, theta)
+        parts = np.cumsum([0, *(signature.path[k].rows for k in others)]).tolist()
+        split = zip(ca.vertsplit(found[0], parts), ca.vertsplit(found[1], parts), strict=True)
+        rows |= dict(zip(others, split, strict=True))
+        hessian += found[2]
+    given = pieces(theta, parameter_layout(signature, Sizes.of(at.mechanics)).theta)
+    for k, term in clearances.items():
+        numbers = [given[path_parameters(k, name)] for name in term.sizes]
+        h, dh, upper = _of_clearance(at, term).call([x, of_term[k], *numbers])
+        rows[k] = (h, dh)
+        hessian += upper
+    outputs = [ca.vertcat(*(h for h, _ in rows.values())), ca.vertcat(*(dh for _, dh in rows.values()))]
+    return ca.Function("path", [x, m, u, theta], [*outputs, ca.triu(hessian)])
+
+
+def _of_clearance(at: StepSymbols, term: ClearanceTerm) -> ca.Function:
+    """The function of a clearance, of the whole state."""
+    z, nx = at.space.layout.z, at.x1.numel()
+    q = ca.SX.sym("q", z.stop - z.start)
+    of_q = term.function(Point(at.mechanics, q, ca.SX.zeros(at.mechanics.nv)))
+    x, m = ca.MX.sym("x1", nx), ca.MX.sym("m", term.rows)
+    numbers = [ca.MX.sym(name, size) for name, size in term.sizes.items()]
+    h, dh, upper = of_q.call([x[z], m, *numbers])
+    before, after = z.start, nx - z.stop
+    slopes = ca.horzcat(ca.MX(term.rows, before), dh, ca.MX(term.rows, after))
+    curvature = ca.diagcat(ca.MX(before, before), upper, ca.MX(after, after))
+    return ca.Function("of_state", [x, m, *numbers], [h, slopes, curvature])
+
+
+def _written_out(at: StepSymbols, signature: FunctionSignature, chosen: Sequence[int]) -> ca.Function:
+    """Constraints by their expressions, one after the other."""
+    mechanics, layout, rows = at.mechanics, at.space.layout, []
+    q, s = at.x1[layout.z], at.x1[layout.s]
+    node = Point(mechanics, q, mechanics.velocity(q, s, at.controls))
+    remembered = {name: _unit(at, name) * at.x1[where] for name, where in layout.remembered.items()}
+    node = replace(node, remembered=remembered)
+    if "control" in remembered:
+        u = remembered["control"]
+        node = replace(node, u=u, acceleration=partial(driven_acceleration, node, u))
+    for k in chosen:
+        term = signature.path[k]
+        assert not isinstance(term, ClearanceTerm)
+        rows.append(term.expression(node, {n: at.given[path_parameters(k, n)] for n in term.sizes}))
+    h = ca.densify(ca.vertcat(*rows))
+    m = ca.SX.sym("m", h.numel())
+    hessian, _ = ca.hessian(ca.dot(m, h), at.x1)
+    outputs = [h, ca.jacobian(h, at.x1), ca.triu(hessian)]
+    return ca.Function("path", [at.x1, m, at.inputs, at.theta], ca.cse(outputs))
+
+
+def _unit(at: StepSymbols, name: str) -> ca.SX:
+    """What a block of what is remembered is multiplied by."""
+    if MEMORY[name].has_unit:
+        return at.given[unit_of(name)]
+    return at.units_of_u if MEMORY[name].of == "u" else ca.SX(1)
