@@ -15,10 +15,12 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.accuracy import follows_fast, with_accuracy
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Formulation, formulate
+from mbocp.guesses.around import near_the_way
 from mbocp.guesses.attempts import solve_from_guesses
 from mbocp.guesses.several import solve_from_starts
 from mbocp.problem import Problem, load_problem
 from mbocp.problem.margins import with_larger_margin
+from mbocp.problem.near_pairs import chosen_pairs, missing_pairs, pairs_like, with_pairs
 from mbocp.solution import Solution
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord
@@ -28,6 +30,7 @@ from mbocp.solvers.records import timed
 
 __all__ = ["solve"]
 
+_ROWS_ROUNDS = 6  # of solving again with rows that were missing
 _ROUNDS = 4  # of solving again with larger margins
 _RESERVE = 1e-3  # [m] beyond what a motion lacks between nodes
 _MOST_RAISED = 0.03  # [m]
@@ -79,9 +82,12 @@ def solve(
         problem = problem.with_(solver=replace(problem.solver, method=solver))
     limit = problem.solver.time_limit
     deadline = math.inf if limit is None else time.perf_counter() + limit
-    solution = _solved(problem, warm_start, callback, deadline)
+    near = near_the_way(problem, None if warm_start is None else warm_start.qs)
+    solution = _solved(near, warm_start, callback, deadline, asked=problem)
+    if not problem.goals:
+        solution, near = _with_missing_rows(problem, near, solution, callback, deadline)
     if solution.is_stationary and not problem.goals:
-        solution = _cleared(problem, solution, callback, deadline)
+        solution = _cleared(problem, near, solution, callback, deadline)
     if accuracy or (accuracy is None and follows_fast(problem)):
         solution = with_accuracy(problem, solution, deadline)
     if check and not solution.converged:
@@ -126,14 +132,48 @@ def _solved(
     )
 
 
+def _with_missing_rows(
+    problem: Problem,
+    near: Problem,
+    solution: Solution,
+    callback: Callable[[IterationRecord], object] | None,
+    deadline: float,
+) -> tuple[Solution, Problem]:
+    """The solution, or one with rows for what it touches that had none; and the problem with its rows."""
+    for _ in range(_ROWS_ROUNDS):
+        missing = missing_pairs(near, solution.qs)
+        if not missing or not solution.is_stationary or time.perf_counter() > deadline:
+            break
+        near = with_pairs(near, {*(chosen_pairs(near) or ()), *missing})
+        again = _solved(near, solution, callback, deadline, asked=problem)
+        if not again.is_stationary:  # from where the guess was, with all that is known by now
+            again = _solved(near, None, callback, deadline, asked=problem)
+        solution = _after(solution, again, "fewer rows")
+    return solution, near
+
+
+def _after(before: Solution, again: Solution, name: str, words: str = "") -> Solution:
+    """A solution that was found from another; what both took."""
+    spent = before.wall_time_s
+    return replace(
+        again,
+        advice=again.advice + words,
+        guess_used=before.guess_used,
+        starts=before.starts,
+        phases=(Phase(name, 0, spent), *again.phases),
+        wall_time_s=spent + again.wall_time_s,
+    )
+
+
 def _cleared(
     problem: Problem,
+    near: Problem,
     solution: Solution,
     callback: Callable[[IterationRecord], object] | None,
     deadline: float,
 ) -> Solution:
     """The solution, or one with larger margins at the nodes if it touches obstacles between them."""
-    tightened, raised = problem, 0.0
+    tightened, raised = near, 0.0
     for _ in range(_ROUNDS):
         if not solution.clearance < -BOUND_TOLERANCE or time.perf_counter() > deadline:
             break
@@ -143,20 +183,13 @@ def _cleared(
         larger = with_larger_margin(tightened, solution.clearance_between, more)
         if larger is None:
             break
+        larger = pairs_like(larger, tightened)
         again = _solved(larger, solution, callback, deadline, asked=problem)
         if not again.is_stationary or again.clearance <= solution.clearance:
             break
         tightened, raised = larger, raised + more
         words = f"; margins at nodes were raised by {1e3 * raised:.3g} mm in all to be clear between them"
-        spent = solution.wall_time_s
-        solution = replace(
-            again,
-            advice=again.advice + words,
-            guess_used=solution.guess_used,
-            starts=solution.starts,
-            phases=(Phase("smaller margins", 0, spent), *again.phases),
-            wall_time_s=spent + again.wall_time_s,
-        )
+        solution = _after(solution, again, "smaller margins", words)
     return solution
 
 

@@ -12,6 +12,7 @@ import pytest
 
 import mbocp
 from mbocp.problem import Problem
+from mbocp.problem.near_pairs import missing_pairs
 from mbocp.solution import Status
 from tests.robot.urdfs import link, robot, write
 
@@ -98,3 +99,23 @@ def test_rows_at_their_bound_say_their_margin(around_a_post):
     rows = [limit for limit in solution.active_limits if limit.kind == "path"]
     assert rows
     assert {(row.bound, row.unit, row.side) for row in rows} == {(0.02, "m", "lower")}
+
+
+def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
+    """Without any row at first, the motion is that of all rows."""
+    problem, asked = around_a_post(30), []
+
+    def missing(*arguments):
+        asked.append(missing_pairs(*arguments))
+        return asked[-1]
+
+    expected = mbocp.solve(problem)
+    monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
+    monkeypatch.setattr("mbocp.guesses.around.near_pairs", lambda clearance, qs: ())
+    monkeypatch.setattr("mbocp.solving.missing_pairs", missing)
+    solution = mbocp.solve(problem)
+    assert solution.converged
+    assert any(asked)
+    assert not asked[-1]
+    assert solution.clearance >= 0.0
+    assert solution.cost == pytest.approx(expected.cost, rel=1e-2)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -21,8 +22,9 @@ from mbocp._arrays import Array
 from mbocp.guesses.ways import Way, position_limits
 from mbocp.problem import Problem
 from mbocp.problem.clearance import Clearance
+from mbocp.problem.near_pairs import MANY, near_pairs, with_pairs
 
-__all__ = ["around"]
+__all__ = ["around", "near_the_way"]
 
 _STEP = 0.15  # [rad, m] in the configuration space
 _CHECKED = 8  # configurations of a step
@@ -30,14 +32,49 @@ _MOST = 4000  # steps of both trees
 _CUTS = 150  # tries to cut a corner
 _RESERVES = (0.03, 0.01, 0.0)  # [m] beyond the margins, the first with which a way is found
 _NEAR = 1e-3  # [m] beyond a reserve: how near does not matter there
+_FOUND: WeakKeyDictionary[Clearance, dict[tuple[bytes, bytes], Way | None]] = WeakKeyDictionary()
 _PLACES, _ROUNDS = 60, 60  # of a way whose corners are rounded
+
+
+def near_the_way(problem: Problem, qs: Array | None = None) -> Problem:
+    """The problem with rows for what comes near the line, or the way around; itself where pairs are few.
+
+    Parameters
+    ----------
+    qs : ndarray, shape (n, nq), optional
+        Configurations of a motion that takes the place of the way.
+    """
+    clearance, robot = problem.clearance, problem.robot
+    if clearance is None or clearance.num_pairs < MANY or problem.goals or robot.nc:
+        return problem
+    if qs is not None and qs.shape[1:] == (robot.nq,):
+        return with_pairs(problem, near_pairs(clearance, qs))
+    shares, q_start = np.linspace(0.0, 1.0, _PLACES), np.asarray(problem.q_start)
+    way = around(problem)
+    if way is None:
+        found = _on_lines(robot.model, [q_start, *_stops(problem), np.asarray(problem.goal.q)], shares)
+    else:
+        found = way(q_start, shares)
+    return with_pairs(problem, near_pairs(clearance, found))
+
+
+def _stops(problem: Problem) -> list[Array]:
+    return [np.asarray(point.via.goal.q) for point in problem.waypoints]
 
 
 def around(problem: Problem) -> Way | None:
     """A way from start to goal that keeps all clearances; None where the line does, or none is found."""
-    clearance, robot = problem.clearance, problem.robot
-    if clearance is None or not clearance.rows or robot.nc or problem.waypoints:
+    clearance = problem.clearance
+    if clearance is None or not clearance.num_pairs or problem.robot.nc or problem.waypoints:
         return None
+    ends = (np.asarray(problem.q_start).tobytes(), np.asarray(problem.goal.q).tobytes())
+    known = _FOUND.setdefault(clearance, {})
+    if ends not in known:
+        known[ends] = _around(problem, clearance)
+    return known[ends]
+
+
+def _around(problem: Problem, clearance: Clearance) -> Way | None:
     room = _Room(problem, clearance)
     q_start, q_goal = np.asarray(problem.q_start), np.asarray(problem.goal.q)
     if room.is_free(q_start, q_goal, 0.0):

@@ -23,6 +23,7 @@ __all__ = ["Clearance", "SelfCollision"]
 _TOLD = 20  # obstacles of which the summary speaks each
 _IDLE = Label("nothing", "m")  # a row that is not needed
 _AWAY = 10.0  # [m]: its value
+_STILL_SLOTS, _MOVING_SLOTS = 64, 16  # of chosen pairs
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,14 @@ class Clearance:
     def num_pairs(self) -> int:
         """Of spheres and obstacles, then of spheres."""
         return len(self.pairs) + len(self.sphere_pairs)
+
+    @property
+    def keys(self) -> tuple[tuple[tuple[int, int], tuple[int, int] | str], ...]:
+        """What each pair is: a sphere, and another or the name of an obstacle."""
+        return (
+            *((self.spheres[a], self.obstacles[k].name) for a, k in self.pairs),
+            *((self.spheres[a], self.spheres[b]) for a, b in self.sphere_pairs),
+        )
 
     def of_pairs(self, chosen: Sequence[int]) -> Clearance:
         """The same with rows for some of the pairs alone."""
@@ -161,15 +170,21 @@ class Clearance:
         still = [k for k in chosen if rows[k].other == 0]
         moving = [k for k in chosen if rows[k].other]
         found: list[int] = []
-        for group in (still, moving):
-            found += [*group, *[-1] * (clearance_slots(len(group)) - len(group))]
+        for group, slots in zip((still, moving), self._slots(len(still), len(moving)), strict=True):
+            found += [*group, *[-1] * (slots - len(group))]
         return tuple(found)
+
+    def _slots(self, still: int, moving: int) -> tuple[int, int]:
+        """Rows of shapes that stand still and of others; of chosen pairs the same for all who have few."""
+        if self.chosen is None:
+            return clearance_slots(still), clearance_slots(moving)
+        return clearance_slots(still, _STILL_SLOTS), clearance_slots(moving, _MOVING_SLOTS)
 
     @cached_property
     def term(self) -> ClearanceTerm:
         """Its structure, with its function."""
         moving = sum(k >= 0 and self._every[0][k].other > 0 for k in self._order)
-        slots = clearance_slots(moving)
+        slots = self._slots(0, moving)[1]
         return ClearanceTerm(self._frames, len(self._order) - slots, slots)
 
     def structure(self, rotations: str) -> ClearanceTerm:

@@ -29,9 +29,12 @@ _PLACE = 12  # axes by columns and origin
 _FAR = 10.0  # [m]
 
 
-def clearance_slots(count: int) -> int:
-    """How many rows there are where some are needed: powers of two, so that few numbers are compiled for."""
-    return 0 if count == 0 else max(_LEAST_SLOTS, 1 << (count - 1).bit_length())
+def clearance_slots(count: int, least: int = 0) -> int:
+    """How many rows there are where some are needed: 16, 64, 256, ..., so that few have to be compiled."""
+    slots = _LEAST_SLOTS
+    while slots < max(count, least):
+        slots *= 4
+    return slots if max(count, least) else 0
 
 
 @dataclass(frozen=True)
@@ -206,7 +209,7 @@ def _row(nq: int, carriers: int) -> ca.Function:
         "shares", [pull, *symbols, numbers], [ca.densify(ca.gradient(pulled, s)) for s in symbols]
     ).call([m * slope, *here, numbers])
     upper = ca.densify(hessian)[ca.Sparsity.upper(nq)]
-    outputs = [h, ca.densify(J.T @ slope), ca.vertcat(*upper.nz[:].elements()), *shares]
+    outputs = [h, ca.densify(J.T @ slope), upper.nz[:], *shares]
     return ca.Function("row", [*given, numbers, m], ca.cse(outputs))
 
 

@@ -1,0 +1,82 @@
+"""Problems in which rows keep apart what comes near each other, and no more.
+
+A robot of sixty spheres among twenty obstacles has a thousand pairs, of which a motion comes near a few
+dozen. The others have no rows as long as no motion comes near them, too.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Collection
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.problem.clearance import Clearance
+
+if TYPE_CHECKING:
+    from mbocp.problem.problem import Problem
+
+__all__ = ["MANY", "chosen_pairs", "missing_pairs", "near_pairs", "pairs_like", "with_pairs"]
+
+MANY = 48  # pairs, from which on they are chosen
+_NEAR = 0.05  # [m]
+_MOST = 64  # chosen pairs at first
+_BETWEEN = 4  # configurations of a step
+_MISSED = 0.01  # [m] from what is missing, what is taken, too
+
+
+def near_pairs(clearance: Clearance, qs: Array) -> tuple[int, ...]:
+    """Pairs that come near along some configurations, the nearest first."""
+    least = (clearance.pair_values(qs) - clearance.margins).min(axis=0)
+    order = np.argsort(least, kind="stable")
+    count = int(np.clip(np.count_nonzero(least < _NEAR), 1, _MOST))
+    return tuple(order[:count].tolist())
+
+
+def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
+    """Pairs without rows that touch along the nodes of a motion, and others near it; none if none does."""
+    clearance, rows = problem.clearance, _rows_of(problem)
+    if clearance is None or rows is None or rows.chosen is None or not np.isfinite(qs).all():
+        return ()
+    robot = problem.robot
+    shares = np.arange(_BETWEEN) / _BETWEEN
+    between = [robot.integrate(a, s * robot.difference(a, b)) for a, b in pairwise(qs) for s in shares]
+    least = (clearance.pair_values(np.array([*between, qs[-1]])) - clearance.margins).min(axis=0)
+    least[list(rows.chosen)] = np.inf
+    if least.min() >= 0.0:
+        return ()
+    return tuple(np.flatnonzero(least < _MISSED).tolist())
+
+
+def with_pairs(problem: Problem, chosen: Collection[int]) -> Problem:
+    """The problem with rows for some of its pairs; it is not checked again."""
+    rows = _rows_of(problem)
+    if rows is None:
+        return problem
+    found = copy.copy(problem)
+    path = tuple(rows.of_pairs(tuple(chosen)) if c is rows else c for c in problem.path)
+    object.__setattr__(found, "path", path)
+    return found
+
+
+def pairs_like(problem: Problem, other: Problem) -> Problem:
+    """The problem with rows for the pairs that have some in another, as far as it has these."""
+    mine, theirs = _rows_of(problem), _rows_of(other)
+    if mine is None or theirs is None or theirs.chosen is None:
+        return problem
+    names = theirs.keys
+    wanted = {names[k] for k in theirs.chosen}
+    return with_pairs(problem, [k for k, name in enumerate(mine.keys) if name in wanted])
+
+
+def chosen_pairs(problem: Problem) -> tuple[int, ...] | None:
+    """Pairs that have rows; None: all."""
+    rows = _rows_of(problem)
+    return None if rows is None else rows.chosen
+
+
+def _rows_of(problem: Problem) -> Clearance | None:
+    return next((c for c in problem.path if isinstance(c, Clearance)), None)
