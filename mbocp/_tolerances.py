@@ -7,9 +7,11 @@ __all__ = [
     "BOUND_TOLERANCE",
     "DIRECTION_TOLERANCE",
     "RANK_TOLERANCE",
+    "STAYS",
 ]
 
 RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero: rows depend
 ARRIVAL_TOLERANCE = 1e-6  # [rad, m] from the configuration that a search or a closed path was to reach
+STAYS = 1e-9  # [rad, m] that an impact may move by: the round-off of its row
 BOUND_TOLERANCE = 1e-9  # [m, rad, m/s, rad/s] by which a start may miss its bound
 DIRECTION_TOLERANCE = 1e-9  # relative, of drives: their columns are sums of products of a few rotations

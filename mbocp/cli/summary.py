@@ -11,6 +11,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from mbocp._arrays import BoolArray
 from mbocp.cli.console import output
 from mbocp.integrators import SCHEMES
 from mbocp.problem.coordinates import COORDINATES
@@ -174,10 +175,15 @@ def _duration(solution: Solution) -> str:
 
 def _steps(solution: Solution) -> str:
     """How many steps, and how long they are; where times of via points were found they differ."""
-    lengths, mean = np.diff(solution.t), solution.duration / solution.num_steps
+    lengths = np.diff(solution.t)
+    leaps = int((lengths == 0.0).sum())
+    lengths = lengths[lengths > 0.0]
+    mean = solution.duration / len(lengths)
+    words = f"{lengths.min():.4g} to {lengths.max():.4g} s"
     if np.ptp(lengths) <= _SAME * mean:
-        return f"{solution.num_steps} steps of {mean:.4g} s"
-    return f"{solution.num_steps} steps of {lengths.min():.4g} to {lengths.max():.4g} s"
+        words = f"{mean:.4g} s"
+    told = f" and {leaps} impact{'s' * (leaps > 1)}" if leaps else ""
+    return f"{len(lengths)} steps of {words}{told}"
 
 
 def _via(solution: Solution) -> _Rows:
@@ -231,14 +237,22 @@ def _constraint_forces(solution: Solution) -> _Rows:
     known = COORDINATES.get(solution.coordinates)
     if not solution.nc or known is None or not known.has_robot_multipliers or not len(solution.lams):
         return []
-    sizes = np.abs(solution.lams).max(axis=0)
+    leaps = np.diff(solution.t) == 0.0
+    rows: _Rows = [("forces", f"of constraints, at most {_largest(solution, ~leaps, '')}")]
+    if leaps.any():
+        rows.append(("impulses", f"of impacts, at most {_largest(solution, leaps, ' s')}"))
+    return rows
+
+
+def _largest(solution: Solution, steps: BoolArray, more: str) -> str:
+    """The largest multipliers of each unit in some of the steps, with names."""
+    sizes = np.abs(solution.lams[steps]).max(axis=0)
     found = dict[str, tuple[float, str]]()
     for size, column in zip(sizes.tolist(), solution.labels.lam, strict=True):
-        unit = _FORCES.get(column.unit, column.unit)
+        unit = _FORCES.get(column.unit, column.unit) + more
         if size > found.get(unit, (-1.0, ""))[0]:
             found[unit] = (size, column.name)
-    words = ", ".join(f"{size:.4g} {unit} at {name}" for unit, (size, name) in found.items())
-    return [("forces", f"of constraints, at most {words}")]
+    return ", ".join(f"{size:.4g} {unit} at {name}" for unit, (size, name) in found.items())
 
 
 def _limits(solution: Solution) -> _Rows:

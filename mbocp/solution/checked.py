@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from mbocp._text import shown
+from mbocp._tolerances import STAYS
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.records import IterationRecord, Phase, StartRecord, Status
@@ -164,7 +165,10 @@ _SIDES = ("limits_u", "limits_v", "limits_q")
 
 def _check_numbers(content: FileContent, status: Status) -> None:
     t = content.arrays["t"]
-    if not np.isfinite(t).all() or not (np.diff(t) > 0.0).all():
+    qs = content.arrays["qs"]
+    leaps = np.diff(t) == 0.0  # impacts, which leave the configuration
+    stays = len(qs) == len(t) and bool((np.abs(np.diff(qs, axis=0))[leaps] < STAYS).all())
+    if not np.isfinite(t).all() or not (np.diff(t) >= 0.0).all() or (leaps.any() and not stays):
         raise InvalidValue("t", "other numbers", "finite times, one later than the other")
     for name in _SIDES:
         limits = content.arrays.get(name)

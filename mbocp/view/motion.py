@@ -9,6 +9,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._tolerances import STAYS
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.robot.large import working_data
 
@@ -97,12 +98,16 @@ def _checked(model: pin.Model, t: ArrayLike, qs: ArrayLike) -> tuple[Array, Arra
             "qs", configurations.shape, (len(times), model.nq), "one configuration for each time"
         )
     if not np.isfinite(configurations).all() or not np.isfinite(times).all():
-        bad = np.flatnonzero(~(np.isfinite(configurations).all(axis=1) & np.isfinite(times)))
-        raise InvalidValue("qs", f"NaN or infinity at step {bad[0]}", "finite numbers")
+        wrong = np.flatnonzero(~(np.isfinite(configurations).all(axis=1) & np.isfinite(times)))
+        raise InvalidValue("qs", f"NaN or infinity at step {wrong[0]}", "finite numbers")
     if np.abs(configurations).max(initial=0.0) > _MAX_COORDINATE:
         raise InvalidValue("qs", f"{np.abs(configurations).max():.1e}", f"numbers up to {_MAX_COORDINATE:g}")
-    if np.any(np.diff(times) <= 0.0):
-        step = int(np.flatnonzero(np.diff(times) <= 0.0)[0])
+    stays = (np.diff(times) == 0.0) & (np.abs(np.diff(configurations, axis=0)) < STAYS).all(
+        axis=1
+    )  # an impact
+    bad = np.flatnonzero((np.diff(times) <= 0.0) & ~stays)
+    if bad.size:
+        step = int(bad[0])
         raise InvalidValue(
             "t", f"{times[step]} followed by {times[step + 1]} at step {step}", "increasing times"
         )

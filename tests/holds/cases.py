@@ -10,12 +10,15 @@ from mbocp.problem.hold import Hold, Release
 
 __all__ = ["CASES", "arm", "drone", "four_bar", "pendulum"]
 
+_BALL = {"name": "tip", "frame": "link2", "mass": 0.1, "com": [0.0, 0.0, 0.2]}
+
 
 def pendulum(scheme: str = "se1", steps: int = 11, **fields: Any) -> Problem:
     """Its tip lands on a vertical line at step 4, with an impact, and leaves it at step 8."""
     words: dict[str, Any] = {"start": {"q": [0.3, 0.4]}, "goal": {"q": [-0.2, 0.9], "v": [0.0, 0.0]}}
-    hold = Hold(name="tip", frame="link2", kind="line", axis=(0.0, 0.0, 1.0), spans=((4, 8),))
-    made = Problem.create("double_pendulum", 0.5, steps, scheme=scheme, **words)
+    hold = Hold(name="tip", frame="tip", kind="line", axis=(0.0, 0.0, 1.0), spans=((4, 8),))
+    robot = {"name": "double_pendulum", "payload": [_BALL]}
+    made = Problem.create(robot, 0.5, steps, scheme=scheme, **words)
     return made.with_(**{"holds": (hold,), "impacts": (4,), **fields})
 
 
