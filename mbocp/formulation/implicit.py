@@ -29,6 +29,7 @@ from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
 from mbocp.formulation.switches import (
+    acting,
     filled_impulses,
     filled_lengths,
     impacts_of,
@@ -151,7 +152,7 @@ class ImplicitFormulation:
         costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
         return Duals(
             lams=iterate.ys / dts,
-            zetas=iterate.ms[:, self.layout.ndx :] / dts**2,
+            zetas=acting(problem, iterate.ms[:, self.layout.ndx :] / dts**2),
             states=states,
             costates=costates,
             mus=self._adjoints(iterate, motion, costates)

@@ -12,6 +12,7 @@ from mbocp.problem.switches import SwitchTable
 from mbocp.robot import Label
 
 __all__ = [
+    "acting",
     "evaluation_times",
     "filled_impulses",
     "filled_lengths",
@@ -97,6 +98,12 @@ def ties_at_end(problem: Problem) -> tuple[Array, Array] | None:
     if table is None:
         return None
     return table.at_end(q, of_rates=False), table.at_end(q, of_rates=True)
+
+
+def acting(problem: Problem, values: Array) -> Array:
+    """Values of the rows of all constraints (N, rows), zero where these do not act."""
+    table = problem.switches
+    return values if table is None else np.where(np.hstack([table.own, table.rows]), values, 0.0)
 
 
 def labels_of(problem: Problem) -> tuple[Label, ...]:

@@ -102,9 +102,8 @@ def _checked(model: pin.Model, t: ArrayLike, qs: ArrayLike) -> tuple[Array, Arra
         raise InvalidValue("qs", f"NaN or infinity at step {wrong[0]}", "finite numbers")
     if np.abs(configurations).max(initial=0.0) > _MAX_COORDINATE:
         raise InvalidValue("qs", f"{np.abs(configurations).max():.1e}", f"numbers up to {_MAX_COORDINATE:g}")
-    stays = (np.diff(times) == 0.0) & (np.abs(np.diff(configurations, axis=0)) < STAYS).all(
-        axis=1
-    )  # an impact
+    moves = np.abs(np.diff(configurations, axis=0)).max(axis=1, initial=0.0)
+    stays = (np.diff(times) == 0.0) & (moves < STAYS) & (times[-1] > times[0])  # an impact
     bad = np.flatnonzero((np.diff(times) <= 0.0) & ~stays)
     if bad.size:
         step = int(bad[0])
