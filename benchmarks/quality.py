@@ -7,16 +7,21 @@ comes to the lowest cost of all that satisfies these equations is counted, too.
 
 `--refine` solves each result once more with twice the steps, from where it is: what its cost then changes by
 says how much of it the steps resolve.
+
+`--records` keeps every result in a file, and solves nothing twice: a long measurement can be broken off, and
+run in parts, each with a file of its own, which are read together in the end.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -24,19 +29,19 @@ import numpy as np
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.random_tasks import CLASSES, random_problems
+from benchmarks.records import Found, Key, Records
 from benchmarks.tables import Table, show
 from mbocp.formulation import formulate
 from mbocp.mechanics.diagnostics import largest_turn
 from mbocp.solvers import Status
-from mbocp.study.rows import solver_seconds
 
 __all__ = [
     "COSTS",
     "SETS",
     "WAYS",
-    "Found",
     "measure",
     "quality_table",
+    "record",
     "refined",
     "refinement_table",
     "tasks",
@@ -59,32 +64,6 @@ _HOLDS = 0.1  # relative change of the cost with twice the steps
 _DEVIATION = 1.96  # standard deviations on either side that hold 95 %
 
 
-@dataclass(frozen=True)
-class Found:
-    """What one way of solving came to.
-
-    Attributes
-    ----------
-    cost : float
-        Infinite where the optimality conditions do not hold.
-    iterations : int
-    seconds : float
-        Solver alone.
-    is_resolved : bool
-        Whether the optimality conditions hold and the steps resolve the motion.
-    """
-
-    cost: float
-    iterations: int
-    seconds: float
-    is_resolved: bool
-
-    @property
-    def resolved_cost(self) -> float:
-        """The cost; infinite for what is no motion."""
-        return self.cost if self.is_resolved else math.inf
-
-
 def tasks(name: str, cost: str, number: int, seed: int) -> Iterator[mbocp.Problem]:
     """Random tasks of a set without limits; the i-th does not depend on the number."""
     for problem in random_problems(name, number, seed):
@@ -92,34 +71,45 @@ def tasks(name: str, cost: str, number: int, seed: int) -> Iterator[mbocp.Proble
         yield problem.with_(cost=COSTS[cost], limits=free, guess={"kind": "line"})
 
 
-def measure(problem: mbocp.Problem, time_limit: float) -> dict[str, Found]:
-    """What each way comes to."""
-    found = {}
-    for way, options in WAYS.items():
-        solver = replace(problem.solver, time_limit=time_limit, **options)
-        chosen = problem.with_(solver=solver)
-        formulate(chosen)  # compiling is not within the limit
-        solution = mbocp.solve(chosen)
-        iterations = sum(start.iterations for start in solution.starts) or solution.iterations
-        cost = solution.cost if solution.status in _STATIONARY else math.inf
-        found[way] = Found(cost, iterations, solver_seconds(solution), solution.converged)
-    return found
+def measure(problem: mbocp.Problem, way: str, time_limit: float) -> Found:
+    """What one way comes to."""
+    chosen = problem.with_(solver=replace(problem.solver, time_limit=time_limit, **WAYS[way]))
+    formulate(chosen)  # compiling is not within the limit
+    begun = time.process_time()
+    solution = mbocp.solve(chosen)
+    seconds = time.process_time() - begun
+    iterations = sum(start.iterations for start in solution.starts) or solution.iterations
+    cost = solution.cost if solution.status in _STATIONARY else math.inf
+    return Found(cost, iterations, seconds, solution.converged)
 
 
-def quality_table(
-    sets: Sequence[str] = SETS,
-    costs: Sequence[str] = tuple(COSTS),
-    number: int = 20,
-    seed: int = 0,
-    time_limit: float = 60.0,
-) -> Table:
-    """Share of the tasks in which each way comes within a hundredth of the best cost."""
+def record(
+    records: Records,
+    sets: Sequence[str],
+    costs: Sequence[str],
+    ways: Sequence[str],
+    numbers: range,
+    seed: int,
+    time_limit: float,
+) -> None:
+    """Solve what is not among the records yet: these tasks of each set, with each cost, each way."""
+    for name in sets:
+        for cost in costs:
+            for task, problem in enumerate(tasks(name, cost, numbers.stop, seed)):
+                for way in ways if task in numbers else ():
+                    key = Key(name, cost, seed, task, way)
+                    if key not in records.found:
+                        records.add(key, measure(problem, way, time_limit))
+
+
+def quality_table(records: Records, sets: Sequence[str] = SETS, costs: Sequence[str] = tuple(COSTS)) -> Table:
+    """Share of the recorded tasks in which each way comes within a hundredth of the best cost."""
     rows = []
     for name in sets:
         for cost in costs:
-            results = [measure(problem, time_limit) for problem in tasks(name, cost, number, seed)]
-            for way in WAYS:
-                rows.append((f"{name}, {cost}", way, *_cells(results, way)))
+            results = list(records.of(name, cost, tuple(WAYS)))
+            if results:
+                rows += [(f"{name}, {cost}", way, *_cells(results, way)) for way in WAYS]
     columns = (
         "tasks",
         "way",
@@ -132,13 +122,14 @@ def quality_table(
         "iterations",
         "time [ms]",
     )
+    seeds = ", ".join(str(seed) for seed in sorted({key.seed for key in records.found}))
     note = (
-        f"{number} tasks of each set, seed {seed}. resolved, unresolved: results with and without steps that "
+        f"Seeds: {seeds}. resolved, unresolved: results with and without steps that "
         "resolve the motion; one guess: within 1 % of the lowest cost of a resolved motion that a single "
         "guess leads to, of the tasks with one; all: of the lowest such cost of all ways; any: the same with "
         "unresolved results, which only the discrete equations allow; in brackets intervals of 95 % "
         "(Wilson); worst: cost over the lowest of all, of resolved motions; iterations: median, of all "
-        "starts; time: median."
+        "starts; time: median, of the processor."
     )
     return Table("Quality of minima", columns, rows, note)
 
@@ -236,17 +227,34 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--markdown", action="store_true", help="for the documentation")
     parser.add_argument("--sets", nargs="*", default=SETS, choices=sorted(CLASSES), help="classes of tasks")
     parser.add_argument("--costs", nargs="*", default=tuple(COSTS), choices=tuple(COSTS))
+    parser.add_argument("--ways", nargs="*", default=tuple(WAYS), choices=tuple(WAYS), help="all by default")
+    parser.add_argument("--first", type=int, default=0, help="number of the first task")
     parser.add_argument("--number", type=int, default=20, help="tasks of each set")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--time-limit", type=float, default=60.0, help="[s] of each solve")
+    parser.add_argument(
+        "--records",
+        type=Path,
+        nargs="*",
+        default=(),
+        help="files of results: new ones go to the first, the table is of all; --number 0 solves nothing",
+    )
     parser.add_argument("--refine", action="store_true", help="what costs come to with twice the steps")
     options = parser.parse_args(arguments)
     one_core()
     show(header(), markdown=options.markdown)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # goals beyond the limits of a joint: no matter here
-        make = refinement_table if options.refine else quality_table
-        table = make(options.sets, options.costs, options.number, options.seed, options.time_limit)
+        if options.refine:
+            table = refinement_table(
+                options.sets, options.costs, options.number, options.seed, options.time_limit
+            )
+        else:
+            records = Records.read(*options.records)
+            numbers = range(options.first, options.first + options.number)
+            given = options.sets, options.costs, options.ways, numbers
+            record(records, *given, options.seed, options.time_limit)
+            table = quality_table(records, options.sets, options.costs)
     show(table, markdown=options.markdown)
 
 

@@ -11,12 +11,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the package
 
-from benchmarks import quality
 from benchmarks.machine import header
 from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
 from benchmarks.paper.__main__ import PAGE, replaced
-from benchmarks.quality import WAYS, Found, quality_table, refined, tasks
+from benchmarks.quality import WAYS, quality_table, record, refined, tasks
 from benchmarks.random_tasks import random_problems
+from benchmarks.records import Found, Key, Records
 from benchmarks.reliability import reliability_table
 from benchmarks.rivals import compare, reach
 from benchmarks.stages import stage_table, time_stages
@@ -121,8 +121,14 @@ def test_reliability_counts_what_is_solved() -> None:
     assert table.rows == [("a", "2 / 5", "4 / 4 / 4", "2 / 2 / 2", "2", "2 infeasible, 1 stagnated")]
 
 
-def test_quality_compares_with_the_best_of_all() -> None:
-    made = quality_table(["double pendulum"], ["effort"], number=2, seed=1, time_limit=30.0)
+def test_quality_compares_with_the_best_of_all(tmp_path: Path) -> None:
+    records = Records(tmp_path / "part.jsonl")
+    one, both = ["double pendulum"], ["effort"]
+    record(records, one, both, list(WAYS), range(2), seed=1, time_limit=30.0)
+    again = Records.read(tmp_path / "part.jsonl")
+    assert again.found == records.found
+    record(again, one, both, list(WAYS), range(2), seed=1, time_limit=0.0)  # solves nothing twice
+    made = quality_table(again, one, both)
     assert [row[1] for row in made.rows] == list(WAYS)
     by_way = {row[1]: row for row in made.rows}
     assert all(int(row[2]) + int(row[3]) <= 2 for row in made.rows)
@@ -136,12 +142,14 @@ def test_quality_compares_with_the_best_of_all() -> None:
     assert not np.array_equal(first.goal.q, second.goal.q)
 
 
-def test_what_the_steps_do_not_resolve_is_no_measure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_steps_do_not_resolve_is_no_measure() -> None:
     good, spun = Found(2.0, 10, 0.1, is_resolved=True), Found(1.0, 10, 0.1, is_resolved=False)
     failed = Found(math.inf, 10, 0.1, is_resolved=False)
-    found = {"auto": good, "auto, 4 starts": good, "ipopt": spun, "fatrop": failed}
-    monkeypatch.setattr(quality, "measure", lambda problem, time_limit: found)
-    made = quality_table(["double pendulum"], ["effort"], number=1)
+    records = Records()
+    for way, found in {"auto": good, "auto, 4 starts": good, "ipopt": spun, "fatrop": failed}.items():
+        records.add(Key("double pendulum", "effort", 0, 0, way), found)
+    records.add(Key("double pendulum", "effort", 0, 1, "auto"), good)  # not all ways: does not count
+    made = quality_table(records, ["double pendulum"], ["effort"])
     rows = {row[1]: row for row in made.rows}
     assert rows["auto"][2:4] == ("1", "0")
     assert rows["ipopt"][2:4] == ("0", "1")
