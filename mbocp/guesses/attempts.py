@@ -10,10 +10,8 @@ from dataclasses import replace
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
-from mbocp.guesses.from_solution import iterate_from_solution
-from mbocp.guesses.kinds import guess_candidates
-from mbocp.guesses.make import make_guess
 from mbocp.guesses.ranking import is_better, with_end
+from mbocp.guesses.starts import guesses_in_turn
 from mbocp.solution import Solution
 from mbocp.solvers import (
     IterationRecord,
@@ -41,19 +39,14 @@ def solve_from_guesses(
     settings = SolverSettings.of(problem.solver, programme, has_inequalities=problem.is_bounded)
     best: tuple[Outcome, str] | None = None
     history: list[IterationRecord] = []
-    kinds = ("warm start",) if warm_start is not None else guess_candidates(problem)
-    for attempt, kind in enumerate(kinds):
+    failed: ProblemError | None = None
+    for attempt, (kind, make) in enumerate(guesses_in_turn(formulation, warm_start)):
         try:
             with timed(phases, "guess"):
-                if warm_start is not None:
-                    iterate = iterate_from_solution(warm_start, formulation)
-                    words = "warm start from a solution"
-                else:
-                    iterate, words = make_guess(kind, formulation)
-        except ProblemError:
-            if attempt + 1 < len(kinds) or best is not None:
-                continue  # an automatic guess that cannot be made is no reason to give up on the others
-            raise
+                iterate, words = make()
+        except ProblemError as error:
+            failed = error  # an automatic guess that cannot be made is no reason to give up on the others
+            continue
         except KeyboardInterrupt:
             if best is None:
                 raise  # there is nothing to return yet
@@ -83,7 +76,7 @@ def solve_from_guesses(
         if result.status in (Status.CONVERGED, Status.INTERRUPTED, Status.TIME_LIMIT):
             break
     if best is None:
-        raise ProblemError("no initial guess could be made; give guess.kind and guess.u")
+        raise failed or ProblemError("no initial guess could be made; give guess.kind and guess.u")
     outcome, words = best
     return replace(outcome, result=replace(outcome.result, history=tuple(history))), words
 

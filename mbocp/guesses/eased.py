@@ -1,9 +1,10 @@
-"""A second descent where effort alone costs: from the optimum with a weight on velocities that fades.
+"""Further descents where effort alone costs: from the optimum with a weight on velocities that fades.
 
 From a guess Newton's method falls into the next minimum, of which there are many where light links spin for
 next to nothing. The same problem with a weight on velocities has few, and is solved in a few iterations. Its
-optimum is followed while the weight fades, and the solve goes on from there. The better one of both ends
-counts: the cheaper motion that the steps resolve. What converges in a few iterations is left as it is.
+optimum is followed while the weight fades, and the solve goes on from there. Then other ways are tried with
+few steps, see `screening`. The best of all ends counts: the cheapest motion that the steps resolve. What
+converges in a few iterations is left as it is.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from mbocp._arrays import Array, frozen_array
 from mbocp.formulation import Formulation
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
+from mbocp.guesses.screening import Screening, can_screen
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.phases import how_it_ended
 
@@ -50,7 +52,7 @@ def better_of_eased(
     start: Start,
     plain: Outcome,
     *,
-    is_first: bool = True,
+    number: int = 0,
 ) -> Outcome:
     """The outcome of a plain solve, or what the eased problem leads to where that is better.
 
@@ -61,13 +63,14 @@ def better_of_eased(
         Of the plain solve, with the time that is left after it.
     start : Start
     plain : Outcome
-    is_first : bool
-        Whether it is the first of several starts, or the only one. Further ones begin with a small weight.
+    number : int
+        Of the start among several; 0 is the first, or the only one. Further ones begin with a small weight,
+        and try other ways.
 
     Returns
     -------
     outcome : Outcome
-        With the iterations of both. The plain one where the method was chosen by name, its iterations are
+        With the iterations of all. The plain one where the method was chosen by name, its iterations are
         limited, the programme cannot be eased, or the solve was easy. Where neither end is resolved by the
         steps, the advice names a weight whose optimum is, if one of those on the way has been.
     """
@@ -77,20 +80,27 @@ def better_of_eased(
         return plain
     if plain.iterations <= _FEW and status_of(formulation, plain) is Status.CONVERGED:
         return plain
+    deadline = math.inf if settings.time_limit is None else time.perf_counter() + settings.time_limit
     runs: list[_Run] = []
+    best, trials, is_interrupted = plain, None, False
     try:
         after = replace(start, first=start.first + plain.iterations)
-        _follow(runs, _SHARES if is_first else _SHARES_OF_FURTHER, settings, after, easing)
-        is_interrupted = bool(runs) and runs[-1].outcome.result.status is Status.INTERRUPTED
+        _follow(runs, _SHARES_OF_FURTHER if number else _SHARES, settings, after, easing)
+        best = _chosen(formulation, plain, runs)
+        if can_screen(formulation) and not (runs and runs[-1].outcome.result.status in _FINAL):
+            after = replace(after, first=after.first + sum(run.outcome.iterations for run in runs))
+            left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
+            trials = Screening(formulation, replace(settings, time_limit=left), after, number)
+            best = _told(trials.best(best), best, plain)
     except KeyboardInterrupt:
         is_interrupted = True
-    best = _chosen(formulation, plain, runs)
+    solves = [plain, *(run.outcome for run in runs), *(trials.runs if trials else ())]
+    is_interrupted |= solves[-1].result.status is Status.INTERRUPTED
     result = best.result.interrupted() if is_interrupted else best.result
     if status_of(formulation, best) is Status.UNDER_RESOLVED:
         result = replace(result, advice=result.advice + _resolved_weight(formulation, easing, runs))
-    outcomes = [plain, *(run.outcome for run in runs)]
-    history = tuple(record for outcome in outcomes for record in outcome.result.history)
-    phases = tuple(phase for outcome in outcomes for phase in outcome.phases)
+    history = tuple(record for outcome in solves for record in outcome.result.history)
+    phases = tuple(phase for outcome in solves for phase in outcome.phases)
     return Outcome(replace(result, history=history), phases, best.solver)
 
 
@@ -126,6 +136,15 @@ def _chosen(formulation: Formulation, plain: Outcome, runs: Sequence[_Run]) -> O
     without = f"{how_it_ended(plain.result)}, cost {plain.result.record.cost:.6g}"
     told = f"reached while a weight on velocities faded (straight from the guess: {without})"
     return replace(end, result=replace(end.result, advice=f"{end.result.advice}; {told}"))
+
+
+def _told(best: Outcome, before: Outcome, plain: Outcome) -> Outcome:
+    """The best outcome, with words where other ways led to it."""
+    if best is before:
+        return best
+    without = f"{how_it_ended(plain.result)}, cost {plain.result.record.cost:.6g}"
+    told = f"reached by one of the ways tried with fewer steps (straight from the guess: {without})"
+    return replace(best, result=replace(best.result, advice=f"{best.result.advice}; {told}"))
 
 
 def _resolved_weight(formulation: Formulation, easing: Array, runs: Sequence[_Run]) -> str:

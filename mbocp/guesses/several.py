@@ -10,7 +10,7 @@ import math
 import multiprocessing
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -163,12 +163,12 @@ class _Batch:
         return outcome
 
     def ease(self) -> None:
-        """Give each start a second descent; the first to a goal the one that it has where it is alone."""
-        seen: set[int | None] = set()
+        """Give each start its further descents; the first to a goal those that it has where it is alone."""
+        seen: Counter[int | None] = Counter()
         for number in sorted(self.outcomes):
             task = self.tasks[number]
-            is_first = task.goal not in seen
-            seen.add(task.goal)
+            among = seen[task.goal]
+            seen[task.goal] += 1
             if self.is_over or task.guess.kind in GIVEN_SOLUTIONS:
                 continue
             start = Start(task.formulation.programme, task.guess.iterate, self.callback, label=_label(number))
@@ -177,7 +177,7 @@ class _Batch:
                 task.settings(self.deadline),
                 start,
                 self.outcomes[number],
-                is_first=is_first,
+                number=among,
             )
             self.outcomes[number] = found
             self.is_interrupted |= found.result.status is Status.INTERRUPTED

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, count
+from itertools import chain, count, islice
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from mbocp.problem import Guess
 from mbocp.programme import Iterate
 from mbocp.solution import Solution
 
-__all__ = ["StartGuess", "further_kinds", "start_guesses"]
+__all__ = ["StartGuess", "further_kinds", "guesses_in_turn", "start_guesses"]
 
+_MAX_BRANCHES = 4  # lines to other configurations at the goal, where one start alone fails
 _MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried
 
 _Maker = Callable[[], tuple[Iterate, str]]
@@ -47,9 +48,9 @@ class StartGuess:
 def start_guesses(formulation: Formulation, warm_start: Solution | None) -> list[StartGuess]:
     """As many guesses as the problem asks for, `solver.starts`, or as can be made.
 
-    First the warm start or the problem's own guess, then the other kinds that suit the problem, then lines to
-    other configurations with frames at the goal, then ways on which a joint turns the other way around, then
-    ways through random configurations.
+    First the warm start or the problem's own guess, then lines to other configurations with frames at the
+    goal, then the other kinds that suit the problem, then ways on which a joint turns the other way around,
+    then ways through random configurations.
 
     Raises
     ------
@@ -87,18 +88,39 @@ def further_kinds(formulation: Formulation, tried: list[StartGuess]) -> Iterator
             yield StartGuess(kind, words, iterate)
 
 
+def guesses_in_turn(formulation: Formulation, warm_start: Solution | None) -> Iterator[tuple[str, _Maker]]:
+    """What to call each guess, and what makes it, of those to try until one leads to a solution.
+
+    The warm start alone, or the problem's own kind of guess. Where that was left to mbocp, lines to other
+    configurations with frames at the goal follow, and the other kinds that suit the problem.
+    """
+    if warm_start is not None:
+        yield "warm start", partial(_warm, formulation, warm_start)
+        return
+    own, *others = guess_candidates(formulation.problem)
+    yield own, partial(make_guess, own, formulation)
+    if formulation.problem.guess.kind == "auto":
+        for words, way in islice(branch_ways(formulation.problem), _MAX_BRANCHES):
+            yield words, partial(_along, formulation, words, way)
+    for kind in others:
+        yield kind, partial(make_guess, kind, formulation)
+
+
 def _makers(formulation: Formulation, warm_start: Solution | None) -> Iterator[tuple[str, _Maker]]:
     if warm_start is not None:
-        yield (
-            "warm start",
-            lambda: (iterate_from_solution(warm_start, formulation), "warm start from a solution"),
-        )
-    for kind in _kinds(formulation):
-        yield kind, partial(make_guess, kind, formulation)
-    for words, way in chain(
-        branch_ways(formulation.problem), turned_ways(formulation), _random_ways(formulation)
-    ):
+        yield "warm start", partial(_warm, formulation, warm_start)
+    own, *others = _kinds(formulation)
+    yield own, partial(make_guess, own, formulation)
+    for words, way in branch_ways(formulation.problem):
         yield "", partial(_along, formulation, words, way)
+    for kind in others:
+        yield kind, partial(make_guess, kind, formulation)
+    for words, way in chain(turned_ways(formulation), _random_ways(formulation)):
+        yield "", partial(_along, formulation, words, way)
+
+
+def _warm(formulation: Formulation, solution: Solution) -> tuple[Iterate, str]:
+    return iterate_from_solution(solution, formulation), "warm start from a solution"
 
 
 def _kinds(formulation: Formulation) -> tuple[str, ...]:

@@ -115,15 +115,18 @@ def position_limits(problem: Problem) -> tuple[Array, Array]:
     return of_robot.position_lower, of_robot.position_upper
 
 
-def random_way(problem: Problem, rng: np.random.Generator) -> Way:
-    """A way through a random configuration within the limits, closed loops closed."""
+def random_way(problem: Problem, rng: np.random.Generator, reach: float = _REACH) -> Way:
+    """A way towards a random configuration within the limits, closed loops closed.
+
+    `reach` says how far it goes from the middle of the line, 1 being there.
+    """
     robot = problem.robot
     bounds = joint_bounds(robot.model, *position_limits(problem), frozenset())
     middle = straight(problem)(problem.q_start, np.array([0.0, _LEG, 1.0]))[1]
     through = bounds.random(robot.model, bounds.clipped(middle), rng)
     if robot.nc:
         return _two_legs(problem, _reached(robot, problem, through))
-    aside = _REACH * robot.difference(middle, through)
+    aside = reach * robot.difference(middle, through)
 
     def way(q_start: Array, shares: Array) -> Array:
         line = straight(problem)(q_start, shares)

@@ -1,0 +1,173 @@
+"""Other minima where effort alone costs: many ways tried with few steps, the best with all of them.
+
+With a quarter of the steps a solve takes a quarter of the time, and with a little weight on velocities it has
+few minima. So ways through random configurations are solved like this, and what takes little effort then is
+solved with all steps, straight from there. On arms this finds motions that cost a fraction of what lies below
+the straight line.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mbocp._arrays import frozen_array
+from mbocp.formulation import Formulation, formulate
+from mbocp.guesses.finer import finer
+from mbocp.guesses.line import is_whole, line
+from mbocp.guesses.ranking import is_preferred, status_of, with_end
+from mbocp.guesses.ways import random_way, straight
+from mbocp.programme import Iterate
+from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
+
+__all__ = ["Screening", "can_screen"]
+
+_FEWER = 4  # steps of a trial: this part of them
+_LEAST = 15  # steps of a trial; half as many turn joints too far in each
+_FADING = (1e-2, 1e-3)  # of the weight "auto", one after the other: the first leaves few minima
+_SMALL = (1e-3,)  # leaves more of them
+_TRIALS = (  # how far a way goes to a random configuration, and the weights; far ones change more
+    (0.0, _FADING),
+    (0.5, _FADING),
+    (1.0, _FADING),
+    (0.5, _SMALL),
+    (1.0, _SMALL),
+    (0.5, _SMALL),
+)
+_ROUGH = 1e-3  # tolerance of a trial: it is to find where minima are
+_MOST = 40  # iterations of a trial with one weight
+_MOST_AFTER = 100  # iterations with all steps
+_FINER = 2  # trials that go on with all steps
+_FINER_UNRESOLVED = 3  # the same while there is no motion that the steps resolve
+_SAME = 1e-3  # relative: trials with the same cost are at the same minimum
+_DEAR = 3.0  # times the least effort of all trials: what takes more does not go on
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """End of a solve with few steps."""
+
+    number: int
+    iterate: Iterate
+    effort: float
+
+
+@dataclass(eq=False)
+class Screening:
+    """Trials from one start, and what the best of them lead to.
+
+    Attributes
+    ----------
+    formulation : Formulation
+    settings : SolverSettings
+        With the time that is left.
+    start : Start
+        Where its records go on counting, and the words behind the names of its phases.
+    number : int
+        Of the start among several: each tries other ways.
+    runs : list of Outcome
+        All solves so far, in their order, those with few steps included.
+    """
+
+    formulation: Formulation
+    settings: SolverSettings
+    start: Start
+    number: int
+    runs: list[Outcome] = field(default_factory=list)
+    _deadline: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.settings.time_limit is not None:
+            self._deadline = time.perf_counter() + self.settings.time_limit
+
+    def best(self, known: Outcome) -> Outcome:
+        """The best of what the trials lead to and of what is known."""
+        few = max(self.formulation.problem.num_steps // _FEWER, _LEAST)
+        coarse = self.formulation
+        if few < coarse.problem.num_steps:
+            coarse = formulate(coarse.problem.with_(num_steps=few))
+        trials = sorted(self._trials(coarse), key=lambda trial: trial.effort)
+        for count, trial in enumerate(trials):
+            if trial.effort > _DEAR * trials[0].effort:
+                break
+            is_resolved = status_of(self.formulation, known) is Status.CONVERGED
+            if self._is_over or count >= (_FINER if is_resolved else _FINER_UNRESOLVED):
+                break
+            iterate = finer(coarse, trial.iterate, self.formulation)
+            end = self._solved(self.formulation, iterate, 0.0, f"from trial {trial.number}")
+            if end.result.status is Status.CONVERGED and is_preferred(
+                self.formulation,
+                with_end(self.formulation, end),
+                (self.formulation, with_end(self.formulation, known)),
+            ):
+                known = end
+        return known
+
+    @property
+    def _is_over(self) -> bool:
+        is_stopped = bool(self.runs) and self.runs[-1].result.status is Status.INTERRUPTED
+        return is_stopped or time.perf_counter() > self._deadline
+
+    def _trials(self, coarse: Formulation) -> Iterator[_Trial]:
+        """Ends of the trials that get there, one of those that meet on their way."""
+        problem, passed = self.formulation.problem, set[tuple[float, float]]()
+        for number, (reach, shares) in enumerate(_TRIALS):
+            rng = np.random.default_rng([problem.solver.seed, self.number, number])
+            iterate = line(coarse, random_way(problem, rng, reach) if reach else straight(problem))
+            for share in shares:
+                if self._is_over:
+                    return
+                words = f"trial {number}, velocity weighed {share:g} of auto"
+                result = self._solved(coarse, iterate, share, words).result
+                iterate, cost = result.iterate, result.record.cost
+                if result.status is not Status.CONVERGED or any(
+                    _same(cost, was) for at, was in passed if at == share
+                ):
+                    break
+                passed.add((share, cost))
+            else:
+                yield _Trial(number, iterate, _effort(coarse, iterate))
+
+    def _solved(self, formulation: Formulation, iterate: Iterate, share: float, words: str) -> Outcome:
+        programme = formulation.programme
+        options = replace(self.settings.options, method="monolithic", max_iterations=_MOST_AFTER)
+        if share and programme.easing is not None:
+            weighed = frozen_array(programme.theta + share * programme.easing)
+            programme = replace(programme, theta=weighed)
+            rough = max(options.tolerance, _ROUGH)
+            options = replace(options, tolerance=rough, max_iterations=_MOST)
+        left = None if math.isinf(self._deadline) else max(0.0, self._deadline - time.perf_counter())
+        first = self.start.first + sum(outcome.iterations for outcome in self.runs)
+        label = f" ({words}){self.start.label}"
+        outcome = run_strategy(
+            replace(
+                self.settings,
+                options=options,
+                time_limit=left,
+                control_weight=formulation.programme.control_weight,
+            ),
+            Start(programme, iterate, self.start.callback, first, label),
+        )
+        self.runs.append(outcome)
+        return outcome
+
+
+def can_screen(formulation: Formulation) -> bool:
+    """Whether the ways of a screening suit a problem: to a goal that is a place, past nothing in between."""
+    problem = formulation.problem
+    return is_whole(problem) and not problem.via and problem.guess.kind in ("auto", "line")
+
+
+def _same(cost: float, other: float) -> bool:
+    return abs(cost - other) <= _SAME * abs(other)
+
+
+def _effort(formulation: Formulation, iterate: Iterate) -> float:
+    """Cost of the efforts alone."""
+    motion = formulation.motion_of(iterate)
+    weights = np.asarray(formulation.problem.cost.effort)
+    return float(0.5 * motion.dts @ (motion.us**2 @ weights))
