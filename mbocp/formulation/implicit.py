@@ -132,9 +132,10 @@ class ImplicitFormulation:
         us = with_paces(self.problem, at, motion.us, motion.qs)
         xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
         xs[0] = self.programme.x_start
-        xs = with_memory(self.problem, at, xs, us)
+        held = with_held(self.problem, lams)
+        xs = with_memory(self.problem, at, xs, us, held)
         dts = filled_impulses(self.problem, motion.dts)
-        return zero_multipliers(self.programme, xs, dts * with_held(self.problem, lams), us)
+        return zero_multipliers(self.programme, xs, dts * held, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""

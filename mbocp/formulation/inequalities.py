@@ -10,9 +10,10 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
 from mbocp.formulation.bounds import path_nodes
 from mbocp.formulation.progress import progress_along
+from mbocp.formulation.reactions import reactions_along
 from mbocp.formulation.step_lengths import without_lengths
 from mbocp.mechanics.rates import rates_along
-from mbocp.problem import PathConstraint, Problem
+from mbocp.problem import ContactBounds, PathConstraint, Problem
 from mbocp.programme import Iterate
 
 __all__ = ["inequalities", "path_along"]
@@ -21,7 +22,8 @@ __all__ = ["inequalities", "path_along"]
 def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Any]:
     """Fields of a solution that speak of inequalities, by name."""
     problem = formulation.problem
-    path = path_along(problem, motion)
+    lams = reactions_along(problem, formulation.layout, iterate.xs)
+    path = path_along(problem, motion, lams)
     names = tuple(label.name for constraint in problem.inequalities for label in constraint.labels)
     return {
         **_multipliers(formulation, iterate, path),
@@ -30,15 +32,18 @@ def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> 
     }
 
 
-def path_along(problem: Problem, motion: Motion) -> Array:
-    """Values of path constraints and limited rates at the nodes 1..N, shape (N, nh), in their own units."""
+def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
+    """Values of path constraints and limited rates at the nodes 1..N, shape (N, nh), in their own units.
+
+    `lams`: forces of the robot's constraints that contacts speak of, see `reactions_along`.
+    """
     robot, qs, vs, us = problem.robot, motion.qs, motion.vs, motion.us
-    along = _along(problem, motion)
+    along = _along(problem, motion, lams)
     rates = [rates_along(robot, qs, vs, us, motion.dts)[c.key][:, c.columns] for c in problem.rate_limits]
     return np.hstack([np.zeros((len(us), 0)), *along, *rates])
 
 
-def _along(problem: Problem, motion: Motion) -> list[Array]:
+def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
     """Values of each path constraint at the nodes 1..N."""
     robot, qs, vs, us = problem.robot, motion.qs[1:], motion.vs[1:], motion.us
     progress = iter(progress_along(problem, motion.qs)[1:].T)
@@ -46,6 +51,8 @@ def _along(problem: Problem, motion: Motion) -> list[Array]:
     for constraint in problem.path:
         if isinstance(constraint, PathConstraint) and "progress" in constraint.term.remembers:
             found.append(constraint.values_on_path(robot, qs, vs, next(progress)))
+        elif isinstance(constraint, ContactBounds):
+            found.append(constraint.values_of(lams))
         else:
             found.append(constraint.values_along(robot, qs, vs, us))
     return found

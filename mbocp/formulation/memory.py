@@ -8,12 +8,13 @@ controls and dt the length of the step from one state to the next, the blocks an
     \text{control\_rate} \quad & (u - u^-) / \delta t, \\
     \text{acceleration} \quad & a = (s_1 - s_0) / \Delta t, &
     \text{jerk} \quad & (a - a^-) / \delta t, &
-    \text{progress} \quad & s^- + e\, w
+    \text{progress} \quad & s^- + e\, w, &
+    \text{reaction} \quad & \lambda
 
-where a minus means what was remembered before, and delta t is the time from the middle of the step before to
-that of this one: dt where steps are as long as each other. All begin with zero: a motion starts with no
-acceleration, and the control of the first step has no rate. Rates count in units of the size of their limits,
-so that the numbers that solvers see are of ordinary size.
+where lambda are forces of constraints in the step, a minus means what was remembered before, and delta t is
+the time from the middle of the step before to that of this one: dt where steps are as long as each other. All
+begin with zero: a motion starts with no acceleration, and the control of the first step has no rate. Rates
+count in units of the size of their limits, so that the numbers that solvers see are of ordinary size.
 
 The rules are plain arithmetic: they take symbols of one step, and arrays of all steps at once.
 """
@@ -59,6 +60,8 @@ class Passage:
         Units of the blocks, by name.
     paces, advances : casadi.SX, shape (paths,), or ndarray, shape (N, paths)
         Controls of the progress along followed paths, and what they are multiplied by; see `progress`.
+    reactions : casadi.SX, shape (rows,), or ndarray, shape (N, rows)
+        Forces of constraints in the step, of the rows that are asked for; see `reactions`.
     """
 
     s0: Any
@@ -72,6 +75,7 @@ class Passage:
     units: Mapping[str, Any]
     paces: Any = 0.0
     advances: Any = 0.0
+    reactions: Any = 0.0
 
     @property
     def acceleration(self) -> Any:
@@ -85,8 +89,9 @@ class Block:
 
     Attributes
     ----------
-    of : {"u", "s", "path"}
-        Whether it has an entry for each control, each speed or each path that a frame follows.
+    of : {"u", "s", "path", "reaction"}
+        Whether it has an entry for each control, each speed, each path that a frame follows, or each row of
+        constraints whose force is asked for.
     following : callable
         `Passage` -> the value after the step.
     has_unit : bool
@@ -129,6 +134,10 @@ def _progress(at: Passage) -> Any:
     return at.before["progress"] + at.advances * at.paces
 
 
+def _reaction(at: Passage) -> Any:
+    return at.reactions / at.units["reaction"]
+
+
 MEMORY: Mapping[str, Block] = MappingProxyType(
     {
         "control": Block("u", _control, has_unit=False),
@@ -136,6 +145,7 @@ MEMORY: Mapping[str, Block] = MappingProxyType(
         "acceleration": Block("s", _acceleration),
         "jerk": Block("s", _jerk, needs=("acceleration",)),
         "progress": Block("path", _progress, has_unit=False, adds_up=True),
+        "reaction": Block("reaction", _reaction),
     }
 )
 
@@ -159,6 +169,7 @@ def memory_along(
     units: Mapping[str, float],
     paces: tuple[Array, Array] | None = None,
     is_impact: BoolArray | None = None,
+    reactions: Array | None = None,
 ) -> dict[str, Array]:
     """What the nodes of a motion remember, by name, shapes (N + 1, size).
 
@@ -174,18 +185,22 @@ def memory_along(
         Paces, and what they are multiplied by.
     is_impact : ndarray of bool, shape (N,), optional
         Steps that take no time, and leave what is remembered; their lengths are not looked at.
+    reactions : ndarray, shape (N, rows), optional
+        Forces of constraints.
     """
-    w, e = (np.zeros((len(us), 0)),) * 2 if paces is None else paces
+    none = np.zeros((len(us), 0))
+    w, e = (none, none) if paces is None else paces
+    forces = none if reactions is None else reactions
     timed = np.ones(len(us), dtype=np.bool_) if is_impact is None else ~is_impact
     nodes = np.cumsum(np.append(0, timed))  # for each its place among those after steps that take time
     starts, speeds = speeds[:-1][timed], speeds[1:][timed]
-    us, dts, w, e = us[timed], dts[timed], w[timed], e[timed]
+    us, dts, w, e, forces = us[timed], dts[timed], w[timed], e[timed], forces[timed]
     has_before = (np.arange(len(us)) > 0).astype(np.float64)[:, None]
     between = spacings(dts)[:, None]
     found: dict[str, Array] = {}
     for name in names:
         before = {known: values[:-1] for known, values in found.items()} | {"progress": 0.0}
-        own = (dts[:, None], between, has_before, before, units, w, e)
+        own = (dts[:, None], between, has_before, before, units, w, e, forces)
         at = Passage(starts, speeds, us, 1.0, *own)
         after = MEMORY[name].following(at)
         after = np.cumsum(after, axis=0) if MEMORY[name].adds_up else after

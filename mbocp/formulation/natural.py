@@ -121,8 +121,10 @@ class NaturalFormulation:
             xs[:, at.s] = self.space.rates(motion.qs, motion.vs)
         xs[0] = programme.x_start
         us = with_paces(self.problem, at, motion.us, motion.qs)
-        xs = with_memory(self.problem, at, xs, us)
-        return zero_multipliers(programme, xs, _impulses(programme, at, xs, us), us)
+        ys = _impulses(programme, at, xs, us)  # what is remembered has no part in the balance
+        loops = ys[:, ys.shape[1] - self.problem.robot.nc :]
+        xs = with_memory(self.problem, at, xs, us, loops / motion.dts[:, None])
+        return zero_multipliers(programme, xs, ys, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""

@@ -8,6 +8,7 @@ from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY, memory_along
 from mbocp.formulation.progress import advances
+from mbocp.formulation.reactions import reaction_rows, unit_of_reactions
 from mbocp.formulation.step_lengths import lengths_of_states
 from mbocp.formulation.switches import impacts_of
 from mbocp.problem import Problem
@@ -27,19 +28,22 @@ def memory_units(problem: Problem) -> dict[str, float]:
     keys = {limit.key for limit in problem.rate_limits}
     if "jerk" in keys and "acceleration" not in keys:
         units["acceleration"] = units["jerk"] * problem.duration / _RISE
-    return units
+    return units | {"reaction": unit_of_reactions(problem)}
 
 
-def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array) -> Array:
-    """States (N + 1, nx) that remember what their speeds, controls (N, any) and lengths of steps say."""
+def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array, lams: Array | None = None) -> Array:
+    """States (N + 1, nx) that remember what their speeds, controls (N, any) and lengths of steps say.
+
+    `lams`: forces of the robot's constraints, shape (N, nc), where any are remembered.
+    """
     if not at.nr:
         return xs
     nu, dts = problem.robot.nu, lengths_of_states(problem, at, xs)
     names = tuple(at.remembered)
     paces = (us[:, nu : nu + at.num_paces], advances(problem))
-    found = memory_along(
-        names, xs[:, at.s], us[:, :nu], dts, memory_units(problem), paces, impacts_of(problem)
-    )
+    forces = None if lams is None else lams[:, list(reaction_rows(problem))]
+    given = (memory_units(problem), paces, impacts_of(problem), forces)
+    found = memory_along(names, xs[:, at.s], us[:, :nu], dts, *given)
     filled = np.array(xs)
     for name, where in at.remembered.items():
         filled[:, where] = found[name]

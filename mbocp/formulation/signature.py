@@ -18,6 +18,7 @@ from mbocp.formulation.switch_terms import NO_SWITCHES, Switches
 from mbocp.terms import (
     AccelerationEnd,
     ClearanceTerm,
+    ContactTerm,
     Effort,
     ExactGoal,
     FrameEnd,
@@ -50,7 +51,7 @@ class FunctionSignature:
     cost : tuple of RunningTerm
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
-    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm, ClearanceTerm and MeetingTerm
+    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm, ClearanceTerm, ContactTerm, MeetingTerm
     ends : tuple of FrameEnd, OwnEnd and AccelerationEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
@@ -71,7 +72,8 @@ class FunctionSignature:
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
     path: tuple[
-        PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm | ClearanceTerm | MeetingTerm, ...
+        PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm | ClearanceTerm | ContactTerm | MeetingTerm,
+        ...,
     ] = ()
     ends: tuple[FrameEnd | OwnEnd | AccelerationEnd, ...] = ()
     is_flat: bool = False
@@ -97,6 +99,12 @@ class FunctionSignature:
         return sum("progress" in term.remembers for term in self.path)
 
     @property
+    def reactions(self) -> tuple[int, ...]:
+        """Rows of the robot's constraints whose forces states remember, in rising order."""
+        contacts = (term for term in self.path if isinstance(term, ContactTerm))
+        return tuple(sorted({row for term in contacts for row in term.of_rows}))
+
+    @property
     def asks_for_first(self) -> bool:
         """Whether functions of a step ask whether it is the first."""
         asks = any(MEMORY[name].asks_for_first for name in self.memory)
@@ -114,7 +122,7 @@ class FunctionSignature:
 
     def state_layout(self, nz: int, nv: int, ns: int, nu: int) -> StateLayout:
         """Pieces of a state, for configurations of `nz` coordinates and `nv` directions."""
-        sizes = {"u": nu, "s": ns, "path": self.num_paths}
+        sizes = {"u": nu, "s": ns, "path": self.num_paths, "reaction": len(self.reactions)}
         memory = tuple((name, sizes[MEMORY[name].of]) for name in self.memory)
         nh = int(self.has_free_lengths)
         nt = int(self.has_clock)
@@ -156,6 +164,7 @@ class FunctionSignature:
             "is_flat": self.is_flat,
             "memory": self.memory,
             **({"num_paths": self.num_paths} if self.num_paths else {}),
+            **({"reactions": self.reactions} if self.reactions else {}),
             **({"has_free_lengths": True} if self.has_free_lengths else {}),  # given ones keep their key
             **({"has_clock": True} if self.has_clock else {}),
         }

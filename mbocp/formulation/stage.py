@@ -39,6 +39,7 @@ from mbocp.formulation.parameters import (
     pieces,
 )
 from mbocp.formulation.path import build_path
+from mbocp.formulation.reactions import among_all, reaction_places
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.formulation.switch_terms import IS_IMPACT, idle_impact
@@ -105,6 +106,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     idle += resting_cost(given[ADVANCES], paces) if at.num_paces else ca.SX(0)
     leap = given.get(IS_IMPACT, ca.SX(0))
     idle += idle_impact(leap, u) if signature.switches.has_impacts else ca.SX(0)
+    y = ca.SX.sym("y", ny)
     return StepSymbols(
         mechanics=mechanics,
         space=space,
@@ -114,7 +116,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         d1=d1,
         at0=at0,
         at1=at1,
-        y=ca.SX.sym("y", ny),
+        y=y,
         u=u,
         paces=paces,
         w=w,
@@ -125,6 +127,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         theta=theta,
         rho=rho,
         given=given,
+        reactions=given["force"] * y[reaction_places(mechanics, signature.reactions)] / dt,
         running_cost=_RunningCost(signature, node, given, dt, between, idle, leap),
         switches=signature.switches,
     )

@@ -71,6 +71,8 @@ class StepSymbols:
         Parameters of the horizon and of the step.
     given : mapping of str to casadi.SX
         Pieces of theta and rho, by name.
+    reactions : casadi.SX, shape (rows,)
+        Forces of the constraints' rows that states remember [N, N m].
     running_cost : callable
         (q, v, acceleration) -> the cost of the step, evaluated there; acceleration is a callable.
     switches : Switches
@@ -96,6 +98,7 @@ class StepSymbols:
     theta: ca.SX
     rho: ca.SX
     given: Mapping[str, ca.SX]
+    reactions: ca.SX
     running_cost: RunningCost
     switches: Switches = NO_SWITCHES
 
@@ -115,7 +118,7 @@ class StepSymbols:
         has_before = self.given.get(HAS_BEFORE, ca.SX(1))
         advances = self.given.get(ADVANCES, ca.SX.zeros(0, 1))
         own = (self.units_of_u, self.dt, self.spacing, has_before, before, units, self.paces, advances)
-        return Passage(s0, s1, self.u, *own)
+        return Passage(s0, s1, self.u, *own, self.reactions)
 
     @property
     def memory_rows(self) -> ca.SX:

@@ -1,5 +1,7 @@
 """The optimal control problem, from Python or from a file."""
 
+from mbocp.problem.contact_bounds import ContactBounds
+from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.cost import Cost
 from mbocp.problem.file.load import load_problem, parse_problem
 from mbocp.problem.file.write import problem_to_toml
@@ -15,6 +17,8 @@ from mbocp.terms import FrameGoal
 
 __all__ = [
     "Bounds",
+    "ContactBounds",
+    "ContactForce",
     "Cost",
     "FrameGoal",
     "Goal",

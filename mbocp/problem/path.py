@@ -15,6 +15,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.clearance import Clearance
+from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.goal import Goal
 from mbocp.problem.meeting import Meeting
 from mbocp.problem.via_constraint import ViaConstraint
@@ -197,7 +198,9 @@ class PathConstraint:
                 raise DimensionMismatch(f"path {self.name!r}: frame {index}", index, len(robot.frame_names))
 
 
-_Kept: TypeAlias = PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
+_Kept: TypeAlias = (
+    PathConstraint | ContactBounds | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
+)
 
 
 def spans_found(path: Sequence[_Kept], via: Mapping[str, int]) -> tuple[_Kept, ...]:
@@ -219,6 +222,8 @@ def spans_found(path: Sequence[_Kept], via: Mapping[str, int]) -> tuple[_Kept, .
 
 def _span_found(constraint: _Kept, via: Mapping[str, int]) -> _Kept:
     key = f"path {constraint.name!r}"
+    if isinstance(constraint, ContactBounds) and constraint.span.via_names:
+        return constraint.with_span(constraint.span.at_via(via, key))
     if isinstance(constraint, PathConstraint) and constraint.span.via_names:
         return replace(constraint, span=constraint.span.at_via(via, key))
     if isinstance(constraint, OwnPathConstraint) and constraint.span.via_names:
@@ -257,8 +262,8 @@ def check_path(
                 )
             _check_ends_of_path(constraint, robot, q_start, goal, constraint.span.has_end(num_steps, dt))
             continue
-        if constraint.structure("quaternion").remembers:
-            continue  # controls are not known before
+        if isinstance(constraint, ContactBounds) or constraint.structure("quaternion").remembers:
+            continue  # controls and forces are not known before
         if constraint.span.has_start:
             _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
         if not (goal.is_exact and goal.q_active.all() and constraint.span.has_end(num_steps, dt)):

@@ -17,6 +17,8 @@ from mbocp.problem._checks import (
 from mbocp.problem.clearance import Clearance, SelfCollision
 from mbocp.problem.clearance_pairs import clearance_of
 from mbocp.problem.consistency import check_end_conditions
+from mbocp.problem.contact_bounds import ContactBounds, contact_bounds
+from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES, check_coordinates
 from mbocp.problem.cost import Cost
 from mbocp.problem.duration import check_duration
@@ -50,7 +52,7 @@ from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolera
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
 PathObject: TypeAlias = (
-    PathConstraint | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
+    PathConstraint | ContactBounds | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
 )
 Inequality: TypeAlias = PathObject | RateLimit
 
@@ -287,6 +289,11 @@ class Problem:
         return tuple(constraint for constraint in self.path if isinstance(constraint, PathConstraint))
 
     @property
+    def contacts(self) -> tuple[ContactBounds, ...]:
+        """The bounds of contact forces among the path constraints."""
+        return tuple(constraint for constraint in self.path if isinstance(constraint, ContactBounds))
+
+    @property
     def p_start(self) -> Array:
         """Momentum at the start, shape (nv,) [kg m/s, N m s]."""
         return self.robot.momentum(self.q_start, self.v_start)
@@ -420,9 +427,11 @@ class Problem:
             term.check(self.robot)
         own = (OwnPathConstraint(term, self.robot) for term in terms if term.role == "path")
         path = (constraint for constraint in self.path if isinstance(constraint, PathConstraint))
+        asked = (contact for contact in self.path if isinstance(contact, ContactForce | ContactBounds))
+        contacts = contact_bounds(asked, self.robot, self.scheme)
         object.__setattr__(self, "terms", terms)
         allowed = frame_tolerances(self.goal.frames, self.robot)
-        object.__setattr__(self, "path", (*path, *own, *allowed))
+        object.__setattr__(self, "path", (*path, *contacts, *own, *allowed))
 
     def _take_holds(self) -> None:
         """Find which rows of constraints act in which steps, where that changes."""

@@ -1,6 +1,7 @@
 """What a problem is made of: terms of its cost, path constraints, end conditions; one class each."""
 
 from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, clearance_slots
+from mbocp.terms.contact import ContactKeys, ContactTerm
 from mbocp.terms.cost import (
     COST_TERMS,
     CostTerm,
@@ -38,14 +39,19 @@ from mbocp.terms.rates import RATE_TERMS, RateTerm
 from mbocp.terms.span import Span
 from mbocp.terms.via import ViaFrameShape, ViaTerm
 
+PATH_KEYS = {kind: term.Keys for kind, term in PATH_TERMS.items()} | {ContactTerm.kind: ContactKeys}
+
 __all__ = [
     "COST_TERMS",
+    "PATH_KEYS",
     "PATH_TERMS",
     "RATE_TERMS",
     "AccelerationEnd",
     "AngularSpeed",
     "ClearanceRow",
     "ClearanceTerm",
+    "ContactKeys",
+    "ContactTerm",
     "ControlRate",
     "CostTerm",
     "CostWeights",

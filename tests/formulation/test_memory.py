@@ -14,6 +14,7 @@ from mbocp.formulation import Motion, formulate
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.memory import MEMORY, ordered
 from mbocp.formulation.remembered import memory_units
+from mbocp.integrators import SCHEMES
 from mbocp.mechanics.rates import rates_along
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -35,8 +36,15 @@ def limited(name: str, integrator: dict[str, Any], *, is_free: bool = True) -> P
     duration = {"min": T / 3, "max": 3 * T, "guess": T} if is_free else T
     points = {"points": [[0, 0, 0], [0.1, 0, 0.1], [0.2, 0, 0]], "relative": True, "tolerance": 1.0}
     path = [{"kind": "follow", "frame": problem.robot.frame_names[-1], "until": {"share": 0.5}, **points}]
+    if has_forces(problem, integrator):
+        path.append({"kind": "contact_force", "constraint": problem.robot.constraints[0].name, "max": 1e3})
     words = {"steps": N, "integrator": integrator, "duration": duration, "limits": LIMITS, "path": path}
     return problem.with_(**words, cost={"control_rate": 0.1}, solver={"method": "monolithic"})
+
+
+def has_forces(problem: Problem, integrator: dict[str, Any]) -> bool:
+    """Whether forces of constraints are unknowns."""
+    return bool(problem.robot.nc) and SCHEMES[integrator["scheme"]].solves_constraints
 
 
 @pytest.fixture(params=CASES, ids=lambda case: "-".join(map(str, (case[0], *case[1].values()))))
@@ -60,7 +68,8 @@ def test_derivatives_of_steps(problem: Problem, stage: int) -> None:
     programme, at = formulation.programme, formulation.layout
     point, m = near(formulation)
     rho = programme.rho.reshape(N, -1)[stage]
-    assert list(at.remembered) == list(MEMORY)
+    absent = () if has_forces(problem, {"scheme": problem.scheme}) else ("reaction",)
+    assert [*at.remembered, *absent] == list(MEMORY)
     values, complete = (programme.functions.function(name) for name in ("values", "complete"))
     _, _, dc, dl, upper = (np.array(o.full()) for o in complete(*point, m, programme.theta, rho))
     hessian = np.triu(upper) + np.triu(upper, 1).T
@@ -135,7 +144,12 @@ def test_blocks_come_with_those_that_they_need() -> None:
 
 def test_units_are_those_of_the_limits() -> None:
     problem = limited("loops/four_bar", {"scheme": "se1"})
-    assert memory_units(problem) == {"control_rate": 64.0, "acceleration": 32.0, "jerk": 256.0}
+    assert memory_units(problem) == {
+        "control_rate": 64.0,
+        "acceleration": 32.0,
+        "jerk": 256.0,
+        "reaction": 32.0,
+    }
     assert {limit.key: limit.scale for limit in problem.rate_limits}["power"] == 16.0
     goal = {"q": problem.goal.q, "v": 0}
     alone = Problem.create(problem.robot, 2.0, N, goal=goal, limits={"jerk": 300.0})

@@ -13,7 +13,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import get_type_hints
 
-from mbocp.terms import COST_TERMS, PATH_TERMS
+from mbocp.terms import COST_TERMS, PATH_KEYS
 from mbocp.terms.written import Key, Table
 
 __all__ = ["key_rows", "updated"]
@@ -25,8 +25,10 @@ _PATH_HEAD = {
         "kind and frame",
         "what a [path constraint](#path-constraints) is called; one table `[[path]]` each",
     ),
-    "kind": Key("string", "", "required", ", ".join(f'`"{kind}"`' for kind in PATH_TERMS)),
-    "frame": Key("string", "", "required", "frame of the robot that is meant, or its origin"),
+    "kind": Key("string", "", "required", ", ".join(f'`"{kind}"`' for kind in PATH_KEYS)),
+    "frame": Key(
+        "string", "", "required, but for a contact force", "frame of the robot that is meant, or its origin"
+    ),
     "from": Key(
         "number, name of a via point, or `{ share = number }`",
         "s, or part of the horizon",
@@ -39,7 +41,7 @@ _PATH_HEAD = {
 
 def key_rows() -> dict[str, list[str]]:
     """Rows of the tables `cost` and `path`, in Markdown."""
-    path = _collected([kind.Keys for kind in PATH_TERMS.values()])
+    path = _collected(list(PATH_KEYS.values()))
     return {
         "cost": _rows("cost", _collected([term.Keys for term in COST_TERMS])),
         "path": _rows("path", {**_PATH_HEAD, **path}),

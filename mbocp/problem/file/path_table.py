@@ -12,13 +12,15 @@ from mbocp._arrays import Array
 from mbocp._files import path_of
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice
+from mbocp.problem.contact_bounds import ContactBounds
+from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.file.messages import located
 from mbocp.problem.file.points_file import read_points
 from mbocp.problem.goal import Goal
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms import PATH_TERMS
+from mbocp.terms import PATH_KEYS, PATH_TERMS, ContactTerm
 from mbocp.terms.span import SPAN, Span
 
 if TYPE_CHECKING:
@@ -31,7 +33,7 @@ _HEAD = ("name", "kind", "frame", *SPAN)
 
 def path_from(
     robot: Robot, tables: list[PathHead], q_start: Array, goal: Goal, folder: Path
-) -> tuple[PathConstraint, ...]:
+) -> tuple[PathConstraint | ContactForce, ...]:
     """Make the constraints from the tables of `[[path]]`; files that they name are relative to a folder.
 
     Raises
@@ -48,20 +50,30 @@ def path_from(
 
 def path_tables(robot: Robot, path: Sequence[object]) -> list[dict[str, Any]]:
     """Return the tables that read back as `path`; others are written elsewhere."""
-    return [_table(robot, constraint) for constraint in path if isinstance(constraint, PathConstraint)]
+    found = []
+    for constraint in path:
+        if isinstance(constraint, PathConstraint):
+            found.append(_table(robot, constraint))
+        elif isinstance(constraint, ContactBounds):
+            found.append(constraint.contact.write())
+    return found
 
 
 def _constraint(
     robot: Robot, table: PathHead, key: str, q_start: Array, goal: Goal, folder: Path
-) -> PathConstraint:
-    kind = check_choice(f"{key}.kind", table.kind, PATH_TERMS)
-    term = PATH_TERMS[kind]
+) -> PathConstraint | ContactForce:
+    kind = check_choice(f"{key}.kind", table.kind, PATH_KEYS)
     written = {name: getattr(table, name) for name in type(table).model_fields if name not in _HEAD}
     given = {name: value for name, value in written.items() if value is not None}
     for name in given:
-        if name not in term.Keys.model_fields:
-            used = ", ".join(term.Keys.model_fields)
+        if name not in PATH_KEYS[kind].model_fields:
+            used = ", ".join(PATH_KEYS[kind].model_fields)
             raise ProblemError(f'{key}.{name}: kind = "{kind}" does not use it, but {used}')
+    if kind == ContactTerm.kind:
+        return _contact(table, key, given)
+    if table.frame is None:
+        raise ProblemError(f'{key}.frame: is required for kind = "{kind}"')
+    term = PATH_TERMS[kind]
     if "file" in given:
         if "points" in given:
             raise ProblemError(f"{key}: points and file; which of the two? Give one")
@@ -80,6 +92,19 @@ def _constraint(
         further={name: value for name, value in values.items() if name not in known},
         **{name: value for name, value in values.items() if name in known},
     )
+
+
+def _contact(table: PathHead, key: str, given: dict[str, Any]) -> ContactForce:
+    """A bound on the force of a constraint."""
+    if table.frame is not None:
+        raise ProblemError(
+            f'{key}.frame: kind = "{ContactTerm.kind}" does not use it; name the constraint that holds it'
+        )
+    if "constraint" not in given:
+        raise ProblemError(f"{key}.constraint: is required: the constraint whose force is bounded")
+    name = table.name or f"{ContactTerm.kind} of {given['constraint']}"
+    lists = {key: tuple(value) for key, value in given.items() if isinstance(value, list)}
+    return ContactForce(name=name, span=Span.read(table), **(given | lists))
 
 
 def _goal_position(robot: Robot, frame: str, goal: Goal) -> Array | None:

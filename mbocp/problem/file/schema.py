@@ -19,7 +19,7 @@ from mbocp.problem.solver import SolverOptions
 from mbocp.robot.collision.obstacle import SMOOTHING
 from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.payload_table import PayloadTable
-from mbocp.terms import COST_TERMS, PATH_TERMS
+from mbocp.terms import COST_TERMS, PATH_KEYS
 from mbocp.terms.span import SpanKeys
 from mbocp.terms.tables import TargetTable, WeightsTable
 from mbocp.terms.written import (
@@ -278,13 +278,13 @@ class PathHead(Table):
 
     name: str | None = None
     kind: str
-    frame: str
+    frame: str | None = None
 
 
 PathTable = merged(
     "PathTable",
-    "One constraint on a frame that holds along the motion: the keys of all kinds.",
-    (*(kind.Keys for kind in PATH_TERMS.values()), SpanKeys),
+    "One constraint on a frame or a force that holds along the motion: the keys of all kinds.",
+    (*PATH_KEYS.values(), SpanKeys),
     PathHead,
 )
 

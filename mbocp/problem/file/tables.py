@@ -14,6 +14,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import SCHEMES
 from mbocp.problem.clearance import Clearance, SelfCollision
+from mbocp.problem.contact_bounds import ContactBounds
+from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.cost import Cost
 from mbocp.problem.duration import written_duration
 from mbocp.problem.file.frame_table import frame_tables
@@ -35,7 +37,9 @@ from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import COST_TERMS, FrameTolerance, OwnPathConstraint, OwnTerm
 
-PathObject: TypeAlias = OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
+PathObject: TypeAlias = (
+    ContactForce | ContactBounds | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
+)
 
 __all__ = ["ProblemFields", "tables_of", "to_toml"]
 

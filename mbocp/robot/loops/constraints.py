@@ -135,7 +135,7 @@ class Hinge:
 
     def __post_init__(self) -> None:
         for key in ("axis_a", "axis_b"):
-            object.__setattr__(self, key, _unit(getattr(self, key), f"hinge {self.name!r}: {key}"))
+            object.__setattr__(self, key, unit_axis(getattr(self, key), f"hinge {self.name!r}: {key}"))
 
     @property
     def rows(self) -> tuple[Label, ...]:
@@ -202,7 +202,7 @@ class PointOnPlane:
     kind: ClassVar[str] = "plane"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "normal", _unit(self.normal, f"plane {self.name!r}: normal"))
+        object.__setattr__(self, "normal", unit_axis(self.normal, f"plane {self.name!r}: normal"))
 
     @property
     def rows(self) -> tuple[Label, ...]:
@@ -238,7 +238,7 @@ class PointOnLine:
     kind: ClassVar[str] = "line"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "axis", _unit(self.axis, f"line {self.name!r}: axis"))
+        object.__setattr__(self, "axis", unit_axis(self.axis, f"line {self.name!r}: axis"))
 
     @property
     def rows(self) -> tuple[Label, ...]:
@@ -264,7 +264,7 @@ def _position_rows(name: str) -> tuple[Label, ...]:
     return tuple(Label(f"{name}.{axis}", "m") for axis in "xyz")
 
 
-def _unit(axis: Axis, name: str) -> Axis:
+def unit_axis(axis: Axis, name: str) -> Axis:
     vector = np.array(axis, dtype=np.float64)
     norm = float(np.linalg.norm(vector)) if vector.shape == (3,) else math.nan
     if not (math.isfinite(norm) and norm > 0.0):

@@ -1,0 +1,278 @@
+"""Bounds on contact forces as path constraints of a problem: with the rows that exert them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError, suggest
+from mbocp.integrators import SCHEMES
+from mbocp.problem.contact_force import ContactForce
+from mbocp.robot import Label, Robot
+from mbocp.robot.loops.constraints import Constraint, perpendiculars
+from mbocp.robot.loops.wrench import wrench_map
+from mbocp.terms import ContactTerm, Span
+
+__all__ = ["ContactBounds", "ForceSource", "contact_bounds", "force_sources"]
+
+_GRAVITY = 9.81  # [m/s^2] of the size of forces, also where there is none
+
+
+@dataclass(frozen=True)
+class ForceSource:
+    """A constraint, and which of its rows have a force.
+
+    Attributes
+    ----------
+    constraint : Constraint
+    rows : tuple of int
+        Those of its rows that are not left out as redundant.
+    places : tuple of int
+        Of these rows among all that have forces.
+    """
+
+    constraint: Constraint
+    rows: tuple[int, ...]
+    places: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactBounds:
+    """Bounds on a contact force among the path constraints, see `mbocp.problem.PathConstraint`.
+
+    Attributes
+    ----------
+    contact : ContactForce
+        What is asked.
+    source : ForceSource
+        The constraint that exerts it.
+    scale : float
+        What solvers count forces in [N].
+    """
+
+    contact: ContactForce
+    source: ForceSource
+    scale: float
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.contact.name
+
+    @property
+    def span(self) -> Span:
+        """When it holds."""
+        return self.contact.span
+
+    def with_span(self, span: Span) -> ContactBounds:
+        """The same at other times."""
+        return replace(self, contact=replace(self.contact, span=span))
+
+    @cached_property
+    def map(self) -> Array:
+        """From the forces of its rows to force and torque along the normal and two tangents, shape (6, k)."""
+        normal = self.contact.normal_of(self.source.constraint)
+        axes = np.array([normal, *perpendiculars(normal)])
+        whole = wrench_map(self.source.constraint)[:, list(self.source.rows)]
+        found: Array = np.vstack([axes @ whole[:3], axes @ whole[3:]])
+        return found
+
+    @cached_property
+    def term(self) -> ContactTerm:
+        """Its structure, with its expression."""
+        asked = self.contact
+        return ContactTerm(
+            of_rows=self.source.places,
+            has_cone=asked.friction is not None and asked.facets is None,
+            facets=asked.facets or 0,
+            has_norm=asked.max is not None,
+            has_pressure=asked.pressure is not None,
+            has_yaw=asked.yaw_friction is not None,
+        )
+
+    def structure(self, rotations: str) -> ContactTerm:
+        """The same in all coordinates of attitudes."""
+        return self.term
+
+    @property
+    def rows(self) -> int:
+        """Number of its values."""
+        return self.term.rows
+
+    @cached_property
+    def labels(self) -> tuple[Label, ...]:
+        """Name and unit of each row."""
+        words = [("normal", "N")]
+        words += [("cone", "N")] if self.term.has_cone else []
+        words += [(f"facet_{k + 1}", "N") for k in range(self.term.facets)]
+        words += [("size", "N")] if self.contact.max is not None else []
+        sides = ["pressure_1", "pressure_2"] if self.term.has_pressure else []
+        sides += ["yaw"] if self.term.has_yaw else []
+        words += [(f"{side}_{end}", "N m") for side in sides for end in ("upper", "lower")]
+        return tuple(Label(f"{self.name}.{word}", unit) for word, unit in words)
+
+    @cached_property
+    def lower(self) -> Array:
+        """Of the values, shape (rows,): of ratios zero."""
+        found = np.zeros(self.rows)
+        found[0] = self.contact.normal_bounds[0]
+        if self.term.has_norm:
+            found[self._size_row] = -np.inf
+        return found
+
+    @cached_property
+    def upper(self) -> Array:
+        """Of the values, shape (rows,)."""
+        found = np.full(self.rows, np.inf)
+        found[0] = self.contact.normal_bounds[1]
+        if self.contact.max is not None:
+            found[self._size_row] = self.contact.max
+        return found
+
+    @property
+    def _size_row(self) -> int:
+        return 1 + (1 if self.term.has_cone else self.term.facets)
+
+    @property
+    def inner_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the expression: by the scale, of the size by its square."""
+        lower, upper = self.lower / self.scale, self.upper / self.scale
+        if self.term.has_norm:
+            upper[self._size_row] **= 2
+        return lower, upper
+
+    @cached_property
+    def numbers(self) -> dict[str, Array]:
+        """Parameters by name."""
+        found = {"map": self.map.ravel(order="F") / self.scale}
+        if self.contact.friction is not None and self.contact.facets is None:
+            found["friction"] = np.array([self.contact.friction])
+        if self.contact.facets:
+            found["facets"] = self._facets.ravel(order="F")
+        if self.contact.pressure is not None:
+            found["halves"] = np.array(self.contact.pressure) / 2.0
+        if self.contact.yaw_friction is not None:
+            found["yaw"] = np.array([self.contact.yaw_friction])
+        return found
+
+    @property
+    def _facets(self) -> Array:
+        """Of normal force and tangents, shape (facets, 3)."""
+        count = self.contact.facets or 0
+        turns = 2.0 * np.pi * np.arange(count) / max(count, 1)
+        height = (self.contact.friction or 0.0) * math.cos(math.pi / max(count, 1))
+        return np.column_stack([np.full(count, height), -np.cos(turns), -np.sin(turns)])
+
+    def numbers_in(self, rotations: str) -> dict[str, Array]:
+        """The same where attitudes are in these coordinates."""
+        return self.numbers
+
+    def check_frames(self, robot: Robot) -> None:
+        """Frames are the constraint's."""
+
+    def wrenches(self, lams: Array) -> Array:
+        """Force and torque along the normal and two tangents, shape (n, 6) [N, N m].
+
+        Parameters
+        ----------
+        lams : ndarray, shape (n, nc)
+            Forces of all rows of the robot's constraints; those of rows left out as redundant are zero.
+        """
+        found: Array = lams[:, list(self.term.of_rows)] @ self.map.T
+        return found
+
+    def values_of(self, lams: Array) -> Array:
+        r"""Values, shape (n, rows) [N, N m]: of a cone :math:`\mu f_n - |f_t|`.
+
+        Parameters
+        ----------
+        lams : ndarray, shape (n, nc)
+            As of `wrenches`.
+        """
+        f = self.wrenches(lams)
+        normal, columns = f[:, 0], [f[:, 0]]
+        if self.term.has_cone:
+            columns.append((self.contact.friction or 0.0) * normal - np.linalg.norm(f[:, 1:3], axis=1))
+        columns += list((f[:, :3] @ self._facets.T).T)
+        if self.contact.max is not None:
+            columns.append(np.linalg.norm(f[:, :3], axis=1))
+        if self.contact.pressure is not None:
+            for half, torque in zip(np.array(self.contact.pressure) / 2.0, (f[:, 5], f[:, 4]), strict=True):
+                columns += [half * normal - torque, half * normal + torque]
+        if self.contact.yaw_friction is not None:
+            columns += [
+                self.contact.yaw_friction * normal - f[:, 3],
+                self.contact.yaw_friction * normal + f[:, 3],
+            ]
+        return np.column_stack(columns)
+
+    def slopes(self, values: Array) -> Array:
+        """Derivatives of the expression in the values; of a cone at the value itself."""
+        found = np.full_like(values, 1.0 / self.scale)
+        if self.term.has_cone:
+            reach = 2.0 * (self.contact.friction or 0.0) * values[:, 0]
+            found[:, 1] = (reach - values[:, 1]) / self.scale**2
+        if self.term.has_norm:
+            found[:, self._size_row] = 2.0 * values[:, self._size_row] / self.scale**2
+        return found
+
+
+def force_sources(robot: Robot) -> dict[str, ForceSource]:
+    """What has forces, by name: the constraints of a robot."""
+    found, first = {}, 0
+    places = {row: k for k, row in enumerate(robot.kept_rows)}
+    for constraint in robot.constraints:
+        rows = tuple(i for i in range(len(constraint.rows)) if first + i in places)
+        found[constraint.name] = ForceSource(constraint, rows, tuple(places[first + i] for i in rows))
+        first += len(constraint.rows)
+    return found
+
+
+def contact_bounds(
+    asked: Iterable[ContactForce | ContactBounds], robot: Robot, scheme: str
+) -> tuple[ContactBounds, ...]:
+    """Bounds with what exerts the forces.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such constraint, or it exerts no such force, or forces are no unknowns of the scheme.
+    """
+    contacts = [one.contact if isinstance(one, ContactBounds) else one for one in asked]
+    if not contacts:
+        return ()
+    if not SCHEMES[scheme].solves_constraints:
+        solving = ", ".join(f'"{name}"' for name, data in SCHEMES.items() if data.solves_constraints)
+        raise ProblemError(
+            f'{contacts[0].key}: scheme = "{scheme}" projects accelerations, and has no forces of '
+            f"constraints among its unknowns; take one of integrator.scheme = {solving}"
+        )
+    sources, mass = force_sources(robot), float(sum(inertia.mass for inertia in robot.model.inertias))
+    scale = 2.0 ** round(math.log2(mass * _GRAVITY)) if mass > 0.0 else 1.0
+    return tuple(ContactBounds(one, _source(one, robot, sources), scale) for one in contacts)
+
+
+def _source(asked: ContactForce, robot: Robot, sources: Mapping[str, ForceSource]) -> ForceSource:
+    if not sources:
+        raise ProblemError(
+            f"{asked.key}: robot {robot.name!r} has no constraints that exert forces; hold a frame by a "
+            "[[constraint]] in its robot.toml, or by [[robot.constraint]]"
+        )
+    if asked.constraint not in sources:
+        raise ProblemError(
+            f"{asked.key}: robot {robot.name!r} has no constraint {asked.constraint!r}; "
+            f"{suggest(asked.constraint, sources)}"
+        )
+    found = sources[asked.constraint]
+    if found.constraint.kind == "coupling":
+        raise ProblemError(
+            f"{asked.key}: the coupling {asked.constraint!r} joins two joints and exerts no force at a "
+            "point; name a constraint between frames"
+        )
+    asked.check_kind(found.constraint)
+    return found

@@ -1,0 +1,161 @@
+r"""Contact forces: bounds on the forces of constraints, friction cones, pressure inside a foot.
+
+With the force :math:`f` that a constraint exerts on its first frame in a step, its component :math:`f_n`
+along the normal and :math:`f_t` across it, and for a weld its torque :math:`\tau` about the frame's origin:
+
+.. math::
+    \underline{f} \le f_n \le \overline{f}, \quad
+    \mu^2 f_n^2 - |f_t|^2 \ge 0, \quad |f| \le \overline{F}, \quad
+    |\tau_2| \le \tfrac{l_1}{2} f_n, \; |\tau_1| \le \tfrac{l_2}{2} f_n, \quad
+    |\tau_n| \le \mu_\tau f_n
+
+Beside :math:`f_n \ge 0` the second is the cone :math:`|f_t| \le \mu f_n`, by a polynomial, which has
+derivatives at its apex, too. Or a pyramid within the cone, with k facets:
+:math:`\cos\theta_i f_1 + \sin\theta_i f_2 \le \mu \cos(\pi/k) f_n`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import casadi as ca
+from pydantic import Field
+
+from mbocp.terms.point import Point
+from mbocp.terms.written import Bound, Finite, Key, Table
+
+__all__ = ["ContactKeys", "ContactTerm"]
+
+_SIZE = 6  # force along the normal and two tangents, torque about them
+
+
+@dataclass(frozen=True)
+class ContactTerm:
+    """The structure of bounds on a contact force.
+
+    Attributes
+    ----------
+    of_rows : tuple of int
+        Rows of the robot's constraints that exert it.
+    has_cone : bool
+        Whether friction is bounded by a cone.
+    facets : int
+        Of a pyramid in its place; 0: none.
+    has_norm : bool
+        Whether the size of the force is bounded.
+    has_pressure : bool
+        Whether the centre of pressure stays inside a rectangle.
+    has_yaw : bool
+        Whether the torque about the normal is bounded.
+    """
+
+    of_rows: tuple[int, ...]
+    has_cone: bool = False
+    facets: int = 0
+    has_norm: bool = False
+    has_pressure: bool = False
+    has_yaw: bool = False
+
+    kind: ClassVar[str] = "contact_force"
+    unit: ClassVar[str] = "N"
+    has_velocity: ClassVar[bool] = False
+    remembers: ClassVar[tuple[str, ...]] = ("reaction",)
+
+    @property
+    def rows(self) -> int:
+        """The normal force, then friction, size, pressure and yaw."""
+        of_friction = 1 if self.has_cone else self.facets
+        return 1 + of_friction + self.has_norm + 4 * self.has_pressure + 2 * self.has_yaw
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Size of each parameter: forces by the multipliers and the scale, by columns; then ratios."""
+        found = {"map": _SIZE * len(self.of_rows)}
+        found |= {"friction": 1} if self.has_cone else {}
+        found |= {"facets": 3 * self.facets} if self.facets else {}
+        found |= {"halves": 2} if self.has_pressure else {}
+        return found | ({"yaw": 1} if self.has_yaw else {})
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its function depends on."""
+        return {"term": self.kind, **dataclasses.asdict(self)}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Its rows of the forces that the state remembers, by the scale of forces, and its square."""
+        lam = at.remembered["reaction"][list(self.of_rows)]
+        wrench = ca.reshape(p["map"], _SIZE, len(self.of_rows)) @ lam
+        normal, across, torque = wrench[0], wrench[1:3], wrench[3:]
+        rows = [normal]
+        if self.has_cone:
+            rows.append((p["friction"] * normal) ** 2 - ca.sumsqr(across))
+        if self.facets:
+            rows.append(ca.reshape(p["facets"], self.facets, 3) @ wrench[:3])
+        if self.has_norm:
+            rows.append(ca.sumsqr(wrench[:3]))
+        if self.has_pressure:
+            room = p["halves"] * normal
+            rows += [room[0] - torque[2], room[0] + torque[2], room[1] - torque[1], room[1] + torque[1]]
+        if self.has_yaw:
+            rows += [p["yaw"] * normal - torque[0], p["yaw"] * normal + torque[0]]
+        return ca.vertcat(*rows)
+
+
+_Pair = Annotated[list[Finite] | None, Field(min_length=2, max_length=2)]
+_Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
+
+
+class ContactKeys(Table):
+    """Keys of the kind `"contact_force"`."""
+
+    constraint: Annotated[
+        str | None,
+        Key(
+            "string",
+            "",
+            "required",
+            'kind `"contact_force"`: name of the constraint whose [force](contact.md) on its first frame is '
+            "bounded; it takes the place of `frame`",
+        ),
+    ] = None
+    normal: Annotated[
+        _Triple,
+        Key("3 numbers", "", "z", "direction of the normal in the axes of the constraint's second frame"),
+    ] = None
+    friction: Annotated[
+        Finite | None,
+        Key("number > 0", "", "none", "friction coefficient of the cone that the force stays in"),
+    ] = None
+    facets: Annotated[
+        int | None,
+        Key("whole number > 2", "", "none", "of a pyramid within the cone, in its place"),
+    ] = None
+    min_normal: Annotated[
+        Bound,
+        Key(
+            "number",
+            "N",
+            "0 with friction, pressure or yaw, else none; none",
+            "of the force along the normal",
+            ("max_normal",),
+        ),
+    ] = None
+    max_normal: Bound = None
+    max: Annotated[Bound, Key("number", "N", "none", "of the size of a contact force")] = None
+    pressure: Annotated[
+        _Pair,
+        Key(
+            "2 numbers > 0",
+            "m",
+            "none",
+            "sides of the rectangle about the first frame's origin in which the centre of pressure of a weld "
+            "stays",
+        ),
+    ] = None
+    yaw_friction: Annotated[
+        Finite | None,
+        Key("number > 0", "m", "none", "of a weld: torque about the normal by the normal force, at most"),
+    ] = None
