@@ -12,6 +12,7 @@ import numpy as np
 from mbocp.formulation.accelerations import driven_acceleration
 from mbocp.formulation.memory import MEMORY, unit_of
 from mbocp.formulation.parameters import Sizes, parameter_layout, path_parameters, pieces
+from mbocp.formulation.reaction_terms import among_all
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepSymbols
 from mbocp.terms import ClearanceTerm, Point
@@ -67,6 +68,8 @@ def _written_out(at: StepSymbols, signature: FunctionSignature, chosen: Sequence
     q, s = at.x1[layout.z], at.x1[layout.s]
     node = Point(mechanics, q, mechanics.velocity(q, s, at.controls))
     remembered = {name: _unit(at, name) * at.x1[where] for name, where in layout.remembered.items()}
+    if "reaction" in remembered:
+        remembered["reaction"] = among_all(remembered["reaction"], signature.reactions)
     node = replace(node, remembered=remembered)
     if "control" in remembered:
         u = remembered["control"]

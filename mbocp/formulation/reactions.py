@@ -1,16 +1,14 @@
-"""Forces of constraints that states remember for the path constraints on contacts."""
+"""Forces of constraints that states remember for the path constraints on contacts: rows, unit, values."""
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
-from mbocp.mechanics import Mechanics
 from mbocp.problem import Problem
 
-__all__ = ["among_all", "reaction_places", "reaction_rows", "reactions_along", "unit_of_reactions"]
+__all__ = ["reaction_rows", "reactions_along", "unit_of_reactions"]
 
 
 def reaction_rows(problem: Problem) -> tuple[int, ...]:
@@ -21,19 +19,6 @@ def reaction_rows(problem: Problem) -> tuple[int, ...]:
 def unit_of_reactions(problem: Problem) -> float:
     """What remembered forces count in [N, N m]."""
     return max((contact.scale for contact in problem.contacts), default=1.0)
-
-
-def reaction_places(mechanics: Mechanics, rows: tuple[int, ...]) -> list[int]:
-    """Places of rows of the robot's constraints among all of a step's: bodies and joints come before them."""
-    first = mechanics.nc - mechanics.robot.nc
-    return [first + row for row in rows]
-
-
-def among_all(forces: ca.SX, rows: tuple[int, ...]) -> ca.SX:
-    """Forces at their rows, and zeros at those that are not remembered."""
-    found = ca.SX.zeros(rows[-1] + 1)
-    found[list(rows)] = forces
-    return found
 
 
 def reactions_along(problem: Problem, at: StateLayout, xs: Array) -> Array:

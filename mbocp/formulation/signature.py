@@ -51,7 +51,8 @@ class FunctionSignature:
     cost : tuple of RunningTerm
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
-    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm, ClearanceTerm, ContactTerm, MeetingTerm
+    path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm, ClearanceTerm, ContactTerm and
+        MeetingTerm
     ends : tuple of FrameEnd, OwnEnd and AccelerationEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool

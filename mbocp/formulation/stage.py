@@ -39,7 +39,7 @@ from mbocp.formulation.parameters import (
     pieces,
 )
 from mbocp.formulation.path import build_path
-from mbocp.formulation.reactions import among_all, reaction_places
+from mbocp.formulation.reaction_terms import reaction_places
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.formulation.switch_terms import IS_IMPACT, idle_impact

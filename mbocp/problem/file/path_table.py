@@ -72,7 +72,7 @@ def _constraint(
     if kind == ContactTerm.kind:
         return _contact(table, key, given)
     if table.frame is None:
-        raise ProblemError(f'{key}.frame: is required for kind = "{kind}"')
+        raise ProblemError(f'{key}.frame: this key is missing; kind = "{kind}" is about a frame')
     term = PATH_TERMS[kind]
     if "file" in given:
         if "points" in given:
@@ -101,7 +101,7 @@ def _contact(table: PathHead, key: str, given: dict[str, Any]) -> ContactForce:
             f'{key}.frame: kind = "{ContactTerm.kind}" does not use it; name the constraint that holds it'
         )
     if "constraint" not in given:
-        raise ProblemError(f"{key}.constraint: is required: the constraint whose force is bounded")
+        raise ProblemError(f"{key}.constraint: this key is missing: the constraint whose force is bounded")
     name = table.name or f"{ContactTerm.kind} of {given['constraint']}"
     lists = {key: tuple(value) for key, value in given.items() if isinstance(value, list)}
     return ContactForce(name=name, span=Span.read(table), **(given | lists))
