@@ -287,7 +287,7 @@ def test_what_is_refused_of_robots_and_schemes(tmp_path: Path) -> None:
         hopper(tmp_path, path=on_ground(min_normal=0.0), scheme="rk4")
     with pytest.raises(MbocpError, match=r"path\.0\.constraint: this key is missing"):
         hopper(tmp_path, path=[{"kind": "contact_force", "friction": 1.0}])
-    with pytest.raises(MbocpError, match=r'path\.0\.frame: this key is missing'):
+    with pytest.raises(MbocpError, match=r"path\.0\.frame: this key is missing"):
         hopper(tmp_path, path=[{"kind": "position", "z": [0, 1]}])
     geared = '[[constraint]]\ntype = "coupling"\nname = "ground"\njoints = ["height", "leg"]\nratio = -1.0\n'
     path = write(tmp_path / "geared", HOPPER, geared)
