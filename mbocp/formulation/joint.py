@@ -85,8 +85,13 @@ def momenta_of(robot: Robot, qs: Array, vs: Array) -> Array:
 def momenta_of_symmetries(
     problem: Problem, qs: Array, vs: Array, costates: Array
 ) -> tuple[Array, tuple[str, ...]]:
-    """Control momenta; none where drives, path constraints or limits of rates are: not looked for there."""
-    if problem.robot.drives or problem.inequalities:
+    """Control momenta; none where drives, path constraints or limits of rates are: not looked for there.
+
+    Holds and impacts keep them, since what is held where it is moves along with the robot.
+    """
+    table = problem.switches
+    breaks = table is not None and any(frame.breaks_symmetries(problem.robot) for frame in table.held)
+    if problem.robot.drives or problem.inequalities or breaks:
         return np.zeros((len(qs), 0)), ()
     return control_momenta(problem.robot, qs, vs, costates, tracked=weighed_components(problem))
 

@@ -71,6 +71,18 @@ class HeldFrame:
         """Name and unit of each row."""
         return self.constraint.rows
 
+    def breaks_symmetries(self, robot: Robot) -> bool:
+        """Whether it tells places or directions of the world apart, so that moving the robot changes it.
+
+        What is held where it is moves along, unless a plane or a line of the world holds it.
+        """
+        if isinstance(self.constraint, Coupling):
+            return False
+        ends = (self.constraint.frame_a, self.constraint.frame_b)
+        is_of_world = any(robot.model.frames[frame].parentJoint == 0 for frame in ends)
+        has_direction = isinstance(self.constraint, PointOnPlane | PointOnLine)
+        return is_of_world and (not self.is_anchored or has_direction)
+
     @property
     def signature(self) -> dict[str, Any]:
         """What its equations depend on."""

@@ -12,7 +12,7 @@ import mbocp
 from mbocp.exceptions import InconsistentStart, InvalidValue, ProblemError
 from mbocp.formulation import formulate
 from mbocp.problem.hold import Hold, Release
-from tests.holds.cases import arm, four_bar, pendulum
+from tests.holds.cases import arm, drone, four_bar, pendulum
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -61,6 +61,17 @@ def test_optima_are_those_of_ipopt(make: Any) -> None:
     assert found.cost == pytest.approx(other.cost, rel=1e-7)
     assert np.abs(found.qs - other.qs).max() < 1e-5
     assert np.isfinite(found.control_hamiltonians).all()
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_control_momenta_are_kept_through_holds_and_impacts(scheme: str) -> None:
+    """What is held where it is moves along with the robot: the symmetries are still there."""
+    s = mbocp.solve(drone(scheme), check=True)
+    assert len(s.conserved) == 4
+    assert all(abs(found.value) > 1.0 for found in s.conserved)
+    assert all(found.relative_drift < 1e-12 for found in s.conserved)
+    walled = drone(scheme, holds=(replace(drone().holds[0], kind="plane"),))
+    assert not mbocp.solve(walled, check=True).conserved
 
 
 def test_multipliers_have_names_and_impacts_are_told() -> None:
