@@ -36,8 +36,7 @@ ROBOTS: Mapping[str, Mapping[str, float]] = {
     "panda": {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02},
 }
 _DURATION, _STEPS = 3.0, 60  # [s]
-_SLOTS = 5  # of spheres and of boxes: a scene that has fewer has others far away, and compiles nothing
-_FAR = 20.0  # [m]
+_FEWEST, _MOST = 3, 10  # obstacles
 _ROOM = 0.02  # [m] around start and goal
 _TRIES = 1000
 _REACH = {"ur5": 0.85, "panda": 0.8}  # [m] from the shoulder
@@ -81,7 +80,7 @@ def record_of(problem: Problem, number: int, starts: int) -> dict[str, Any]:
     line = np.array([pin.interpolate(*ends, share) for share in np.linspace(0.0, 1.0, _STEPS + 1)])
     return {
         "number": number,
-        "obstacles": sum(bool(o.position[2] < _FAR / 2) for o in problem.obstacle),
+        "obstacles": len(problem.obstacle),
         "line": touching.first(solution.t, line) is not None,
         "status": str(solution.status),
         "iterations": solution.iterations,
@@ -116,7 +115,7 @@ def scene_table(records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
         )
     columns = ("", "scenes", "line blocked", "converged", "of blocked", "of them touch", "median", "95 %")
     note = (
-        f"{_DURATION:g} s in {_STEPS} steps, 3 to {2 * _SLOTS} spheres and boxes, and the robot itself. "
+        f"{_DURATION:g} s in {_STEPS} steps, {_FEWEST} to {_MOST} spheres and boxes, and the robot itself. "
         '"touch": coal finds a link in contact at one of 1000 poses a second.'
     )
     return Table("Random scenes", columns, rows, note)
@@ -135,25 +134,17 @@ def _pose(rng: np.random.Generator, robot: Robot) -> Array:
 
 
 def _obstacles(rng: np.random.Generator, name: str, spheres: Array) -> list[dict[str, Any]] | None:
-    """Three to ten obstacles that leave both ends clear, the others far away; None if there is no room."""
-    count = int(rng.integers(3, 2 * _SLOTS + 1))
-    balls = int(rng.integers(max(0, count - _SLOTS), min(count, _SLOTS) + 1))
-    found = []
-    for k in range(2 * _SLOTS):
-        shape, place = ("sphere", k) if k < _SLOTS else ("box", k - _SLOTS)
-        words = {"name": f"{shape} {place + 1}", "shape": shape, "movable": True}
-        if place >= (balls if shape == "sphere" else count - balls):
-            size = {"radius": 0.1} if shape == "sphere" else {"size": [0.1] * 3}
-            found.append({**words, **size, "position": [float(k), 0.0, _FAR]})
-            continue
-        for _ in range(_TRIES):
-            placed = {**words, **_somewhere(rng, name, shape)}
-            if _gap(placed, spheres) > _ROOM:
-                found.append(placed)
-                break
-        else:
-            return None
-    return found
+    """Spheres and boxes that leave both ends clear; None if there is no room."""
+    found: list[dict[str, Any]] = []
+    count = int(rng.integers(_FEWEST, _MOST + 1))
+    for _ in range(_TRIES):
+        shape = "sphere" if rng.uniform() < 0.5 else "box"
+        placed = {"name": f"{shape} {len(found)}", "shape": shape, **_somewhere(rng, name, shape)}
+        if _gap(placed, spheres) > _ROOM:
+            found.append(placed)
+        if len(found) == count:
+            return found
+    return None
 
 
 def _somewhere(rng: np.random.Generator, name: str, shape: str) -> dict[str, Any]:
