@@ -71,8 +71,9 @@ def scene(name: str, number: int, seed: int = 0) -> Problem:
 
 def record_of(problem: Problem, number: int, starts: int) -> dict[str, Any]:
     """What came of a scene."""
+    problem = problem.with_(solver={"method": "auto", "starts": starts})
     used, clock = time.process_time(), time.perf_counter()
-    solution = mbocp.solve(problem.with_(solver={"method": "auto", "starts": starts}))
+    solution = mbocp.solve(problem)
     seconds, used = time.perf_counter() - clock, time.process_time() - used
     compiled = sum(phase.wall_time_s for phase in solution.phases if phase.name == "compile")
     touching = Touching.of(problem)
