@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 
 import coal
 import numpy as np
@@ -48,12 +49,15 @@ def clearance_of(
             "or give [[collision_sphere]] in its robot.toml"
         )
     every = [(i, j) for i, link in enumerate(links) for j in range(len(link.radii))]
+    reaches = [_reach(robot, links[i], j, limits) for i, j in every]
     kept: list[tuple[tuple[int, int], int]] = []
     left_out: dict[str, dict[str, int]] = {}
     for k, obstacle in enumerate(obstacles):
         told: dict[str, int] = {}
-        for sphere in every:
-            reason = _never_meet(robot, links[sphere[0]], sphere[1], obstacle, limits)
+        frame = robot.model.frames[robot.frame_id(obstacle.frame)]
+        carrier, placed = int(frame.parentJoint), frame.placement * obstacle.placement
+        for sphere, ball in zip(every, reaches, strict=True):
+            reason = _never_meet(robot, links[sphere[0]].joint, carrier, obstacle, placed, ball)
             if reason:
                 told[reason] = told.get(reason, 0) + 1
             else:
@@ -75,22 +79,28 @@ def clearance_of(
     )
 
 
-def _never_meet(robot: Robot, link: LinkSpheres, number: int, obstacle: Obstacle, limits: Bounds) -> str:
-    """Why a sphere never meets an obstacle; empty if it may."""
-    model, frame = robot.model, robot.model.frames[robot.frame_id(obstacle.frame)]
-    carrier = int(frame.parentJoint)
-    if link.joint == carrier:
+def _reach(robot: Robot, link: LinkSpheres, number: int, limits: Bounds) -> tuple[Array, float]:
+    """Centre [m] and radius [m] of a ball that a sphere never leaves."""
+    center = robot.model.frames[link.frame].placement.act(np.array(link.centers[number]))
+    lower, upper = np.asarray(limits.q_lower), np.asarray(limits.q_upper)
+    at, radius = reach(robot.model, link.joint, center, lower, upper)
+    return at, radius + float(link.radii[number])
+
+
+def _never_meet(
+    robot: Robot, joint: int, carrier: int, obstacle: Obstacle, placed: pin.SE3, ball: tuple[Array, float]
+) -> str:
+    """Why a sphere on a joint never meets an obstacle on another; empty if it may."""
+    parents, (at, radius) = robot.model.parents, ball
+    if joint == carrier:
         return _STILL
-    if carrier and (model.parents[link.joint] == carrier or model.parents[carrier] == link.joint):
+    if carrier and (parents[joint] == carrier or parents[carrier] == joint):
         return "on the link next to its own"
-    if carrier or obstacle.movable:
+    if carrier or obstacle.movable or not np.isfinite(radius):
         return ""
-    center = model.frames[link.frame].placement.act(np.array(link.centers[number]))
-    at, radius = reach(model, link.joint, center, np.asarray(limits.q_lower), np.asarray(limits.q_upper))
-    if not np.isfinite(radius):
+    if obstacle.margin >= 0.0 and np.linalg.norm(at - placed.translation) < radius:
         return ""
-    placed = frame.placement * obstacle.placement
-    return _FAR if _distance(obstacle, placed, at, radius + link.radii[number]) > obstacle.margin else ""
+    return _FAR if _distance(obstacle, placed, at, radius) > obstacle.margin else ""
 
 
 def _distance(obstacle: Obstacle, placed: pin.SE3, center: Array, radius: float) -> float:
@@ -116,11 +126,20 @@ def _self_pairs(robot: Robot, own: SelfCollision, limits: Bounds) -> SelfPairs:
         for source in robot.collision:
             beside = find_srdf(source.urdf.path)
             disabled |= set() if beside is None else disabled_by(beside, source.prefix)
+    ranges = (limits.q_lower, limits.q_upper)
+    return _found(robot, *(tuple(np.asarray(side).tolist()) for side in ranges), frozenset(disabled))
+
+
+@lru_cache(maxsize=16)
+def _found(
+    robot: Robot, q_lower: tuple[float, ...], q_upper: tuple[float, ...], disabled: frozenset[frozenset[str]]
+) -> SelfPairs:
+    """The same for all problems of a robot within the same limits."""
     lower, upper = (
         np.where(np.isfinite(mine), mine, theirs)
         for mine, theirs in (
-            (np.asarray(limits.q_lower), np.asarray(robot.model.lowerPositionLimit)),
-            (np.asarray(limits.q_upper), np.asarray(robot.model.upperPositionLimit)),
+            (np.array(q_lower), np.asarray(robot.model.lowerPositionLimit)),
+            (np.array(q_upper), np.asarray(robot.model.upperPositionLimit)),
         )
     )
     return self_pairs(robot.model, robot.collision_spheres, robot.q0, (lower, upper), disabled)
