@@ -20,6 +20,7 @@ import resource
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -124,7 +125,11 @@ def _search(options: argparse.Namespace) -> None:
         inner = folder / "input"
         inner.mkdir()
         os.chdir(inner)
+        begun = time.process_time()
         outcome = throw(case, inner, LIMITS)
+        taken = time.process_time() - begun
+        if taken > LIMITS.cpu and not outcome.is_finding:
+            outcome.verdict, outcome.text = "hang", f"{taken:.0f} s of the processor; {outcome.text[:300]}"
         os.chdir(folder)
         shutil.rmtree(inner)
         line = {**asdict(outcome), "input": ""}
@@ -148,7 +153,7 @@ def _search(options: argparse.Namespace) -> None:
     arguments = [
         *(f"-seed={options.seed}", f"-runs={options.count}", "-max_len=200000", "-rss_limit_mb=3000"),
         *(
-            f"-timeout={LIMITS.cpu * 3:.0f}",
+            f"-timeout={LIMITS.wall:.0f}",  # libFuzzer counts no time of the processor
             f"-artifact_prefix={options.log}/{options.kind}-crash-",
             "-print_final_stats=1",
         ),

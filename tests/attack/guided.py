@@ -20,6 +20,8 @@ __all__ = ["guided"]
 _MISSING = 3  # exit status of coverage.py without atheris
 _COVERED = re.compile(r"^#\d+\s.*?\bcov: (\d+)", re.MULTILINE)
 _LOG = Path("attack-coverage")
+_NOTHING = "atheris threw nothing"
+_SEARCHES, _NEXT = 5, 1_000_000  # of a kind that are begun, and from one's seed to the next
 
 
 def guided(count: int, processes: int, log: Path = _LOG, seed: int = 1) -> Iterator[Outcome]:
@@ -34,7 +36,17 @@ def guided(count: int, processes: int, log: Path = _LOG, seed: int = 1) -> Itera
 
 
 def _run(kind: str, count: int, folder: Path, seed: int) -> list[Outcome]:
-    """What came of every input."""
+    """What came of every input; a search that an input ends begins anew with another seed."""
+    found: list[Outcome] = []
+    for further in range(_SEARCHES):
+        found += _search(kind, count - len(found), folder, seed + further * _NEXT)
+        if not found or found[-1].where == _NOTHING or len(found) >= count:
+            break
+    return found
+
+
+def _search(kind: str, count: int, folder: Path, seed: int) -> list[Outcome]:
+    """What came of the inputs of one process."""
     folder.mkdir(exist_ok=True)
     log = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=folder))
     command = [sys.executable, "-m", "tests.attack.coverage", "--kind", kind]
@@ -55,9 +67,8 @@ def _run(kind: str, count: int, folder: Path, seed: int) -> list[Outcome]:
         left = ", ".join(str(path) for path in log.glob(f"{kind}-crash-*")) or "no input"
         told = f"exit {done.returncode}, left {left}"
         found.append(Outcome(f"{kind}, guided", 0, "crash", told, done.stdout[-500:]))
-    if not found:
-        told = "atheris threw nothing"
-        found.append(Outcome(f"{kind}, guided", 0, "crash", told, done.stdout[-500:]))
+    if not lines:
+        found.append(Outcome(f"{kind}, guided", 0, "crash", _NOTHING, done.stdout[-500:]))
     covered = [int(number) for number in _COVERED.findall(done.stdout)]
     if covered:
         print(f"{kind}: {len(lines)} inputs, {covered[0]} to {covered[-1]} edges", file=sys.stderr)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -135,6 +136,26 @@ def test_what_coverage_guides_is_told_one_by_one(
     others = [outcome for outcome in outcomes if outcome not in found]
     assert {outcome.where for outcome in others} == {"atheris threw nothing"}
     assert "urdf: 3 inputs, 10 to 25 edges" in capsys.readouterr().err
+
+
+def test_a_search_that_an_input_ends_begins_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The finding is one input of those that were asked for; the others are thrown all the same."""
+    seeds: list[int] = []
+
+    def search(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        kind, count, log = command[4], int(command[6]), Path(command[-1])
+        seeds.append(int(command[8]))
+        is_lost = count == 10
+        rows = [{**asdict(Outcome(kind, i, "refused")), "input": ""} for i in range(4 if is_lost else count)]
+        (log / f"{kind}.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return subprocess.CompletedProcess(command, 77 if is_lost else 0, "")
+
+    monkeypatch.setattr(subprocess, "run", search)
+    monkeypatch.setattr("tests.attack.guided.GUIDED", ("urdf",))
+    verdicts = Counter(outcome.verdict for outcome in guided(10, 1, tmp_path, seed=7))
+    assert verdicts == {"refused": 9, "crash": 1}
+    assert len(seeds) == len(set(seeds)) == 2
+    assert seeds[0] == 7
 
 
 @pytest.mark.slow
