@@ -77,7 +77,11 @@ def _problems() -> tuple[Entry, ...]:
 
 def _small() -> tuple[Entry, ...]:
     paths = sorted(_DATA.glob("problem_*.toml"))
-    return tuple(_entry(path.stem, "problem.toml", path.read_bytes()) for path in paths)
+    beside = {"guarded.urdf": (_DATA / "guarded.urdf").read_bytes()}  # a robot that has shapes
+    others = {"problem_obstacles": beside}
+    return tuple(
+        _entry(path.stem, "problem.toml", path.read_bytes(), **others.get(path.stem, {})) for path in paths
+    )
 
 
 def _solved() -> tuple[Entry, ...]:
