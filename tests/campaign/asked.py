@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from tests.campaign.frames import inner, last_frame, moving, placements
+from tests.campaign.guarded import beside
+from tests.campaign.on_the_way import followed, shape_table, stopped, via_time
 from tests.campaign.robots import Loaded
 from tests.campaign.witness import Witness
 from tests.checker.system import Array, System
 from tests.checker.task import FramePose, PathBound, Point, Task
 
-__all__ = ["ASKS", "asked", "asked_tables", "last_frame"]
+__all__ = ["ASKS", "asked", "asked_tables"]
 
 
 def asked(kind: str, loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
@@ -24,37 +27,11 @@ def asked(kind: str, loaded: Loaded, task: Task, witness: Witness, rng: np.rando
     return task
 
 
-def last_frame(loaded: Loaded) -> str:
-    """Frame of the tool, or of the last link."""
-    model = loaded.system.model
-    return "tool0" if model.existFrame("tool0") else str(model.frames[model.nframes - 1].name)
-
-
-def _places(system: System, frame: str, witness: Witness) -> list[Any]:
-    """Placement of a frame along the motion."""
-    index, found = system.model.getFrameId(frame), []
-    for q in witness.qs:
-        system.place(q)
-        found.append(pin.SE3(system.data.oMf[index]))
-    return found
-
-
-def _inner(task: Task, rng: np.random.Generator) -> int:
-    """A node between start and end."""
-    return int(rng.integers(task.num_steps // 4, task.num_steps - task.num_steps // 4))
-
-
-def _moving(places: list[Any]) -> Array:
-    """Coordinates that change on the way."""
-    span = np.ptp(np.array([place.translation for place in places]), axis=0)
-    return np.asarray(span > 1e-3 * max(float(span.max()), 1e-9))
-
-
 def _span(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
     """A height that is kept between two times, just below the motion."""
     frame = last_frame(loaded)
     first, last = sorted(rng.choice(np.arange(2, task.num_steps - 1), 2, replace=False).tolist())
-    heights = np.array([place.translation[2] for place in _places(loaded.system, frame, witness)])
+    heights = np.array([place.translation[2] for place in placements(loaded.system, frame, witness)])
     below = heights[first : last + 1].min() - rng.uniform(0.0, 0.02) * max(float(np.ptp(heights)), 1e-3)
     bound = PathBound("position", frame, np.array([below]), np.array([np.inf]), (2,), first=first, last=last)
     return replace(task, path=(bound,))
@@ -62,9 +39,9 @@ def _span(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator
 
 def _gate(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
     """A coordinate that is given at one node: equal bounds."""
-    frame, node = last_frame(loaded), _inner(task, rng)
-    places = _places(loaded.system, frame, witness)
-    axis = int(rng.choice(np.flatnonzero(_moving(places))))
+    frame, node = last_frame(loaded), inner(task, rng)
+    places = placements(loaded.system, frame, witness)
+    axis = int(rng.choice(np.flatnonzero(moving(places))))
     at = np.array([places[node].translation[axis]])
     return replace(task, path=(PathBound("position", frame, at, at, (axis,), first=node, last=node),))
 
@@ -72,17 +49,17 @@ def _gate(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator
 def _plane(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
     """A coordinate that the motion keeps, at all nodes or from a node to another."""
     frame = last_frame(loaded)
-    places = _places(loaded.system, frame, witness)
-    axis = int(np.flatnonzero(~_moving(places))[0])
+    places = placements(loaded.system, frame, witness)
+    axis = int(np.flatnonzero(~moving(places))[0])
     at = np.array([places[0].translation[axis]])
-    first, last = (1, None) if rng.random() < 0.5 else (_inner(task, rng), task.num_steps - 1)
+    first, last = (1, None) if rng.random() < 0.5 else (inner(task, rng), task.num_steps - 1)
     return replace(task, path=(PathBound("position", frame, at, at, (axis,), first=first, last=last),))
 
 
 def _line(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
     """The straight line that the motion follows, exactly or as a tube."""
     frame = last_frame(loaded)
-    places = _places(loaded.system, frame, witness)
+    places = placements(loaded.system, frame, witness)
     a, b = places[0].translation, places[-1].translation
     if rng.random() < 0.5:
         zero = np.zeros(2)
@@ -100,7 +77,7 @@ def _unit(vector: Array) -> Array:
 def _kept(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
     """The axes that the motion keeps, exactly or within a cone."""
     frame = last_frame(loaded)
-    axes = _places(loaded.system, frame, witness)[0].rotation
+    axes = placements(loaded.system, frame, witness)[0].rotation
     zero, cone = np.zeros(3), np.array([rng.uniform(0.02, 0.1)])
     if rng.random() < 0.5:
         return replace(task, path=(PathBound("kept", frame, zero, zero, rotation=axes),))
@@ -110,7 +87,7 @@ def _kept(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator
 def _cone(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
     """A largest angle of an axis to a direction, just above that of the motion."""
     frame, axis = last_frame(loaded), np.array([0.0, 0.0, 1.0])
-    places = _places(loaded.system, frame, witness)
+    places = placements(loaded.system, frame, witness)
     direction = _unit(places[0].rotation @ axis + places[-1].rotation @ axis)
     largest = max(float(np.arccos(np.clip(direction @ place.rotation @ axis, -1.0, 1.0))) for place in places)
     most = np.array([min(largest * rng.uniform(1.02, 1.2), 3.0)])
@@ -132,7 +109,7 @@ def _spin(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator
 
 def _via(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
     """Some joints, and now and then the speeds of others, at a node on the way."""
-    nv, node = loaded.system.nv, _inner(task, rng)
+    nv, node = loaded.system.nv, inner(task, rng)
     q_active = rng.random(nv) < 0.6
     q_active[int(rng.integers(nv))] = True
     v_active = (rng.random(nv) < 0.5) & (rng.random() < 0.5)
@@ -145,9 +122,9 @@ def _pose_at(
 ) -> FramePose:
     """Pose of the last frame there; with a tolerance beside it."""
     frame = last_frame(loaded)
-    places = _places(loaded.system, frame, witness)
+    places = placements(loaded.system, frame, witness)
     place = places[node]
-    position = np.where(_moving(places), place.translation, np.nan)
+    position = np.where(moving(places), place.translation, np.nan)
     has_axes = loaded.system.nv >= 6 and rng.random() < 0.5
     rotation = place.rotation if has_axes else None
     if not tolerance:
@@ -167,12 +144,12 @@ def _at_pose(loaded: Loaded, task: Task, node: int, pose: FramePose) -> Task:
 
 
 def _via_pose(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
-    node = _inner(task, rng)
+    node = inner(task, rng)
     return _at_pose(loaded, task, node, _pose_at(loaded, witness, node, rng, tolerance=False))
 
 
 def _via_box(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
-    node = _inner(task, rng)
+    node = inner(task, rng)
     return _at_pose(loaded, task, node, _pose_at(loaded, witness, node, rng, tolerance=True))
 
 
@@ -209,6 +186,16 @@ def _free(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator
     return replace(task, duration_range=(0.1 * task.duration, 3.0 * task.duration), time=float(weight))
 
 
+def _crate(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
+    """A box near the straight line."""
+    return beside(loaded, task, witness, rng, ("box",))
+
+
+def _clutter(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generator) -> Task:
+    """A box and a sphere."""
+    return beside(loaded, task, witness, rng, ("box", "sphere"))
+
+
 ASKS: dict[str, Callable[[Loaded, Task, Witness, np.random.Generator], Task]] = {
     "span": _span,
     "gate": _gate,
@@ -223,6 +210,10 @@ ASKS: dict[str, Callable[[Loaded, Task, Witness, np.random.Generator], Task]] = 
     "reach": _reach,
     "rates": _rates,
     "free": _free,
+    "times": stopped,
+    "follow": followed,
+    "crate": _crate,
+    "clutter": _clutter,
 }
 
 
@@ -238,7 +229,7 @@ def asked_tables(loaded: Loaded, task: Task) -> dict[str, Any]:
             at_end += frames
             continue
         names = list(loaded.system.model.names)[1:]
-        table: dict[str, Any] = {"share": point.node / task.num_steps}
+        table: dict[str, Any] = {"share": point.node / task.num_steps, **via_time(task, point.node)}
         for key, values, active in (("q", point.q, point.q_active), ("v", point.v, point.v_active)):
             if active.any():
                 table[key] = _by_joint(loaded.system, names, values, active, key)
@@ -246,6 +237,8 @@ def asked_tables(loaded: Loaded, task: Task) -> dict[str, Any]:
     found: dict[str, Any] = {"via": via} if via else {}
     if at_end:
         found["goal_frame"] = at_end
+    if task.shapes:
+        found["obstacle"] = [shape_table(shape) for shape in task.shapes]
     rates = {key: getattr(task, key) for key in ("acceleration", "jerk", "effort_rate", "power")}
     found["limits"] = {key: sides.T.tolist() for key, sides in rates.items() if sides is not None}
     if task.duration_range is not None:

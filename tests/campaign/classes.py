@@ -14,8 +14,8 @@ class TaskClass:
     Attributes
     ----------
     motion : str
-        How a task is made, so that it is feasible: "geodesic" and "loops" lead from rest to rest, "rollout"
-        ends where a simulation with random controls ends.
+        How a task is made, so that it is feasible: "geodesic", "bend" and "loops" lead from rest to rest,
+        "rollout" ends where a simulation with random controls ends.
     cost : str
         "velocity" (and effort), "effort" alone, "tracking", "rate", "penalty".
     spread : float
@@ -124,6 +124,14 @@ CLASSES: dict[str, TaskClass] = {
         _c("double_pendulum_fast", "free duration", "double_pendulum", scheme="midpoint", asks="free+rates"),
         _c("ur5_free", "free duration", "ur5", cost="effort", asks="free+reach", share=0.5),
         _c("two_arms", "joined parts", "two_arms", motion="loops", spread=0.1, share=0.5, steps=(20, 30)),
+        _c("double_pendulum_times", "free times", "double_pendulum", asks="times"),
+        _c("double_pendulum_stages", "free times", "double_pendulum", cost="effort", asks="free+times"),
+        _c("ur5_times", "free times", "ur5", scheme="midpoint", asks="times", share=0.5),
+        _c("elastic_pendulum_follow", "followed path", "elastic_pendulum", cost="effort", asks="follow"),
+        _c("double_pendulum_follow", "followed path", "double_pendulum", asks="follow"),
+        _c("ur5_follow", "followed path", "ur5", asks="follow", share=0.5),
+        _c("crate", "obstacles", "guarded", motion="bend", asks="crate"),
+        _c("clutter", "obstacles", "guarded", scheme="midpoint", motion="bend", asks="clutter"),
         _c("unicycle", "drive", "unicycle", scheme="heun", share=0.5, steps=(15, 20, 30), **_ROLL),
     )
 }
@@ -147,4 +155,9 @@ QUICK = (
     "double_pendulum_rates",
     "double_pendulum_free",
     "double_pendulum_fast",
+    "double_pendulum_times",
+    "double_pendulum_stages",
+    "elastic_pendulum_follow",
+    "double_pendulum_follow",
+    "crate",
 )

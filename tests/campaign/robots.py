@@ -13,17 +13,19 @@ import numpy as np
 import mbocp
 from mbocp.robot import Robot
 from tests.checker.system import System, read_system
+from tests.checker.task import Ball
 
 __all__ = ["ROBOTS", "Loaded", "load"]
 
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """A robot, the checker's system, and the velocity components that its tasks move from pose to pose."""
+    """A robot, the checker's system, velocity components that its tasks move, and spheres of its links."""
 
     robot: Robot
     system: System
     dofs: tuple[int, ...] = field(default=())
+    balls: tuple[Ball, ...] = ()
 
 
 @cache
@@ -249,6 +251,12 @@ def _joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str = 
     )
 
 
+def _guarded(folder: Path) -> Loaded:
+    from tests.campaign.guarded import guarded_arm  # which takes its arm from here
+
+    return guarded_arm(folder)
+
+
 def _write(file: Path, text: str) -> Path:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text)
@@ -281,4 +289,5 @@ ROBOTS: dict[str, Callable[[Path], Loaded]] = {
     "elastic_cart": _own("cart_pendulum_elastic"),
     "two_arms": _two_arms,
     "unicycle": _own("unicycle_pendulum"),
+    "guarded": _guarded,
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 import traceback
 import warnings
@@ -24,6 +25,7 @@ from tests.checker.conditions import Motion
 
 __all__ = ["plan", "read_rows", "run", "run_task"]
 
+_RAISED = re.compile(r"margins at nodes were raised by (\S+) mm in all")
 SOLVER_LIMIT = 20.0  # s, of a solve
 TASK_LIMIT = 900.0  # s, with the compilation of a new shape and the check
 
@@ -90,7 +92,14 @@ def motion_of(solution: mbocp.Solution) -> Motion:
     s = solution
     arrays = (s.qs, s.vs, s.us, s.cost, s.lam_us, s.lam_vs, s.lam_qs, s.lam_path)
     numbers = (*(np.array(a) for a in arrays[:3]), float(s.cost), *(np.array(a) for a in arrays[4:]))
-    return Motion(*numbers, path_names=tuple(s.path_names), duration=float(s.duration))
+    raised = _RAISED.search(s.advice)
+    return Motion(
+        *numbers,
+        path_names=tuple(s.path_names),
+        duration=float(s.duration),
+        dts=np.diff(np.array(s.t)),
+        raised=1e-3 * float(raised.group(1)) if raised else 0.0,
+    )
 
 
 def read_rows(path: Path) -> list[dict[str, Any]]:

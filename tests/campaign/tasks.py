@@ -14,11 +14,11 @@ import pinocchio as pin
 from tests.campaign.asked import asked, asked_tables
 from tests.campaign.classes import CLASSES, TaskClass
 from tests.campaign.robots import Loaded, load
-from tests.campaign.witness import Witness, along_geodesic, along_loops, closed, rollout
+from tests.campaign.witness import Witness, along_bend, along_geodesic, along_loops, closed, rollout
 from tests.checker.conditions import step_of
 from tests.checker.explicit import ExplicitStep
 from tests.checker.system import Array, System
-from tests.checker.task import PathBound, Task
+from tests.checker.task import Followed, PathBound, Task
 
 __all__ = ["Draw", "draw"]
 
@@ -134,6 +134,9 @@ def _moved(
         if "plane" in kind.asks:  # of the sliders one stands still
             away[int(rng.integers(system.nv))] = 0.0
         found = along_geodesic(step, start, system.step(start, away), task.num_steps)
+    elif kind.motion == "bend":
+        away, aside = rng.uniform(-kind.spread, kind.spread, (2, system.nv))
+        found = along_bend(step, start, away, aside, task.num_steps)
     elif kind.motion == "loops":
         change = rng.uniform(-kind.spread, kind.spread, len(loaded.dofs))
         found = along_loops(step, start, list(loaded.dofs), change, task.num_steps)
@@ -351,8 +354,9 @@ def _tables(kind: TaskClass, loaded: Loaded, task: Task) -> dict[str, Any]:
         "goal": goal,
         "cost": cost,
         "limits": limits,
-        "path": [_path_table(p, task) for p in task.path],
+        "path": [*(_path_table(p, task) for p in task.path), *map(_followed_table, task.followed)],
         "via": further.get("via", []),
+        "obstacle": further.get("obstacle", []),
         "scheme": task.scheme,
         "coordinates": task.coordinates,
     }
@@ -381,3 +385,8 @@ def _path_table(bound: PathBound, task: Task) -> dict[str, Any]:
     if bound.kind in ("line", "kept") and bound.lower.size == 1:
         table["tolerance"] = float(bound.upper[0])
     return table
+
+
+def _followed_table(path: Followed) -> dict[str, Any]:
+    table: dict[str, Any] = {"kind": "follow", "frame": path.frame, "points": path.points.tolist()}
+    return {**table, **({"tolerance": path.tolerance} if path.tolerance else {})}

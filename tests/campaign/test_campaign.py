@@ -42,6 +42,12 @@ def test_dynamics_that_amplify_leave_no_end_condition_out(name: str, seed: int, 
     assert "left out" not in row["advice"]
 
 
+def test_a_motion_in_another_configuration_is_found(tmp_path: Path) -> None:
+    """The controls hold the arm folded alone, which the pose of the goal does not say."""
+    row = run_task("double_pendulum_pose", 5, tmp_path)
+    assert (row["status"], row["failures"]) == ("converged", [])
+
+
 def impossible(name: str) -> list[int]:
     """Seeds of the first tasks of a class that nothing can solve."""
     return [seed for seed in range(120) if not draw(name, seed, Path()).is_feasible][:3]

@@ -12,7 +12,7 @@ from tests.checker.explicit import ExplicitStep
 from tests.checker.implicit import ImplicitStep
 from tests.checker.system import Array, System
 
-__all__ = ["Witness", "along_geodesic", "along_loops", "rollout"]
+__all__ = ["Witness", "along_bend", "along_geodesic", "along_loops", "rollout"]
 
 _STEPS, _SMALL = 12, 1e-11
 
@@ -53,6 +53,19 @@ def along_geodesic(step: ImplicitStep, q0: Array, q1: Array, steps: int) -> Witn
     delta = system.away(q0, q1)
     speeds = _profile(steps) / step.dt
     vs = speeds[:, None] * delta
+    qs = [q0]
+    for n in range(1, steps + 1):
+        v = (1 - step.tau) * vs[n - 1] + step.tau * vs[n]
+        qs.append(system.step(qs[-1], step.dt * v))
+    return Witness(np.array(qs), vs, _controls(step, np.array(qs), vs))
+
+
+def along_bend(step: ImplicitStep, q0: Array, delta: Array, aside: Array, steps: int) -> Witness:
+    """Rest to rest by SE1 or the midpoint rule: ahead, and aside by so much in the middle."""
+    system, travelled = step.system, _profile(steps)
+    shape = travelled * np.cos(np.pi * np.arange(steps + 1) / steps)
+    shape /= np.cumsum(shape).max()
+    vs = (travelled[:, None] * delta + shape[:, None] * aside) / step.dt
     qs = [q0]
     for n in range(1, steps + 1):
         v = (1 - step.tau) * vs[n - 1] + step.tau * vs[n]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
 
+from tests.checker.clearance import clearance_bounds
 from tests.checker.costs import end_cost, rate_cost, running_cost
 from tests.checker.explicit import ExplicitStep
+from tests.checker.following import follow_bounds, follow_equations, follow_missed
 from tests.checker.frames import bound_values
-from tests.checker.further import Bound, duration_slopes, equations, further_bounds, points_missed
+from tests.checker.further import Bound, equations, further_bounds, length_slopes, points_missed
 from tests.checker.implicit import TAU, ImplicitStep
 from tests.checker.natural import NaturalSteps
 from tests.checker.system import Array, System
@@ -36,6 +38,8 @@ class Motion:
     lam_path: Array = field(default_factory=lambda: np.zeros(0))
     path_names: tuple[str, ...] = ()  # of the columns of lam_path
     duration: float = np.nan
+    dts: Array = field(default_factory=lambda: np.zeros(0))  # of the steps, where lengths are found
+    raised: float = 0.0  # [m] by which margins were raised at most, to be kept between nodes
 
     def claimed(self, name: str, n: int) -> float:
         """Multiplier of a path constraint or rate in step n; 0 where nothing is claimed of that name."""
@@ -52,7 +56,7 @@ class Layout:
     nc: int
     nu: int
     steps: int
-    is_free: bool = False  # whether the last unknown is the duration
+    lengths: int = 0  # of runs of steps, the last unknowns
 
     @property
     def width(self) -> int:
@@ -60,7 +64,7 @@ class Layout:
 
     @property
     def size(self) -> int:
-        return self.width * self.steps + self.is_free
+        return self.width * self.steps + self.lengths
 
     def x(self, n: int) -> slice:
         return slice((n - 1) * self.width, (n - 1) * self.width + self.nx)
@@ -74,9 +78,9 @@ class Layout:
         return slice(at, at + self.nu)
 
     def kinds(self, nv: int) -> Array:
-        """0 for configurations, 1 for speeds, 2 for multipliers, 3 for controls, 4 for the duration."""
+        """0 for configurations, 1 for speeds, 2 for multipliers, 3 for controls, 4 for lengths."""
         one = [0] * nv + [1] * (self.nx - nv) + [2] * self.nc + [3] * self.nu
-        return np.concatenate([np.tile(one, self.steps), [4] * self.is_free])
+        return np.concatenate([np.tile(one, self.steps), [4] * self.lengths])
 
 
 @dataclass(eq=False)
@@ -159,25 +163,27 @@ def _scales(layout: Layout, nv: int, task: Task, speeds: Array, us: Array, lams:
     q = np.minimum(q, moved) if v.size == nv else q
     lam = _largest(lams, 1e-3 * max(float(np.abs(lams).max(initial=0.0)), 1.0)) if layout.nc else np.zeros(0)
     many = np.tile(np.concatenate([q, v, lam, u]), layout.steps)
-    return np.concatenate([many, [task.duration] * layout.is_free])
+    return np.concatenate([many, [task.duration / max(layout.lengths, 1)] * layout.lengths])
 
 
 def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
     """For all schemes in joint coordinates."""
-    step, N = step_of(system, task), task.num_steps
+    N, phases = task.num_steps, task.phases
+    dts = motion.dts if task.stops else np.full(N, task.dt)
+    steps = [step_of(system, replace(task, duration=N * dt)) for dt in dts]
     xs = _states(system, task, motion)
-    is_explicit = isinstance(step, ExplicitStep)
-    is_free = task.duration_range is not None
-    layout = Layout(step.nx, 0 if is_explicit else system.nc, system.nu, N, is_free)
-    by_duration, cost_slope = [np.zeros(0)] * N, 0.0
-    if is_free:
-        lams = [step.multipliers(xs[n - 1], xs[n], motion.us[n - 1]) for n in range(1, N + 1)]
-        by_duration, cost_slope = duration_slopes(system, task, motion, xs, lams, step_of)
+    is_explicit = isinstance(steps[0], ExplicitStep)
+    layout = Layout(steps[0].nx, 0 if is_explicit else system.nc, system.nu, N, len(phases))
     rows, gradient, cost = _Rows(), np.zeros(layout.size), 0.0
+    by_length = [np.zeros(0)] * N
+    for k, phase in enumerate(phases):
+        by_length, slope = length_slopes(system, task, motion, xs, steps, phase, by_length, step_of)
+        gradient[layout.size - len(phases) + k] = slope
     lams, violations, sizes, constraint = [], [], [], 0.0
     nv = system.nv
+    of_step = {n: layout.size - len(phases) + k for k, phase in enumerate(phases) for n in phase}
     for n in range(1, N + 1):
-        x0, x1, u = xs[n - 1], xs[n], motion.us[n - 1]
+        x0, x1, u, step, dt = xs[n - 1], xs[n], motion.us[n - 1], steps[n - 1], float(dts[n - 1])
         lam = step.multipliers(x0, x1, u)
         lams.append(lam)
         at = step.linearise(x0, x1, lam, u)
@@ -186,16 +192,16 @@ def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
         parts = [(layout.x(n), at.after), (layout.u(n), at.u)]
         parts += [(layout.x(n - 1), at.before)] if n > 1 else []
         parts += [(layout.lam(n), at.lam)] if layout.nc else []
-        parts += [(slice(layout.size - 1, layout.size), by_duration[n - 1][:, None])] if is_free else []
+        parts += [(slice(of_step[n], of_step[n] + 1), by_length[n - 1][:, None])] if phases else []
         rows.add(*parts)
         q, v = step.point(x0, x1, u)
         value, d_x, d_u = running_cost(system, task, q, v, u)
         before, after, by_u = step.point_maps(x0, x1, u)
-        cost += task.dt * value
-        gradient[layout.x(n)] += task.dt * after.T @ d_x
-        gradient[layout.u(n)] += task.dt * (d_u + by_u.T @ d_x)
+        cost += dt * value
+        gradient[layout.x(n)] += dt * after.T @ d_x
+        gradient[layout.u(n)] += dt * (d_u + by_u.T @ d_x)
         if n > 1:
-            gradient[layout.x(n - 1)] += task.dt * before.T @ d_x
+            gradient[layout.x(n - 1)] += dt * before.T @ d_x
     if system.num_rows and not is_explicit:  # explicit schemes project accelerations, and drift
         constraint = max(float(np.abs(system.closure(q)[0]).max()) for q in motion.qs)
     cost += _more_costs(system, task, motion, layout, gradient, is_explicit=is_explicit)
@@ -204,10 +210,14 @@ def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
         rows.add((layout.x(N), end_rows))
     for node, block in equations(system, task, motion):
         rows.add((layout.x(node), block))
-    end = max(end, points_missed(system, task, motion))
-    if is_free:
-        gradient[-1] = cost_slope
+    for node, block in follow_equations(system, task, motion):
+        rows.add((layout.x(node), block))
+    end = max(end, points_missed(system, task, motion), follow_missed(system, task, motion))
+    if task.duration_range is not None:
         cost += task.time * task.duration
+    elif phases:
+        rows.add((slice(layout.size - len(phases), layout.size), np.ones((1, len(phases)))))
+        end = max(end, abs(float(dts.sum()) / task.duration - 1.0))
     all_rows, all_sizes = np.array(violations), np.array(sizes)
     relative = np.abs(all_rows) / _block_sizes(all_sizes, nv, layout)
     return Conditions(
@@ -218,7 +228,12 @@ def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
         residual=float(relative.max()),
         constraint=constraint,
         end=end,
-        bounds=[*_bounds(system, task, motion, layout, xs), *further_bounds(system, task, motion, layout)],
+        bounds=[
+            *_bounds(system, task, motion, layout, xs),
+            *further_bounds(system, task, motion, layout),
+            *clearance_bounds(system, task, motion, layout),
+            *follow_bounds(system, task, motion, layout),
+        ],
         kinds=layout.kinds(nv),
         scales=_scales(layout, nv, task, xs[:, system.nq :], motion.us, np.array(lams)),
     )

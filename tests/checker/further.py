@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,12 +17,15 @@ from tests.checker.task import Point, Task
 if TYPE_CHECKING:
     from tests.checker.conditions import Layout, Motion
 
-__all__ = ["Bound", "duration_slopes", "equations", "further_bounds", "points_missed"]
+__all__ = ["Bound", "equations", "further_bounds", "length_slopes", "points_missed"]
+
+
+_SHORTEST = 1e-3  # of the mean length of steps, at the least duration: those of a run are no shorter
 
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """One side of one inequality at one place: value <= 0, with its gradient and the claimed multiplier."""
+    """One side of one inequality at one place: value <= 0, its gradient, its multiplier (NaN: not told)."""
 
     name: str
     value: float
@@ -83,11 +86,28 @@ def further_bounds(system: System, task: Task, motion: Motion, layout: Layout) -
         if point.node == task.num_steps:
             yield from _tolerances(system, point, motion, layout, "goal: ")
     yield from _rates(system, task, motion, layout)
+    yield from _times(task, motion, layout)
+
+
+def _times(task: Task, motion: Motion, layout: Layout) -> Iterator[Bound]:
+    """Bounds of times that are found, and of the lengths between them."""
+    phases = len(task.phases)
+    lengths = layout.size - phases + np.arange(phases)
     if task.duration_range is not None:
         lower, upper = task.duration_range
-        column, T = np.array([layout.size - 1]), task.duration
-        yield Bound("duration", T - upper, upper, column, np.ones(1), 0.0)
-        yield Bound("duration", lower - T, upper, column, -np.ones(1), 0.0)
+        yield Bound("duration", task.duration - upper, upper, lengths, np.ones(phases), np.nan)
+        yield Bound("duration", lower - task.duration, upper, lengths, -np.ones(phases), np.nan)
+    least = task.duration if task.duration_range is None else task.duration_range[0]
+    for k, phase in enumerate(task.phases if task.stops else ()):
+        length = float(motion.dts[phase.start - 1 : phase.stop - 1].sum())
+        shortest = _SHORTEST * least / task.num_steps * len(phase)
+        yield Bound(f"length {k}", shortest - length, least, lengths[k : k + 1], -np.ones(1), np.nan)
+    for k, stop in enumerate(task.stops, start=1):
+        time = float(motion.dts[: stop.node].sum())
+        if np.isfinite(stop.latest):
+            yield Bound(f"time {k}", time - stop.latest, stop.latest, lengths[:k], np.ones(k), np.nan)
+        if stop.earliest > 0.0:
+            yield Bound(f"time {k}", stop.earliest - time, stop.earliest, lengths[:k], -np.ones(k), np.nan)
 
 
 def _tolerances(system: System, point: Point, motion: Motion, layout: Layout, prefix: str) -> Iterator[Bound]:
@@ -186,35 +206,48 @@ def _two_sided(
         yield Bound(name, lower - value, scale, columns, -slope, max(-claimed, 0.0))
 
 
-# A duration that is found
+# Lengths that are found
 
 
-def duration_slopes(
-    system: System, task: Task, motion: Motion, xs: Array, lams: list[Array], step_of: object
+def length_slopes(
+    system: System,
+    task: Task,
+    motion: Motion,
+    xs: Array,
+    steps: list[Any],
+    phase: range,
+    known: list[Array],
+    step_of: Any,
 ) -> tuple[list[Array], float]:
-    """Derivatives of the steps' rows and of the cost in the duration, by differences of the whole step."""
-    T = task.duration
+    """Derivatives of the rows of a run of steps, and of the cost, in its length, by differences of steps.
 
-    def at(change: Array) -> tuple[object, Task]:
-        other = replace(task, duration=T * (1.0 + float(change[0])))
-        return step_of(system, other), other  # type: ignore[operator]
+    `known` has those of the rows of other runs, which stay.
+    """
+    T = len(phase) * float(steps[phase.start - 1].dt)
+
+    def at(change: Array) -> tuple[Any, Task]:
+        dt = T / len(phase) * (1.0 + float(change[0]))
+        other = replace(task, duration=dt * task.num_steps)
+        return step_of(system, other), other
+
+    lams = {n: steps[n - 1].multipliers(xs[n - 1], xs[n], motion.us[n - 1]) for n in phase}
 
     def rows_of(n: int) -> Array:
         def rows(change: Array) -> Array:
             step, _ = at(change)
-            return np.asarray(step.rows(xs[n - 1], xs[n], lams[n - 1], motion.us[n - 1])[0])  # type: ignore[attr-defined]
+            return np.asarray(step.rows(xs[n - 1], xs[n], lams[n], motion.us[n - 1])[0])
 
         return derivative(rows, 1)[:, 0] / T
 
     def cost(change: Array) -> Array:
         step, other = at(change)
-        total = task.time * other.duration
-        for n in range(1, task.num_steps + 1):
-            q, v = step.point(xs[n - 1], xs[n], motion.us[n - 1])  # type: ignore[attr-defined]
-            total += other.dt * running_cost(system, task, q, v, motion.us[n - 1])[0]
-        if task.control_rate.any():
+        total = task.time * step.dt * len(phase)
+        for n in phase:
+            q, v = step.point(xs[n - 1], xs[n], motion.us[n - 1])
+            total += step.dt * running_cost(system, task, q, v, motion.us[n - 1])[0]
+        if task.control_rate.any():  # of tasks with one run alone
             total += rate_cost(other, motion.us)[0]
         return np.array([total])
 
-    slopes = [rows_of(n) for n in range(1, task.num_steps + 1)]
+    slopes = [rows_of(n) if n in phase else known[n - 1] for n in range(1, task.num_steps + 1)]
     return slopes, float(derivative(cost, 1)[0, 0]) / T

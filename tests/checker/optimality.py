@@ -117,16 +117,21 @@ def _own(K: sparse.csr_matrix, g: Array, c: Conditions, active: list[Bound]) -> 
 
 
 def _claimed(K: sparse.csr_matrix, g: Array, c: Conditions) -> Stationarity:
+    """The multipliers that are claimed; touched limits of which nothing is known have those that fit best."""
     bounds = [b for b in c.bounds if b.claimed > 0.0]
+    unknown = [b for b in c.bounds if np.isnan(b.claimed) and b.value > -_TOUCHED * b.scale]
     A = _matrix(bounds, g.size, c.scales)
     lam = np.array([b.claimed for b in bounds])
     pushed = g + A.T @ lam if bounds else g
-    projection = _Projection(K)
+    projection = _Projection(sparse.vstack([K, _matrix(unknown, g.size, c.scales)], format="csr"))
     left, y = projection(pushed)
     matrix = sparse.vstack([projection.K, A], format="csr")
-    relative = _relative(left, matrix, np.concatenate([y, lam]), g, c.kinds)
+    every = np.concatenate([y, lam])
+    relative = _relative(left, matrix, every, g, c.kinds)
+    worst = float(-y[K.shape[0] :].min(initial=0.0)) / max(_size(matrix, every, g), 1e-300)
     slack = sum(b.claimed * max(-b.value, 0.0) for b in bounds)
-    return Stationarity(relative, slack / max(abs(c.cost), 1e-300), "claimed", len(bounds))
+    found = max(relative, worst)
+    return Stationarity(found, slack / max(abs(c.cost), 1e-300), "claimed", len(bounds) + len(unknown))
 
 
 def _size(K: sparse.csr_matrix, y: Array, g: Array) -> float:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
 from tests.checker.system import Array
 
-__all__ = ["FramePose", "PathBound", "Point", "Task"]
+__all__ = ["Ball", "Followed", "FramePose", "PathBound", "Point", "Shape", "Stop", "Task"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,47 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
+class Ball:
+    """A sphere on a link that is to keep away from shapes."""
+
+    name: str
+    frame: str
+    center: Array
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A sphere (its radius) or a box (its sides) in the world to keep away from, by a margin [m]."""
+
+    name: str
+    kind: str
+    sizes: Array
+    position: Array
+    rotation: Array
+    margin: float
+    smoothing: float
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Points of a path that a frame follows from its first to its last, exactly or in a tube [m]."""
+
+    frame: str
+    points: Array
+    tolerance: float = 0.0
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A node whose time is found, between two times [s]; steps before it are as long as each other."""
+
+    node: int
+    earliest: float = 0.0
+    latest: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
 class Task:
     """An optimal control problem; what is left out (NaN, infinite, zero) does not act.
 
@@ -81,6 +123,10 @@ class Task:
         Lower and upper, in every step.
     duration_range : (float, float) or None
         Bounds of a duration that is found; `time` weighs it.
+    balls, shapes : tuple of Ball, tuple of Shape
+        What keeps away from what.
+    stops : tuple of Stop
+        In the order of their nodes.
     """
 
     scheme: str
@@ -111,6 +157,18 @@ class Task:
     power: Array | None = None
     duration_range: tuple[float, float] | None = None
     time: float = 0.0
+    balls: tuple[Ball, ...] = ()
+    shapes: tuple[Shape, ...] = ()
+    followed: tuple[Followed, ...] = ()
+    stops: tuple[Stop, ...] = ()
+
+    @property
+    def phases(self) -> tuple[range, ...]:
+        """Steps that are as long as each other, by number from 1, of the lengths that are found."""
+        if not self.stops:
+            return (range(1, self.num_steps + 1),) if self.duration_range is not None else ()
+        ends = [0, *(stop.node for stop in self.stops), self.num_steps]
+        return tuple(range(a + 1, b + 1) for a, b in pairwise(ends))
 
     @property
     def dt(self) -> float:
@@ -120,6 +178,8 @@ class Task:
     def is_bounded(self) -> bool:
         limits = (self.u_limits, self.v_limits, self.q_limits)
         further = (self.acceleration, self.jerk, self.effort_rate, self.power, self.duration_range)
-        if self.path or self.points or any(one is not None for one in further):
+        if self.path or self.points or self.shapes or self.followed or self.stops:
+            return True
+        if any(one is not None for one in further):
             return True
         return any(bool(np.isfinite(side).any()) for side in limits)

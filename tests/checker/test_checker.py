@@ -15,10 +15,13 @@ from mbocp.formulation import build
 from tests.campaign.run import motion_of
 from tests.campaign.tasks import Draw, draw
 from tests.checker import Report, check_solution
+from tests.checker.clearance import _clearance, true_distance
 from tests.checker.conditions import Motion, joint_conditions, step_of
 from tests.checker.differences import derivative
+from tests.checker.following import _Along
 from tests.checker.frames import bound_values, pose_values
 from tests.checker.optimality import _Projection
+from tests.checker.task import Ball, Shape
 from tests.integrators.conftest import interpreted_functions
 
 
@@ -62,6 +65,11 @@ def verdict(task: Draw, motion: Motion) -> Report:
         ("double_pendulum_rates", 1),
         ("double_pendulum_free", 0),
         ("double_pendulum_fast", 1),
+        ("double_pendulum_times", 0),
+        ("double_pendulum_stages", 1),
+        ("double_pendulum_follow", 0),
+        ("elastic_pendulum_follow", 1),
+        ("crate", 2),
     ],
 )
 def test_optima_pass(name: str, seed: int, tmp_path: Path) -> None:
@@ -90,6 +98,11 @@ def test_optima_pass(name: str, seed: int, tmp_path: Path) -> None:
         "double_pendulum_pose",
         "double_pendulum_rates",
         "double_pendulum_free",
+        "double_pendulum_times",
+        "double_pendulum_stages",
+        "double_pendulum_follow",
+        "elastic_pendulum_follow",
+        "clutter",
         "ur5_gate",
         "ur5_via",
         "ur5_pose",
@@ -100,6 +113,7 @@ def test_a_feasible_motion_fails_by_not_being_optimal_alone(name: str, tmp_path:
     task = draw(name, 3, tmp_path)
     w = task.witness
     motion = Motion(w.qs, w.vs, w.us, duration=task.task.duration)
+    motion = replace(motion, dts=np.full(task.task.num_steps, task.task.dt))
     motion = replace(motion, cost=joint_conditions(task.loaded.system, task.task, motion).cost)
     assert verdict(task, motion).failures == ("stationarity",)
 
@@ -155,6 +169,8 @@ def test_the_optimum_of_another_cost_is_found(pendulum: Draw) -> None:
         ("double_pendulum_via", "via", "end"),
         ("double_pendulum_via_box", "via", "limits"),
         ("double_pendulum_rates", "limits", "limits"),
+        ("double_pendulum_follow", "path", "limits"),
+        ("crate", "obstacle", "limits"),
     ],
 )
 def test_what_is_asked_and_not_met_is_found(name: str, key: str, found: str, tmp_path: Path) -> None:
@@ -195,6 +211,55 @@ def test_a_duration_that_is_not_the_best_is_found(tmp_path: Path) -> None:
     other = solved(replace(task, tables=given))
     other = replace(other, cost=other.cost + wanted.time * other.duration)
     assert verdict(task, other).failures == ("stationarity",)
+
+
+def test_times_that_are_not_the_best_are_found(tmp_path: Path) -> None:
+    """The optimum for a time that is given; and one whose time is out of its bounds."""
+    task = draw("double_pendulum_times", 0, tmp_path)
+    free = solved(task)
+    assert verdict(task, free).failures == ()
+    (stop,) = task.task.stops
+    time = float(free.dts[: stop.node].sum())
+    late = replace(task.task, stops=(replace(stop, earliest=1.01 * time, latest=np.inf),))
+    assert "limits" in check_solution(task.loaded.system, late, free).failures
+    (via,) = task.tables["via"]
+    given = {**task.tables, "via": [{**via, "time": {"min": 1.1 * time, "max": 1.1 * time}}]}
+    assert verdict(task, solved(replace(task, tables=given))).failures == ("stationarity",)
+
+
+def test_derivatives_of_clearances_and_paths(tmp_path: Path) -> None:
+    """Away from the motion, too; and the rounded distance is near to coal's."""
+    task = draw("clutter", 1, tmp_path)
+    system, wanted = task.loaded.system, task.task
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        q = system.step(task.witness.qs[9], 0.3 * rng.standard_normal(system.nv))
+        for ball in wanted.balls[-3:]:
+            for shape in wanted.shapes:
+
+                def clearance(d: np.ndarray, ball: Ball = ball, shape: Shape = shape) -> np.ndarray:
+                    system.place(system.step(q, d))  # noqa: B023  called before q is another
+                    return np.array([_clearance(system, ball, shape)[0]])
+
+                numeric = derivative(clearance, system.nv)[0]
+                system.place(q)
+                value, slope = _clearance(system, ball, shape)
+                np.testing.assert_allclose(slope, numeric, atol=1e-6)  # curvature: 1/smoothing
+                frame = system.data.oMf[system.model.getFrameId(ball.frame)]
+                near = true_distance(frame.act(np.array(ball.center)), ball.radius, shape)
+                if near > 0.0:
+                    assert abs(value + shape.margin - near) < shape.smoothing
+    followed = draw("double_pendulum_follow", 1, tmp_path)
+    system, (path,) = followed.loaded.system, followed.task.followed
+    qs = followed.witness.qs
+
+    def progress(d: np.ndarray) -> np.ndarray:
+        moved = qs.copy()
+        moved[12] = system.step(qs[12], d)
+        return np.array([_Along(system, path, moved).s[12]])
+
+    numeric = derivative(progress, system.nv)[0]
+    np.testing.assert_allclose(_Along(system, path, qs).slope(12), numeric, atol=1e-7)
 
 
 def limited(task: Draw, largest: float) -> Draw:
