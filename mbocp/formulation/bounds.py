@@ -11,7 +11,7 @@ from mbocp.formulation.progress import pace_bounds
 from mbocp.formulation.step_lengths import length_bounds
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
-from mbocp.problem import PathConstraint, Problem
+from mbocp.problem import ContactBounds, PathConstraint, Problem
 from mbocp.programme import StateBounds
 
 __all__ = ["free_speed_bounds", "path_nodes", "state_bounds"]
@@ -82,6 +82,8 @@ def path_nodes(problem: Problem) -> BoolArray:
     for constraint, holds in zip(problem.inequalities, columns, strict=True):
         if isinstance(constraint, PathConstraint):
             holds[: np.flatnonzero(holds[:, 0])[-1], list(constraint.term.rows_at_end)] = False
+        elif isinstance(constraint, ContactBounds) and constraint.source.acts is not None:
+            holds[~constraint.source.acts] = False
     return np.hstack(columns) if columns else np.ones((N, 0), dtype=np.bool_)
 
 

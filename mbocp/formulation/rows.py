@@ -12,6 +12,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY
 from mbocp.formulation.progress import followed, pace_names
 from mbocp.formulation.reactions import reaction_rows
+from mbocp.formulation.switches import labels_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
@@ -162,7 +163,7 @@ def _limits(
 def _memory(problem: Problem, at: StateLayout, speeds: tuple[Label, ...]) -> list[str]:
     """What the rows of what is remembered are."""
     paths = tuple(Label(constraint.name, "") for constraint in followed(problem))
-    of_constraints = tuple(problem.robot.constraint_labels[i] for i in reaction_rows(problem))
+    of_constraints = tuple(labels_of(problem)[i] for i in reaction_rows(problem))
     labels = {"s": speeds, "u": problem.robot.u_labels, "path": paths, "reaction": of_constraints}
     return [
         f"{_REMEMBERED.get(name, name)} {label.name}"

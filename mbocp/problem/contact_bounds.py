@@ -9,10 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.integrators import SCHEMES
 from mbocp.problem.contact_force import ContactForce
+from mbocp.problem.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.constraints import Constraint, perpendiculars
 from mbocp.robot.loops.wrench import wrench_map
@@ -23,7 +24,7 @@ __all__ = ["ContactBounds", "ForceSource", "contact_bounds", "force_sources"]
 _GRAVITY = 9.81  # [m/s^2] of the size of forces, also where there is none
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ForceSource:
     """A constraint, and which of its rows have a force.
 
@@ -33,12 +34,15 @@ class ForceSource:
     rows : tuple of int
         Those of its rows that are not left out as redundant.
     places : tuple of int
-        Of these rows among all that have forces.
+        Of these rows among all that have forces: those of the robot, then those of what is held.
+    acts : ndarray of bool, shape (N,), optional
+        Steps that take time and in which it acts; None: all.
     """
 
     constraint: Constraint
     rows: tuple[int, ...]
     places: tuple[int, ...]
+    acts: BoolArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,21 +226,41 @@ class ContactBounds:
         return found
 
 
-def force_sources(robot: Robot) -> dict[str, ForceSource]:
-    """What has forces, by name: the constraints of a robot."""
+def force_sources(robot: Robot, table: SwitchTable | None) -> dict[str, ForceSource]:
+    """What has forces, by name: the constraints of a robot, and what is held."""
     found, first = {}, 0
     places = {row: k for k, row in enumerate(robot.kept_rows)}
     for constraint in robot.constraints:
         rows = tuple(i for i in range(len(constraint.rows)) if first + i in places)
-        found[constraint.name] = ForceSource(constraint, rows, tuple(places[first + i] for i in rows))
+        own = tuple(places[first + i] for i in rows)
+        acts = None if table is None else _acts(table, table.own[:, list(own)])
+        found[constraint.name] = ForceSource(constraint, rows, own, acts)
         first += len(constraint.rows)
+    return found if table is None else found | _held(table, robot.nc)
+
+
+def _held(table: SwitchTable, nc: int) -> dict[str, ForceSource]:
+    """What is held, by name; rows that are implied in all of its steps have no force."""
+    found, first = {}, 0
+    for frame in table.held:
+        acting = table.rows[:, first : first + len(frame.rows)]
+        rows = tuple(int(i) for i in np.flatnonzero(acting.any(axis=0)))
+        own = tuple(nc + first + i for i in rows)
+        found[frame.constraint.name] = ForceSource(frame.constraint, rows, own, _acts(table, acting))
+        first += len(frame.rows)
+    return found
+
+
+def _acts(table: SwitchTable, rows: BoolArray) -> BoolArray:
+    """Steps that take time and in which a constraint of these rows acts."""
+    found: BoolArray = rows.any(axis=1) & ~table.is_impact
     return found
 
 
 def contact_bounds(
-    asked: Iterable[ContactForce | ContactBounds], robot: Robot, scheme: str
+    asked: Iterable[ContactForce | ContactBounds], robot: Robot, scheme: str, table: SwitchTable | None
 ) -> tuple[ContactBounds, ...]:
-    """Bounds with what exerts the forces.
+    """Bounds with what exerts the forces; `table`: when constraints act, where that changes.
 
     Raises
     ------
@@ -252,7 +276,7 @@ def contact_bounds(
             f'{contacts[0].key}: scheme = "{scheme}" projects accelerations, and has no forces of '
             f"constraints among its unknowns; take one of integrator.scheme = {solving}"
         )
-    sources, mass = force_sources(robot), float(sum(inertia.mass for inertia in robot.model.inertias))
+    sources, mass = force_sources(robot, table), float(sum(inertia.mass for inertia in robot.model.inertias))
     scale = 2.0 ** round(math.log2(mass * _GRAVITY)) if mass > 0.0 else 1.0
     return tuple(ContactBounds(one, _source(one, robot, sources), scale) for one in contacts)
 

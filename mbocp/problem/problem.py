@@ -224,6 +224,7 @@ class Problem:
         object.__setattr__(self, "q_start", q_start)
         object.__setattr__(self, "v_start", v_start)
         self._take_holds()
+        self._take_contacts()
         nodes = self._take_via()
         goal = completed_goal(
             self.robot,
@@ -428,10 +429,9 @@ class Problem:
         own = (OwnPathConstraint(term, self.robot) for term in terms if term.role == "path")
         path = (constraint for constraint in self.path if isinstance(constraint, PathConstraint))
         asked = (contact for contact in self.path if isinstance(contact, ContactForce | ContactBounds))
-        contacts = contact_bounds(asked, self.robot, self.scheme)
         object.__setattr__(self, "terms", terms)
         allowed = frame_tolerances(self.goal.frames, self.robot)
-        object.__setattr__(self, "path", (*path, *contacts, *own, *allowed))
+        object.__setattr__(self, "path", (*path, *asked, *own, *allowed))
 
     def _take_holds(self) -> None:
         """Find which rows of constraints act in which steps, where that changes."""
@@ -441,6 +441,13 @@ class Problem:
         if self.holds or self.releases or self.impacts:
             own = (self.robot, self.holds, self.releases, self.impacts, self.num_steps)
             object.__setattr__(self, "switches", switch_table(*own, (self.q_start, self.v_start)))
+
+    def _take_contacts(self) -> None:
+        """Find the rows of constraints and holds whose forces are bounded."""
+        asked = [one for one in self.path if isinstance(one, ContactForce | ContactBounds)]
+        found = iter(contact_bounds(asked, self.robot, self.scheme, self.switches))
+        path = (next(found) if isinstance(one, ContactForce | ContactBounds) else one for one in self.path)
+        object.__setattr__(self, "path", tuple(path))
 
     def _take_via(self) -> list[int | None]:
         """Via points in the order of the motion, with configurations; their nodes, as far as known."""

@@ -50,7 +50,8 @@ BODY, FOOT, GRAVITY = 3.0, 0.5, 9.81
 
 def hopper(folder: Path, kind: str = "plane", more: str = "", **words: Any) -> Problem:
     """A body on a leg that pushes along the vertical, from rest up by 0.1 m to rest."""
-    toml = '[actuation]\njoints = ["leg"]\n' + HELD.format(type=kind, more=more)
+    held = HELD.format(type=kind, more=more) if kind else ""
+    toml = '[actuation]\njoints = ["leg"]\n' + held
     path = write(folder, HOPPER, toml)
     given = {"goal": {"q": {"height": 0.1}, "v": 0}, "cost": {"effort": 1e-3}}
     given |= {"duration": 0.2, "steps": 20}

@@ -15,7 +15,8 @@ from mbocp import Solution, solve
 from mbocp.exceptions import MbocpError
 from mbocp.formulation import formulate
 from mbocp.integrators import evaluation_points
-from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.problem import ContactForce, Problem, parse_problem, problem_to_toml
+from mbocp.problem.hold import Hold
 from tests.robot.urdfs import write
 from tests.terms.contacts import BODY, FEET, FOOT, GRAVITY, HOPPER, hopper, on_feet, on_ground, solo
 
@@ -295,3 +296,23 @@ def test_what_is_refused_of_robots_and_schemes(tmp_path: Path) -> None:
         Problem.create(str(path), 0.2, 20, path=on_ground(max=1.0))
     with pytest.raises(MbocpError, match="fbsm_newton"):
         hopper(tmp_path, path=on_ground(min_normal=0.0), solver={"method": "fbsm_newton"})
+
+
+def test_a_jump(tmp_path: Path) -> None:
+    """The ground pushes as long as the foot is held, and not afterwards: then the body falls freely."""
+    goal = {"q": {"height": 0.12, "leg": 0.0}}
+    problem = hopper(tmp_path, "", goal=goal, duration=0.4, cost={"effort": 1e-3})
+    held = Hold(name="stance", frame="foot", kind="plane", spans=((0, 12),))
+    bounds = ContactForce(name="ground force", constraint="stance", min_normal=0.0, max_normal=55.0)
+    problem = replace(problem, holds=(held,), path=(bounds,))
+    solution = solve(problem, check=True)
+    normal = forces(problem, solution)["ground force"][:, 0]
+    assert normal[:12].min() > -1e-6
+    assert normal[:12].max() == pytest.approx(55.0, abs=1e-4)
+    assert not normal[12:].any()
+    body = solution.vs[:, 0]
+    momentum = BODY * body + FOOT * solution.vs.sum(axis=1)
+    assert np.allclose(np.diff(momentum) / problem.dt, normal - (BODY + FOOT) * GRAVITY, rtol=0, atol=1e-8)
+    assert solution.limit_violation < 1e-6
+    with pytest.raises(MbocpError, match=r"no constraint 'stand'.*stance"):
+        replace(problem, path=(replace(bounds, constraint="stand"),))
