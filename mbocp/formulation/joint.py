@@ -9,6 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.switches import breaks_symmetries
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import dual_of_momentum
 from mbocp.mechanics.diagnostics import control_momenta
@@ -89,9 +90,7 @@ def momenta_of_symmetries(
 
     Holds and impacts keep them, since what is held where it is moves along with the robot.
     """
-    table = problem.switches
-    breaks = table is not None and any(frame.breaks_symmetries(problem.robot) for frame in table.held)
-    if problem.robot.drives or problem.inequalities or breaks:
+    if problem.robot.drives or problem.inequalities or breaks_symmetries(problem):
         return np.zeros((len(qs), 0)), ()
     return control_momenta(problem.robot, qs, vs, costates, tracked=weighed_components(problem))
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
@@ -23,6 +23,16 @@ from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.step_lengths import given_lengths, without_lengths
+from mbocp.formulation.switches import (
+    breaks_symmetries,
+    filled_impulses,
+    filled_lengths,
+    impacts_of,
+    repeated,
+    switched_violation,
+    ties_at_end,
+    worse_of,
+)
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
@@ -61,12 +71,13 @@ class NaturalFormulation:
         robot = problem.robot
         mechanics = natural_mechanics(robot)
         joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
-        rows = end_condition_rows(robot, problem.goal).without(without)
+        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem)).without(without)
         signature = signature_of(
             problem, joints, rows, NaturalSteps(problem.scheme), is_flat=True, has_joint_goal=True
         )
         at = signature.state_layout(space.nz, space.nv, space.nv, robot.nu)
-        check_size(problem, signature, at, mechanics.nc)
+        labels = _labels(problem, mechanics)
+        check_size(problem, signature, at, len(labels))
         unbounded = np.full(at.ns, np.inf)
         names = mechanics.coordinate_labels
         pieces = Pieces(
@@ -75,21 +86,21 @@ class NaturalFormulation:
             space=space,
             signature=signature,
             layout=at,
-            num_algebraic=mechanics.nc,
-            groups=mechanics.groups if problem.scheme == "se1" and at.nr == 0 else (),
+            num_algebraic=len(labels),
+            groups=mechanics.groups if _is_structured(problem, at) else (),
             end_rows=rows,
             end=_natural_end(problem, mechanics, rows),
             turning=np.zeros(at.ndx),
             x_start=_start_state(problem, space, at),
             speed_bounds=(-unbounded, unbounded),
-            labels=RowLabels(names, "momentum balance", names, mechanics.constraint_labels),
+            labels=RowLabels(names, "momentum balance", names, labels),
         )
         return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:
         """Name and unit of each holonomic constraint."""
-        return self.space.mechanics.constraint_labels
+        return _labels(self.problem, self.space.mechanics)
 
     @property
     def start_velocity(self) -> Array:
@@ -116,14 +127,16 @@ class NaturalFormulation:
         xs = np.zeros((len(motion.qs), at.nx))
         xs[:, at.z] = self.space.coordinates(motion.qs)
         if self.tau == 1.0:
-            xs[1:, at.s] = np.diff(xs[:, at.z], axis=0) / motion.dts[:, None]
+            lengths = filled_lengths(self.problem, motion.dts)[:, None]
+            xs[1:, at.s] = repeated(np.diff(xs[:, at.z], axis=0) / lengths, impacts_of(self.problem))
         else:
             xs[:, at.s] = self.space.rates(motion.qs, motion.vs)
         xs[0] = programme.x_start
         us = with_paces(self.problem, at, motion.us, motion.qs)
-        ys = _impulses(programme, at, xs, us)  # what is remembered has no part in the balance
-        loops = ys[:, ys.shape[1] - self.problem.robot.nc :]
-        xs = with_memory(self.problem, at, xs, us, loops / motion.dts[:, None])
+        acts = _acting(self.problem, self.space.mechanics)
+        ys = _impulses(programme, at, xs, us, acts)  # what is remembered has no part in the balance
+        loops = ys[:, self.space.mechanics.nc - self.problem.robot.nc :]
+        xs = with_memory(self.problem, at, xs, us, loops / filled_impulses(self.problem, motion.dts))
         return zero_multipliers(programme, xs, ys, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
@@ -133,18 +146,20 @@ class NaturalFormulation:
         return Motion(
             self.space.configurations(zs),
             self.space.velocities(zs, ws),
-            without_lengths(self.layout, iterate.us),
+            repeated(without_lengths(self.layout, iterate.us), impacts_of(self.problem)),
             dts,
         )
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
-        at, dts = self.layout, motion.dts[:, None]
+        at, dts = self.layout, filled_impulses(self.problem, motion.dts)
         states = boundary_duals(self.programme, iterate)
         costates = self.space.costates(iterate.xs[:, at.z], motion.vs, states[:, : at.nw + at.ns])
         return Duals(
             lams=iterate.ys / dts,
-            zetas=iterate.ms[:, at.ndx :] / dts**2,
+            zetas=np.where(
+                _acting(self.problem, self.space.mechanics), iterate.ms[:, at.ndx :] / dts**2, 0.0
+            ),
             states=states,
             costates=costates,
             mus=duals_of_momenta(self.problem, motion.qs, motion.vs, costates),
@@ -152,14 +167,13 @@ class NaturalFormulation:
 
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
         """The mass matrix is constant; the kinematic row's dual is taken at tau, as in joint coordinates."""
-        at, dts, tau = self.layout, motion.dts, self.tau
+        at, dts, tau = self.layout, filled_lengths(self.problem, motion.dts), self.tau
         ws, rows = iterate.xs[:, at.s], iterate.ms
         velocity = tau * ws[1:] + (1.0 - tau) * ws[:-1]
         along = tau * duals.states[:-1, : at.nw] + (1.0 - tau) * rows[:, : at.nw]
         inertial = np.diff(ws, axis=0) / dts[:, None] @ self.space.mechanics.mass_at(iterate.xs[0, at.z])
         values = stage_costs(self.programme, iterate) / dts + np.einsum("ni,ni->n", along, velocity)
-        total: Array = values + np.einsum("ni,ni->n", rows[:, at.ds], inertial)
-        return total
+        return repeated(values + np.einsum("ni,ni->n", rows[:, at.ds], inertial), impacts_of(self.problem))
 
     def control_momenta(
         self, iterate: Iterate, motion: Motion, duals: Duals
@@ -170,7 +184,7 @@ class NaturalFormulation:
         """
         at, robot = self.layout, self.problem.robot
         nodes, tracked = len(iterate.xs), weighed_components(self.problem)
-        if self.problem.inequalities:
+        if self.problem.inequalities or breaks_symmetries(self.problem):
             return np.zeros((nodes, 0)), ()
         mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
         kept = [s for s in find_symmetries(robot) if not s.touches(mask)]
@@ -188,7 +202,14 @@ class NaturalFormulation:
         both = ca.Function("Phi", [z, w], [rows, ca.densify(ca.jtimes(rows, z, w))]).map(len(iterate.xs))
         found = both(iterate.xs[:, at.z].T, iterate.xs[:, at.s].T)
         position, velocity = (np.asarray(values).T for values in found)
-        return worst_violation(position, velocity, [label.name for label in mechanics.constraint_labels])
+        table, names = self.problem.switches, [label.name for label in mechanics.constraint_labels]
+        if table is None:
+            return worst_violation(position, velocity, names)
+        own = mechanics.nc - self.problem.robot.nc
+        acts = np.ones_like(position)
+        acts[1:, own:] = table.own
+        found = worst_violation(position * acts, velocity * acts, names)
+        return worse_of(found, switched_violation(table, motion.qs, motion.vs))
 
     def drifts(self, xs: Array) -> Array:
         """How far bodies are from rigid ones, shape (k,)."""
@@ -200,6 +221,16 @@ class NaturalFormulation:
     def velocity_multipliers(self, multipliers: Array) -> Array:
         """Zeros: bodies have no limits."""
         return np.zeros((len(multipliers), self.problem.robot.nv))
+
+
+def _labels(problem: Problem, mechanics: NaturalMechanics) -> tuple[Label, ...]:
+    """Name and unit of the rows of bodies, joints and loops, and of what is held."""
+    return (*mechanics.constraint_labels, *(problem.switches.labels if problem.switches else ()))
+
+
+def _is_structured(problem: Problem, at: StateLayout) -> bool:
+    """Whether the kernel eliminates bodies one by one; rows that are switched it takes as dense."""
+    return problem.scheme == "se1" and at.nr == 0 and problem.switches is None
 
 
 def _start_state(problem: Problem, space: NaturalSpace, at: StateLayout) -> Array:
@@ -228,8 +259,17 @@ def _natural_end(problem: Problem, mechanics: NaturalMechanics, rows: EndRows) -
     return EndTarget(rows.D_q @ inverse, rows.D_rate @ J.T, momentum)
 
 
-def _impulses(programme: StagewiseProgramme, at: StateLayout, xs: Array, us: Array) -> Array:
-    """Impulses y that leave the least of the momentum rows, by normal equations, shape (N, ny)."""
+def _acting(problem: Problem, mechanics: NaturalMechanics) -> BoolArray:
+    """Which rows act in which step, those of bodies always, shape (N, ny)."""
+    table = problem.switches
+    if table is None:
+        return np.ones((problem.num_steps, mechanics.nc), dtype=np.bool_)
+    bodies = np.ones((problem.num_steps, mechanics.nc - problem.robot.nc), dtype=np.bool_)
+    return np.hstack([bodies, table.own, table.rows])
+
+
+def _impulses(programme: StagewiseProgramme, at: StateLayout, xs: Array, us: Array, acts: BoolArray) -> Array:
+    """Impulses y of the rows that act, by least squares of the momentum rows, shape (N, ny)."""
     N, ny = programme.num_steps, programme.kinds[0].ny
     theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
     step = programme.functions.function("jacobian").map(N)
@@ -241,5 +281,7 @@ def _impulses(programme: StagewiseProgramme, at: StateLayout, xs: Array, us: Arr
     blocks = side_by_side[at.ds][:, columns].tocoo()
     places = (blocks.row + blocks.col // ny * rows.shape[1], blocks.col)  # one below the other
     push = sparse.csc_matrix((-blocks.data, places), shape=(rows.size, N * ny))  # G' of all steps
-    found: Array = spsolve(push.T @ push, push.T @ rows.ravel(), permc_spec="MMD_AT_PLUS_A")
-    return found.reshape(N, ny)
+    push = push[:, acts.ravel()]
+    found = np.zeros((N, ny))
+    found[acts] = spsolve(push.T @ push, push.T @ rows.ravel(), permc_spec="MMD_AT_PLUS_A")
+    return found

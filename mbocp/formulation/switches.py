@@ -13,6 +13,7 @@ from mbocp.robot import Label
 
 __all__ = [
     "acting",
+    "breaks_symmetries",
     "evaluation_times",
     "filled_impulses",
     "filled_lengths",
@@ -25,6 +26,7 @@ __all__ = [
     "switches_of",
     "ties_at_end",
     "with_held",
+    "worse_of",
 ]
 
 
@@ -104,6 +106,19 @@ def acting(problem: Problem, values: Array) -> Array:
     """Values of the rows of all constraints (N, rows), zero where these do not act."""
     table = problem.switches
     return values if table is None else np.where(np.hstack([table.own, table.rows]), values, 0.0)
+
+
+def breaks_symmetries(problem: Problem) -> bool:
+    """Whether what is held tells places or directions of the world apart."""
+    table = problem.switches
+    return table is not None and any(frame.breaks_symmetries(problem.robot) for frame in table.held)
+
+
+def worse_of(one: ConstraintViolation, other: ConstraintViolation) -> ConstraintViolation:
+    """The larger violation of positions, and the larger one of velocities."""
+    place, rate = (max((one, other), key=key) for key in (lambda x: x.position, lambda x: x.velocity))
+    places = (place.position, place.position_name, place.position_node)
+    return ConstraintViolation(*places, rate.velocity, rate.velocity_name, rate.velocity_node)
 
 
 def labels_of(problem: Problem) -> tuple[Label, ...]:

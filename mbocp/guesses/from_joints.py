@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
+from mbocp.formulation.switches import filled_impulses
 from mbocp.guesses.kinds import guess_candidates, plain_guess
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
@@ -35,6 +36,7 @@ def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
     if best is None:
         raise ProblemError("no guess could be made in joint coordinates; give guess.kind")
     motion = stepwise.motion_of(best.iterate)
-    iterate = formulation.iterate_of(motion, best.iterate.ys / motion.dts[:, None])
+    lams = best.iterate.ys / filled_impulses(formulation.problem, motion.dts)
+    iterate = formulation.iterate_of(motion, lams)
     what = "optimum" if best.status is Status.CONVERGED else f"best iterate ({best.status})"
     return iterate, f"{what} in joint coordinates after {taken} iterations, mapped to bodies"

@@ -36,6 +36,8 @@ class CoordinatesData:
         Whether steps may be of a length that is found.
     takes_holds : bool
         Whether constraints may begin and end along the way.
+    lands_softly : bool
+        Whether they may begin without an impact: velocities are those of the joints, not chords of bodies.
     """
 
     needs_constraints: bool
@@ -44,6 +46,7 @@ class CoordinatesData:
     has_robot_multipliers: bool
     takes_free_duration: bool
     takes_holds: bool = False
+    lands_softly: bool = False
 
 
 COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
@@ -55,6 +58,7 @@ COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
             has_robot_multipliers=True,
             takes_free_duration=True,
             takes_holds=True,
+            lands_softly=True,
         ),
         # Far from a solution Newton's method gets on badly with bodies: hence the guess.
         "natural": CoordinatesData(
@@ -63,6 +67,7 @@ COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
             takes_joint_guess=True,
             has_robot_multipliers=False,
             takes_free_duration=False,
+            takes_holds=True,
         ),
     }
 )

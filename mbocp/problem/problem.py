@@ -38,7 +38,7 @@ from mbocp.problem.path import PathConstraint, check_path, spans_found
 from mbocp.problem.phases import Phase, phases_between
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.switches import SwitchTable, switch_table
+from mbocp.problem.switches import SwitchTable, check_impacts, switch_table
 from mbocp.problem.together import check_method, check_weights
 from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
@@ -440,7 +440,10 @@ class Problem:
         check_holds(self)
         if self.holds or self.releases or self.impacts:
             own = (self.robot, self.holds, self.releases, self.impacts, self.num_steps)
-            object.__setattr__(self, "switches", switch_table(*own, (self.q_start, self.v_start)))
+            table = switch_table(*own, (self.q_start, self.v_start))
+            object.__setattr__(self, "switches", table)
+            if not COORDINATES[self.coordinates].lands_softly:
+                check_impacts(table)
 
     def _take_contacts(self) -> None:
         """Find the rows of constraints and holds whose forces are bounded."""

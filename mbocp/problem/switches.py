@@ -16,7 +16,7 @@ from mbocp.mechanisms.held import independent_rows_held
 from mbocp.problem.hold import Hold, Release, holds_in
 from mbocp.robot import Label, Robot
 
-__all__ = ["Begin", "SwitchTable", "switch_table"]
+__all__ = ["Begin", "SwitchTable", "check_impacts", "switch_table"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +142,21 @@ def switch_table(
     found = SwitchTable(robot, held, own, rows, is_impact, begins)
     _check_start(found, *start)
     return found
+
+
+def check_impacts(table: SwitchTable) -> None:
+    """Refuse what begins without an impact, where coordinates have no velocities of joints.
+
+    Raises
+    ------
+    ProblemError
+    """
+    for begin in table.begins:
+        if not table.is_impact[begin.step]:
+            raise ProblemError(
+                f"hold {begin.frame.constraint.name!r}: natural coordinates have no soft landing; let it "
+                'begin with an impact, or take coordinates = "joint"'
+            )
 
 
 def _own_rows(robot: Robot, releases: Sequence[Release], num_steps: int) -> BoolArray:

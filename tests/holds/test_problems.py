@@ -126,7 +126,6 @@ def test_free_durations_leave_impacts_out() -> None:
     [
         ({"scheme": "se2"}, ProblemError, 'se2.*take "se1" | "midpoint"'),
         ({"scheme": "rk4"}, ProblemError, "rk4"),
-        ({"coordinates": "natural"}, ProblemError, "natural"),
         ({"impacts": (11,)}, InvalidValue, "impacts"),
         ({"holds": (Hold(name="a", frame="nowhere", spans=((1, 2),)),)}, Exception, "nowhere"),
         ({"holds": (Hold(name="a", frame="tip", spans=((1, 20),)),)}, InvalidValue, "'a'"),
@@ -173,3 +172,30 @@ def test_a_solution_is_a_guess(tmp_path: Any) -> None:
     guess = replace(problem.guess, kind="solution", path=tmp_path / "held.h5")
     warm = mbocp.solve(replace(problem, guess=guess), check=True)
     assert warm.iterations <= 2
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("make", [pendulum, four_bar])
+def test_bodies_in_natural_coordinates_do_the_same(make: Any, scheme: str) -> None:
+    """To the order of the scheme: velocities are chords there."""
+    problem = make(scheme)
+    bodies = problem.with_(coordinates="natural")
+    found, other = (mbocp.solve(each, check=True) for each in (problem, bodies))
+    assert other.cost == pytest.approx(found.cost, rel=0.02)
+    assert other.constraint_violation < 1e-12
+    table = problem.switches
+    assert table is not None
+    acts = np.hstack([table.own, table.rows])
+    assert not other.lams[:, -acts.shape[1] :][~acts].any()
+
+
+def test_impacts_of_bodies_leap_within_what_holds() -> None:
+    problem = drone().with_(coordinates="natural", v_start=np.zeros(6))
+    s = mbocp.solve(problem, check=True)
+    table = problem.switches
+    assert table is not None
+    for step in problem.impacts:
+        assert np.abs(s.qs[step] - s.qs[step + 1]).max() < 1e-12
+        rate = table.jacobians(s.qs[[step + 1]])[0][table.rows[step]] @ s.vs[step + 1]
+        assert np.abs(rate).max() < 1e-9
+    assert all(found.relative_drift < 1e-12 for found in s.conserved)
