@@ -71,6 +71,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("robot", robot),
         *_carried(solution.robot_spec),
         ("horizon", f"{_duration(solution)} in {_steps(solution)}{_scheme(solution)}"),
+        *_named_phases(solution),
         *_via(solution),
         ("guess", solution.guess_used or "not recorded"),
         *_starts(solution),
@@ -192,6 +193,17 @@ def _via(solution: Solution) -> _Rows:
     return [("via points", ", ".join(times))] if times else []
 
 
+def _named_phases(solution: Solution) -> _Rows:
+    """How long each phase takes, a line each."""
+    times, lines = solution.phase_times, []
+    for phase in solution.named_phases:
+        begins, ends = times[phase.name]
+        free = f", free between {phase.shortest:g} and {phase.longest:g} s," if phase.is_free else ""
+        steps = _count(phase.last - phase.first, "step")
+        lines.append(f"{phase.name}: {ends - begins:.6g} s{free} in {steps}, until {ends:.6g} s")
+    return [("phases", "\n".join(lines))] if lines else []
+
+
 def _scheme(solution: Solution) -> str:
     if not solution.scheme:
         return ""
@@ -272,7 +284,7 @@ def _limits(solution: Solution) -> _Rows:
 
 def _is_bounded(solution: Solution) -> bool:
     bounds = (solution.limits_u, solution.limits_v, solution.limits_q)
-    if solution.path_names or solution.duration_range is not None:
+    if solution.path_names or solution.duration_range is not None or solution.named_phases:
         return True
     return any(bool(np.isfinite(bound).any()) for bound in bounds)
 
@@ -284,6 +296,8 @@ def _touches(limit: ActiveLimit) -> str:
         return f"duration at its {limit.side} bound {limit.bound:.6g} s"
     if limit.kind == "time":
         return f"time of via {limit.name} at its {limit.side} bound {limit.bound:.6g} s"
+    if limit.kind == "phase":
+        return f"duration of phase {limit.name} at its {limit.side} bound {limit.bound:.6g} s"
     if limit.kind == "way":
         return f"way to {limit.name} in the least time that its steps may have, {limit.bound:.3g} s"
     if limit.kind == "path":

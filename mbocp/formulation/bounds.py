@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
@@ -12,9 +14,11 @@ from mbocp.formulation.step_lengths import length_bounds
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import ContactBounds, PathConstraint, Problem
+from mbocp.problem.rates import RateLimit
 from mbocp.programme import StateBounds
+from mbocp.terms import RATE_TERMS
 
-__all__ = ["free_speed_bounds", "path_nodes", "state_bounds"]
+__all__ = ["free_speed_bounds", "path_nodes", "sides_of_path", "state_bounds"]
 
 
 def state_bounds(
@@ -27,36 +31,42 @@ def state_bounds(
 
     Parameters
     ----------
-    speeds : tuple of ndarray, shapes (ns,)
+    speeds : tuple of ndarray, shapes (ns,), (1, ns) or (N, ns)
         Lower and upper bounds of the speeds.
     """
-    limits, N = problem.limits, problem.num_steps
-    lower, upper = np.full(at.nx, -np.inf), np.full(at.nx, np.inf)
+    N, along = problem.num_steps, problem.limits_along()
+    rows = N if problem.has_limits_of_phases or at.nh else 1
+    lower, upper = np.full((rows, at.nx), -np.inf), np.full((rows, at.nx), np.inf)
     for part in space.parts:
         plain = part.at_q.stop - part.at_q.start if part.group.is_vector else 0
         plain = 3 if part.group.nv == 6 else 2 if (part.group.nz, part.group.nv) == (4, 3) else plain
         source = slice(part.at_q.start, part.at_q.start + plain)
         target = slice(part.at_z.start, part.at_z.start + plain)
-        lower[target], upper[target] = limits.q_lower[source], limits.q_upper[source]
-    lower[at.s], upper[at.s] = speeds
+        lower[:, target], upper[:, target] = along["q"][0][:, source], along["q"][1][:, source]
+    lower[:, at.s], upper[:, at.s] = speeds
     free, paces = np.full(at.nh, np.inf), pace_bounds(problem)
     path_lower, path_upper = _path_bounds(problem)
     return StateBounds(
-        x_lower=_of_states(lower, problem, at, ("h_lower", "t_lower")),
-        x_upper=_of_states(upper, problem, at, ("h_upper", "t_upper")),
-        u_lower=StateBounds.everywhere(np.concatenate([limits.u_lower, paces[0], -free]), N),
-        u_upper=StateBounds.everywhere(np.concatenate([limits.u_upper, paces[1], free]), N),
+        x_lower=np.broadcast_to(_of_states(lower, problem, at, ("h_lower", "t_lower")), (N, at.nx)),
+        x_upper=np.broadcast_to(_of_states(upper, problem, at, ("h_upper", "t_upper")), (N, at.nx)),
+        u_lower=_of_controls(along["u"][0], np.concatenate([paces[0], -free]), N),
+        u_upper=_of_controls(along["u"][1], np.concatenate([paces[1], free]), N),
         path_lower=path_lower,
         path_upper=path_upper,
     )
 
 
-def _of_states(row: Array, problem: Problem, at: StateLayout, sides: tuple[str, str]) -> Array:
-    """Bounds at all nodes, shape (N, nx); of lengths at the first nodes of phases, of times at their last."""
-    rows = StateBounds.everywhere(row, problem.num_steps)
+def _of_controls(own: Array, more: Array, num_steps: int) -> Array:
+    """Bounds of the robot's controls, shape (N, nu) or (1, nu), and of more, at all steps."""
+    rows = np.hstack([own, StateBounds.everywhere(more, len(own))])
+    return np.broadcast_to(rows, (num_steps, rows.shape[1]))
+
+
+def _of_states(rows: Array, problem: Problem, at: StateLayout, sides: tuple[str, str]) -> Array:
+    """With bounds of lengths at the first nodes of phases, and of times at their last, shape (N, nx)."""
     if not at.nh:
         return rows
-    rows, bounds = np.array(rows), length_bounds(problem)
+    bounds = length_bounds(problem)
     rows[:, at.h] = getattr(bounds, sides[0])[:, None]
     if at.nt:
         rows[:, at.t] = getattr(bounds, sides[1])[:, None]
@@ -65,14 +75,37 @@ def _of_states(row: Array, problem: Problem, at: StateLayout, sides: tuple[str, 
 
 def _path_bounds(problem: Problem) -> tuple[Array, Array]:
     """Bounds of the path functions, shape (N, nh); infinite at the nodes where a constraint does not hold."""
-    N = problem.num_steps
     sides = [constraint.inner_bounds for constraint in problem.inequalities]
-    lower = np.concatenate([np.zeros(0), *(lower for lower, _ in sides)])
-    upper = np.concatenate([np.zeros(0), *(upper for _, upper in sides)])
+    return _at_nodes(problem, sides, is_inner=True)
+
+
+def sides_of_path(problem: Problem) -> tuple[Array, Array]:
+    """Bounds of the values that people speak of, as of `_path_bounds`."""
+    return _at_nodes(problem, [(c.lower, c.upper) for c in problem.inequalities], is_inner=False)
+
+
+def _at_nodes(
+    problem: Problem, sides: Sequence[tuple[Array, Array]], *, is_inner: bool
+) -> tuple[Array, Array]:
+    N, none = problem.num_steps, np.zeros(0)
+    lower = StateBounds.everywhere(np.concatenate([none, *(lower for lower, _ in sides)]), N)
+    upper = StateBounds.everywhere(np.concatenate([none, *(upper for _, upper in sides)]), N)
     holds = path_nodes(problem)
-    if holds.all():
-        return StateBounds.everywhere(lower, N), StateBounds.everywhere(upper, N)
-    return np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)
+    if not holds.all():
+        lower, upper = np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)
+    if not problem.has_limits_of_phases:
+        return lower, upper
+    lower, upper = np.array(lower), np.array(upper)
+    along, first = problem.limits_along(), 0
+    for constraint in problem.inequalities:
+        columns = slice(first, first + constraint.rows)
+        first += constraint.rows
+        if isinstance(constraint, RateLimit):
+            scale = constraint.scale if is_inner else 1.0
+            low, high = along[RATE_TERMS[constraint.key].letter]
+            lower[:, columns] = low[:, constraint.columns] / scale
+            upper[:, columns] = high[:, constraint.columns] / scale
+    return lower, upper
 
 
 def path_nodes(problem: Problem) -> BoolArray:
@@ -88,23 +121,23 @@ def path_nodes(problem: Problem) -> BoolArray:
 
 
 def free_speed_bounds(problem: Problem) -> tuple[Array, Array]:
-    """Bounds of the speeds where controls may prescribe some of the velocities.
+    """Bounds of the speeds where controls may prescribe some velocities, shapes (N, ns) or (1, ns).
 
     Raises
     ------
     ProblemError
         If a velocity is limited that is no unknown of the programme, because controls prescribe it.
     """
-    robot, limits = problem.robot, problem.limits
-    lower, upper = np.asarray(limits.v_lower), np.asarray(limits.v_upper)
+    robot = problem.robot
+    lower, upper = problem.limits_along()["v"]
     if not robot.drives:
         return lower, upper
     for i in robot.driven:
-        if np.isfinite(lower[i]) or np.isfinite(upper[i]):
+        if np.isfinite(lower[:, i]).any() or np.isfinite(upper[:, i]).any():
             raise ProblemError(
                 f"limits.velocity: {robot.v_labels[i].name!r} is prescribed by a control; limit the control "
                 "(limits.effort), and not its velocity"
             )
     free = [i for i in range(robot.nv) if i not in set(robot.driven)]
-    unbounded = np.full(robot.num_speeds - len(free), np.inf)
-    return np.concatenate([lower[free], -unbounded]), np.concatenate([upper[free], unbounded])
+    unbounded = np.full((len(lower), robot.num_speeds - len(free)), np.inf)
+    return np.hstack([lower[:, free], -unbounded]), np.hstack([upper[:, free], unbounded])

@@ -15,7 +15,7 @@ from mbocp.formulation.easing import eased_terms, easing_weights
 from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.goal import EndRows, EndTarget, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
+from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.pace_terms import ADVANCES
@@ -27,16 +27,18 @@ from mbocp.formulation.parameters import (
     mask,
     parameter_layout,
     path_parameters,
+    share_of,
 )
 from mbocp.formulation.progress import advances
 from mbocp.formulation.remembered import memory_units
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
-from mbocp.formulation.step_lengths import begins_phase, phase_starts
+from mbocp.formulation.step_lengths import begins_phase, given_lengths, phase_starts, spacings
 from mbocp.formulation.steps import Steps
 from mbocp.formulation.switches import (
     evaluation_times,
+    filled_lengths,
     has_step_before,
     switch_numbers,
     switches_of,
@@ -78,7 +80,7 @@ class Pieces:
     turning : ndarray, shape (ndx,)
         See `StageKind`.
     x_start : ndarray, shape (nx,)
-    speed_bounds : tuple of ndarray, shapes (ns,)
+    speed_bounds : tuple of ndarray, shapes (ns,), (1, ns) or (N, ns)
         Lower and upper ones.
     labels : RowLabels
         Names for messages.
@@ -206,7 +208,7 @@ def _easing(problem: Problem, signature: FunctionSignature, layout: ParameterLay
 
 def _control_weight(problem: Problem) -> float:
     """Where the effort costs nothing the rate of the controls does, or limits determine them."""
-    cost = problem.cost
+    cost = problem.heaviest_cost
     weights = np.asarray(cost.effort) + np.asarray(cost.control_rate) / problem.dt**2
     positive = weights[weights > 0.0]
     return problem.dt * (float(positive.min()) if positive.size else 1.0)
@@ -239,12 +241,15 @@ def signature_of(
         See `TerminalCost`.
     """
     goal, nv = problem.goal, problem.robot.nv
-    given = TermNumbers(problem.cost, problem.robot, joints, problem.num_steps, problem.terms)
+    cost, robot = problem.heaviest_cost, problem.robot
+    given = TermNumbers(cost, robot, joints, problem.num_steps, problem.terms)
+    terms = eased_terms(problem, running_terms(given))
+    known = {name for term in terms for name in term.weights}
     return FunctionSignature(
         robot=problem.robot.fingerprint,
         steps=steps,
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
-        cost=eased_terms(problem, running_terms(given)),
+        cost=terms,
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
         path=_structures(problem, _of_joints(joints)),
         ends=(*frame_ends(problem, rows), *own_ends(given), *_acceleration_end(problem)),
@@ -253,6 +258,8 @@ def signature_of(
         has_free_lengths=problem.has_free_lengths,
         has_clock=len(problem.phases) > 1,
         switches=switches_of(problem),
+        has_unequal_lengths=problem.has_unequal_lengths,
+        varying=tuple(name for name in problem.weight_shares if name in known),
     )
 
 
@@ -280,7 +287,8 @@ def _of_joints(joints: ConfigurationSpace) -> str:
 def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, Array]:
     problem, space, joints, end = pieces.problem, pieces.space, pieces.joints, pieces.end
     goal, robot, N, rates = problem.goal, problem.robot, problem.num_steps, problem.stabilisation
-    given = TermNumbers(problem.cost, robot, joints, N, problem.terms)
+    given = TermNumbers(problem.heaviest_cost, robot, joints, N, problem.terms)
+    lengths = filled_lengths(problem, given_lengths(problem))
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "force": np.ones(1),
@@ -293,6 +301,9 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
         BEGINS_PHASE: begins_phase(N, phase_starts(problem))[:, None],
         TIME: evaluation_times(problem, pieces.signature.steps.tau)[:, None],
         **switch_numbers(problem),
+        STRETCH: (lengths / problem.dt)[:, None],
+        SPACING: (spacings(lengths) / problem.dt)[:, None],
+        **{share_of(name): shares for name, shares in problem.weight_shares.items()},
     }
     for term in pieces.signature.cost:
         named |= term.numbers(given)

@@ -90,7 +90,7 @@ class ImplicitFormulation:
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
             turning=turning_factors(robot.model, space, at),
             x_start=np.concatenate(start),
-            speed_bounds=(np.asarray(problem.limits.v_lower), np.asarray(problem.limits.v_upper)),
+            speed_bounds=problem.limits_along()["v"],
             labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels),
         )
         return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)

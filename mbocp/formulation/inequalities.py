@@ -8,7 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
-from mbocp.formulation.bounds import path_nodes
+from mbocp.formulation.bounds import sides_of_path
 from mbocp.formulation.progress import progress_along
 from mbocp.formulation.reactions import reactions_along
 from mbocp.formulation.step_lengths import without_lengths
@@ -59,18 +59,13 @@ def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
 
 
 def _violation(problem: Problem, motion: Motion, path: Array) -> float:
-    limits, qs, vs, us = problem.limits, motion.qs, motion.vs, motion.us
-    pairs = [
-        (us, limits.u_lower, limits.u_upper),
-        (qs[1:], limits.q_lower, limits.q_upper),
-        (vs[1:], limits.v_lower, limits.v_upper),
-    ]
+    limits, qs, vs, us = problem.limits_along(), motion.qs, motion.vs, motion.us
+    pairs = [(us, *limits["u"]), (qs[1:], *limits["q"]), (vs[1:], *limits["v"])]
     if problem.inequalities:
-        lower = np.concatenate([p.lower for p in problem.inequalities])
-        upper = np.concatenate([p.upper for p in problem.inequalities])
-        holds = path_nodes(problem)
-        pairs.append((path, np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)))
+        pairs.append((path, *sides_of_path(problem)))
     for phase in problem.phases:
+        taken = motion.dts[phase.first : phase.last].sum(keepdims=True)
+        pairs.append((taken, np.array([phase.shortest]), np.array([phase.longest])))
         earliest, latest = np.array([phase.earliest]), np.array([phase.latest])
         pairs.append((motion.dts[: phase.last].sum(keepdims=True), earliest, latest))
     worst = [float(np.max([lower - values, values - upper], initial=0.0)) for values, lower, upper in pairs]

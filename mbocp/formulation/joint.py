@@ -99,12 +99,12 @@ def weighed_components(problem: Problem) -> Array | None:
     """Components of (q, p) that the running cost looks at; one on velocities counts as one on momenta."""
     robot, nv = problem.robot, problem.robot.nv
     given = TermNumbers(
-        problem.cost, robot, ConfigurationSpace(robot.model), problem.num_steps, problem.terms
+        problem.heaviest_cost, robot, ConfigurationSpace(robot.model), problem.num_steps, problem.terms
     )
     weights = np.zeros(2 * nv)
     for term in running_terms(given):
         weights += term.touches(given)
-    limits = problem.limits
+    limits = problem.widest_limits
     for side in (limits.v_lower, limits.v_upper):
         weights[nv:] += np.isfinite(side)
     bounded = np.isfinite(limits.q_lower) | np.isfinite(limits.q_upper)

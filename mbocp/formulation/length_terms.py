@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import casadi as ca
 
-__all__ = ["BEGINS_PHASE", "STEP_SHARE", "idle_cost", "spacing"]
+__all__ = ["BEGINS_PHASE", "SPACING", "STEP_SHARE", "STRETCH", "idle_cost", "spacing"]
 
 BEGINS_PHASE = "begins_phase"  # the stage parameter e
+STRETCH, SPACING = "stretch", "spacing"  # of given steps that differ: length, and way between middles
 STEP_SHARE = "step_share"  # the parameter 1/N
 
 

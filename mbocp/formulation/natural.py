@@ -238,7 +238,8 @@ def _start_state(problem: Problem, space: NaturalSpace, at: StateLayout) -> Arra
     z = space.coordinates(q[None])[0]
     w = space.rates(q[None], v[None])[0]
     if TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
-        w = (space.coordinates(problem.robot.integrate(q, problem.dt * v)[None])[0] - z) / problem.dt
+        dt = given_lengths(problem)[0]
+        w = (space.coordinates(problem.robot.integrate(q, dt * v)[None])[0] - z) / dt
     return np.concatenate([z, w, np.zeros(at.nr)])
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
-from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
+from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
 from mbocp.formulation.pace_terms import ADVANCES
 from mbocp.formulation.signature import FunctionSignature
@@ -25,6 +25,7 @@ __all__ = [
     "parameter_layout",
     "path_parameters",
     "pieces",
+    "share_of",
 ]
 
 S = TypeVar("S", ca.SX, ca.MX)
@@ -64,6 +65,10 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         stage[HAS_BEFORE] = 1
     if signature.uses_time and not signature.has_clock:
         stage[TIME] = 1
+    if signature.has_unequal_lengths:
+        stage |= {STRETCH: 1, SPACING: 1}
+    for name in signature.varying:
+        stage[share_of(name)] = theta[name]
     if signature.num_paths:
         stage[ADVANCES] = signature.num_paths
     if signature.has_free_lengths:
@@ -84,6 +89,11 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         _add(terminal, end.parameters())
         weights.update(end.weights)
     return ParameterLayout(theta, stage, terminal, frozenset(weights))
+
+
+def share_of(name: str) -> str:
+    """Name of the share of a weight that counts in a step."""
+    return f"{name}.share"
 
 
 def path_parameters(k: int, name: str) -> str:

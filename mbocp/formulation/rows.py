@@ -33,7 +33,7 @@ _REMEMBERED = {
 
 @dataclass(frozen=True)
 class _Times:
-    """When steps and the end are; a free duration has no times before it is found."""
+    """When steps and the end are; free lengths have no times before they are found, others are numbered."""
 
     num_steps: int
     dt: float | None
@@ -119,7 +119,7 @@ def row_describer(
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
     for row in acceleration_rows(robot, problem.goal) if problem.goal.a_active.any() else ():
         of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
-    is_free = problem.has_free_lengths or bool(problem.impacts)
+    is_free = problem.has_free_lengths or problem.has_unequal_lengths or bool(problem.impacts)
     times = _Times(
         problem.num_steps,
         dt=None if is_free else problem.dt,

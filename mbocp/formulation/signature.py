@@ -65,6 +65,10 @@ class FunctionSignature:
         Whether they hold the time, too, as they do where there are several lengths.
     switches : Switches
         Constraints that begin and end along the way, and impacts.
+    has_unequal_lengths : bool
+        Whether lengths of steps are given, and differ: each step takes its own as a parameter.
+    varying : tuple of str
+        Weights that differ from step to step: each step takes its share of them as a parameter.
     """
 
     robot: str
@@ -82,6 +86,8 @@ class FunctionSignature:
     has_free_lengths: bool = False
     has_clock: bool = False
     switches: Switches = NO_SWITCHES
+    has_unequal_lengths: bool = False
+    varying: tuple[str, ...] = ()
 
     @property
     def couples_steps(self) -> bool:
@@ -139,6 +145,8 @@ class FunctionSignature:
                 **({"switches": self.switches.signature} if self.switches else {}),
                 "cost": [term.signature for term in self.cost],
                 "path": [term.signature for term in self.path],
+                **({"has_unequal_lengths": True} if self.has_unequal_lengths else {}),
+                **({"varying": self.varying} if self.varying else {}),
             }
         )
 

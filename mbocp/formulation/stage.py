@@ -29,7 +29,7 @@ from functools import partial
 import casadi as ca
 
 from mbocp.formulation.layout import StateSpace
-from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE, idle_cost, spacing
+from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH, idle_cost, spacing
 from mbocp.formulation.memory import HAS_BEFORE
 from mbocp.formulation.pace_terms import ADVANCES, resting_cost
 from mbocp.formulation.parameters import (
@@ -37,6 +37,7 @@ from mbocp.formulation.parameters import (
     Sizes,
     parameter_layout,
     pieces,
+    share_of,
 )
 from mbocp.formulation.path import build_path
 from mbocp.formulation.reaction_terms import reaction_places
@@ -88,13 +89,16 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         at0, at1 = space.retract(x0, d0), space.retract(x1, d1)
     u, w, paces = (ca.SX.sym(n, k) for n, k in (("u", mechanics.nu), ("w", at.nh), ("paces", at.num_paces)))
     given = {**pieces(theta, layout.theta), **pieces(rho, layout.stage)}
+    given |= {name: given[name] * given[share_of(name)] for name in signature.varying}
     num_drives = len(mechanics.robot.drives)  # at the end of u; what they prescribe is no force
     units_of_u = ca.vertcat(ca.repmat(given["force"], mechanics.nu - num_drives), ca.SX.ones(num_drives))
     # As a linear row of the step makes it equal to h1 it could be that, but explicit steps know h0 alone.
     stretched = at0[at.h] + given[BEGINS_PHASE] * w if at.nh else ca.SX(1)
-    dt, moment = stretched * given["dt"], given.get(TIME)
+    moment = given.get(TIME)
     moment = None if moment is None else stretched * moment
-    between = dt
+    stretched = given.get(STRETCH, stretched)
+    dt = stretched * given["dt"]
+    between = given[SPACING] * given["dt"] if signature.has_unequal_lengths else dt
     if at.nt:
         moment = at0[at.t] * given["dt"] / given[STEP_SHARE] + signature.steps.tau * dt
         between = spacing(at0[at.h], stretched, given.get(HAS_BEFORE, ca.SX(1))) * given["dt"]

@@ -9,6 +9,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
 from mbocp.integrators import TAU
 from mbocp.problem import Problem
+from mbocp.problem.phases import step_lengths
 from mbocp.robot import Robot
 
 __all__ = ["consistent_velocity"]
@@ -43,7 +44,7 @@ def consistent_velocity(problem: Problem) -> Array:
                 f"{robot.name!r} and the length of a step, which horizon.duration or via.time leaves free; "
                 "take scheme se1 or midpoint, or start at rest"
             )
-        return _discrete_velocity(robot, q, v, problem.dt)
+        return _discrete_velocity(robot, q, v, float(step_lengths(problem)[0]))
     return v
 
 

@@ -14,7 +14,7 @@ Where there are several phases the state has a clock, too, the time in units of 
 .. math:: \theta_{k+1} = \theta_k + (h_k + e_k w_k) / N, \qquad \theta_0 = 0,
 
 and times at the ends of phases have bounds. Equal ones give a time: that of the end, where the duration is
-given.
+given. Where all lengths are given and differ, they are parameters of the stages, and states hold none.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ __all__ = [
     "lengths_of_states",
     "phase_starts",
     "solved_lengths",
+    "spacings",
     "start_of_lengths",
     "with_lengths",
     "without_lengths",
@@ -94,6 +95,11 @@ def length_bounds(problem: Problem) -> LengthBounds:
 def given_lengths(problem: Problem) -> Array:
     """Step lengths [s] of a problem, or their guess, shape (N,)."""
     return step_lengths(problem)
+
+
+def spacings(lengths: Array) -> Array:
+    """From the middle of the step before to that of each step [s], shape (N,); of the first its length."""
+    return np.append(lengths[:1], (lengths[:-1] + lengths[1:]) / 2.0)
 
 
 def solved_lengths(problem: Problem, at: StateLayout, iterate: Iterate) -> Array:

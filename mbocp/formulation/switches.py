@@ -8,6 +8,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.switch_terms import ACTIVE, IS_IMPACT, NO_SWITCHES, Switches
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
 from mbocp.problem import Problem
+from mbocp.problem.phases import node_times, step_lengths
 from mbocp.problem.switches import SwitchTable
 from mbocp.robot import Label
 
@@ -65,7 +66,9 @@ def has_step_before(problem: Problem) -> Array:
 
 
 def evaluation_times(problem: Problem, tau: float) -> Array:
-    """Times at which steps as long as each other are evaluated [s], shape (N,)."""
+    """Times at which steps are evaluated [s], or the guess of them, shape (N,)."""
+    if problem.has_unequal_lengths:
+        return node_times(problem)[:-1] + tau * step_lengths(problem)
     goes = (~impacts_of(problem)).astype(np.float64)
     found: Array = problem.dt * (np.cumsum(goes) - goes + tau * goes)
     return found

@@ -13,6 +13,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities
 from mbocp.formulation.joint import momenta_of
 from mbocp.problem import Problem
+from mbocp.problem.phases import node_times
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 
@@ -100,7 +101,7 @@ def _times(problem: Problem, dts: Array) -> Array:
         ):
             times[-1] = problem.duration
         return times
-    return np.arange(problem.num_steps + 1, dtype=np.float64) * problem.dt
+    return node_times(problem)
 
 
 def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:

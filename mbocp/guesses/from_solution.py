@@ -15,6 +15,7 @@ from mbocp.formulation.switches import filled_impulses
 from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.named_phase import phase_nodes
 from mbocp.problem.phases import node_times
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.solution import Solution
@@ -78,18 +79,27 @@ def _nodes_of(problem: Problem, saved: Solution) -> Array:
     numbers, times = np.arange(saved.num_steps + 1.0), saved.t - saved.t[0]
     if problem.impacts and saved.num_steps == problem.num_steps:  # nodes of an impact have one time
         return numbers
-    phases = problem.phases if len(problem.phases) > 1 else ()
+    phases = _phases_of(problem)
     wanted = node_times(problem) * (times[-1] / node_times(problem)[-1])
-    passed, before = saved.via_times, 0.0
-    for i, phase in enumerate(phases):
+    ends = {name: end for name, (_, end) in saved.phase_times.items()}
+    passed, before = {**saved.via_times, **ends}, 0.0
+    for i, (name, first, last) in enumerate(phases):
         is_last = i == len(phases) - 1
-        at = times[-1] if is_last else passed.get(phase.name, wanted[phase.last])
+        at = times[-1] if is_last else passed.get(name, wanted[last])
         if not before < at <= times[-1]:
-            at = before + (times[-1] - before) * phase.num_steps / (len(wanted) - 1 - phase.first)
-        wanted[phase.first : phase.last + 1] = np.linspace(before, at, phase.num_steps + 1)
+            at = before + (times[-1] - before) * (last - first) / (len(wanted) - 1 - first)
+        wanted[first : last + 1] = np.linspace(before, at, last - first + 1)
         before = at
     found: Array = np.interp(wanted, times, numbers)
     return np.where(np.abs(found - found.round()) < _ON_NODE, found.round(), found)
+
+
+def _phases_of(problem: Problem) -> tuple[tuple[str, int, int], ...]:
+    """Name, first and last node of each phase, where there are several."""
+    if problem.phase:
+        return tuple((name, *nodes) for name, nodes in phase_nodes(problem.phase).items())
+    runs = problem.phases if len(problem.phases) > 1 else ()
+    return tuple((run.name, run.first, run.last) for run in runs)
 
 
 def _bound_multipliers(

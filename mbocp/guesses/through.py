@@ -98,7 +98,7 @@ def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> L
 
 def guessed_times(problem: Problem) -> Array:
     """Times of the nodes in mean steps, shape (N + 1,): their numbers, where all steps are equal."""
-    if len(problem.phases) < 2 and not problem.impacts:
+    if len(problem.phases) < 2 and not (problem.has_unequal_lengths or problem.impacts):
         return np.arange(problem.num_steps + 1.0)
     times: Array = node_times(problem) / problem.dt
     times[-1] = problem.num_timed_steps

@@ -107,8 +107,8 @@ def check_coordinates(
         return  # the same as joint coordinates
     if is_free and not data.takes_free_duration:
         raise ProblemError(
-            "horizon.duration: natural coordinates take steps of a given length; give a number, or take "
-            'coordinates = "joint"'
+            "horizon.duration, or that of a phase: natural coordinates take steps of a given length; give a "
+            'number, or take coordinates = "joint"'
         )
     for point in via:
         if point.is_free and not data.takes_free_duration:

@@ -13,7 +13,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, sugg
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
 from mbocp.terms import COST_TERMS, Weighted
 
-__all__ = ["Cost", "further_terms"]
+__all__ = ["Cost", "further_terms", "weights_by_key"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,6 +103,14 @@ class Cost:
             return getattr(self, key)
         return self.further.get(key, 0.0)
 
+    def with_weights(self, weights: Mapping[str, Any]) -> Cost:
+        """The same with other weights, by their key in `[cost]`."""
+        own = {key: value for key, value in weights.items() if key in self.__dataclass_fields__}
+        more = {key: value for key, value in weights.items() if key not in own}
+        if "potential" in own:
+            own["potential"] = float(own["potential"])
+        return replace(self, **own, further={**self.further, **more}) if weights else self
+
     def check_dimensions(self, nq: int, nv: int, num_steps: int) -> None:
         """Refuse arrays that do not fit a robot with `nq`, `nv` and a horizon of `num_steps`."""
         for key in ("tracking_weights", "terminal_weights"):
@@ -168,6 +176,11 @@ def further_terms() -> dict[str, type[Weighted]]:
         for term in COST_TERMS
         if issubclass(term, Weighted) and term.key not in Cost.__dataclass_fields__
     }
+
+
+def weights_by_key() -> dict[str, type[Weighted]]:
+    """All terms that have nothing but weights, by their key in `[cost]`."""
+    return {term.key: term for term in COST_TERMS if issubclass(term, Weighted)}
 
 
 def _checked(further: Mapping[str, Any]) -> dict[str, Array]:

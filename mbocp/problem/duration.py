@@ -18,7 +18,7 @@ _SMALLEST = 1e-12  # [s] squares of much shorter steps underflow
 _WIDEST = 1e6  # ratio of the bounds: steps that differ more have nothing in common
 
 
-def check_duration(duration: Any, bounds: Any) -> tuple[float, tuple[float, float] | None]:
+def check_duration(duration: Any, bounds: Any, key: str = _KEY) -> tuple[float, tuple[float, float] | None]:
     """Duration, the guess of a free one, and the bounds of a free one [s], checked.
 
     Raises
@@ -27,15 +27,15 @@ def check_duration(duration: Any, bounds: Any) -> tuple[float, tuple[float, floa
         If one is not positive, too small or too large, or they are not in order.
     """
     if bounds is None:
-        return _checked(_KEY, duration), None
-    lower, upper = (_checked(f"{_KEY}.{key}", side) for key, side in zip(KEYS, bounds, strict=False))
+        return _checked(key, duration), None
+    lower, upper = (_checked(f"{key}.{word}", side) for word, side in zip(KEYS, bounds, strict=False))
     if not lower < upper <= _WIDEST * lower:
         expected = f"more than min ({lower:g} s), and at most {_WIDEST:g} times as much"
-        raise InvalidValue(f"{_KEY}.max", upper, expected)
-    value = _checked(f"{_KEY}.guess", duration)
+        raise InvalidValue(f"{key}.max", upper, expected)
+    value = _checked(f"{key}.guess", duration)
     if not lower <= value <= upper:
         raise InvalidValue(
-            f"{_KEY}.guess", value, f"a duration between min and max, {lower:g} and {upper:g} s"
+            f"{key}.guess", value, f"a duration between min and max, {lower:g} and {upper:g} s"
         )
     return value, (lower, upper)
 
@@ -48,8 +48,8 @@ def _checked(key: str, value: Any) -> float:
     return seconds
 
 
-def duration_from(written: Any) -> dict[str, Any]:
-    """Fields `duration` and `duration_range` of a problem from what `horizon.duration` says.
+def duration_from(written: Any, key: str = _KEY) -> dict[str, Any]:
+    """Fields `duration` and `duration_range` of a problem, or of a phase, from what the key says.
 
     Without a guess it is the geometric mean of the bounds.
 
@@ -60,12 +60,12 @@ def duration_from(written: Any) -> dict[str, Any]:
     """
     if not isinstance(written, Mapping):
         return {"duration": written, "duration_range": None}
-    stray = [key for key in written if key not in KEYS]
-    missing = [key for key in KEYS[:2] if written.get(key) is None]
+    stray = [word for word in written if word not in KEYS]
+    missing = [word for word in KEYS[:2] if written.get(word) is None]
     if stray or missing:
         what = f"unknown key {stray[0]!r}" if stray else f"{missing[0]} is missing"
-        raise ProblemError(f"{_KEY}: {what}; give a number, or a table with min, max and, if you like, guess")
-    lower, upper = (check_number(f"{_KEY}.{key}", written[key]) for key in KEYS[:2])
+        raise ProblemError(f"{key}: {what}; give a number, or a table with min, max and, if you like, guess")
+    lower, upper = (check_number(f"{key}.{word}", written[word]) for word in KEYS[:2])
     guess = written.get("guess")
     if guess is None:
         guess = math.sqrt(max(lower, 0.0) * max(upper, 0.0)) or lower

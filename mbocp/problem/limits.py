@@ -145,15 +145,23 @@ def _not_plain(name: str) -> ProblemError:
     )
 
 
-def check_limits(robot: Robot, bounds: Bounds, q_start: Array, v_start: Array, goal: Goal) -> None:
-    """Refuse limits that exclude the start or an exact goal."""
+def check_limits(
+    robot: Robot,
+    bounds: Bounds,
+    q_start: Array,
+    v_start: Array,
+    goal: Goal,
+    *,
+    of_end: Bounds | None = None,
+) -> None:
+    """Refuse limits that exclude the start or an exact goal, where those of the end may be others."""
     everything = np.ones(robot.nq, dtype=np.bool_), np.ones(robot.nv, dtype=np.bool_)
     for where, letter, value, asked, labels in (
         ("start", "q", q_start, everything[0], robot.q_labels),
         ("start", "v", v_start, everything[1], robot.v_labels),
     ):
         _refuse_outside(bounds, where, letter, value, asked, labels)
-    check_end_limits(robot, bounds, goal)
+    check_end_limits(robot, of_end or bounds, goal)
 
 
 def check_end_limits(robot: Robot, bounds: Bounds, goal: Goal) -> None:

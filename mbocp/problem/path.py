@@ -203,24 +203,24 @@ _Kept: TypeAlias = (
 )
 
 
-def spans_found(path: Sequence[_Kept], via: Mapping[str, int]) -> tuple[_Kept, ...]:
-    """The constraints with the nodes at which they begin and end, where via points say it.
+def spans_found(path: Sequence[_Kept], via: Mapping[str, tuple[int, int]]) -> tuple[_Kept, ...]:
+    """The constraints with the nodes at which they begin and end, where via points or phases say it.
 
     Parameters
     ----------
     path : sequence
-    via : mapping of str to int
-        Nodes of the via points by name.
+    via : mapping of str to (int, int)
+        First and last nodes of via points and phases by name.
 
     Raises
     ------
     ProblemError
-        If there is no via point of a name.
+        If there is none of a name.
     """
     return tuple(_span_found(constraint, via) for constraint in path)
 
 
-def _span_found(constraint: _Kept, via: Mapping[str, int]) -> _Kept:
+def _span_found(constraint: _Kept, via: Mapping[str, tuple[int, int]]) -> _Kept:
     key = f"path {constraint.name!r}"
     if isinstance(constraint, ContactBounds) and constraint.span.via_names:
         return constraint.with_span(constraint.span.at_via(via, key))
@@ -245,7 +245,7 @@ def check_path(
     """Refuse constraints that exclude the start, or an exact goal that says enough to tell.
 
     `num_steps` and `dt` [s] are those of the horizon, in which each has to hold somewhere; `num_phases`: of
-    steps whose length is found with the motion.
+    steps whose length is found with the motion, or differs.
     """
     names = [constraint.name for constraint in path]
     for name in names:

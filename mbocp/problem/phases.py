@@ -16,8 +16,17 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
+from mbocp.problem.named_phase import NamedPhase, are_alike, phase_lengths, phase_nodes
 
-__all__ = ["Mark", "Phase", "least_time", "node_times", "phases_between", "step_lengths"]
+__all__ = [
+    "Mark",
+    "Phase",
+    "free_phases",
+    "least_time",
+    "node_times",
+    "phases_between",
+    "step_lengths",
+]
 
 _SHORTEST = 1e-3  # of the mean length of a step at the least duration: a phase takes some time
 _ROOM = 0.05  # of that mean length: what a guess leaves for the steps of a phase at least, where bounds do
@@ -137,6 +146,32 @@ def phases_between(
     )
 
 
+def free_phases(
+    named: Sequence[NamedPhase], duration: float, bounds: tuple[float, float]
+) -> tuple[Phase, ...]:
+    """Phases of free lengths from those with a name; none where all durations are given.
+
+    Parameters
+    ----------
+    named : sequence of NamedPhase
+    duration : float
+        Guess of the whole [s], the sum of theirs.
+    bounds : tuple of float
+        Least and greatest duration of the whole [s], where the phases do not say it; else 0 and infinite.
+    """
+    if not any(phase.is_free for phase in named):
+        return ()
+    nodes, last = phase_nodes(named), len(named) - 1
+    found = []
+    for i, phase in enumerate(named):
+        low, high = phase.duration_range or (phase.duration, phase.duration)
+        least, most = bounds if i == last else (0.0, math.inf)
+        if last == 0:  # its duration is that of the whole
+            low, high = max(low, least), min(high, most)
+        found.append(Phase(*nodes[phase.name], phase.duration, low, high, least, most, phase.name))
+    return tuple(found)
+
+
 def least_time(count: int, num_steps: int, duration: float) -> float:
     """Least time [s] of a phase of some of the steps, of which all take at least `duration` [s]."""
     return _SHORTEST * count * duration / num_steps
@@ -154,6 +189,8 @@ class Horizon(Protocol):
     def phases(self) -> tuple[Phase, ...]: ...
     @property
     def impacts(self) -> tuple[int, ...]: ...
+    @property
+    def phase(self) -> tuple[NamedPhase, ...]: ...
     # fmt: on
 
 
@@ -163,13 +200,15 @@ def step_lengths(problem: Horizon) -> Array:
     if len(problem.phases) > 1:
         for phase in problem.phases:
             lengths[phase.first : phase.last] = phase.duration / phase.num_steps
+    elif not are_alike(problem.phase):
+        lengths = phase_lengths(problem.phase)
     lengths[list(problem.impacts)] = 0.0
     return lengths
 
 
 def node_times(problem: Horizon) -> Array:
     """Times of the nodes [s], or their guess, shape (N + 1,)."""
-    if len(problem.phases) < 2 and not problem.impacts:
+    if len(problem.phases) < 2 and are_alike(problem.phase) and not problem.impacts:
         return np.arange(problem.num_steps + 1.0) * problem.dt
     return np.append(0.0, np.cumsum(step_lengths(problem)))
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
+
+import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
@@ -34,8 +37,18 @@ from mbocp.problem.hold_checks import check_holds
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator
 from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.meeting import Meeting, meetings
+from mbocp.problem.named_phase import (
+    Horizon,
+    NamedPhase,
+    are_alike,
+    phase_nodes,
+    places_by_name,
+    with_total,
+)
 from mbocp.problem.path import PathConstraint, check_path, spans_found
-from mbocp.problem.phases import Phase, phases_between
+from mbocp.problem.phase_cost import heaviest_cost, weight_shares
+from mbocp.problem.phase_limits import checked_phases, limits_along, limits_of_phases, widest_limits
+from mbocp.problem.phases import Phase, free_phases, phases_between
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.switches import SwitchTable, check_impacts, switch_table
@@ -88,9 +101,13 @@ class Problem:
         T [s]; a guess of it where `duration_range` says that it is free.
     duration_range : tuple of float, optional
         Least and greatest T [s]. T is found with the motion then, and `cost` may weigh it. None: T is given.
+    phase : tuple of NamedPhase
+        Phases one after the other, each with a duration of its own and with what differs in it: `num_steps`
+        and `duration` are their sums. Empty where there are none with names.
     phases : tuple of Phase
         Runs of steps that are as long as each other, where lengths are found with the motion: one for a free
-        duration, and more where times of via points are free, too. Follows from the others.
+        duration, and more where times of via points are free, too, or durations of `phase`. Follows from the
+        others.
     num_steps : int
         N, impacts included.
     holds : tuple of Hold
@@ -166,6 +183,7 @@ class Problem:
     holds: tuple[Hold, ...] = ()
     releases: tuple[Release, ...] = ()
     impacts: tuple[int, ...] = ()
+    phase: tuple[NamedPhase, ...] = ()
     robot: Robot
     coordinates: Literal["joint", "natural"] = "joint"
     scheme: Scheme = "se1"
@@ -175,6 +193,7 @@ class Problem:
     goal: Goal
     goals: tuple[Goal, ...] = ()
     phases: tuple[Phase, ...] = field(init=False, repr=False, default=())
+    _bounds_of_sum: tuple[float, float] = field(init=False, repr=False, default=(0.0, math.inf))
     _members: tuple[tuple[int, Problem], ...] = field(init=False, repr=False, default=())
     clearance: Clearance | None = field(init=False, repr=False, default=None)
     switches: SwitchTable | None = field(init=False, repr=False, default=None)
@@ -210,17 +229,18 @@ class Problem:
                 f"joints, all passive: {', '.join(self.robot.joint_names)}"
             )
         object.__setattr__(self, "limits", self.limits.completed(self.robot))
+        self._take_phases()
         check_coordinates(
             self.robot,
             self.coordinates,
             self.scheme,
-            self.limits,
+            self.widest_limits,
             self.goal,
             via=self.via,
-            is_free=self.has_free_duration,
+            is_free=self.has_free_duration or any(phase.is_free for phase in self.phase),
         )
         self._take_terms()
-        q_start, v_start = checked_start(self.robot, self.limits, self.q_start, self.v_start)
+        q_start, v_start = checked_start(self.robot, self._limits_of_ends[0], self.q_start, self.v_start)
         object.__setattr__(self, "q_start", q_start)
         object.__setattr__(self, "v_start", v_start)
         self._take_holds()
@@ -229,7 +249,7 @@ class Problem:
         goal = completed_goal(
             self.robot,
             self.goal,
-            self.limits,
+            self._limits_of_ends[1],
             self.q_start,
             self.via[-1].goal.q if self.via else self.q_start,
             num_steps=self.num_steps,
@@ -265,14 +285,59 @@ class Problem:
         return bool(self.phases)
 
     @property
+    def has_unequal_lengths(self) -> bool:
+        """Whether lengths of steps are given, and differ."""
+        return not self.phases and not are_alike(self.phase)
+
+    @property
+    def _num_lengths(self) -> int:
+        """Number of lengths of steps that are found, or differ; 0 where all are given and the same."""
+        return len(self.phase) if self.has_unequal_lengths else len(self.phases)
+
+    @property
     def is_bounded(self) -> bool:
         """Whether there are inequalities: limits, path constraints or bounds of a free duration."""
-        return self.limits.any_finite or bool(self.path) or self.has_free_duration
+        return self.widest_limits.any_finite or bool(self.path) or self.has_free_lengths
+
+    @property
+    def widest_limits(self) -> Bounds:
+        """Bounds that are finite where those of any phase are, and as wide as the widest of them."""
+        return widest_limits(self.limits, self.phase)
+
+    @property
+    def has_limits_of_phases(self) -> bool:
+        """Whether limits differ from phase to phase."""
+        return any(phase.limits.any_finite for phase in self.phase)
+
+    def limits_along(self) -> Mapping[str, tuple[Array, Array]]:
+        """Lower and upper bounds at the nodes 1..N, or in the N steps, by letters of `LIMITS`.
+
+        Shapes are (N, n), or (1, n) where limits are the same in all phases.
+        """
+        return limits_along(self.limits, self.phase)
+
+    @property
+    def _limits_of_ends(self) -> tuple[Bounds, Bounds]:
+        """Limits at the start and at the end."""
+        each = limits_of_phases(self.limits, self.phase) or [self.limits]
+        return each[0], each[-1]
+
+    @property
+    def heaviest_cost(self) -> Cost:
+        """The cost with the largest weights of all phases."""
+        return heaviest_cost(self.cost, self.phase, self.robot)
+
+    @property
+    def weight_shares(self) -> dict[str, Array]:
+        """Which part of the heaviest weights counts in each step, shape (N, size), by the term's key."""
+        counts = [phase.steps for phase in self.phase]
+        shares = weight_shares(self.cost, self.phase, self.robot)
+        return {key: np.repeat(rows, counts, axis=0) for key, rows in shares.items()}
 
     @property
     def rate_limits(self) -> tuple[RateLimit, ...]:
         """Limits of accelerations, jerks, rates of controls and powers, one for each key that has some."""
-        return rate_limits(self.robot, self.limits)
+        return rate_limits(self.robot, self.widest_limits)
 
     @property
     def inequalities(self) -> tuple[Inequality, ...]:
@@ -330,9 +395,10 @@ class Problem:
     def create(
         cls,
         robot: Robot | str | Path | Mapping[str, Any],
-        duration: float | Mapping[str, float],
-        steps: int,
+        duration: float | Mapping[str, float] | None = None,
+        steps: int | None = None,
         *,
+        phase: Sequence[Mapping[str, Any]] | None = None,
         start: Mapping[str, Any] | None = None,
         goal: Mapping[str, Any] | None = None,
         cost: Mapping[str, Any] | None = None,
@@ -356,8 +422,12 @@ class Problem:
         robot : Robot, str, Path or mapping
             A loaded robot, or what the key `robot` of a file takes.
         duration : float or mapping
-            [s]; with `min`, `max` and, if you like, `guess`: free between the two.
+            [s]; with `min`, `max` and, if you like, `guess`: free between the two. Left out with `phase`:
+            what phases sum up to.
         steps : int
+            Left out with `phase`.
+        phase : sequence of mapping, optional
+            The tables `[[phase]]`.
         start, goal, cost, limits, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
         via, obstacle, path : sequence of mapping, optional
@@ -374,7 +444,9 @@ class Problem:
         >>> goal = {"q": [0.5, -1, 1, 0, 0.5, 0], "v": [0] * 6}
         >>> problem = Problem.create("ur5", 1.0, 100, goal=goal)  # doctest: +SKIP
         """
+        horizon = {"duration": duration, "steps": steps}
         tables = {
+            "phase": phase,
             "start": start,
             "goal": goal,
             "cost": cost,
@@ -387,7 +459,7 @@ class Problem:
             "solver": solver,
         }
         document = {
-            "horizon": {"duration": duration, "steps": steps},
+            "horizon": {key: value for key, value in horizon.items() if value is not None},
             "coordinates": coordinates,
             "integrator": {**(integrator or {}), **({"scheme": scheme} if scheme else {})},
             **{key: table for key, table in tables.items() if table is not None},
@@ -452,9 +524,22 @@ class Problem:
         path = (next(found) if isinstance(one, ContactForce | ContactBounds) else one for one in self.path)
         object.__setattr__(self, "path", tuple(path))
 
+    def _take_phases(self) -> None:
+        """Check phases against the horizon, and spread what their durations have to sum up to."""
+        if not self.phase:
+            return
+        horizon = Horizon(self.num_steps, self.duration, self.duration_range)
+        durations, bounds = with_total(self.phase, horizon)
+        found = checked_phases(self.robot, self.phase, self.limits, self.cost)
+        pairs = zip(found, durations, strict=True)
+        object.__setattr__(self, "phase", tuple(replace(phase, duration=d) for phase, d in pairs))
+        object.__setattr__(self, "_bounds_of_sum", bounds)
+
     def _take_via(self) -> list[int | None]:
         """Via points in the order of the motion, with configurations; their nodes, as far as known."""
-        nodes = via_nodes(self.via, self.num_steps, self.duration, self.duration_range)
+        phases, alike = phase_nodes(self.phase), are_alike(self.phase)
+        length, bounds = self.duration, self.duration_range
+        nodes = via_nodes(self.via, self.num_steps, length, bounds, phases=phases, are_alike=alike)
         order = via_order(self.via, nodes)
         found = resolved_points(self.robot, [self.via[i] for i in order], self.q_start, self.limits)
         object.__setattr__(self, "via", found)
@@ -471,8 +556,12 @@ class Problem:
         found = via_constraints(robot, self.via, at, N)
         object.__setattr__(self, "via", tuple(constraint.via for constraint in found))
         met = () if self.switches is None else meetings(self.switches)
-        named = {constraint.name: constraint.node for constraint in found}
+        named = {constraint.name: (constraint.node, constraint.node) for constraint in found}
+        named = places_by_name(named, phase_nodes(self.phase))
         object.__setattr__(self, "path", (*spans_found(self.path, named), *found, *met))
+        if self.phase:
+            object.__setattr__(self, "phases", free_phases(self.phase, T, self._bounds_of_sum))
+            return
         marks = via_marks(self.via, at, N, T, is_free=self.has_free_duration)
         if marks or self.has_free_duration:
             phases = phases_between(marks, N, T, self.duration_range or (T, T), self.impacts)
@@ -495,18 +584,20 @@ class Problem:
         cost.check_controls(self.limits.finite("u"), [label.name for label in self.robot.u_labels])
         cost.check_dimensions(self.robot.nq, self.robot.nv, self.num_steps)
         more = bool(self.terms or self.via)
-        check_weights(cost, goal, is_free=self.has_free_duration, has_more=more)
+        is_free = self.has_free_duration or bool(self.phases)
+        check_weights(cost, goal, is_free=is_free, has_more=more)
 
     def _check_inequalities(self) -> None:
         """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
         check_rates(self.robot, self.limits)
-        check_limits(self.robot, self.limits, self.q_start, self.v_start, self.goal)
+        first, last = self._limits_of_ends
+        check_limits(self.robot, first, self.q_start, self.v_start, self.goal, of_end=last)
         N, dt = self.num_steps, self.dt
         ends = (self.q_start, self.v_start, self.goal)
-        check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, num_phases=len(self.phases))
+        check_path(self.robot, self.path, *ends, num_steps=N, dt=dt, num_phases=self._num_lengths)
         warn_alternating(self.frame_constraints, self.goal, self.scheme, num_steps=N, dt=dt)
         if self.is_bounded:
-            table = "limits" if self.limits.any_finite else "via" if self.via else "path"
+            table = "limits" if self.widest_limits.any_finite else "via" if self.via else "path"
             table = "obstacle" if self.clearance is not None else table
             has_times = len(self.phases) > 1
             check_method(self.solver, table, is_free=self.has_free_duration, has_free_times=has_times)

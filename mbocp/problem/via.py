@@ -10,7 +10,7 @@ from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.goal import Goal
-from mbocp.problem.via_time import FreeTime
+from mbocp.problem.via_time import FreeTime, InPhase
 
 __all__ = ["ViaPoint"]
 
@@ -26,8 +26,8 @@ class ViaPoint:
     goal : Goal
         What is asked of joints and frames there, by the words of a goal: exact, and velocities, no momenta.
         Entries of `q` that are not active hold a configuration that is there.
-    time : float or FreeTime, optional
-        When it holds [s]; or that the solver finds it, and between which bounds.
+    time : float, FreeTime or InPhase, optional
+        When it holds [s]; or that the solver finds it, and between which bounds; or in which phase.
     share : float, optional
         In place of a time that is given: part of the horizon that is over by then, between 0 and 1. Beside
         one that is free: part of the steps that lead there.
@@ -35,7 +35,7 @@ class ViaPoint:
 
     name: str
     goal: Goal
-    time: float | FreeTime | None = None
+    time: float | FreeTime | InPhase | None = None
     share: float | None = None
 
     def __post_init__(self) -> None:
@@ -50,10 +50,15 @@ class ViaPoint:
                 raise ProblemError(
                     f"{key}: weight of {frame.name!r}: is for goal.frame; a via point is no cost"
                 )
-        given = None if isinstance(self.time, FreeTime) else self.time
-        if isinstance(self.time, FreeTime):
+        given = None if isinstance(self.time, (FreeTime, InPhase)) else self.time
+        if isinstance(self.time, (FreeTime, InPhase)):
             self.time.check(key)
-        elif self.time is not None and self.share is not None:
+        if isinstance(self.time, InPhase) and self.share is not None:
+            raise ProblemError(
+                f"{key}: share is one of the horizon; give time = {{ phase = {self.time.name!r}, "
+                "share = number }"
+            )
+        if given is not None and self.share is not None:
             raise ProblemError(f"{key}: give time or share, not both; a share is beside a time that is free")
         for name, value, largest in (("time", given, np.inf), ("share", self.share, 1.0)):
             if value is not None and not (is_number(value) and 0.0 < value < largest):

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.phases import Mark
 from mbocp.problem.via import ViaPoint
-from mbocp.problem.via_time import FreeTime
+from mbocp.problem.via_time import FreeTime, InPhase
 from mbocp.robot import Robot
 
 __all__ = ["placed", "via_marks", "via_nodes", "via_order"]
@@ -24,7 +26,13 @@ _STACK = 5  # from a warning to the caller of `Problem`
 
 
 def via_nodes(
-    via: Sequence[ViaPoint], num_steps: int, duration: float, duration_range: tuple[float, float] | None
+    via: Sequence[ViaPoint],
+    num_steps: int,
+    duration: float,
+    duration_range: tuple[float, float] | None,
+    *,
+    phases: Mapping[str, tuple[int, int]] = MappingProxyType({}),
+    are_alike: bool = True,
 ) -> tuple[int | None, ...]:
     """The node of each via point, the nearest to its time; None where nothing says it yet.
 
@@ -34,6 +42,10 @@ def via_nodes(
         [s]; its guess where it is free.
     duration_range : tuple of float or None
         Bounds of a free duration [s].
+    phases : mapping of str to (int, int)
+        First and last nodes of the phases by name.
+    are_alike : bool
+        Whether all steps of the phases are as long as each other, and given.
 
     Raises
     ------
@@ -47,12 +59,16 @@ def via_nodes(
         key = f"via {point.name!r}"
         if point.time is None and point.share is None:
             raise ProblemError(f'{key}: when is it? Give time or share; time = "free" has it found')
+        _check_phase(point, key, phases, are_alike=are_alike)
         if point.time is None and has_times and duration_range is not None:
             raise ProblemError(
                 f"{key}: share is part of a duration that is free, as are times of via points; give it a "
                 f'time: a number, bounds, or "free" beside the share'
             )
         share = _share(point, key, duration, duration_range)
+        if isinstance(point.time, InPhase):
+            first, last = phases[point.time.name]
+            share = (first + round(point.time.share * (last - first))) / num_steps
         node = None if share is None else round(share * num_steps)
         if node is None or share is None:
             found.append(None)
@@ -68,7 +84,7 @@ def via_nodes(
                 f"{key}: at node {node}, as via {via[found.index(node)].name!r}; say both in one, or take "
                 "another time"
             )
-        is_exact = has_free or (point.time is not None and duration_range is not None)
+        is_exact = has_free or (point.time is not None and duration_range is not None) or bool(phases)
         if abs(node - share * num_steps) > _ON_NODE and not is_exact:
             at = (
                 f"share {node / num_steps:.6g}"
@@ -82,6 +98,36 @@ def via_nodes(
             )
         found.append(node)
     return tuple(found)
+
+
+def _check_phase(
+    point: ViaPoint, key: str, phases: Mapping[str, tuple[int, int]], *, are_alike: bool
+) -> None:
+    """Refuse phases that there are not, and times that say no node of phases."""
+    if isinstance(point.time, InPhase):
+        if not phases:
+            raise ProblemError(
+                f'{key}: time: got {shown(point.time.name)}, expected a number of seconds, "free", or a '
+                "table with min, max and, if you like, guess; or the name of a phase, where there are some"
+            )
+        if point.time.name not in phases:
+            known = ", ".join(map(repr, phases)) or "none"
+            raise ProblemError(
+                f"{key}: time: no phase {point.time.name!r}; there are {known}; give one of them, a "
+                'number of seconds, "free", or a table with min and max'
+            )
+        return
+    if point.is_free and phases:
+        raise ProblemError(
+            f"{key}: time: times that are found are those between phases; name the phase at whose end it is, "
+            'as in time = "name"'
+        )
+    if phases and not are_alike:
+        word = "time" if point.time is not None else "share"
+        raise ProblemError(
+            f"{key}: {word}: steps of phases are of several lengths; name the phase at whose end it is, as "
+            'in time = "name", or give time = { phase = "name", share = number }'
+        )
 
 
 def _share(
@@ -98,7 +144,7 @@ def _share(
         if point.share is not None or time.guess is None:
             return point.share
         time = time.guess
-    if time is None:
+    if time is None or isinstance(time, InPhase):
         return point.share
     if time > latest:
         raise InvalidValue(f"{key}: time", time, f"a time within the horizon of {latest:g} s")
@@ -182,7 +228,7 @@ def via_marks(
     found = []
     for point, node in zip(via, nodes, strict=True):
         time = point.time
-        if time is None:
+        if time is None or isinstance(time, InPhase):
             time = (point.share or 0.0) * duration
         if not isinstance(time, FreeTime):
             time = FreeTime(time, time, time)

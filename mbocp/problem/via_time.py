@@ -1,4 +1,4 @@
-"""When a via point holds: a time that is given, or one that is found with the motion."""
+"""When a via point holds: a time that is given, one that is found with the motion, or a place in a phase."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 
-__all__ = ["FREE", "FreeTime", "time_from", "written_time"]
+__all__ = ["FREE", "FreeTime", "InPhase", "time_from", "written_time"]
 
 FREE = "free"
 _KEYS = ("min", "max", "guess")
@@ -55,8 +55,35 @@ class FreeTime:
             raise InvalidValue(f"{key}: time.guess", self.guess, expected)
 
 
-def time_from(written: Any, key: str) -> float | FreeTime | None:
-    """What `via.time` says: a number [s], "free", or a table with some of min, max and guess [s].
+@dataclass(frozen=True)
+class InPhase:
+    """A node of a phase.
+
+    Attributes
+    ----------
+    name : str
+        Of the phase.
+    share : float
+        Part of its steps that leads there: 1 at its end.
+    """
+
+    name: str
+    share: float = 1.0
+
+    def check(self, key: str) -> None:
+        """Refuse what is no part.
+
+        Raises
+        ------
+        InvalidValue
+        """
+        if not (is_number(self.share) and 0.0 <= self.share <= 1.0):
+            expected = "a part of the phase, 0 <= share <= 1"
+            raise InvalidValue(f"{key}: time.share", shown(self.share), expected)
+
+
+def time_from(written: Any, key: str) -> float | FreeTime | InPhase | None:
+    """What `via.time` says: a number [s], "free", bounds [s], the name of a phase, or a part of one.
 
     Raises
     ------
@@ -67,11 +94,20 @@ def time_from(written: Any, key: str) -> float | FreeTime | None:
         return written
     if written == FREE:
         return FreeTime()
+    if isinstance(written, str):
+        return InPhase(written)
     if not isinstance(written, Mapping):
         raise ProblemError(
-            f'{key}.time: got {shown(written)}, expected a number of seconds, "{FREE}", or a table with min, '
-            "max and, if you like, guess"
+            f'{key}.time: got {shown(written)}, expected a number of seconds, "{FREE}", the name of a phase, '
+            "or a table with min, max and, if you like, guess"
         )
+    if "phase" in written:
+        stray = [name for name in written if name not in ("phase", "share")]
+        if stray or not isinstance(written["phase"], str):
+            raise ProblemError(
+                f"{key}.time: got {shown(written)}, expected {{ phase = name, share = number }}"
+            )
+        return InPhase(written["phase"], written.get("share", 1.0))
     stray = [name for name in written if name not in _KEYS]
     if stray:
         raise ProblemError(f"{key}.time: unknown key {stray[0]!r}; there are {', '.join(_KEYS)}")
@@ -80,8 +116,10 @@ def time_from(written: Any, key: str) -> float | FreeTime | None:
     )
 
 
-def written_time(time: float | FreeTime | None) -> Any:
+def written_time(time: float | FreeTime | InPhase | None) -> Any:
     """What reads back as the same."""
+    if isinstance(time, InPhase):
+        return {"phase": time.name, "share": time.share}
     if not isinstance(time, FreeTime):
         return time
     pairs = zip(_KEYS, (time.earliest or None, time.latest, time.guess), strict=True)

@@ -14,7 +14,14 @@ from mbocp.exceptions import DimensionMismatch
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
-from mbocp.solution.problem_text import duration_range_of, integrator_of, limits_of, via_places_of
+from mbocp.solution.phase_text import PhasePlace
+from mbocp.solution.problem_text import (
+    duration_range_of,
+    integrator_of,
+    limits_of,
+    phase_places_of,
+    via_places_of,
+)
 from mbocp.solution.records import IterationRecord, Labels, Phase, StartRecord, Status
 
 __all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "SolutionData"]
@@ -226,6 +233,18 @@ class SolutionData:
         """When the motion passes each via point [s], by its name."""
         places = via_places_of(self.problem_text)
         return {p.name: float(self.t[p.node] - self.t[0]) for p in places if p.node <= self.num_steps}
+
+    @property
+    def named_phases(self) -> tuple[PhasePlace, ...]:
+        """The phases of the motion that have names, in their order; none where there are none."""
+        places = phase_places_of(self.problem_text)
+        return places if places and places[-1].last == self.num_steps else ()
+
+    @property
+    def phase_times(self) -> dict[str, tuple[float, float]]:
+        """When each phase begins and ends [s], by its name."""
+        t = self.t - self.t[0]
+        return {p.name: (float(t[p.first]), float(t[p.last])) for p in self.named_phases}
 
     @property
     def control_hamiltonian(self) -> dict[str, float]:

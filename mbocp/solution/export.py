@@ -99,6 +99,7 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "num_steps": solution.num_steps,
         "duration": solution.duration,
         "via_times": solution.via_times,
+        "phase_times": {name: list(times) for name, times in solution.phase_times.items()},
         "wall_time_s": solution.wall_time_s,
         "phases": [
             {"name": p.name, "iterations": p.iterations, "wall_time_s": p.wall_time_s}

@@ -14,6 +14,7 @@ from mbocp.solution.data import SolutionData
 from mbocp.solution.problem_text import (
     PathRow,
     duration_range_of,
+    limits_along_of,
     margins_of,
     path_rows_of,
     rate_bounds_of,
@@ -26,7 +27,7 @@ from mbocp.terms.span import Span
 __all__ = ["ActiveLimit", "active_limits"]
 
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
-_OF_TIME = ("duration", "time")  # relative to themselves: there are short motions
+_OF_TIME = ("duration", "time", "phase")  # relative to themselves: there are short motions
 _PULLS = 1e-6  # part of the largest multiplier or adjoint; less is what a barrier leaves over
 
 
@@ -38,7 +39,8 @@ class ActiveLimit:
     ----------
     kind : str
         "control", "velocity", "position", "path", "duration", "time" or "way" of a via point, or a key of
-        `mbocp.terms.RATE_TERMS`. A way takes the least time that its steps may have.
+        `mbocp.terms.RATE_TERMS`; "phase" for its duration. A way takes the least time that its steps may
+        have.
     name : str
         Of the control, joint, path constraint or via point; "horizon" of a free duration, "end" of the way to
         it.
@@ -72,7 +74,12 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         ("velocity", labels.v, solution.vs[1:], solution.limits_v),
         ("position", labels.q, solution.qs[1:], solution.limits_q),
     ):
-        found += _touched(kind, columns, values, limits)
+        key = "effort" if kind == "control" else kind
+        along = limits_along_of(solution.problem_text, key, limits)
+        if along is None or along.shape[1:] != values.shape:
+            found += _touched(kind, columns, values, limits)
+        else:
+            found += _touched_along(kind, columns, values, along)
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
     rows = path_rows_of(solution.problem_text, solution.goal_place) if solution.path_names else {}
     rates = _rate_bounds(solution) if solution.path_names else {}
@@ -97,7 +104,7 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         taken = np.array([[float(solution.t[-1] - solution.t[0])]])
         bounds_of_it = np.array(of_duration)[:, None]
         found += _touched("duration", (Column("horizon", "s"),), taken, bounds_of_it)
-    return (*found, *_of_via(solution, of_duration))
+    return (*found, *_of_via(solution, of_duration), *_of_phases(solution))
 
 
 def _clearance_row(name: str, margins: Mapping[str, float]) -> PathRow | None:
@@ -106,6 +113,28 @@ def _clearance_row(name: str, margins: Mapping[str, float]) -> PathRow | None:
         return None
     found = next((m for key, m in margins.items() if name.endswith(f" from {key}")), margins.get(""))
     return None if found is None else PathRow(found, np.inf, "m", Span())
+
+
+def _of_phases(solution: SolutionData) -> Iterator[ActiveLimit]:
+    """Bounds of durations of phases that were found."""
+    for place in solution.named_phases:
+        if place.is_free:
+            taken = (solution.t[place.last] - solution.t[place.first]).reshape(1, 1)
+            sides = np.array([[place.shortest], [place.longest]])
+            yield from _touched("phase", (Column(place.name, "s"),), taken, sides)
+
+
+def _touched_along(
+    kind: str, columns: Sequence[Column], values: Array, along: Array
+) -> Iterator[ActiveLimit]:
+    """Limits that differ along the motion, shape (2, N, n): each that there is, where it holds."""
+    for i, column in enumerate(columns):
+        for side, bounds in enumerate(along[:, :, i]):
+            for bound in np.unique(bounds[np.isfinite(bounds)]):
+                sides = np.array([[-np.inf], [np.inf]])
+                sides[side] = bound
+                where = bounds == bound
+                yield from _touched(kind, (column,), values[where, i : i + 1], sides)
 
 
 def _of_via(solution: SolutionData, of_duration: tuple[float, float] | None) -> Iterator[ActiveLimit]:

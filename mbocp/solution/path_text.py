@@ -37,14 +37,14 @@ class PathRow(NamedTuple):
         return self.lower == self.upper
 
 
-def rows_of_path(table: Mapping[str, Any], nodes: Mapping[str, int]) -> dict[str, PathRow]:
+def rows_of_path(table: Mapping[str, Any], nodes: Mapping[str, tuple[int, int]]) -> dict[str, PathRow]:
     """What each row of a table `[[path]]` says, by its name.
 
     Parameters
     ----------
     table : mapping
-    nodes : mapping of str to int
-        Of the via points, by name.
+    nodes : mapping of str to (int, int)
+        First and last ones of via points and phases, by name.
     """
     kind = PATH_TERMS.get(str(table.get("kind")))
     name, unit = str(table.get("name", "")), "" if kind is None else kind.unit
@@ -57,7 +57,7 @@ def rows_of_path(table: Mapping[str, Any], nodes: Mapping[str, int]) -> dict[str
     return {row: PathRow(*bounds, unit, _span_of(table, nodes)) for row, bounds in sides.items()}
 
 
-def rows_of_term(table: Mapping[str, Any], nodes: Mapping[str, int]) -> dict[str, PathRow]:
+def rows_of_term(table: Mapping[str, Any], nodes: Mapping[str, tuple[int, int]]) -> dict[str, PathRow]:
     """The same of a path constraint of one's own, a table `[[terms]]`."""
     name, rows = str(table.get("name", "")), _rows_of(table)
     labels = [name] if len(rows) == 1 else [f"{name}.{i}" for i in range(len(rows))]
@@ -97,15 +97,20 @@ def _followed(name: str, table: Mapping[str, Any]) -> dict[str, list[float]]:
     return found | {f"{name}.turn_{axis}": [0.0, 0.0] for axis in "xyz"}
 
 
-def _span_of(table: Mapping[str, Any], nodes: Mapping[str, int]) -> Span:
+def _span_of(table: Mapping[str, Any], nodes: Mapping[str, tuple[int, int]]) -> Span:
     """When a path constraint holds; ends that are odd are left out."""
-    return Span(*(_end_of(table.get(key), nodes) for key in SPAN))
+    ends = (_end_of(table.get(key)) for key in SPAN)
+    known = (None if isinstance(end, AtVia) and end.name not in nodes else end for end in ends)
+    return Span(*known).at_via(nodes, "")
 
 
-def _end_of(written: Any, nodes: Mapping[str, int]) -> End:
+def _end_of(written: Any) -> End:
     if isinstance(written, str):
-        return AtVia(written, nodes[written]) if written in nodes else None
+        return AtVia(written)
     if isinstance(written, dict):
+        if isinstance(written.get("phase"), str):
+            part = written.get("share")
+            return AtVia(written["phase"], share=float(part)) if is_number(part) and 0 <= part <= 1 else None
         share = written.get("share")
         return Share(float(share)) if is_number(share) else None
     return float(written) if is_number(written) else None

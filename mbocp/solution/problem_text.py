@@ -16,6 +16,7 @@ from mbocp.robot import FrameTarget
 from mbocp.robot.collision.obstacle import SIZES, Obstacle
 from mbocp.robot.poses.target import target_from_words
 from mbocp.solution.path_text import PathRow, are_pairs, rows_of_path, rows_of_term, rows_of_via
+from mbocp.solution.phase_text import PhasePlace, bounds_in_phases, phase_places
 from mbocp.solution.via_text import ViaPlace, via_places
 from mbocp.terms import RATE_TERMS, FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
@@ -28,10 +29,12 @@ __all__ = [
     "duration_range_of",
     "goal_targets_of",
     "integrator_of",
+    "limits_along_of",
     "limits_of",
     "lines_of",
     "other_goal_targets_of",
     "path_rows_of",
+    "phase_places_of",
     "rate_bounds_of",
     "via_goals_of",
     "via_places_of",
@@ -64,6 +67,7 @@ class _Horizon(_Part):
 class _Problem(_Part):
     coordinates: str = "joint"
     horizon: _Horizon = _Horizon()
+    phase: list[dict[str, Any]] = []
     integrator: _Integrator = _Integrator()
     robot: _Robot | str = _Robot()
     goal: dict[str, Any] = {}
@@ -131,16 +135,32 @@ def limits_of(problem_text: str) -> dict[str, Array]:
 def rate_bounds_of(problem_text: str) -> dict[str, Array]:
     """Bounds of accelerations, jerks, rates of controls and powers, shape (2, n), by key in `[limits]`.
 
+    Where they differ from phase to phase, the widest of them.
+
     Raises
     ------
     InvalidValue
         If the text is TOML, but no problem.
     """
     problem = _parsed(problem_text)
-    written = problem.limits if problem is not None else {}
-    return {
-        key: np.array(written[key], dtype=np.float64).T for key in RATE_TERMS if are_pairs(written.get(key))
-    }
+    if problem is None:
+        return {}
+    tables = [problem.limits, *(table.get("limits") for table in problem.phase)]
+    found = {}
+    for key in RATE_TERMS:
+        written = [table[key] for table in tables if isinstance(table, dict) and are_pairs(table.get(key))]
+        rows = [np.array(pairs, dtype=np.float64).T for pairs in written]
+        if rows and all(row.shape == rows[0].shape for row in rows):
+            found[key] = _widest(np.array(rows))
+    return found
+
+
+def _widest(rows: Array) -> Array:
+    """Bounds (k, 2, n) as wide as the widest finite ones among them, shape (2, n)."""
+    known = np.isfinite(rows)
+    lower = np.where(known[:, 0], rows[:, 0], np.inf).min(axis=0)
+    upper = np.where(known[:, 1], rows[:, 1], -np.inf).max(axis=0)
+    return np.array([np.where(lower < np.inf, lower, -np.inf), np.where(upper > -np.inf, upper, np.inf)])
 
 
 def goal_targets_of(problem_text: str, place: int | None = None) -> tuple[FrameTarget, ...]:
@@ -213,7 +233,7 @@ def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathR
     problem = _parsed(problem_text)
     if problem is None:
         return {}
-    nodes = {via.name: via.node for via in _places(problem).values()}
+    nodes = {via.name: (via.node, via.node) for via in _places(problem).values()} | _nodes_of_phases(problem)
     found: dict[str, PathRow] = {}
     for table in problem.path:
         found |= rows_of_path(table, nodes)
@@ -260,7 +280,45 @@ def via_goals_of(problem_text: str) -> tuple[tuple[int, FrameGoal], ...]:
 def _places(problem: _Problem | None) -> dict[int, ViaPlace]:
     if problem is None:
         return {}
-    return via_places(problem.via, problem.horizon.duration, problem.horizon.steps)
+    return via_places(problem.via, problem.horizon.duration, problem.horizon.steps, _nodes_of_phases(problem))
+
+
+def phase_places_of(problem_text: str) -> tuple[PhasePlace, ...]:
+    """The phases of a problem that have names, in their order.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    return phase_places(problem.phase, problem.horizon.steps) if problem is not None else ()
+
+
+def limits_along_of(problem_text: str, key: str, whole: Array) -> Array | None:
+    """Bounds of a key of `[limits]` at the nodes 1..N, or in the steps, shape (2, N, n), where phases differ.
+
+    Parameters
+    ----------
+    problem_text : str
+    key : str
+    whole : ndarray, shape (2, n)
+        Those of the problem, infinite where there are none.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem, places = _parsed(problem_text), phase_places_of(problem_text)
+    tables = problem.phase if problem is not None else []
+    if not places or not any(key in (table.get("limits") or {}) for table in tables):
+        return None
+    return bounds_in_phases(tables, places, key, whole, at_nodes=key in ("velocity", "position"))
+
+
+def _nodes_of_phases(problem: _Problem) -> dict[str, tuple[int, int]]:
+    return {p.name: (p.first, p.last) for p in phase_places(problem.phase, problem.horizon.steps)}
 
 
 def lines_of(problem_text: str) -> tuple[Array, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from mbocp._numbers import is_number
@@ -33,7 +34,12 @@ class ViaPlace(NamedTuple):
     latest: float
 
 
-def via_places(tables: Sequence[Mapping[str, Any]], duration: Any, steps: Any) -> dict[int, ViaPlace]:
+def via_places(
+    tables: Sequence[Mapping[str, Any]],
+    duration: Any,
+    steps: Any,
+    phases: Mapping[str, tuple[int, int]] = MappingProxyType({}),
+) -> dict[int, ViaPlace]:
     """Via points by the place of their table; what is odd is left out.
 
     Parameters
@@ -43,6 +49,8 @@ def via_places(tables: Sequence[Mapping[str, Any]], duration: Any, steps: Any) -
         What `horizon.duration` says [s].
     steps : int
         What `horizon.steps` says.
+    phases : mapping of str to (int, int)
+        First and last nodes of the phases, by name.
     """
     guess = duration.get("guess") if isinstance(duration, Mapping) else duration
     if not (isinstance(steps, int) and 0 < steps < _MOST_STEPS):
@@ -50,6 +58,10 @@ def via_places(tables: Sequence[Mapping[str, Any]], duration: Any, steps: Any) -
     found = {}
     for i, table in enumerate(tables):
         time, share = table.get("time"), table.get("share")
+        if isinstance(time, Mapping) and time.get("phase") in phases:
+            first, last = phases[time["phase"]]
+            part = time.get("share", 1.0)
+            share, time = (first + round(part * (last - first))) / steps if is_number(part) else None, None
         is_found = time == "free" or isinstance(time, Mapping)
         if is_number(time) and is_number(guess) and guess > 0.0:
             share = time / guess

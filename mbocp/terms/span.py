@@ -35,24 +35,27 @@ class Share:
 
 @dataclass(frozen=True)
 class AtVia:
-    """An end of a span at a via point, whenever the motion passes it.
+    """An end of a span at a via point, or in a phase, whenever the motion is there.
 
     Attributes
     ----------
     name : str
     node : int
         Where it is; 0 until the problem says it.
+    share : float, optional
+        Part of a phase that is over; None: a via point, or the beginning or the end of a phase.
     """
 
     name: str
     node: int = 0
+    share: float | None = None
 
 
 End: TypeAlias = float | Share | AtVia | None
 
 
 def end_from(written: Any) -> End:
-    """An end as people write it: a time [s], the name of a via point, or a table with a share.
+    """An end as people write it: a time [s], the name of a via point or a phase, or a table with a share.
 
     Raises
     ------
@@ -65,9 +68,13 @@ def end_from(written: Any) -> End:
         return AtVia(written)
     if isinstance(written, Mapping) and set(written) == {"share"}:
         return Share(finite_number(written["share"], " for share"))
+    names_phase = isinstance(written, Mapping) and isinstance(written.get("phase"), str)
+    if names_phase and set(written) == {"phase", "share"}:
+        return AtVia(written["phase"], share=finite_number(written["share"], " for share"))
     if isinstance(written, Mapping):
         raise ValueError(
-            f"got {shown(written)}, expected a time [s], the name of a via point, or {{ share = number }}"
+            f"got {shown(written)}, expected a time [s], the name of a via point or of a phase, "
+            "{ share = number }, or { phase = name, share = number }"
         )
     return finite_number(written)
 
@@ -112,11 +119,11 @@ class Span:
 
     @property
     def via_names(self) -> tuple[str, ...]:
-        """Via points at its ends."""
+        """Via points and phases at its ends."""
         return tuple(end.name for end in (self.since, self.until) if isinstance(end, AtVia))
 
-    def at_via(self, nodes: Mapping[str, int], key: str) -> Span:
-        """The same with the nodes of via points, by name.
+    def at_via(self, nodes: Mapping[str, tuple[int, int]], key: str) -> Span:
+        """The same with the nodes of via points and phases by name: where each begins, and where it ends.
 
         Raises
         ------
@@ -129,10 +136,12 @@ class Span:
                 if end.name not in nodes:
                     known = ", ".join(map(repr, nodes)) or "none"
                     raise ProblemError(
-                        f"{key}: {SPAN[i]}: no via point {end.name!r}; there are {known}: give one of them, "
-                        "a time [s], or { share = number }"
+                        f"{key}: {SPAN[i]}: no via point or phase {end.name!r}; there are {known}: give "
+                        "one of them, a time [s], or { share = number }"
                     )
-                ends[i] = replace(end, node=nodes[end.name])
+                first, last = nodes[end.name]
+                share = float(i) if end.share is None else end.share
+                ends[i] = replace(end, node=first + round(share * (last - first)))
         return Span(*ends)
 
     def nodes(self, num_steps: int, dt: float) -> BoolArray:
@@ -157,9 +166,10 @@ class Span:
                 if not (is_number(end.value) and 0.0 <= end.value <= 1.0):
                     expected = "a part of the horizon, 0 <= share <= 1"
                     raise InvalidValue(f"{key}: {name}", shown(end.value), expected)
-            elif not (end is None or isinstance(end, AtVia)) and not (
-                is_number(end) and np.isfinite(end) and end >= 0.0
-            ):
+            elif isinstance(end, AtVia):
+                if end.share is not None and not 0.0 <= end.share <= 1.0:
+                    raise InvalidValue(f"{key}: {name}", end.share, "a part of the phase, 0 <= share <= 1")
+            elif end is not None and not (is_number(end) and np.isfinite(end) and end >= 0.0):
                 raise InvalidValue(f"{key}: {name}", shown(end), "a time from the start on [s], at least 0")
         since, until = self.since, self.until
         if isinstance(since, float | int) and isinstance(until, float | int) and until < since:
@@ -173,7 +183,7 @@ class Span:
         Parameters
         ----------
         num_phases : int
-            Of steps whose length is found with the motion; 0: the lengths are given.
+            Of steps whose length is found with the motion, or differs; 0: all are given and the same.
 
         Raises
         ------
@@ -183,13 +193,14 @@ class Span:
         for name, end in ends:
             if num_phases and is_number(end) and end != 0.0:
                 raise ProblemError(
-                    f"{key}: {name}: a time of given steps, and lengths of steps are free; name a via point, "
-                    + ("or give { share = number }" if num_phases == 1 else "which may be one of free time")
+                    f"{key}: {name}: a time of given steps, and lengths of steps are free or differ; name a "
+                    "via point or a phase"
+                    + (", or give { share = number }" if num_phases == 1 else ", which may be of free time")
                 )
             if num_phases > 1 and isinstance(end, Share) and 0.0 < end.value < 1.0:
                 raise ProblemError(
-                    f"{key}: {name}: a share of equal steps, and times of via points are free; name a via "
-                    "point"
+                    f"{key}: {name}: a share of equal steps, and lengths of steps are free or differ; name a "
+                    "via point or a phase"
                 )
             if is_number(end) and not num_phases and end > duration + _GRAIN * dt:
                 raise InvalidValue(f"{key}: {name}", end, f"a time within the horizon of {duration:g} s")
@@ -213,13 +224,13 @@ def _place(end: End, num_steps: int, dt: float) -> float | None:
 
 def _written(end: End) -> Any:
     if isinstance(end, AtVia):
-        return end.name
+        return end.name if end.share is None else {"phase": end.name, "share": end.share}
     return {"share": end.value} if isinstance(end, Share) else end
 
 
 def _words(end: End) -> str:
     if isinstance(end, AtVia):
-        return f"via {end.name!r}"
+        return f"the place {end.name!r}"
     if isinstance(end, Share):
         return f"share {end.value:g}"
     return "the end" if end is None else f"{end:g} s"

@@ -17,6 +17,7 @@ from mbocp.problem.file.tables import ProblemFields, tables_of, to_toml
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
+from mbocp.problem.named_phase import horizon_of
 from mbocp.problem.solver import SolverOptions
 
 __all__ = ["changed"]
@@ -45,6 +46,14 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
         values = {**duration_from(written), **values}
         if tables:  # at once: what they ask for may need it
             tables["horizon"] = {"duration": written}
+    if values.get("phase"):
+        whole = horizon_of(values["phase"])
+        values = {
+            "num_steps": whole.steps,
+            "duration": whole.duration,
+            "duration_range": whole.duration_range,
+            **values,
+        }
     if isinstance(values.get("goal"), Goal):
         values.setdefault("goals", ())  # in the place of several
     known = [field.name for field in fields(problem) if field.init]
@@ -54,7 +63,7 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
         if name in ("start", "integrator"):
             raise ProblemError(f"{name}: got {shown(value)}, expected a table")
         if name not in known:
-            words = [*_TABLES, "via", "path", "obstacle", "steps", *known]
+            words = [*_TABLES, "phase", "via", "path", "obstacle", "steps", *known]
             raise ProblemError(
                 f"{name}: a problem has no such field: {suggest(name, dict.fromkeys(words), 40)}"
             )
@@ -62,7 +71,7 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
 
 
 def _is_table(name: str, value: Any) -> bool:
-    if name in ("via", "path", "obstacle"):
+    if name in ("phase", "via", "path", "obstacle"):
         return isinstance(value, (list, tuple)) and any(isinstance(entry, Mapping) for entry in value)
     return name in _TABLES and isinstance(value, Mapping)
 
@@ -80,8 +89,10 @@ def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
     document = parse_toml(to_toml(tables_of(problem)))
     for name, value in tables.items():
         table = plain(value)
-        if name in ("via", "path", "obstacle", "guess"):  # lists, and a kind with what belongs to it
+        if name in ("phase", "via", "path", "obstacle", "guess"):  # lists, and a kind with what belongs to it
             document[name] = table
+            if name == "phase" and "horizon" not in tables:  # it says how long all is
+                del document["horizon"]
             continue
         old = document.get(name, {})
         if name == "goal" and "any" in {**old, **table}:

@@ -66,7 +66,10 @@ _NOT_THERE = {
     "goal.point": _TOOL,
 }
 
-_REPEATED = frozenset({"goal.any", "goal.any.frame", "start.frame"})  # keys that another table has alike
+_REPEATED = frozenset(
+    {"goal.any", "goal.any.frame", "start.frame", "phase"}
+    | {f"phase.{table}" for table in ("limits", "cost", "path", "via", "via.frame")}
+)  # keys that another table has alike
 _MAX_VALUE_LENGTH = 60  # characters of a value
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 

@@ -95,7 +95,7 @@ def _parse_value(value: str, text: str) -> Any:
 def _put(document: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
     table: Any = document
     for depth, name in enumerate(path[:-1], start=1):
-        below = table[int(name)] if isinstance(table, list) else table.setdefault(name, {})
+        below = table[_place(table, name)] if isinstance(table, list) else table.setdefault(name, {})
         short = _SHORTHANDS.get(path[:depth])
         if short is not None and isinstance(below, str):
             below = table[name] = {short: below}
@@ -104,12 +104,21 @@ def _put(document: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
             reason = f"{here} is {shown(below)}, which has no keys below it; set {here} as a whole"
             raise _error(".".join(path), reason)
         table = below
-    table[int(path[-1]) if isinstance(table, list) else path[-1]] = value
+    table[_place(table, path[-1]) if isinstance(table, list) else path[-1]] = value
 
 
 def _has_entry(below: Any, name: str) -> bool:
-    """Whether `name` is the place of an entry of a list: path.0.frame."""
-    return isinstance(below, list) and name in map(str, range(len(below)))
+    """Whether `name` is an entry of a list by its place or its name: path.0.frame, phase.lift.duration."""
+    return isinstance(below, list) and (name in map(str, range(len(below))) or name in _names(below))
+
+
+def _place(entries: list[Any], name: str) -> int:
+    names = _names(entries)
+    return names.index(name) if name in names else int(name)
+
+
+def _names(entries: list[Any]) -> list[Any]:
+    return [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
 
 
 def plain(value: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +18,6 @@ from mbocp.mechanisms.completion import assembled, assembled_velocity
 from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.cost import Cost, further_terms
 from mbocp.problem.drives import without_driven_velocities
-from mbocp.problem.duration import duration_from
 from mbocp.problem.file.frame_table import frames_from
 from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.file.messages import in_file, located, schema_error
@@ -26,6 +25,13 @@ from mbocp.problem.file.named_values import configuration_from, control_from, ta
 from mbocp.problem.file.obstacle_table import obstacles_from, self_collision_from
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.path_table import path_from
+from mbocp.problem.file.phase_table import (
+    horizon_from,
+    phase_weights,
+    phases_from,
+    with_paths,
+    with_via,
+)
 from mbocp.problem.file.schema import (
     GoalMemberTable,
     GoalTable,
@@ -45,6 +51,7 @@ from mbocp.problem.goal_set import of_member
 from mbocp.problem.guess import Guess
 from mbocp.problem.horizon import check_horizon
 from mbocp.problem.integration import Stabilisation
+from mbocp.problem.named_phase import are_alike
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.robot import Robot, robot_from_spec
@@ -105,7 +112,10 @@ def from_tables(
 def _fields(
     table: ProblemTable, robot: Robot, folder: Path, source: Path | None, name: str, terms: Sequence[OwnTerm]
 ) -> dict[str, Any]:
-    horizon, num_steps = duration_from(table.horizon.duration), table.horizon.steps
+    phases = phases_from(robot, table.phase)
+    whole = horizon_from(table.horizon, phases)
+    horizon = {"duration": whole.duration, "duration_range": whole.duration_range}
+    num_steps = whole.steps
     check_horizon(num_steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
     q_start, v_start = _start(table.start, robot)
     goals = _goals(table.goal, robot, q_start)
@@ -115,12 +125,17 @@ def _fields(
     if goals and written.tracking and written.target is None and written.target_file is None:
         raise ProblemError("cost.tracking: of several goals none is the target; give cost.target")
     cost = written.model_copy(update={"velocity": AUTO}) if is_left_to_us else written
-    via = via_from(robot, table.via, q_start)
-    has_free_times = any(point.is_free for point in via)
+    via = via_from(robot, with_via(table.via, table.phase), q_start)
+    has_free_times = any(point.is_free for point in via) or not are_alike(phases)
     start = (q_start, v_start)
     reader = _CostReader(robot, goal, folder, horizon, has_free_times, num_steps, *start)
+    weighed = (
+        replace(phase, weights=phase_weights(of_phase, reader))
+        for phase, of_phase in zip(phases, table.phase, strict=True)
+    )
     return {
         "cost": _cost(cost, reader),
+        "phase": tuple(weighed),
         **horizon,
         "num_steps": num_steps,
         "robot": robot,
@@ -133,7 +148,7 @@ def _fields(
         "goals": goals,
         "limits": bounds_from(robot, **dict(table.limits)),
         "via": via,
-        "path": path_from(robot, table.path, q_start, goal, folder),
+        "path": path_from(robot, with_paths(table.path, table.phase), q_start, goal, folder),
         "obstacle": obstacles_from(table.obstacle),
         "self_collision": self_collision_from(table.self_collision, folder),
         "terms": terms_from(robot, table.terms, terms),
@@ -290,7 +305,7 @@ class _CostReader:
         elif target_file is not None:
             path = self.folder / target_file
             if self.horizon["duration_range"] is not None or self.has_free_times:
-                what = "horizon.duration is" if self.horizon["duration_range"] is not None else "via.time is"
+                what = "horizon.duration is" if self.horizon["duration_range"] is not None else "a time is"
                 raise ProblemError(
                     f"cost.target_file: a file says when the robot is where, and {what} free; "
                     "give a number there, or cost.target, whose rows belong to the steps"

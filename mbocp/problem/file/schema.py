@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
+from mbocp.problem.cost import weights_by_key
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.solver import SolverOptions
 from mbocp.robot.collision.obstacle import SMOOTHING
@@ -49,6 +50,7 @@ __all__ = [
     "ObstacleTable",
     "PathHead",
     "PathTable",
+    "PhaseTable",
     "ProblemTable",
     "RobotTable",
     "SelfCollisionTable",
@@ -122,7 +124,9 @@ def _lock(value: Any) -> list[str] | Named:
     )
 
 
-def _duration(value: Any) -> float | dict[str, float]:
+def _duration(value: Any) -> float | dict[str, float] | None:
+    if value is None:
+        return None
     if isinstance(value, Mapping):
         return {name: finite_number(entry, f" for {shown(name)}") for name, entry in value.items()}
     return finite_number(value)
@@ -130,7 +134,10 @@ def _duration(value: Any) -> float | dict[str, float]:
 
 def _via_time(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {name: finite_number(entry, f" for {shown(name)}") for name, entry in value.items()}
+        return {
+            name: entry if name == "phase" else finite_number(entry, f" for {shown(name)}")
+            for name, entry in value.items()
+        }
     return value if value is None or isinstance(value, str) else finite_number(value)
 
 
@@ -186,8 +193,8 @@ class RobotTable(Table):
 class HorizonTable(Table):
     """How long, and in how many steps."""
 
-    duration: Duration
-    steps: int
+    duration: Duration = None
+    steps: int | None = None
 
 
 class FramePoseTable(Table):
@@ -289,6 +296,23 @@ PathTable = merged(
 )
 
 
+PhaseCostTable = merged(
+    "PhaseCostTable", "Weights that differ in a phase.", (t.Keys for t in weights_by_key().values()), Table
+)
+
+
+class PhaseTable(Table):
+    """A run of steps, and what differs in it."""
+
+    name: str
+    steps: int
+    duration: Duration
+    limits: LimitsTable = LimitsTable()
+    cost: PhaseCostTable = PhaseCostTable()  # type: ignore[valid-type]  # made of its terms
+    path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
+    via: list[ViaTable] = Field(default_factory=list)
+
+
 class TermHead(Table):
     """Keys of a term of one's own."""
 
@@ -379,7 +403,8 @@ class ProblemTable(Table):
 
     robot: Annotated[RobotTable, BeforeValidator(_named_robot)]
     coordinates: str = "joint"
-    horizon: HorizonTable
+    horizon: HorizonTable = HorizonTable()
+    phase: list[PhaseTable] = Field(default_factory=list)
     start: StartTable = StartTable()
     goal: GoalTable = GoalTable()
     cost: CostTable = CostTable()  # type: ignore[valid-type]  # made of its terms

@@ -22,13 +22,15 @@ from mbocp.problem.file.frame_table import frame_tables
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.obstacle_table import obstacle_tables, self_collision_table
 from mbocp.problem.file.path_table import path_tables
+from mbocp.problem.file.phase_table import phase_tables, written_limits
 from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.file.via_table import via_tables
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
-from mbocp.problem.limits import LIMITS, Bounds
+from mbocp.problem.limits import Bounds
 from mbocp.problem.meeting import Meeting
+from mbocp.problem.named_phase import NamedPhase
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.via import ViaPoint
@@ -58,6 +60,8 @@ class ProblemFields(Protocol):
     def duration_range(self) -> tuple[float, float] | None: ...  # noqa: D102
     @property
     def num_steps(self) -> int: ...  # noqa: D102
+    @property
+    def phase(self) -> tuple[NamedPhase, ...]: ...  # noqa: D102
     @property
     def robot(self) -> Robot: ...  # noqa: D102
     @property
@@ -110,6 +114,7 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
     robot = problem.robot
     return {
         "coordinates": problem.coordinates,
+        "phase": phase_tables(problem.phase) or None,
         "via": via_tables(robot, problem.via) or None,
         "path": path_tables(robot, problem.path) or None,
         "obstacle": obstacle_tables(problem.obstacle) or None,
@@ -126,7 +131,7 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
         else _goal(problem.goal, robot, problem.scheme),
         "cost": _cost(problem.cost),
         "guess": _guess(problem.guess),
-        "limits": _limits(problem.limits),
+        "limits": written_limits(problem.limits),
         "integrator": _integrator(problem),
         "solver": asdict(problem.solver),
     }
@@ -166,16 +171,6 @@ def _cost(cost: Cost) -> dict[str, Any]:
     for term in COST_TERMS:
         table |= term.write(cost)
     return table
-
-
-def _limits(limits: Bounds) -> dict[str, Any]:
-    return {
-        key.removeprefix("limits."): np.column_stack(
-            [getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")]
-        )
-        for letter, key in LIMITS.items()
-        if limits.finite(letter).any()
-    }
 
 
 def _integrator(problem: ProblemFields) -> dict[str, Any]:

@@ -1,0 +1,156 @@
+"""Phases as people write them: `[[phase]]`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbocp.exceptions import ProblemError
+from mbocp.problem.cost import weights_by_key
+from mbocp.problem.duration import duration_from, written_duration
+from mbocp.problem.file.limits_table import bounds_from
+from mbocp.problem.limits import LIMITS, Bounds
+from mbocp.problem.named_phase import Horizon, NamedPhase, horizon_of
+from mbocp.problem.phase_limits import in_phase
+from mbocp.robot import Robot
+from mbocp.terms.cost import Reader, shortest
+from mbocp.terms.span import SPAN, AtVia, Share
+
+if TYPE_CHECKING:
+    from mbocp.problem.file.schema import HorizonTable, PhaseTable
+
+__all__ = [
+    "horizon_from",
+    "phase_tables",
+    "phase_weights",
+    "phases_from",
+    "with_paths",
+    "with_via",
+    "written_limits",
+]
+
+
+def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[NamedPhase, ...]:
+    """Make the phases from the tables of `[[phase]]`, but for their weights.
+
+    Raises
+    ------
+    ProblemError, InvalidValue, DimensionMismatch, UnknownJoint
+        If a value cannot be right, or does not fit the robot.
+    """
+    found = []
+    for table in tables:
+        key = f"phase {table.name!r}"
+        with in_phase(table.name):
+            limits = bounds_from(robot, **dict(table.limits))
+        duration = duration_from(table.duration, key=f"{key}: duration")
+        found.append(NamedPhase(name=table.name, steps=table.steps, limits=limits, **duration))
+    return tuple(found)
+
+
+def phase_weights(table: PhaseTable, reader: Reader) -> dict[str, Any]:
+    """Weights that a phase has, by the key of their term."""
+    found: dict[str, Any] = {}
+    written: Any = table.cost
+    with in_phase(table.name):
+        for key, term in weights_by_key().items():
+            if key in written.model_fields_set:
+                found |= term.read(written, reader)
+    return found
+
+
+def horizon_from(table: HorizonTable, phases: Sequence[NamedPhase]) -> Horizon:
+    """Steps and duration of the whole: what is written, or what the phases come to.
+
+    Raises
+    ------
+    ProblemError
+        If a key is missing, and there are no phases to say it.
+    """
+    own = horizon_of(phases) if phases else None
+    missing = [key for key in ("duration", "steps") if getattr(table, key) is None]
+    if own is None and missing:
+        key = "horizon" if len(missing) == 2 else f"horizon.{missing[0]}"
+        raise ProblemError(f"{key}: this key is missing")
+    steps: Any = table.steps if own is None or table.steps is not None else own.steps
+    if table.duration is None and own is not None:
+        return Horizon(steps, own.duration, own.duration_range)
+    written = table.duration
+    if own is not None and isinstance(written, Mapping) and {"min", "max"} <= set(written):
+        guess = min(max(own.duration, written["min"]), written["max"])
+        written = {"guess": guess, **written}
+    fields = duration_from(written)
+    return Horizon(steps, fields["duration"], fields["duration_range"])
+
+
+def with_via(via: Iterable[Any], tables: Sequence[PhaseTable]) -> list[Any]:
+    """Tables of via points with those of the phases, which are at their ends unless they say a part."""
+    found = list(via)
+    for table in tables:
+        for point in table.via:
+            key = f"phase {table.name!r}: via"
+            if point.time is not None:
+                raise ProblemError(
+                    f"{key}: time: it is at the end of the phase; leave it out, or give share, a part of the "
+                    "phase"
+                )
+            share = 1.0 if point.share is None else point.share
+            name = point.name or f"end of {table.name}"
+            time = {"phase": table.name, "share": share}
+            found.append(point.model_copy(update={"name": name, "time": time, "share": None}))
+    return found
+
+
+def with_paths(path: Iterable[Any], tables: Sequence[PhaseTable]) -> list[Any]:
+    """Tables of path constraints with those of the phases, which hold in their phase or in a part of it."""
+    found = list(path)
+    for table in tables:
+        own: list[Any] = list(table.path)
+        for constraint in own:
+            ends = {key: _within(getattr(constraint, key), key, table.name) for key in SPAN}
+            name = constraint.name or f"{constraint.kind} of {constraint.frame} in {table.name}"
+            found.append(constraint.model_copy(update={"name": name, **ends}))
+    return found
+
+
+def _within(end: Any, key: str, phase: str) -> Any:
+    if end is None:
+        return AtVia(phase)
+    if isinstance(end, Share):
+        return AtVia(phase, share=end.value)
+    if isinstance(end, AtVia):
+        return end
+    raise ProblemError(
+        f"phase {phase!r}: path: {key}: got {end:g}; leave it out for the whole phase, or give "
+        "{ share = number }, a part of the phase"
+    )
+
+
+def phase_tables(phases: Sequence[NamedPhase]) -> list[dict[str, Any]]:
+    """Return the tables that read back as the same phases."""
+    return [_table(phase) for phase in phases]
+
+
+def _table(phase: NamedPhase) -> dict[str, Any]:
+    weights = {key: shortest(np.asarray(value)) for key, value in phase.weights.items()}
+    limits = written_limits(phase.limits)
+    return {
+        "name": phase.name,
+        "steps": phase.steps,
+        "duration": written_duration(phase.duration, phase.duration_range),
+        **({"limits": limits} if limits else {}),
+        **({"cost": weights} if weights else {}),
+    }
+
+
+def written_limits(limits: Bounds) -> dict[str, Any]:
+    """The table `[limits]`, or that of a phase."""
+    return {
+        key.removeprefix("limits."): np.column_stack(
+            [getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")]
+        )
+        for letter, key in LIMITS.items()
+        if limits.finite(letter).any()
+    }

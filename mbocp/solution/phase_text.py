@@ -1,0 +1,91 @@
+"""What the tables `[[phase]]` of a solved problem say of its phases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp._numbers import is_number
+from mbocp.solution.path_text import are_pairs
+
+__all__ = ["PhasePlace", "bounds_in_phases", "phase_places"]
+
+
+class PhasePlace(NamedTuple):
+    """A phase of a solved problem.
+
+    Attributes
+    ----------
+    name : str
+    first, last : int
+        Nodes where it begins and ends.
+    shortest, longest : float
+        Bounds of its duration [s]; the same where it was given.
+    """
+
+    name: str
+    first: int
+    last: int
+    shortest: float
+    longest: float
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the solver found its duration."""
+        return self.shortest < self.longest
+
+
+def phase_places(tables: Sequence[Mapping[str, Any]], steps: Any) -> tuple[PhasePlace, ...]:
+    """Phases in their order; none where a table is odd, or they are not all `steps` together."""
+    found, first = [], 0
+    for table in tables:
+        count, duration = table.get("steps"), table.get("duration")
+        sides = (
+            (duration.get("min"), duration.get("max"))
+            if isinstance(duration, Mapping)
+            else (duration, duration)
+        )
+        if not (isinstance(count, int) and count > 0 and is_number(sides[0]) and is_number(sides[1])):
+            return ()
+        found.append(PhasePlace(str(table.get("name", "")), first, first + count, sides[0], sides[1]))
+        first += count
+    return tuple(found) if first == steps else ()
+
+
+def bounds_in_phases(
+    tables: Sequence[Mapping[str, Any]],
+    places: Sequence[PhasePlace],
+    key: str,
+    whole: Array,
+    *,
+    at_nodes: bool,
+) -> Array:
+    """Bounds of a key of `[limits]` at the nodes 1..N, or in the N steps, shape (2, N, n).
+
+    Parameters
+    ----------
+    tables : sequence of mapping
+        `[[phase]]`, as `mbocp.problem.problem_to_toml` writes them.
+    places : sequence of PhasePlace
+    key : str
+    whole : ndarray, shape (2, n)
+        Those of the problem.
+    at_nodes : bool
+        Whether they hold at nodes: one between two phases belongs to both.
+    """
+    found = np.repeat(whole[:, None, :], places[-1].last, axis=1)
+    for table, place in zip(tables, places, strict=True):
+        limits = table.get("limits")
+        written = limits.get(key) if isinstance(limits, Mapping) else None
+        own = np.array(written, dtype=float).T if are_pairs(written) else np.zeros((2, 0))
+        own = own if own.shape == whole.shape else np.array([[-np.inf], [np.inf]])
+        is_own = np.isfinite(own).any(axis=0)
+        rows = np.where(is_own, own, whole)
+        found[:, place.first : place.last] = rows[:, None]
+        if at_nodes and place.first:
+            before = found[:, place.first - 1]
+            found[:, place.first - 1] = np.maximum(before[0], rows[0]), np.minimum(before[1], rows[1])
+    return found
