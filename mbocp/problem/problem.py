@@ -584,7 +584,7 @@ class Problem:
         cost.check_controls(self.limits.finite("u"), [label.name for label in self.robot.u_labels])
         cost.check_dimensions(self.robot.nq, self.robot.nv, self.num_steps)
         more = bool(self.terms or self.via)
-        is_free = self.has_free_duration or bool(self.phases)
+        is_free = self.has_free_duration or any("time" in phase.weights for phase in self.phase)
         check_weights(cost, goal, is_free=is_free, has_more=more)
 
     def _check_inequalities(self) -> None:

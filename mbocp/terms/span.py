@@ -230,7 +230,7 @@ def _written(end: End) -> Any:
 
 def _words(end: End) -> str:
     if isinstance(end, AtVia):
-        return f"the place {end.name!r}"
+        return f"via {end.name!r}" if end.share is None else f"share {end.share:g} of phase {end.name!r}"
     if isinstance(end, Share):
         return f"share {end.value:g}"
     return "the end" if end is None else f"{end:g} s"

@@ -26,6 +26,7 @@ from mbocp.view.figures.style import (
     WARNING,
     house_style,
     line_style,
+    mark_phases,
     new_figure,
     plain_text,
     save_figure,
@@ -133,7 +134,9 @@ def overview(solution: Solution, robot: Robot | None = None) -> Figure:
         figure, places, path_place = _page(len(tiles), paths)
         shared: dict[str, Any] = {}
         for tile, place in zip(tiles, places, strict=False):
-            _draw(tile, figure.add_subplot(place), shared)
+            axes = figure.add_subplot(place)
+            _draw(tile, axes, shared)
+            _mark_phases(tile, axes, solution)
         if paths is not None:
             in_space = figure.add_subplot(path_place, projection=paths.projection)
             paths.draw(in_space)
@@ -179,7 +182,9 @@ def _stack(solution: Solution, tiles: Sequence[panels.Panel | LinePanel]) -> Fig
         figure = new_figure(7.2, 2.5 * max(len(tiles), 1) + 0.9)
         shared: dict[str, Any] = {}
         for i, tile in enumerate(tiles):
-            _draw(tile, figure.add_subplot(len(tiles), 1, i + 1), shared)
+            axes = figure.add_subplot(len(tiles), 1, i + 1)
+            _draw(tile, axes, shared)
+            _mark_phases(tile, axes, solution)
         _shared_legend(figure, shared)
         _title(figure, solution)
     return figure
@@ -196,6 +201,12 @@ def _draw(tile: panels.Panel | LinePanel, axes: Axes, shared: dict[str, Any]) ->
         handles = tile.draw(axes, [line_style(places[name]) for name in tile.names])
         for name, handle in zip(tile.names, handles, strict=True):
             shared.setdefault(name, handle)
+
+
+def _mark_phases(tile: panels.Panel | LinePanel, axes: Axes, solution: Solution) -> None:
+    """Phases of the motion in a panel of curves over time."""
+    if isinstance(tile, LinePanel):
+        mark_phases(axes, solution.phase_times, float(solution.t[0]))
 
 
 def _shared_legend(figure: Figure, shared: dict[str, Any]) -> None:

@@ -102,11 +102,11 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "span of times": (
         {"via": [at("free")], "path": [{**PATH, "from": 0.5}]},
-        "path 'slow': from: a time of given steps, and lengths of steps are free; name a via point",
+        "path 'slow': from: a time of given steps, and lengths of steps are free or differ; name a via point",
     ),
     "span of shares": (
         {"via": [at("free")], "path": [{**PATH, "until": {"share": 0.5}}]},
-        "path 'slow': until: a share of equal steps, and times of via points are free",
+        "path 'slow': until: a share of equal steps, and lengths of steps are free or differ",
     ),
     "span of times of a free duration": (
         {"duration": ANY_TIME, "via": [], "path": [{**PATH, "from": 0.5}]},
@@ -114,7 +114,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "span of nothing": (
         {"via": [at("free")], "path": [{**PATH, "from": "b"}]},
-        "no via point 'b'; there are 'a'",
+        "no via point or phase 'b'; there are 'a'",
     ),
     "span backwards": (
         {"via": [at("free"), at("free", "b")], "path": [{**PATH, "from": "b", "until": "a"}]},
@@ -123,7 +123,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "span share": ({"via": [], "path": [{**PATH, "from": {"share": 1.5}}]}, "from: got 1.5, expected a part"),
     "span table": (
         {"via": [], "path": [{**PATH, "from": {"part": 0.5}}]},
-        "the name of a via point, or { share",
+        "the name of a via point or of a phase, { share",
     ),
     "target file": (
         {"via": [at("free")], "cost": {"effort": 1.0, "tracking": 1.0, "target_file": "motion.csv"}},

@@ -305,7 +305,7 @@ class _CostReader:
         elif target_file is not None:
             path = self.folder / target_file
             if self.horizon["duration_range"] is not None or self.has_free_times:
-                what = "horizon.duration is" if self.horizon["duration_range"] is not None else "a time is"
+                what = "horizon.duration is" if self.horizon["duration_range"] is not None else "via.time is"
                 raise ProblemError(
                     f"cost.target_file: a file says when the robot is where, and {what} free; "
                     "give a number there, or cost.target, whose rows belong to the steps"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +29,7 @@ __all__ = [
     "finish_axes",
     "house_style",
     "line_style",
+    "mark_phases",
     "mark_time",
     "new_figure",
     "plain_text",
@@ -170,6 +171,25 @@ def mark_time(axes: Axes, t: Array) -> None:
     """Let the axes show the whole horizon and no more."""
     margin = 0.01 * (t[-1] - t[0])
     axes.set_xlim(t[0] - margin, t[-1] + margin)
+
+
+def mark_phases(axes: Axes, phases: Mapping[str, tuple[float, float]], start: float) -> None:
+    """Draw a line where each phase but the last ends, and write the phases' names above the axes' floor.
+
+    Parameters
+    ----------
+    axes : Axes
+    phases : mapping of str to (float, float)
+        When each begins and ends [s], counted from the start.
+    start : float
+        Time of the start [s].
+    """
+    for i, (name, (begins, ends)) in enumerate(phases.items()):
+        if i:
+            axes.axvline(start + begins, color=GREY, linewidth=0.8, linestyle=":")
+        middle = start + (begins + ends) / 2
+        place: Any = {"xy": (middle, 0.02), "xycoords": axes.get_xaxis_transform()}
+        axes.annotate(plain_text(name), **place, ha="center", va="bottom", color=GREY, fontsize=6)
 
 
 def calm_limits(axes: Axes, values: Array) -> None:
