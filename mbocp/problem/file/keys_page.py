@@ -30,7 +30,7 @@ _PATH_HEAD = {
         "string", "", "required, but for a contact force", "frame of the robot that is meant, or its origin"
     ),
     "from": Key(
-        "number, name of a via point, or `{ share = number }`",
+        "number, name of a via point or a phase, `{ share = number }`, or `{ phase = name, share = number }`",
         "s, or part of the horizon",
         "the whole motion",
         "when it holds, both ends included",
