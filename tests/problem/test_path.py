@@ -201,7 +201,7 @@ def test_a_part_of_the_horizon_has_its_nodes(load: Loader) -> None:
         ("until=99.0", "until: got 99.*within the horizon"),
         ("from=99.0", "from: got 99.*within the horizon"),
         ("until=0.0", "no node after the start is between from = 0 s and until = 0 s"),
-        ('from="soon"', "from: no via point 'soon'; there are none"),
+        ('from="soon"', "from: no via point or phase 'soon'; there are none"),
         ("from=true", "from: .*number"),
     ],
 )
