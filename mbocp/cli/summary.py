@@ -157,6 +157,8 @@ def goal_error(solution: Solution, problem: Problem) -> str:
         worst = int(np.abs(error).argmax())
         word = "momentum" if goal.rate == "p" else "velocity"
         parts.append(f"{word} by {abs(error[worst]):.2e} {labels[worst].unit} at {labels[worst].name}")
+    if goal.periodic is not None:
+        parts.append(_cycle_error(solution, problem))
     if goal.poses:
         from mbocp.problem.frames import pose_errors
 
@@ -164,6 +166,26 @@ def goal_error(solution: Solution, problem: Problem) -> str:
         for frame, distance, angle in zip(goal.poses, errors.positions, errors.angles, strict=True):
             parts.append(f"{frame.name} off by {1e3 * distance:.2e} mm and {np.degrees(angle):.2e} deg")
     return ", ".join(parts)
+
+
+def _cycle_error(solution: Solution, problem: Problem) -> str:
+    """How far the end is from the image of the start."""
+    robot, periodic = problem.robot, problem.member(solution.goal_place).goal.periodic
+    if periodic is None:
+        return ""
+    start, end = ((solution.qs[n], solution.vs[n]) for n in (0, -1))
+    defect = periodic.defect(robot, start, end)
+    worst = int(np.abs(defect).argmax())
+    label = robot.v_labels[worst % robot.nv]
+    unit = label.unit.removesuffix("/s") if worst < robot.nv else label.unit
+    words = f"a cycle, closed to {abs(defect[worst]):.2e} {unit} at {label.name}"
+    apart = [
+        f"{name} moves by {(end[0] - start[0])[robot.configuration_indices(name)].item():.6g}"
+        for name in periodic.apart
+        if robot.velocity_indices(name).stop - robot.velocity_indices(name).start == 1
+        and robot.configuration_indices(name).stop - robot.configuration_indices(name).start == 1
+    ]
+    return "; ".join([words, *apart])
 
 
 def _duration(solution: Solution) -> str:

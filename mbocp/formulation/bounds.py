@@ -9,6 +9,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.moved_start import move_bounds
 from mbocp.formulation.progress import pace_bounds
 from mbocp.formulation.step_lengths import length_bounds
 from mbocp.lie import ConfigurationSpace
@@ -45,21 +46,31 @@ def state_bounds(
         lower[:, target], upper[:, target] = along["q"][0][:, source], along["q"][1][:, source]
     lower[:, at.s], upper[:, at.s] = speeds
     free, paces = np.full(at.nh, np.inf), pace_bounds(problem)
+    moves = move_bounds(problem, at)
     path_lower, path_upper = _path_bounds(problem)
     return StateBounds(
         x_lower=np.broadcast_to(_of_states(lower, problem, at, ("h_lower", "t_lower")), (N, at.nx)),
         x_upper=np.broadcast_to(_of_states(upper, problem, at, ("h_upper", "t_upper")), (N, at.nx)),
-        u_lower=_of_controls(along["u"][0], np.concatenate([paces[0], -free]), N),
-        u_upper=_of_controls(along["u"][1], np.concatenate([paces[1], free]), N),
+        u_lower=_of_controls(along["u"][0], paces[0], moves[0], -free),
+        u_upper=_of_controls(along["u"][1], paces[1], moves[1], free),
         path_lower=path_lower,
         path_upper=path_upper,
     )
 
 
-def _of_controls(own: Array, more: Array, num_steps: int) -> Array:
-    """Bounds of the robot's controls, shape (N, nu) or (1, nu), and of more, at all steps."""
-    rows = np.hstack([own, StateBounds.everywhere(more, len(own))])
-    return np.broadcast_to(rows, (num_steps, rows.shape[1]))
+def _of_controls(own: Array, paces: Array, moves: Array, lengths: Array) -> Array:
+    """Bounds of all controls, shape (N, nu): of the robot's, shape (N, n) or (1, n), and of more, at all steps."""
+    num_steps = len(moves)
+    if not moves.shape[1]:
+        rows = np.hstack([own, StateBounds.everywhere(np.concatenate([paces, lengths]), len(own))])
+        return np.broadcast_to(rows, (num_steps, rows.shape[1]))
+    blocks = (
+        own,
+        StateBounds.everywhere(paces, num_steps),
+        moves,
+        StateBounds.everywhere(lengths, num_steps),
+    )
+    return np.hstack([np.broadcast_to(block, (num_steps, block.shape[1])) for block in blocks])
 
 
 def _of_states(rows: Array, problem: Problem, at: StateLayout, sides: tuple[str, str]) -> Array:

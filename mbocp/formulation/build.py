@@ -17,6 +17,7 @@ from mbocp.formulation.goal import EndRows, EndTarget, acceleration_rows, frame_
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
+from mbocp.formulation.moved_start import free_directions, start_ends
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.pace_terms import ADVANCES
 from mbocp.formulation.parameters import (
@@ -252,7 +253,12 @@ def signature_of(
         cost=terms,
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
         path=_structures(problem, _of_joints(joints)),
-        ends=(*frame_ends(problem, rows), *own_ends(given), *_acceleration_end(problem)),
+        ends=(
+            *frame_ends(problem, rows),
+            *own_ends(given),
+            *_acceleration_end(problem),
+            *start_ends(problem, joints),
+        ),
         is_flat=is_flat,
         guarded=guarded,
         has_free_lengths=problem.has_free_lengths,
@@ -260,6 +266,7 @@ def signature_of(
         switches=switches_of(problem),
         has_unequal_lengths=problem.has_unequal_lengths,
         varying=tuple(name for name in problem.weight_shares if name in known),
+        moves=free_directions(problem),
     )
 
 

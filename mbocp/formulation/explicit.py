@@ -26,6 +26,7 @@ from mbocp.formulation.joint import (
     tangent_duals,
 )
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.moved_start import moved_start, with_moves
 from mbocp.formulation.progress import with_paces
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
@@ -130,6 +131,7 @@ class ExplicitFormulation:
         else:
             xs[:, at.s] = motion.vs
         us = with_paces(self.problem, at, motion.us, motion.qs)
+        us = with_moves(self.problem, at, us, motion.qs[0], motion.vs[0])
         xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
         xs[0] = self.programme.x_start
         xs = with_memory(self.problem, at, xs, us)
@@ -141,6 +143,9 @@ class ExplicitFormulation:
         us, dts = without_lengths(at, iterate.us), solved_lengths(self.problem, at, iterate)
         zs, speeds = iterate.xs[:, at.z], iterate.xs[:, at.s]
         qs = self.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
+        if at.num_moves:
+            qs, speeds = np.array(qs), np.array(speeds)
+            qs[0], speeds[0] = moved_start(self.problem, at, iterate.us)
         if not robot.drives:
             return Motion(qs, speeds, us, dts)
         # Velocities that a control prescribes are the ones after the node.
@@ -185,7 +190,8 @@ class ExplicitFormulation:
         """With the step's own increment for f and the adjoint after it, to first order in dt."""
         at, dts = self.layout, motion.dts
         turned = np.array([pin.difference(self.problem.robot.model, a, b) for a, b in pairwise(motion.qs)])
-        moved = np.hstack([turned, np.diff(iterate.xs[:, at.s], axis=0)])
+        speeds = iterate.xs[:, at.s] if self.problem.robot.drives else motion.vs
+        moved = np.hstack([turned, np.diff(speeds, axis=0)])
         rows = tangent_duals(self.space, at, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
         values: Array = np.einsum("ni,ni->n", rows, moved) / dts
         return values + stage_costs(self.programme, iterate) / dts

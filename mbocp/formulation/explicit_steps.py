@@ -9,8 +9,8 @@ from functools import partial
 import casadi as ca
 
 from mbocp.formulation.accelerations import rate_of_speeds
-from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.memory import MEMORY
+from mbocp.formulation.layout import StateLayout, start_move
+from mbocp.formulation.memory import HAS_BEFORE, MEMORY
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
@@ -107,8 +107,9 @@ def _explicit_derivatives(
     chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.inputs))
     root, of_u = chain.root(), slice(2 * layout.ndx, 2 * layout.ndx + at.u.numel())
     paces = root[of_u.stop : of_u.stop + layout.num_paces]
+    moves = root[of_u.stop + layout.num_paces : of_u.stop + layout.num_paces + layout.num_moves]
     d1, d0, u = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[of_u]
-    before = _state(chain, mechanics, layout, d0, at.x0)
+    before = _state(chain, mechanics, layout, _from_start(chain, at, d0, moves), at.x0)
     after = _state(chain, mechanics, layout, d1, at.x1)
     units = ca.diag(at.units_of_u)
     pushed = Affine(units @ u.value, {k: units @ matrix for k, matrix in u.parts.items()})
@@ -124,7 +125,8 @@ def _explicit_derivatives(
     pieces = [kinematic, reached.s - after.s]
     if layout.nr:
         kept = d1[layout.dr]
-        following = _remembered(chain, at, (before.s, reached.s, u, d0[layout.dr], paces), (dt, between))
+        moving = (before.s, reached.s, u, d0[layout.dr], paces, moves)
+        following = _remembered(chain, at, moving, (dt, between))
         pieces.append(following - (kept if layout.is_flat else kept + at.x1[layout.r]))
     if layout.nh:
         pieces.append(Affine(at.length_rows, {0: ca.jacobian(at.length_rows, unknowns)}))
@@ -149,6 +151,22 @@ def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca
     return State(z, d[at.ds] + x[at.s])
 
 
+def _from_start(chain: Chain, at: StepSymbols, d: Affine, moves: Affine) -> Affine:
+    """The tangent d, or the state d where states are flat, with the move of the start in the first step."""
+    layout = at.space.layout
+    if not layout.num_moves:
+        return d
+    x, w = ca.SX.sym("x", layout.ndx), ca.SX.sym("w", layout.num_moves)
+    has_before = at.given[HAS_BEFORE]
+    move = start_move(layout, 1 - has_before, w)
+    if not layout.is_flat:
+        moved = x + ca.vertcat(move, ca.SX.zeros(layout.ndx - move.numel()))
+    else:
+        moved = at.space.moved(x, ca.SX.zeros(layout.ndx), move)
+    function = ca.Function("moved", [x, w, at.rho], [ca.densify(moved)])
+    return chain.apply(function, [d, moves], [at.rho])[0]
+
+
 def _remembered(
     chain: Chain,
     at: StepSymbols,
@@ -157,17 +175,19 @@ def _remembered(
 ) -> Affine:
     """What the state after the step has to remember.
 
-    `moving`: speeds before and after, controls of the robot, what is remembered, paces.
+    `moving`: speeds before and after, controls of the robot, what is remembered, paces, moves of the start.
     """
     layout = at.space.layout
-    s0, s1, u, d, paces = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
+    s0, s1, u, d, paces, moves = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
     r = d if layout.is_flat else d + at.x0[layout.r]
     step, between, start = ca.SX.sym("dt"), ca.SX.sym("spacing"), layout.r.start
     before = {name: r[at_x.start - start : at_x.stop - start] for name, at_x in layout.remembered.items()}
-    passage = replace(at.remembering(s0, s1, before), u=u, dt=step, spacing=between, paces=paces)
+    passage = replace(at.remembering(s0, s1, before), u=u, dt=step, spacing=between, paces=paces, moves=moves)
     rows = ca.vertcat(*[MEMORY[name].following(passage) for name in before])
     given = [at.x0, at.theta, at.rho]
-    function = ca.Function("remembered", [s0, s1, u, d, paces, step, between, *given], [ca.densify(rows)])
+    function = ca.Function(
+        "remembered", [s0, s1, u, d, paces, moves, step, between, *given], [ca.densify(rows)]
+    )
     of_unknowns = [length for length in lengths if isinstance(length, Affine)]
     numbers = [length for length in lengths if not isinstance(length, Affine)]
     return chain.apply(function, [*moving, *of_unknowns], [*numbers, *given])[0]

@@ -26,6 +26,7 @@ __all__ = [
     "end_condition_rows",
     "frame_ends",
     "guarded_parts",
+    "independent_rows",
 ]
 
 _RANK_TOLERANCE = (
@@ -120,7 +121,10 @@ def end_condition_rows(
     free = basis if ties is None else null_space(ties[1], RANK_TOLERANCE)
     reachable = free if speeds is None else speeds(goal.q)
     moments = robot.mass_matrix(goal.q) @ reachable if goal.rate == "p" else reachable
-    D_q, D_rate = _project(goal.q_active, basis, basis), _project(goal.rate_active, moments, reachable)
+    D_q, D_rate = (
+        independent_rows(goal.q_active, basis, basis),
+        independent_rows(goal.rate_active, moments, reachable),
+    )
     to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
     frames = frame_projections(robot, goal, D_q, D_rate @ to_rate @ reachable, reachable, basis)
     return EndRows(D_q, D_rate, frames)
@@ -129,7 +133,7 @@ def end_condition_rows(
 def acceleration_rows(robot: Robot, goal: Goal) -> Array:
     """Independent rows on the accelerations that the goal asks for, shape (rows, nv)."""
     basis = tangent_space(robot, goal.q)
-    return _project(goal.a_active, basis, basis)
+    return independent_rows(goal.a_active, basis, basis)
 
 
 def frame_ends(problem: Problem, rows: EndRows) -> tuple[FrameEnd, ...]:
@@ -159,7 +163,7 @@ def guarded_parts(problem: Problem, space: ConfigurationSpace) -> tuple[int, ...
     )
 
 
-def _project(active: BoolArray, reachable: Array, basis: Array) -> Array:
+def independent_rows(active: BoolArray, reachable: Array, basis: Array) -> Array:
     """Independent rows among the `active` ones, given the `reachable` directions."""
     if not active.any():
         return np.zeros((0, active.size))

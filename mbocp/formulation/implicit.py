@@ -23,6 +23,7 @@ from mbocp.formulation.joint import (
     tangent_duals,
 )
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.moved_start import moved_start, with_moves
 from mbocp.formulation.progress import with_paces
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
@@ -130,6 +131,7 @@ class ImplicitFormulation:
         xs = np.zeros((len(motion.qs), at.nx))
         xs[:, at.z], xs[:, at.s] = self.space.coordinates(motion.qs), motion.vs
         us = with_paces(self.problem, at, motion.us, motion.qs)
+        us = with_moves(self.problem, at, us, motion.qs[0], motion.vs[0])
         xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
         xs[0] = self.programme.x_start
         held = with_held(self.problem, lams)
@@ -144,7 +146,11 @@ class ImplicitFormulation:
         qs = self.space.configurations(zs) if at.is_flat else zs
         dts = solved_lengths(self.problem, at, iterate)
         us = repeated(without_lengths(at, iterate.us), impacts_of(self.problem))
-        return Motion(qs, iterate.xs[:, at.s], us, dts)
+        vs = iterate.xs[:, at.s]
+        if at.num_moves:
+            qs, vs = np.array(qs), np.array(vs)
+            qs[0], vs[0] = moved_start(self.problem, at, iterate.us)
+        return Motion(qs, vs, us, dts)
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""

@@ -8,7 +8,7 @@ import casadi as ca
 
 from mbocp.mechanics import Mechanics
 
-__all__ = ["StateLayout", "StateSpace"]
+__all__ = ["StateLayout", "StateSpace", "start_move"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class StateLayout:
         1 where the length of the steps is free: h, in units of its guess; else 0. See `step_lengths`.
     nt : int
         1 where there are several such lengths: the time, in units of the guessed duration; else 0.
+    moves : tuple of int
+        Directions of (q, v) in which the start is free; see `moved_start`.
     """
 
     nz: int
@@ -41,6 +43,7 @@ class StateLayout:
     memory: tuple[tuple[str, int], ...] = ()
     nh: int = 0
     nt: int = 0
+    moves: tuple[int, ...] = ()
 
     @property
     def nr(self) -> int:
@@ -49,13 +52,23 @@ class StateLayout:
 
     @property
     def num_paces(self) -> int:
-        """Controls of the progress along paths that frames follow; those of lengths come after them."""
+        """Controls of the progress along paths that frames follow; the first beyond those of the robot."""
         return dict(self.memory).get("progress", 0)
+
+    @property
+    def num_moves(self) -> int:
+        """Controls that move the start; between those of paths and those of lengths."""
+        return len(self.moves)
+
+    def of_moves(self, num_controls: int) -> slice:
+        """Places of the moves among all controls of the programme."""
+        stop = num_controls - self.nh
+        return slice(stop - self.num_moves, stop)
 
     @property
     def num_more_controls(self) -> int:
         """Controls of the programme beyond those of the robot."""
-        return self.num_paces + self.nh
+        return self.num_paces + self.num_moves + self.nh
 
     @property
     def remembered(self) -> dict[str, slice]:
@@ -135,6 +148,14 @@ class StateLayout:
         return slice(self.ndx - self.nt, self.ndx)
 
 
+def start_move(at: StateLayout, e: ca.SX, w: ca.SX) -> ca.SX:
+    """Move e E w of the start in (q, v), shape (2 nv,)."""
+    move = ca.SX.zeros(2 * at.nv)
+    for k, i in enumerate(at.moves):
+        move[i] = e * w[k]
+    return move
+
+
 @dataclass(frozen=True)
 class StateSpace:
     """Symbolic maps of states."""
@@ -149,6 +170,16 @@ class StateSpace:
             return x + dx
         moved = self.configurations.integrate(x[at.z], dx[: at.nw])
         return ca.vertcat(moved, x[at.nz :] + dx[at.nw :])
+
+    def moved(self, x: ca.SX, dx: ca.SX, move: ca.SX) -> ca.SX:
+        """State moved along a tangent, the first state by `move` (2 nv,) in q and v, too."""
+        at, nv = self.layout, self.layout.nv
+        rest = ca.SX.zeros(at.ndx - at.nw - at.ns)
+        if not at.is_flat:
+            return self.retract(x, dx + ca.vertcat(move, rest))
+        z = x[at.z]
+        away = move[:nv] if at.nz == nv else self.configurations.integrate(z, move[:nv]) - z
+        return x + dx + ca.vertcat(away, move[nv:], rest)
 
     def difference(self, x0: ca.SX, x1: ca.SX) -> ca.SX:
         """Tangent that leads from one state to another."""

@@ -9,7 +9,8 @@ controls and dt the length of the step from one state to the next, the blocks an
     \text{acceleration} \quad & a = (s_1 - s_0) / \Delta t, &
     \text{jerk} \quad & (a - a^-) / \delta t, &
     \text{progress} \quad & s^- + e\, w, &
-    \text{reaction} \quad & \lambda
+    \text{reaction} \quad & \lambda, &
+    \text{start} \quad & r^- + e\, w
 
 where lambda are forces of constraints in the step, a minus means what was remembered before, and delta t is
 the time from the middle of the step before to that of this one: dt where steps are as long as each other. All
@@ -62,6 +63,8 @@ class Passage:
         Controls of the progress along followed paths, and what they are multiplied by; see `progress`.
     reactions : casadi.SX, shape (rows,), or ndarray, shape (N, rows)
         Forces of constraints in the step, of the rows that are asked for; see `reactions`.
+    moves : casadi.SX, shape (moves,), or ndarray, shape (N, moves)
+        Controls that move the start, in the first step; see `moved_start`.
     """
 
     s0: Any
@@ -76,6 +79,7 @@ class Passage:
     paces: Any = 0.0
     advances: Any = 0.0
     reactions: Any = 0.0
+    moves: Any = 0.0
 
     @property
     def acceleration(self) -> Any:
@@ -89,9 +93,9 @@ class Block:
 
     Attributes
     ----------
-    of : {"u", "s", "path", "reaction"}
-        Whether it has an entry for each control, each speed, each path that a frame follows, or each row of
-        constraints whose force is asked for.
+    of : {"u", "s", "path", "reaction", "start"}
+        Whether it has an entry for each control, each speed, each path that a frame follows, each row of
+        constraints whose force is asked for, or each free direction of the start.
     following : callable
         `Passage` -> the value after the step.
     has_unit : bool
@@ -138,6 +142,10 @@ def _reaction(at: Passage) -> Any:
     return at.reactions / at.units["reaction"]
 
 
+def _start(at: Passage) -> Any:
+    return at.before["start"] + (1.0 - at.has_before) * at.moves
+
+
 MEMORY: Mapping[str, Block] = MappingProxyType(
     {
         "control": Block("u", _control, has_unit=False),
@@ -146,6 +154,7 @@ MEMORY: Mapping[str, Block] = MappingProxyType(
         "jerk": Block("s", _jerk, needs=("acceleration",)),
         "progress": Block("path", _progress, has_unit=False, adds_up=True),
         "reaction": Block("reaction", _reaction),
+        "start": Block("start", _start, has_unit=False, asks_for_first=True, adds_up=True),
     }
 )
 
@@ -170,6 +179,7 @@ def memory_along(
     paces: tuple[Array, Array] | None = None,
     is_impact: BoolArray | None = None,
     reactions: Array | None = None,
+    moves: Array | None = None,
 ) -> dict[str, Array]:
     """What the nodes of a motion remember, by name, shapes (N + 1, size).
 
@@ -187,20 +197,22 @@ def memory_along(
         Steps that take no time, and leave what is remembered; their lengths are not looked at.
     reactions : ndarray, shape (N, rows), optional
         Forces of constraints.
+    moves : ndarray, shape (N, moves), optional
+        Moves of the start.
     """
     none = np.zeros((len(us), 0))
     w, e = (none, none) if paces is None else paces
-    forces = none if reactions is None else reactions
+    forces, moved = (none if given is None else given for given in (reactions, moves))
     timed = np.ones(len(us), dtype=np.bool_) if is_impact is None else ~is_impact
     nodes = np.cumsum(np.append(0, timed))  # for each its place among those after steps that take time
     starts, speeds = speeds[:-1][timed], speeds[1:][timed]
-    us, dts, w, e, forces = us[timed], dts[timed], w[timed], e[timed], forces[timed]
+    us, dts, w, e, forces, moved = (values[timed] for values in (us, dts, w, e, forces, moved))
     has_before = (np.arange(len(us)) > 0).astype(np.float64)[:, None]
     between = spacings(dts)[:, None]
     found: dict[str, Array] = {}
     for name in names:
-        before = {known: values[:-1] for known, values in found.items()} | {"progress": 0.0}
-        own = (dts[:, None], between, has_before, before, units, w, e, forces)
+        before = {known: values[:-1] for known, values in found.items()} | {"progress": 0.0, "start": 0.0}
+        own = (dts[:, None], between, has_before, before, units, w, e, forces, moved)
         at = Passage(starts, speeds, us, 1.0, *own)
         after = MEMORY[name].following(at)
         after = np.cumsum(after, axis=0) if MEMORY[name].adds_up else after

@@ -42,7 +42,9 @@ def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array, lams: A
     names = tuple(at.remembered)
     paces = (us[:, nu : nu + at.num_paces], advances(problem))
     forces = None if lams is None else lams[:, list(reaction_rows(problem))]
-    given = (memory_units(problem), paces, impacts_of(problem), forces)
+    first = nu + at.num_paces
+    moves = us[:, first : first + at.num_moves]
+    given = (memory_units(problem), paces, impacts_of(problem), forces, moves)
     found = memory_along(names, xs[:, at.s], us[:, :nu], dts, *given)
     filled = np.array(xs)
     for name, where in at.remembered.items():

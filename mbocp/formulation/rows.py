@@ -10,6 +10,7 @@ import numpy as np
 from mbocp.formulation.goal import EndRows, acceleration_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY
+from mbocp.formulation.moved_start import move_names, start_ends
 from mbocp.formulation.progress import followed, pace_names
 from mbocp.formulation.reactions import reaction_rows
 from mbocp.formulation.switches import labels_of
@@ -18,6 +19,7 @@ from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 from mbocp.robot import Label
+from mbocp.terms import PeriodicEnd
 
 __all__ = ["RowLabels", "row_describer"]
 
@@ -28,6 +30,7 @@ _REMEMBERED = {
     "jerk": "jerk of",
     "progress": "progress along",
     "reaction": "force of",
+    "start": "memory of the",
 }
 
 
@@ -119,6 +122,7 @@ def row_describer(
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
     for row in acceleration_rows(robot, problem.goal) if problem.goal.a_active.any() else ():
         of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
+    of_end += _start_words(problem, space)
     is_free = problem.has_free_lengths or problem.has_unequal_lengths or bool(problem.impacts)
     times = _Times(
         problem.num_steps,
@@ -134,6 +138,20 @@ def row_describer(
         limits=tuple(_limits(problem, space, at, labels.speeds)),
         memory=tuple(_memory(problem, at, labels.speeds)),
     )
+
+
+def _start_words(problem: Problem, space: ConfigurationSpace | NaturalSpace) -> tuple[str, ...]:
+    """What the rows of a periodic motion, and of constraints at a free start, are."""
+    names, found = problem.robot.v_labels, list[str]()
+    for term in start_ends(problem, space) if isinstance(space, ConfigurationSpace) else ():
+        if isinstance(term, PeriodicEnd):
+            for prefix, D in (("cycle of ", term.D_q), ("cycle of the rate of ", term.D_v)):
+                found += [prefix + names[int(np.argmax(np.abs(row)))].name for row in D]
+            continue
+        labels = problem.robot.constraint_labels
+        found += [f"constraint {label.name} at the start" for label in labels if term.of_q]
+        found += [f"rate of constraint {label.name} at the start" for label in labels if term.of_v]
+    return tuple(found)
 
 
 def _limits(
@@ -156,6 +174,7 @@ def _limits(
     path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
     of_controls = [f"limit of control {label.name}" for label in robot.u_labels]
     of_controls += [f"limit of the {name}" for name in pace_names(problem)]
+    of_controls += [f"bound of the {name}" for name in move_names(problem)]
     of_controls += ["limit of a length"] * at.nh
     return [*(names.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
 
@@ -164,7 +183,14 @@ def _memory(problem: Problem, at: StateLayout, speeds: tuple[Label, ...]) -> lis
     """What the rows of what is remembered are."""
     paths = tuple(Label(constraint.name, "") for constraint in followed(problem))
     of_constraints = tuple(labels_of(problem)[i] for i in reaction_rows(problem))
-    labels = {"s": speeds, "u": problem.robot.u_labels, "path": paths, "reaction": of_constraints}
+    moves = tuple(Label(name, "") for name in move_names(problem))
+    labels = {
+        "s": speeds,
+        "u": problem.robot.u_labels,
+        "path": paths,
+        "reaction": of_constraints,
+        "start": moves,
+    }
     return [
         f"{_REMEMBERED.get(name, name)} {label.name}"
         for name, _ in at.memory

@@ -26,8 +26,10 @@ from mbocp.terms import (
     OwnEnd,
     OwnPath,
     PathTerm,
+    PeriodicEnd,
     RateTerm,
     RunningTerm,
+    StartEnd,
     TerminalCost,
     ToleranceTerm,
     ViaTerm,
@@ -53,7 +55,7 @@ class FunctionSignature:
     terminal : TerminalCost or None
     path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm, ClearanceTerm, ContactTerm and
         MeetingTerm
-    ends : tuple of FrameEnd, OwnEnd and AccelerationEnd
+    ends : tuple of FrameEnd, OwnEnd, AccelerationEnd, PeriodicEnd and StartEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
         See `StateLayout`.
@@ -69,6 +71,8 @@ class FunctionSignature:
         Whether lengths of steps are given, and differ: each step takes its own as a parameter.
     varying : tuple of str
         Weights that differ from step to step: each step takes its share of them as a parameter.
+    moves : tuple of int
+        See `StateLayout`.
     """
 
     robot: str
@@ -80,7 +84,7 @@ class FunctionSignature:
         PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm | ClearanceTerm | ContactTerm | MeetingTerm,
         ...,
     ] = ()
-    ends: tuple[FrameEnd | OwnEnd | AccelerationEnd, ...] = ()
+    ends: tuple[FrameEnd | OwnEnd | AccelerationEnd | PeriodicEnd | StartEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
     has_free_lengths: bool = False
@@ -88,6 +92,7 @@ class FunctionSignature:
     switches: Switches = NO_SWITCHES
     has_unequal_lengths: bool = False
     varying: tuple[str, ...] = ()
+    moves: tuple[int, ...] = ()
 
     @property
     def couples_steps(self) -> bool:
@@ -115,7 +120,7 @@ class FunctionSignature:
     def asks_for_first(self) -> bool:
         """Whether functions of a step ask whether it is the first."""
         asks = any(MEMORY[name].asks_for_first for name in self.memory)
-        return self.couples_steps or asks or (self.has_clock and "jerk" in self.memory)
+        return self.couples_steps or asks or bool(self.moves) or (self.has_clock and "jerk" in self.memory)
 
     @property
     def uses_time(self) -> bool:
@@ -130,10 +135,13 @@ class FunctionSignature:
     def state_layout(self, nz: int, nv: int, ns: int, nu: int) -> StateLayout:
         """Pieces of a state, for configurations of `nz` coordinates and `nv` directions."""
         sizes = {"u": nu, "s": ns, "path": self.num_paths, "reaction": len(self.reactions)}
+        sizes["start"] = len(self.moves)
         memory = tuple((name, sizes[MEMORY[name].of]) for name in self.memory)
         nh = int(self.has_free_lengths)
         nt = int(self.has_clock)
-        return StateLayout(nz=nz, nv=nv, ns=ns, memory=memory, is_flat=self.is_flat, nh=nh, nt=nt)
+        return StateLayout(
+            nz=nz, nv=nv, ns=ns, memory=memory, is_flat=self.is_flat, nh=nh, nt=nt, moves=self.moves
+        )
 
     @property
     def stage_text(self) -> str:
@@ -176,6 +184,7 @@ class FunctionSignature:
             **({"reactions": self.reactions} if self.reactions else {}),
             **({"has_free_lengths": True} if self.has_free_lengths else {}),  # given ones keep their key
             **({"has_clock": True} if self.has_clock else {}),
+            **({"moves": self.moves} if self.moves else {}),
         }
 
 

@@ -4,7 +4,7 @@ A state is x = (z, s, r, h, t): coordinates of the configuration, speeds, what i
 for terms that ask for it, the length of the steps where it is free, and the time where there are several.
 Derivatives are taken along the retraction x -> (z exp(dq), s + ds, r + dr, h + dh, t + dt) at dx = 0, so that
 every Newton update stays on the joints' Lie group; or, where the signature is flat, in the coordinates
-themselves.
+themselves. Where the start is free, the first state is moved first, see `mbocp.formulation.moved_start`.
 
 Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 
@@ -28,7 +28,7 @@ from functools import partial
 
 import casadi as ca
 
-from mbocp.formulation.layout import StateSpace
+from mbocp.formulation.layout import StateSpace, start_move
 from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH, idle_cost, spacing
 from mbocp.formulation.memory import HAS_BEFORE
 from mbocp.formulation.pace_terms import ADVANCES, resting_cost
@@ -87,9 +87,13 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     if not at.is_flat:
         d0, d1 = ca.SX.sym("d0", at.ndx), ca.SX.sym("d1", at.ndx)
         at0, at1 = space.retract(x0, d0), space.retract(x1, d1)
-    u, w, paces = (ca.SX.sym(n, k) for n, k in (("u", mechanics.nu), ("w", at.nh), ("paces", at.num_paces)))
+    sizes = {"u": mechanics.nu, "w": at.nh, "paces": at.num_paces, "moves": at.num_moves}
+    u, w, paces, moves = (ca.SX.sym(n, k) for n, k in sizes.items())
     given = {**pieces(theta, layout.theta), **pieces(rho, layout.stage)}
     given |= {name: given[name] * given[share_of(name)] for name in signature.varying}
+    if at.num_moves:
+        along = ca.SX.zeros(at.ndx) if at.is_flat else d0
+        at0 = space.moved(x0, along, start_move(at, 1 - given[HAS_BEFORE], moves))
     num_drives = len(mechanics.robot.drives)  # at the end of u; what they prescribe is no force
     units_of_u = ca.vertcat(ca.repmat(given["force"], mechanics.nu - num_drives), ca.SX.ones(num_drives))
     # As a linear row of the step makes it equal to h1 it could be that, but explicit steps know h0 alone.
@@ -111,6 +115,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     leap = given.get(IS_IMPACT, ca.SX(0))
     idle += idle_impact(leap, u) if signature.switches.has_impacts else ca.SX(0)
     y = ca.SX.sym("y", ny)
+    idle += given[HAS_BEFORE] * ca.sumsqr(moves) / 2.0 if at.num_moves else ca.SX(0)
     return StepSymbols(
         mechanics=mechanics,
         space=space,
@@ -123,6 +128,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         y=y,
         u=u,
         paces=paces,
+        moves=moves,
         w=w,
         dt=dt,
         spacing=between,

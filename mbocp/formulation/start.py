@@ -33,10 +33,15 @@ def consistent_velocity(problem: Problem) -> Array:
     Raises
     ------
     InconsistentStart
-        If no such velocity is near: the steps are too long for the start velocity. Or if the length of the
-        steps is free, so that there is none that fits before it is found.
+        If no such velocity is near: the steps are too long for the start velocity. Or if start or length of
+        the steps are free, so that there is none that fits before they are found.
     """
     robot, q, v = problem.robot, problem.q_start, problem.v_start
+    if TAU[problem.scheme] == 0.0 and robot.nc and problem.start_free is not None:
+        raise InconsistentStart(
+            f"start.free: scheme {problem.scheme} begins with a velocity that fits the constraints of robot "
+            f"{robot.name!r} before it is found; take scheme se1 or midpoint, or give the start"
+        )
     if TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
         if problem.has_free_lengths:
             raise InconsistentStart(

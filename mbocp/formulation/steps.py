@@ -50,13 +50,15 @@ class StepSymbols:
     d0, d1 : casadi.SX, shape (ndx,)
         Tangents there, in which derivatives are taken; the states themselves where these are flat.
     at0, at1 : casadi.SX, shape (nx,)
-        The states moved along the tangents.
+        The states moved along the tangents; of the first step, that before it by the moves, too.
     y : casadi.SX, shape (ny,)
         Impulses of constraints, in the unit of force.
     u : casadi.SX, shape (nu,)
         Controls of the robot, forces among them in the unit of force.
     paces : casadi.SX, shape (paths,)
         Controls of the progress along paths, see `progress`.
+    moves : casadi.SX, shape (moves,)
+        Controls that move the start, see `moved_start`.
     w : casadi.SX, shape (nh,)
         Control of the step length, see `step_lengths`.
     dt : casadi.SX
@@ -90,6 +92,7 @@ class StepSymbols:
     y: ca.SX
     u: ca.SX
     paces: ca.SX
+    moves: ca.SX
     w: ca.SX
     dt: ca.SX
     spacing: ca.SX
@@ -110,7 +113,7 @@ class StepSymbols:
     @property
     def inputs(self) -> ca.SX:
         """All controls of the programme, shape (nu + paths + nh,)."""
-        return ca.vertcat(self.u, self.paces, self.w)
+        return ca.vertcat(self.u, self.paces, self.moves, self.w)
 
     def remembering(self, s0: ca.SX, s1: ca.SX, before: Mapping[str, ca.SX]) -> Passage:
         """The step as the rules of what is remembered see it, with these speeds and memories."""
@@ -118,7 +121,7 @@ class StepSymbols:
         has_before = self.given.get(HAS_BEFORE, ca.SX(1))
         advances = self.given.get(ADVANCES, ca.SX.zeros(0, 1))
         own = (self.units_of_u, self.dt, self.spacing, has_before, before, units, self.paces, advances)
-        return Passage(s0, s1, self.u, *own, self.reactions)
+        return Passage(s0, s1, self.u, *own, self.reactions, self.moves)
 
     @property
     def memory_rows(self) -> ca.SX:

@@ -29,6 +29,8 @@ def is_whole(problem: Problem) -> bool:
     active = problem.goal.q_active
     if problem.goal.poses and problem.goal.enforce != "none":  # goal.q is where they are
         return True
+    if problem.goal.periodic is not None:  # goal.q is the image of the start
+        return True
     if active.all() or not active.any():
         return bool(active.all())
     allowed = tangent_space(problem.robot, problem.goal.q)

@@ -21,7 +21,8 @@ def simulated(formulation: Formulation, u: Array) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6)."""
     problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme)
-    us = np.tile(np.append(u, np.zeros(formulation.layout.num_paces)), (problem.num_steps, 1))
+    more = formulation.layout.num_more_controls - formulation.layout.nh
+    us = np.tile(np.append(u, np.zeros(more)), (problem.num_steps, 1))
     native.u = np.hstack([us, length_controls(problem, formulation.layout)]).ravel()
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start

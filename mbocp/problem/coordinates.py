@@ -38,6 +38,8 @@ class CoordinatesData:
         Whether constraints may begin and end along the way.
     lands_softly : bool
         Whether they may begin without an impact: velocities are those of the joints, not chords of bodies.
+    has_joint_states : bool
+        Whether states are q and v of the joints, so that a start may be free and a motion periodic.
     """
 
     needs_constraints: bool
@@ -47,6 +49,7 @@ class CoordinatesData:
     takes_free_duration: bool
     takes_holds: bool = False
     lands_softly: bool = False
+    has_joint_states: bool = False
 
 
 COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
@@ -59,6 +62,7 @@ COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
             takes_free_duration=True,
             takes_holds=True,
             lands_softly=True,
+            has_joint_states=True,
         ),
         # Far from a solution Newton's method gets on badly with bodies: hence the guess.
         "natural": CoordinatesData(

@@ -71,6 +71,8 @@ def completed_goal(
     """
     goal.check_dimensions(robot.nq, robot.nv)
     goal = replace(goal, q=robot.normalise(goal.q, name="goal.q"))
+    if goal.periodic is not None:
+        goal.periodic.check(robot)
     check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
     rates = robot.p_labels if goal.rate == "p" else robot.v_labels
     check_size(f"goal.{goal.rate}", goal.value, rates, MAX_RATE)
@@ -86,6 +88,8 @@ def completed_goal(
         check_driven_acceleration(robot, goal)
         check_end_conditions(robot, goal, num_steps)
         warn_singular(robot, goal.q, "goal.q")
+    if goal.periodic is not None and not goal.poses:  # where guesses end
+        goal = replace(goal, q=goal.periodic.guess(robot, q_start))
     if goal.q_active.any() or goal.poses:
         warn_limits(robot, limits, goal.q, "goal.q")
     return goal

@@ -10,6 +10,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
 from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.problem._checks import check_bool, check_choice, check_finite
+from mbocp.problem.periodic import Periodic
 from mbocp.terms import FrameGoal
 
 __all__ = ["ENFORCE", "RATES", "REDUNDANT", "Enforce", "Goal", "Rate", "Redundant"]
@@ -56,6 +57,8 @@ class Goal:
     guard : bool
         For explicit schemes: keep rotations at the end within a right angle of the goal,
         tr(R_d^T R) >= 1 and cos >= 0. The projected end condition also admits half-turns.
+    periodic : Periodic, optional
+        The end is the start, moved by this symmetry: in the place of `q`, `v` and `p`.
     redundant : {"drop", "keep"}
         For explicit schemes: what becomes of end conditions that the dynamics meet by themselves, such as the
         spin of a symmetric top about its axis. Kept ones make the constraints of the problem dependent.
@@ -70,6 +73,7 @@ class Goal:
     enforce: Enforce = "exact"
     guard: bool = True
     redundant: Redundant = "drop"
+    periodic: Periodic | None = None
     a: Array = field(default_factory=lambda: frozen_array(np.zeros(0)))
     a_active: BoolArray = field(
         default_factory=lambda: frozen_mask(np.zeros(0, dtype=np.bool_), size=0, name="a")
@@ -91,6 +95,7 @@ class Goal:
         check_choice("goal.rate", self.rate, RATES)
         check_choice("goal.redundant", self.redundant, REDUNDANT)
         check_bool("goal.guard", self.guard)
+        self._check_periodic()
         for frame in self.frames:
             if frame.has_tolerance and not self.is_exact:
                 raise ProblemError(
@@ -101,6 +106,22 @@ class Goal:
             raise ProblemError(
                 f'goal: enforce = "{self.enforce}" needs something to enforce; give q or frame, and v or '
                 'p for the end velocity, or say enforce = "none"'
+            )
+
+    def _check_periodic(self) -> None:
+        """Refuse other words for the end beside a periodic motion, and a cost in its place."""
+        if self.periodic is None:
+            return
+        if self.enforce != "exact":
+            raise ProblemError(
+                f'goal.periodic: is an end condition, for enforce = "exact", got "{self.enforce}"; leave '
+                "it out, or take that"
+            )
+        if self.q_active.any() or self.rate_active.any():
+            key = "q" if self.q_active.any() else self.rate
+            raise ProblemError(
+                f"goal.periodic: says what q and v are at the end, and goal.{key} does, too; give them in "
+                "[start], or leave one of the two out"
             )
 
     def _take_accelerations(self, nv: int) -> None:
@@ -121,7 +142,12 @@ class Goal:
     def is_empty(self) -> bool:
         """Whether nothing at all is asked for."""
         says = (self.q_active, self.rate_active, self.a_active)
-        return not (any(mask.any() for mask in says) or self.frames)
+        return not (any(mask.any() for mask in says) or self.frames or self.periodic is not None)
+
+    @property
+    def says_where(self) -> bool:
+        """Whether something is asked of the configuration, so that `q` is one of those at the end."""
+        return bool(self.q_active.any() or self.poses or self.periodic is not None)
 
     @property
     def poses(self) -> tuple[FrameGoal, ...]:

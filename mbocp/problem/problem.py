@@ -29,6 +29,7 @@ from mbocp.problem.ends import checked_start, completed_goal
 from mbocp.problem.file.changes import changed
 from mbocp.problem.file.read import from_tables
 from mbocp.problem.frames import goal_branches
+from mbocp.problem.free_start import FreeStart, check_free_start, check_periodic
 from mbocp.problem.goal import Goal
 from mbocp.problem.goal_set import reachable_members
 from mbocp.problem.guess import Guess
@@ -153,6 +154,8 @@ class Problem:
         Configuration of y_0 [m, rad, unit quaternion xyzw].
     v_start : ndarray, shape (nv,)
         Velocity of y_0 [m/s, rad/s].
+    start_free : FreeStart, optional
+        Which entries of q_start and v_start are guesses, and found with the motion; None: all are given.
     guess : Guess
         Where the solver starts.
     solver : SolverOptions
@@ -205,6 +208,7 @@ class Problem:
     terms: tuple[OwnTerm, ...] = ()
     q_start: Array
     v_start: Array
+    start_free: FreeStart | None = None
     guess: Guess = field(default_factory=Guess)
     solver: SolverOptions = field(default_factory=SolverOptions)
     source: Path | None = None
@@ -258,6 +262,7 @@ class Problem:
         object.__setattr__(self, "goal", goal)
         self._place_via(nodes)
         self._take_obstacles()
+        self._check_free_start()
         self._check_cost()
         self._check_inequalities()
         self.guess.check_dimensions(self.robot.nu)
@@ -297,7 +302,8 @@ class Problem:
     @property
     def is_bounded(self) -> bool:
         """Whether there are inequalities: limits, path constraints or bounds of a free duration."""
-        return self.widest_limits.any_finite or bool(self.path) or self.has_free_lengths
+        has_bounds = self.start_free is not None and self.start_free.is_bounded
+        return self.widest_limits.any_finite or bool(self.path) or self.has_free_lengths or has_bounds
 
     @property
     def widest_limits(self) -> Bounds:
@@ -550,7 +556,7 @@ class Problem:
     def _place_via(self, nodes: list[int | None]) -> None:
         """Find nodes and phases of via points; as path constraints they come last."""
         robot, N, T = self.robot, self.num_steps, self.duration
-        is_asked = self.goal.q_active.any() or self.goal.poses or not self.via
+        is_asked = self.goal.says_where or not self.via
         q_end = self.goal.q if is_asked else self.via[-1].goal.q
         at = placed(robot, self.via, nodes, self.q_start, q_end, N)
         found = via_constraints(robot, self.via, at, N)
@@ -577,6 +583,24 @@ class Problem:
             found = clearance_of(self.robot, self.obstacle, own, self.limits)
             object.__setattr__(self, "clearance", found)
             object.__setattr__(self, "path", (*self.path, found) if found.rows else self.path)
+
+    def _check_free_start(self) -> None:
+        """Refuse a free start, and a periodic motion, where they do not fit the rest."""
+        check_periodic(self.robot, self.goal, self.coordinates)
+        if (self.holds or self.releases or self.impacts) and (self.start_free or self.goal.periodic):
+            key = "start.free" if self.start_free else "goal.periodic"
+            raise ProblemError(
+                f"{key}: constraints begin or end along the way, and where they do depends on the start; "
+                "give the start, and a goal"
+            )
+        if self.start_free is not None:
+            check_free_start(
+                self.robot,
+                self.start_free,
+                self.limits,
+                (self.q_start, self.v_start),
+                coordinates=self.coordinates,
+            )
 
     def _check_cost(self) -> None:
         cost, goal = self.cost.on_controls(self.robot.nu), self.goal

@@ -4,7 +4,8 @@ Tolerances are absolute. A machine of a gram and a millimetre that is asked for 
 of 1e-12, whose gradient is below any tolerance before the first iteration. All weights of the cost times one
 number are the same problem, with multipliers that are as much larger. So where a solve ends with a tiny cost,
 the problem is solved once more with its cost multiplied until it is about 1, see `mbocp.solvers.units`. Other
-problems are solved as they are.
+problems are solved as they are. So are those whose least cost is zero, such as the effort of a motion that
+goes on by itself: what is left of it is the square of round-off, and no unit makes more of that.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from mbocp.solvers.units import Run, run_in
 __all__ = ["cost_factor", "run_with_tiny_costs"]
 
 _MIN_COST = 1e-5  # cost: ten thousand tolerances of the default
+_ZERO = 1e-20  # cost: the square of controls of 1e-10, in units in which ordinary ones are about 1
 _ROUND_OFF = 1e-6  # residual in the unit of a cost of about 1: more is no round-off
 _FINAL = (Status.INTERRUPTED, Status.TIME_LIMIT, Status.INFEASIBLE)  # another unit would not help
 
 
 def cost_factor(cost: float) -> float:
-    """What to multiply a cost with: a power of two, exact in both directions; 1 unless it is tiny."""
-    if not 0.0 < abs(cost) < _MIN_COST:  # NaN, too
+    """What to multiply a cost with: a power of two; 1 unless it is tiny but no zero."""
+    if not _ZERO < abs(cost) < _MIN_COST:  # NaN, too
         return 1.0
     return float(2.0 ** min(-math.floor(math.log2(abs(cost))), 1000))
 
@@ -51,6 +53,8 @@ def run_with_tiny_costs(run: Run, settings: SolverSettings, start: Start) -> Out
         label=f" (cost times {factor:.0e})",
     )
     result = again.result
+    if outcome.result.status is Status.CONVERGED and abs(result.record.cost) <= _ZERO:
+        return outcome
     is_gain = outcome.result.status is not Status.CONVERGED or result.status is Status.CONVERGED
     is_wrong = result.record.residual > _ROUND_OFF  # then the first was converged by its size alone
     better = result if is_gain or is_wrong else outcome.result

@@ -24,6 +24,7 @@ from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
 from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
 from mbocp.terms.path import PATH_TERMS, PathTerm
+from mbocp.terms.periodic import PeriodicEnd, StartEnd, StartState
 
 from mbocp.terms.frame_path import (  # isort: skip  # kinds in the order of the documentation
     AngularSpeed,
@@ -74,6 +75,7 @@ __all__ = [
     "OwnPathConstraint",
     "OwnTerm",
     "PathTerm",
+    "PeriodicEnd",
     "Point",
     "Position",
     "Potential",
@@ -83,6 +85,8 @@ __all__ = [
     "Sizes",
     "Span",
     "Speed",
+    "StartEnd",
+    "StartState",
     "TermNumbers",
     "TerminalCost",
     "Time",

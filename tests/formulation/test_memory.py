@@ -63,13 +63,16 @@ def near(formulation: Formulation) -> tuple[list[np.ndarray], np.ndarray]:
 
 @pytest.mark.parametrize("stage", [0, 3])
 def test_derivatives_of_steps(problem: Problem, stage: int) -> None:
-    """Against those of CasADi through the values alone, the step taken as one function."""
+    """Against those of CasADi through the values alone, the step taken as one function; with a free start."""
+    problem = problem.with_(start={"free": True})
     formulation = formulate(problem)
     programme, at = formulation.programme, formulation.layout
     point, m = near(formulation)
     rho = programme.rho.reshape(N, -1)[stage]
-    absent = () if has_forces(problem, {"scheme": problem.scheme}) else ("reaction",)
-    assert [*at.remembered, *absent] == list(MEMORY)
+    absent = set() if has_forces(problem, {"scheme": problem.scheme}) else {"reaction"}
+    absent |= set() if problem.robot.nc else {"start"}
+    assert at.num_moves == 2 * problem.robot.nv
+    assert list(at.remembered) == [name for name in MEMORY if name not in absent]
     values, complete = (programme.functions.function(name) for name in ("values", "complete"))
     _, _, dc, dl, upper = (np.array(o.full()) for o in complete(*point, m, programme.theta, rho))
     hessian = np.triu(upper) + np.triu(upper, 1).T

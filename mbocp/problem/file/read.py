@@ -25,6 +25,7 @@ from mbocp.problem.file.named_values import configuration_from, control_from, ta
 from mbocp.problem.file.obstacle_table import obstacles_from, self_collision_from
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.path_table import path_from
+from mbocp.problem.file.periodic_table import free_from, periodic_from
 from mbocp.problem.file.phase_table import (
     horizon_from,
     phase_weights,
@@ -154,6 +155,7 @@ def _fields(
         "terms": terms_from(robot, table.terms, terms),
         "q_start": q_start,
         "v_start": v_start,
+        "start_free": free_from(robot, table.start.free),
         "guess": _guess(table.guess, robot, folder),
         "solver": SolverOptions(**table.solver.model_dump()),
         "source": source,
@@ -239,7 +241,7 @@ def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
         if table.a is not None
         else (np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_))
     )
-    says = [table.q is not None, written is not None, a_active.any(), bool(table.frame)]
+    says = [table.q is not None, written is not None, a_active.any(), bool(table.frame), table.periodic]
     enforce = table.enforce if table.enforce is not None else ("exact" if any(says) else "none")
     goal = Goal(
         q=q,
@@ -250,6 +252,7 @@ def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
         value=value,
         rate_active=rate_active,
         frames=frames_from(table.frame),
+        periodic=periodic_from(table.periodic),
         enforce=enforce,  # type: ignore[arg-type]  # checked by the class
         guard=table.guard,
         redundant=table.redundant,  # type: ignore[arg-type]

@@ -141,6 +141,23 @@ def _via_time(value: Any) -> Any:
     return value if value is None or isinstance(value, str) else finite_number(value)
 
 
+def _free(value: Any) -> Any:
+    if value is None or value is True or value in ("q", "v") or isinstance(value, Mapping):
+        return value
+    raise ValueError(
+        f'got {shown(value)}, expected true, "q", "v" or a table with q and v such as '
+        '{ v = true, q = ["elbow"] }'
+    )
+
+
+def _periodic(value: Any) -> Any:
+    if value is None or value is True or isinstance(value, Mapping):
+        return value
+    raise ValueError(
+        f"got {shown(value)}, expected true, or a table with swap, mirror, combine, moved, except, impact"
+    )
+
+
 def _named_robot(value: Any) -> Any:
     if isinstance(value, str):
         return {"name": value}
@@ -160,6 +177,8 @@ Lock = Annotated[Any, BeforeValidator(_lock)]
 Limits = Annotated[Any, BeforeValidator(_limits)]
 Duration = Annotated[Any, BeforeValidator(_duration)]
 Ranges = Annotated[Any, BeforeValidator(_ranges)]
+Free = Annotated[Any, BeforeValidator(_free)]
+PeriodicWords = Annotated[Any, BeforeValidator(_periodic)]
 ViaTime = Annotated[Any, BeforeValidator(_via_time)]
 
 
@@ -220,6 +239,7 @@ class StartTable(Table):
     p: Rate = None
     frame: Annotated[list[FramePoseTable], BeforeValidator(_listed)] = Field(default_factory=list)
     assemble: bool = False
+    free: Free = None
 
 
 class FrameGoalTable(FramePoseTable):
@@ -241,6 +261,7 @@ class GoalMemberTable(Table):
     a: Rate = None
     frame: Annotated[list[FrameGoalTable], BeforeValidator(_listed)] = Field(default_factory=list)
     assemble: bool = False
+    periodic: PeriodicWords = None
     enforce: str | None = None
     guard: bool = True
     redundant: str = "drop"

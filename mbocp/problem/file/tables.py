@@ -22,9 +22,11 @@ from mbocp.problem.file.frame_table import frame_tables
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.obstacle_table import obstacle_tables, self_collision_table
 from mbocp.problem.file.path_table import path_tables
+from mbocp.problem.file.periodic_table import free_table, periodic_table
 from mbocp.problem.file.phase_table import phase_tables, written_limits
 from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.file.via_table import via_tables
+from mbocp.problem.free_start import FreeStart
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
@@ -95,6 +97,8 @@ class ProblemFields(Protocol):
     @property
     def v_start(self) -> Array: ...  # noqa: D102
     @property
+    def start_free(self) -> FreeStart | None: ...  # noqa: D102
+    @property
     def guess(self) -> Guess: ...  # noqa: D102
     @property
     def solver(self) -> SolverOptions: ...  # noqa: D102
@@ -125,7 +129,11 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
             "duration": written_duration(problem.duration, problem.duration_range),
             "steps": problem.num_steps,
         },
-        "start": {"q": problem.q_start, "v": problem.v_start},
+        "start": {
+            "q": problem.q_start,
+            "v": problem.v_start,
+            "free": free_table(robot, problem.start_free),
+        },
         "goal": {"any": [_goal(goal, robot, problem.scheme) for goal in problem.goals]}
         if problem.goals
         else _goal(problem.goal, robot, problem.scheme),
@@ -157,6 +165,8 @@ def _goal(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
             table[key] = _written(robot, value, active)
     if goal.a_active.any():
         table["a"] = _written(robot, goal.a, goal.a_active)
+    if goal.periodic is not None:
+        table["periodic"] = periodic_table(goal.periodic)
     if goal.frames:
         table["frame"] = frame_tables(goal.frames)
     return table

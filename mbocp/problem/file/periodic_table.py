@@ -1,0 +1,154 @@
+"""`start.free` and `goal.periodic` as people write them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp._numbers import is_number
+from mbocp._text import shown
+from mbocp.exceptions import ProblemError, UnknownJoint
+from mbocp.problem.file.messages import located
+from mbocp.problem.file.named_values import tangent_slots
+from mbocp.problem.free_start import FreeStart
+from mbocp.problem.periodic import Periodic
+from mbocp.robot import Robot
+
+__all__ = ["free_from", "free_table", "periodic_from", "periodic_table"]
+
+_PARTS = ("q", "v")
+_WORDS = ("swap", "mirror", "combine", "moved", "except", "impact")
+
+
+def free_from(robot: Robot, written: Any) -> FreeStart | None:
+    """Free entries of a start from what `start.free` says.
+
+    Raises
+    ------
+    UnknownJoint, ProblemError
+    """
+    if written is None:
+        return None
+    if isinstance(written, Mapping):
+        table = dict(written)
+    else:
+        table = dict.fromkeys(_PARTS if written is True else (written,), True)
+    _refuse_others("start.free", table, _PARTS)
+    found = [_which(robot, table.get(part), f"start.free.{part}") for part in _PARTS]
+    lower, upper = (np.concatenate([side[k] for side in found]) for k in (1, 2))
+    return FreeStart(q=found[0][0], v=found[1][0], lower=lower, upper=upper)
+
+
+def free_table(robot: Robot, free: FreeStart | None) -> dict[str, Any] | None:
+    """What reads back as the same."""
+    if free is None:
+        return None
+    nv, names = robot.nv, [label.name for label in robot.v_labels]
+    table: dict[str, Any] = {}
+    for part, mask, first in (("q", free.q, 0), ("v", free.v, nv)):
+        sides = [(float(free.lower[first + i]), float(free.upper[first + i])) for i in range(nv)]
+        entries = {
+            names[i]: list(sides[i]) if np.isfinite(sides[i]).any() else True for i in range(nv) if mask[i]
+        }
+        if entries:
+            table[part] = entries
+    return table
+
+
+def _which(robot: Robot, written: Any, key: str) -> tuple[BoolArray, Array, Array]:
+    """Which components are free, and their bounds, shapes (nv,)."""
+    nv = robot.nv
+    free, lower, upper = np.zeros(nv, dtype=np.bool_), np.full(nv, -np.inf), np.full(nv, np.inf)
+    if written is None or written is False:
+        return free, lower, upper
+    if written is True:
+        return np.ones(nv, dtype=np.bool_), lower, upper
+    if isinstance(written, list):
+        written = dict.fromkeys(written, True)
+    if not isinstance(written, Mapping):
+        raise ProblemError(
+            f"{key}: got {shown(written)}, expected true, a list of joints, or a table with true or "
+            "[lower, upper] for each"
+        )
+    slots = tangent_slots(robot)
+    for name, entry in written.items():
+        if name not in slots:
+            with located(key):
+                raise UnknownJoint(str(name), robot.name, slots)
+        free[slots[name]] = True
+        if entry is True:
+            continue
+        pair = entry if isinstance(entry, list) else []
+        if len(pair) != 2 or not all(is_number(side) for side in pair) or not pair[0] < pair[1]:
+            raise ProblemError(f"{key}.{name}: got {shown(entry)}, expected true, or [lower, upper]")
+        lower[slots[name]], upper[slots[name]] = float(pair[0]), float(pair[1])
+    return free, lower, upper
+
+
+def periodic_from(written: Any) -> Periodic | None:
+    """The symmetry of a periodic motion from what `goal.periodic` says.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if written is None:
+        return None
+    table = {} if written is True else dict(written)
+    key = "goal.periodic"
+    _refuse_others(key, table, _WORDS)
+    swap, moved = table.get("swap", []), table.get("moved", {})
+    if not (isinstance(swap, list) and all(_are_names(pair) and len(pair) == 2 for pair in swap)):
+        raise ProblemError(
+            f'{key}.swap: got {shown(swap)}, expected pairs of joints such as [["left", "right"]]'
+        )
+    for word in ("mirror", "except"):
+        if not _are_names(table.get(word, [])):
+            raise ProblemError(f"{key}.{word}: got {shown(table[word])}, expected a list of joints")
+    if not isinstance(moved, Mapping):
+        raise ProblemError(f"{key}.moved: got {shown(moved)}, expected a table such as {{ x = 0.5 }}")
+    combine, impact = table.get("combine", {}), table.get("impact", "")
+    if not (isinstance(combine, Mapping) and all(isinstance(sums, Mapping) for sums in combine.values())):
+        raise ProblemError(
+            f"{key}.combine: got {shown(combine)}, expected a table for each joint such as "
+            "{ leg = { leg = 1, hip = 1 } }"
+        )
+    if not isinstance(impact, str):
+        raise ProblemError(f"{key}.impact: got {shown(impact)}, expected the name of a frame")
+    return Periodic(
+        swap=tuple((a, b) for a, b in swap),
+        mirror=table.get("mirror", ()),
+        combine=combine,
+        moved=moved,
+        apart=table.get("except", ()),
+        impact=impact,
+    )
+
+
+def periodic_table(periodic: Periodic) -> dict[str, Any] | bool:
+    """What reads back as the same."""
+    table = {
+        "swap": [list(pair) for pair in periodic.swap],
+        "mirror": list(periodic.mirror),
+        "combine": {
+            name: {part: float(factor) for part, factor in sums.items()}
+            for name, sums in periodic.combine.items()
+        },
+        "moved": {name: float(value) for name, value in periodic.moved.items()},
+        "except": list(periodic.apart),
+        "impact": periodic.impact,
+    }
+    return {word: value for word, value in table.items() if value} or True
+
+
+def _are_names(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+def _refuse_others(key: str, table: Mapping[str, Any], words: tuple[str, ...]) -> None:
+    for word in table:
+        if word not in words:
+            raise ProblemError(f"{key}: unknown key {word!r}; there are {', '.join(words)}")

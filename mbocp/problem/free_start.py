@@ -1,0 +1,167 @@
+r"""A start that is found with the motion: which entries of q(0) and v(0) are free, and between which bounds.
+
+The given start is the guess of what is free. With w the move from it,
+
+.. math:: x_0 = (\bar q \exp(E_q w), \; \bar v + E_v w),
+
+where the columns of E are unit vectors of the free directions. See `mbocp.formulation.moved_start` for how w
+becomes a control of the first step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
+from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.exceptions import DimensionMismatch, ProblemError
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.goal import Goal
+from mbocp.problem.limits import Bounds
+from mbocp.problem.periodic import numbers_of
+from mbocp.robot import Robot
+
+__all__ = ["FreeStart", "check_free_start", "check_periodic", "start_bounds"]
+
+_KEY = "start.free"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeStart:
+    """Which entries of the start are free.
+
+    Attributes
+    ----------
+    q, v : ndarray of bool, shape (nv,)
+        Directions of the configuration, and components of the velocity.
+    lower, upper : ndarray, shape (2 nv,), optional
+        Bounds of q and v at the start [m, rad, m/s, rad/s]; infinite where there are none, which is the
+        default. Of q only where a joint has one number.
+    """
+
+    q: BoolArray
+    v: BoolArray
+    lower: Array = field(default_factory=lambda: frozen_array(np.zeros(0)))
+    upper: Array = field(default_factory=lambda: frozen_array(np.zeros(0)))
+
+    def __post_init__(self) -> None:
+        nv = np.asarray(self.v).size
+        for key in ("q", "v"):
+            object.__setattr__(self, key, frozen_mask(getattr(self, key), size=nv, name=f"{_KEY}.{key}"))
+        for key, none in (("lower", -np.inf), ("upper", np.inf)):
+            given = np.asarray(getattr(self, key))
+            array = given if given.size else np.full(2 * nv, none)
+            object.__setattr__(self, key, frozen_array(array, shape=(2 * nv,), name=f"{_KEY}.{key}"))
+        if not (self.q.any() or self.v.any()):
+            raise ProblemError(f"{_KEY}: nothing is free; name joints, or leave it out")
+
+    @property
+    def mask(self) -> BoolArray:
+        """Which directions of (q, v) are free, shape (2 nv,)."""
+        found: BoolArray = np.concatenate([self.q, self.v])
+        return found
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Indices of the free directions of (q, v)."""
+        return tuple(int(i) for i in np.flatnonzero(self.mask))
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether it has bounds of its own."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+
+def start_bounds(robot: Robot, limits: Bounds, free: FreeStart, q: Array, v: Array) -> tuple[Array, Array]:
+    """Lower and upper bounds of the moves w from the guess (q, v), shapes (number of directions,).
+
+    Those of the start and, where they are finite, the limits of positions and velocities.
+    """
+    lower, upper = np.array(free.lower), np.array(free.upper)
+    at, nv = numbers_of(robot), robot.nv
+    plain = at >= 0
+    guess = np.concatenate([np.where(plain, q[at], 0.0), v])
+    lower[:nv][plain] = np.maximum(lower[:nv][plain], limits.q_lower[at[plain]])
+    upper[:nv][plain] = np.minimum(upper[:nv][plain], limits.q_upper[at[plain]])
+    lower[nv:], upper[nv:] = np.maximum(lower[nv:], limits.v_lower), np.minimum(upper[nv:], limits.v_upper)
+    return (lower - guess)[free.mask], (upper - guess)[free.mask]
+
+
+def check_free_start(
+    robot: Robot,
+    free: FreeStart,
+    limits: Bounds,
+    start: tuple[Array, Array],
+    *,
+    coordinates: str,
+) -> None:
+    """Refuse a free start that does not fit robot, limits or coordinates.
+
+    Raises
+    ------
+    DimensionMismatch, ProblemError
+    """
+    if free.v.size != robot.nv:
+        raise DimensionMismatch(_KEY, free.v.size, robot.nv)
+    if not COORDINATES[coordinates].has_joint_states:
+        raise ProblemError(f'{_KEY}: is for coordinates = "joint", where states are q and v; take them')
+    if robot.drives:
+        raise ProblemError(
+            f"{_KEY}: controls of robot {robot.name!r} prescribe velocities, and its start has to be given; "
+            "leave the key out"
+        )
+    _check_loops(robot, free, start[0])
+    _check_bounds(robot, free, limits, *start)
+
+
+def check_periodic(robot: Robot, goal: Goal, coordinates: str) -> None:
+    """Refuse a periodic motion in coordinates, or of robots, whose states are not q and v.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if goal.periodic is None:
+        return
+    if not COORDINATES[coordinates].has_joint_states:
+        raise ProblemError('goal.periodic: is for coordinates = "joint", where states are q and v; take them')
+    if robot.drives:
+        raise ProblemError(
+            f"goal.periodic: controls of robot {robot.name!r} prescribe velocities, which have no start to "
+            "come back to; give goal.q"
+        )
+
+
+def _check_loops(robot: Robot, free: FreeStart, q: Array) -> None:
+    """What is free has to be able to keep the constraints."""
+    if not robot.nc:
+        return
+    G = robot.constraint_jacobian(q)
+    for part, mask in (("q", free.q), ("v", free.v)):
+        if part == "q" and not mask.any():
+            continue
+        if np.linalg.matrix_rank(G[:, mask], tol=RANK_TOLERANCE) < robot.nc:
+            raise ProblemError(
+                f"{_KEY}.{part}: what is free of {part} cannot keep the constraints of robot {robot.name!r}; "
+                f'say true for all of {part}, or "v" for a given configuration'
+            )
+
+
+def _check_bounds(robot: Robot, free: FreeStart, limits: Bounds, q: Array, v: Array) -> None:
+    at, nv = numbers_of(robot), robot.nv
+    bounded = np.isfinite(free.lower) | np.isfinite(free.upper)
+    circles = bounded[:nv] & (at < 0)
+    if circles.any():
+        name = robot.v_labels[int(np.flatnonzero(circles)[0])].name
+        raise ProblemError(f"{_KEY}.q: {name!r} is no single number that could have bounds; say true")
+    lower, upper = start_bounds(robot, limits, free, q, v)
+    outside = (lower > 0.0) | (upper < 0.0)
+    if outside.any():
+        i = free.directions[int(np.flatnonzero(outside)[0])]
+        part, label = ("q", robot.v_labels[i]) if i < nv else ("v", robot.v_labels[i - nv])
+        raise ProblemError(
+            f"start.{part}: {label.name} is the guess of what {_KEY} sets free, and not within its bounds; "
+            "move the guess, or widen the bounds"
+        )

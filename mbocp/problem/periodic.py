@@ -1,0 +1,239 @@
+r"""Periodic motion: the end is the start, moved by a symmetry of the robot.
+
+.. math:: q(T) = S(q(0)), \qquad v(T) = S_v\, v(0), \qquad S(q) = A q + d
+
+S exchanges joints, changes the signs of some, combines others, and moves some by a given distance. It is for
+the user to say a symmetry of the mechanics: the motion that is repeated is S(motion) then, and not the motion
+itself.
+
+Where the motion ends with an inelastic impact, at which a point comes to rest, it is the velocity after it
+that is compared:
+
+.. math:: M(q)\, (v^+ - v(T)) = J(q)^T L, \qquad J(q)\, v^+ = 0, \qquad v^+ = S_v\, v(0)
+
+with the Jacobian J of the point and the impulse L, which acts at the point alone: what was held before lets
+go at that moment. Walking with two equal legs is such a motion: the swinging foot touches the ground, becomes
+the standing one, and the legs have changed their roles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._numbers import is_number
+from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.exceptions import ProblemError, UnknownFrame, UnknownJoint
+from mbocp.mechanisms.consistency import project_on_constraints
+from mbocp.robot import Robot
+from mbocp.robot.kinematics import frame_jacobian
+
+__all__ = ["Image", "Periodic", "impact_axes", "numbers_of", "point_jacobian"]
+
+_KEY = "goal.periodic"
+_BEND = 0.4  # [m, rad] from the initial pose, for configurations that are not special
+
+
+@dataclass(frozen=True, kw_only=True)
+class Periodic:
+    """What the symmetry does, by names of joints.
+
+    Attributes
+    ----------
+    swap : tuple of (str, str)
+        Pairs of joints that exchange their values.
+    mirror : tuple of str
+        Joints whose values change signs; after the exchange.
+    combine : mapping of str to mapping of str to float
+        Joints whose values become sums of those of others, with these factors; in the place of the above.
+    moved : mapping of str to float
+        How much further joints are at the end [m, rad].
+    apart : tuple of str
+        Joints whose positions are not compared: how far the motion leads is found. Velocities are compared.
+    impact : str
+        Frame whose origin comes to rest at the end, by an inelastic impact; empty: there is none.
+    """
+
+    swap: tuple[tuple[str, str], ...] = ()
+    mirror: tuple[str, ...] = ()
+    combine: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: MappingProxyType({}))
+    moved: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    apart: tuple[str, ...] = ()
+    impact: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "swap", tuple((str(a), str(b)) for a, b in self.swap))
+        object.__setattr__(self, "mirror", tuple(self.mirror))
+        combine = {name: MappingProxyType(dict(parts)) for name, parts in self.combine.items()}
+        object.__setattr__(self, "combine", MappingProxyType(combine))
+        object.__setattr__(self, "moved", MappingProxyType(dict(self.moved)))
+        object.__setattr__(self, "apart", tuple(self.apart))
+
+    def check(self, robot: Robot) -> None:
+        """Refuse joints that are unknown, or have no such symmetry.
+
+        Raises
+        ------
+        UnknownJoint, UnknownFrame, ProblemError
+        """
+        swapped = [name for pair in self.swap for name in pair]
+        parts = [name for sums in self.combine.values() for name in sums]
+        uses = (
+            ("swap", swapped),
+            ("mirror", self.mirror),
+            ("combine", (*self.combine, *parts)),
+            ("moved", self.moved),
+        )
+        for key, names in uses:
+            for name in names:
+                self._check_single(robot, name, key)
+        for name in self.apart:
+            if name not in robot.joint_names:
+                raise UnknownJoint(name, robot.name, robot.joint_names)
+        for key, named in (("swap", swapped), ("mirror", self.mirror), ("except", self.apart)):
+            if len(set(named)) < len(named):
+                twice = next(name for name in named if list(named).count(name) > 1)
+                raise ProblemError(f"{_KEY}.{key}: {twice!r} is there twice; name it once")
+        pairs = [*self.swap, *((name, part) for name, sums in self.combine.items() for part in sums)]
+        for a, b in pairs:
+            if _unit(robot, a) != _unit(robot, b):
+                raise ProblemError(f"{_KEY}: {a!r} and {b!r} are joints of different kinds; take two alike")
+        for name in self.combine:
+            if name in swapped or name in self.mirror:
+                raise ProblemError(f"{_KEY}: {name!r} is in `combine` and in `swap` or `mirror`; take one")
+        numbers = [*self.moved.items(), *(pair for sums in self.combine.values() for pair in sums.items())]
+        for name, value in numbers:
+            if not (is_number(value) and np.isfinite(value)):
+                raise ProblemError(f"{_KEY}: {name!r} has {value!r}, expected a number")
+        for name in self.moved:
+            if name in self.apart:
+                raise ProblemError(f"{_KEY}: {name!r} is in `moved` and in `except`; leave out one")
+        if self.impact and self.impact not in robot.frame_names:
+            raise UnknownFrame(self.impact, robot.name, robot.frame_names)
+        if self.impact:
+            self._check_impact(robot)
+
+    def _check_impact(self, robot: Robot) -> None:
+        axes = impact_axes(robot, self.impact)
+        J = point_jacobian(robot, self.impact, robot.q0)[list(axes)]
+        if not axes or np.linalg.matrix_rank(J, tol=RANK_TOLERANCE) < len(axes):
+            raise ProblemError(
+                f"{_KEY}.impact: {self.impact!r} cannot be moved along each of the axes of the world that it "
+                "moves along: an impulse there has many values; name one that joints move, along whole axes"
+            )
+
+    def guess(self, robot: Robot, q: Array) -> Array:
+        """Image of a configuration, with constraints kept by moving what is not compared; shape (nq,)."""
+        image = self.image(robot)
+        q_image = image.configuration(robot, q)
+        apart = np.flatnonzero(~image.compared)
+        return project_on_constraints(robot, q_image, apart) if robot.nc and apart.size else q_image
+
+    def after_impact(self, robot: Robot, q: Array, v: Array) -> Array:
+        """Velocity after the impact, where there is one, shape (nv,)."""
+        if not self.impact:
+            return np.array(v)
+        J = point_jacobian(robot, self.impact, q)[list(impact_axes(robot, self.impact))]
+        W = np.linalg.solve(robot.mass_matrix(q), J.T)
+        after: Array = v - W @ np.linalg.solve(J @ W, J @ v)
+        return after
+
+    def defect(self, robot: Robot, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
+        """End less image of the start in q, on the group, and in v, shape (2 nv,); zero in a cycle."""
+        image, after = self.image(robot), self.after_impact(robot, *end)
+        between = robot.difference(image.configuration(robot, start[0]), end[0])
+        return np.concatenate([np.where(image.compared, between, 0.0), after - image.velocity(start[1])])
+
+    @staticmethod
+    def _check_single(robot: Robot, name: str, key: str) -> None:
+        if name not in robot.joint_names:
+            raise UnknownJoint(name, robot.name, robot.joint_names)
+        at_q = robot.configuration_indices(name)
+        if at_q.stop - at_q.start != 1:
+            raise ProblemError(
+                f"{_KEY}.{key}: {name!r} is no joint of one number; revolute and prismatic ones are swapped, "
+                "mirrored and moved, others come back to where they were or are in `except`"
+            )
+
+    def image(self, robot: Robot) -> Image:
+        """The symmetry by places."""
+        A, moved, compared = np.eye(robot.nv), np.zeros(robot.nv), np.ones(robot.nv, dtype=np.bool_)
+        at = {name: robot.velocity_indices(name) for name in robot.joint_names}
+        for a, b in self.swap:
+            A[[at[a].start, at[b].start]] = A[[at[b].start, at[a].start]]
+        for name in self.mirror:
+            A[at[name]] *= -1.0
+        for name, sums in self.combine.items():
+            A[at[name]] = 0.0
+            for part, factor in sums.items():
+                A[at[name], at[part]] = factor
+        for name, distance in self.moved.items():
+            moved[at[name]] = distance
+        for name in self.apart:
+            compared[at[name]] = False
+        return Image(A, moved, compared)
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """The symmetry by places.
+
+    Attributes
+    ----------
+    A : ndarray, shape (nv, nv)
+        Velocity of the image by that of the start. Positions of joints of one number follow it, too; others
+        are where they were.
+    moved : ndarray, shape (nv,)
+        And positions, by how much more.
+    compared : ndarray of bool, shape (nv,)
+        Which positions are compared.
+    """
+
+    A: Array
+    moved: Array
+    compared: BoolArray
+
+    def configuration(self, robot: Robot, q: Array) -> Array:
+        """Image of a configuration, shape (nq,)."""
+        image, places = np.array(q), numbers_of(robot)
+        single = places >= 0
+        values = np.where(single, q[places], 0.0)
+        image[places[single]] = (self.A @ values + self.moved)[single]
+        return image
+
+    def velocity(self, v: Array) -> Array:
+        """Image of a velocity, shape (nv,)."""
+        found: Array = self.A @ v
+        return found
+
+
+def numbers_of(robot: Robot) -> IntArray:
+    """Place in q of each direction whose joint has one number and is no circle; else -1; shape (nv,)."""
+    found = np.full(robot.nv, -1)
+    for name in robot.joint_names:
+        at_q, at_v = robot.configuration_indices(name), robot.velocity_indices(name)
+        if at_q.stop - at_q.start == at_v.stop - at_v.start == 1:
+            found[at_v] = at_q.start
+    return found
+
+
+def point_jacobian(robot: Robot, frame: str, q: Array) -> Array:
+    """Velocity of a frame's origin in world axes per velocity of the joints, shape (3, nv)."""
+    place, world = robot.frame_names.index(frame), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    return frame_jacobian(robot.model, np.asarray(q), place, world)[:3]
+
+
+def impact_axes(robot: Robot, frame: str) -> tuple[int, ...]:
+    """Axes of the world along which joints can move a frame's origin, at one of a few configurations."""
+    bends = (np.zeros(robot.nv), np.full(robot.nv, _BEND), _BEND * np.cos(np.arange(robot.nv)))
+    rates = [point_jacobian(robot, frame, robot.integrate(robot.q0, bend)) for bend in bends]
+    return tuple(int(i) for i in np.flatnonzero(np.abs(rates).max(axis=(0, 2)) > RANK_TOLERANCE))
+
+
+def _unit(robot: Robot, name: str) -> str:
+    return str(robot.v_labels[robot.velocity_indices(name).start].unit)

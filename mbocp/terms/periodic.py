@@ -1,0 +1,195 @@
+"""Conditions on a free start: constraints hold there, and the end of a periodic motion is its image.
+
+They are functions of the last state, which remembers the move of the start: `mbocp.formulation.moved_start`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.terms.point import Point, Sizes
+
+__all__ = ["PeriodicEnd", "StartEnd", "StartState"]
+
+
+@dataclass(frozen=True)
+class StartState:
+    r"""The start :math:`(\bar q \exp(E_q w), \bar v + E_v w)` as the end knows it.
+
+    Attributes
+    ----------
+    sizes : Sizes
+        Of the configurations.
+    free : tuple of int
+        Free directions of (q, v), those of w.
+    z, v : ndarray, shapes (nz,) and (nv,)
+        The given start.
+    """
+
+    sizes: Sizes
+    free: tuple[int, ...]
+    z: Array = field(compare=False)
+    v: Array = field(compare=False)
+
+    @property
+    def remembers(self) -> tuple[str, ...]:
+        """The move w, where anything is free."""
+        return ("start",) if self.free else ()
+
+    def parameters(self, prefix: str) -> dict[str, int]:
+        """The given start."""
+        return {f"{prefix}.z": self.sizes.nz, f"{prefix}.v": self.sizes.nv}
+
+    def numbers(self, prefix: str) -> dict[str, Array]:
+        """Its values."""
+        return {f"{prefix}.z": np.asarray(self.z), f"{prefix}.v": np.asarray(self.v)}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX], prefix: str) -> tuple[ca.SX, ca.SX]:
+        """Coordinates and velocity, shapes (nz,) and (nv,)."""
+        nv = self.sizes.nv
+        move = ca.SX.zeros(2 * nv)
+        for k, i in enumerate(self.free):
+            move[i] = at.remembered["start"][k]
+        return at.mechanics.integrate(p[f"{prefix}.z"], move[:nv]), p[f"{prefix}.v"] + move[nv:]
+
+
+@dataclass(frozen=True)
+class StartEnd:
+    r"""Constraints at the free start, :math:`\Phi(q_0) = 0` and :math:`\Phi_q v_0 = 0`.
+
+    Attributes
+    ----------
+    start : StartState
+    num_constraints : int
+    of_q, of_v : bool
+        Which of the two are conditions.
+    """
+
+    start: StartState
+    num_constraints: int
+    of_q: bool
+    of_v: bool
+
+    is_cost: ClassVar[bool] = False
+    weights: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def remembers(self) -> tuple[str, ...]:
+        """See `StartState`."""
+        return self.start.remembers
+
+    @property
+    def rows(self) -> int:
+        """Number of conditions."""
+        return self.num_constraints * (self.of_q + self.of_v)
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its functions depend on."""
+        return {"term": "start", "free": self.start.free, "of_q": self.of_q, "of_v": self.of_v}
+
+    def parameters(self) -> dict[str, int]:
+        """The given start."""
+        return self.start.parameters("start")
+
+    def numbers(self) -> dict[str, Array]:
+        """Its values."""
+        return self.start.numbers("start")
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Rows that are zero where the start keeps the constraints."""
+        z, v = self.start.expression(at, p, "start")
+        rows = [at.mechanics.constraints(z)] if self.of_q else []
+        return ca.vertcat(*rows, *([at.mechanics.constraint_jacobian(z) @ v] if self.of_v else []))
+
+
+@dataclass(frozen=True)
+class PeriodicEnd:
+    r"""End less image of the start: :math:`D_q (q_N \ominus S(q_0))` and :math:`D_v (v^+ - A v_0)`.
+
+    Attributes
+    ----------
+    start : StartState
+    D_q, D_v : ndarray, shapes (any, nv)
+        Which directions are compared: all, or those that constraints leave.
+    A_z, A : ndarray, shapes (nz, nz) and (nv, nv)
+        The symmetry in coordinates and velocities.
+    moved : ndarray, shape (nz,)
+        How far the image is moved.
+    rows_q, rows_v : int
+        Rows of the projections.
+    frame_id : int
+        Frame whose origin comes to rest by an impact before velocities are compared; -1: none does.
+    axes : tuple of int
+        Axes of the world along which it can move.
+    """
+
+    start: StartState
+    rows_q: int
+    rows_v: int
+    frame_id: int
+    axes: tuple[int, ...]
+    D_q: Array = field(compare=False)
+    D_v: Array = field(compare=False)
+    A_z: Array = field(compare=False)
+    A: Array = field(compare=False)
+    moved: Array = field(compare=False)
+
+    is_cost: ClassVar[bool] = False
+    weights: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def remembers(self) -> tuple[str, ...]:
+        """See `StartState`."""
+        return self.start.remembers
+
+    @property
+    def rows(self) -> int:
+        """Number of conditions."""
+        return self.rows_q + self.rows_v
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its functions depend on."""
+        shape = {name: getattr(self, name) for name in ("rows_q", "rows_v", "frame_id", "axes")}
+        return {"term": "periodic", "free": self.start.free, **shape}
+
+    def parameters(self) -> dict[str, int]:
+        """The given start, the symmetry and the projections, matrices by columns."""
+        own = {f"periodic.{name}": value.size for name, value in self._values.items()}
+        return {**self.start.parameters("periodic"), **own}
+
+    def numbers(self) -> dict[str, Array]:
+        """Value of each parameter."""
+        own = {f"periodic.{name}": value.ravel(order="F") for name, value in self._values.items()}
+        return {**self.start.numbers("periodic"), **own}
+
+    @property
+    def _values(self) -> dict[str, Array]:
+        return {name: np.asarray(getattr(self, name)) for name in ("D_q", "D_v", "A_z", "A", "moved")}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Rows that are zero in a cycle."""
+        z, v = self.start.expression(at, p, "periodic")
+        named = self._values
+        D_q, D_v, A_z, A = (
+            ca.reshape(p[f"periodic.{n}"], *named[n].shape) for n in ("D_q", "D_v", "A_z", "A")
+        )
+        between = at.mechanics.end_difference(A_z @ z + p["periodic.moved"], at.q)
+        return ca.vertcat(D_q @ between, D_v @ (self._after_impact(at) - A @ v))
+
+    def _after_impact(self, at: Point) -> ca.SX:
+        """Velocity after the impact; M (v+ - v) = J'L and J v+ = 0 as one system."""
+        if self.frame_id < 0:
+            return at.v
+        mechanics = at.mechanics
+        J = mechanics.frame_translation_jacobian(self.frame_id, at.q)[list(self.axes), :]
+        W = ca.ldl_solve(J.T, *ca.ldl(mechanics.mass_matrix(at.q)))
+        impulse = ca.solve(J @ W, J @ at.v)
+        return at.v - W @ impulse
