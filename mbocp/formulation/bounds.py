@@ -59,7 +59,7 @@ def state_bounds(
 
 
 def _of_controls(own: Array, paces: Array, moves: Array, lengths: Array) -> Array:
-    """Bounds of all controls, shape (N, nu): of the robot's, shape (N, n) or (1, n), and of more, at all steps."""
+    """Bounds of all controls, shape (N, nu); those of the robot have the shape (N, n) or (1, n)."""
     num_steps = len(moves)
     if not moves.shape[1]:
         rows = np.hstack([own, StateBounds.everywhere(np.concatenate([paces, lengths]), len(own))])
