@@ -30,7 +30,7 @@ __all__ = ["accuracy_of"]
 _MOST_PARTS = 64  # of a step: stiffer ones are not followed
 _RESOLVED = 0.01  # of the local errors: what the flow itself may be wrong by
 _ROUND_OFF = 1e-11  # [rad, m]: what no flow is better than
-_STANDS = 1e-3  # of the longest way: joints that hardly move
+_STANDS = 0.1  # of the longest way in its unit: joints that hardly move
 
 
 def accuracy_of(robot: Robot, motion: Motion, *, deadline: float = math.inf) -> Accuracy:
@@ -61,7 +61,7 @@ def accuracy_of(robot: Robot, motion: Motion, *, deadline: float = math.inf) -> 
     ways = np.abs(flow.differences(qs[:-1], qs[1:])).sum(axis=0)
     names = [label.name for label in robot.v_labels]
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
-    worst = _worst_share(errors.sum(axis=0), ways)
+    worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
     left = _replayed(flow, motion, speeds, parts)
     energies = flow.energies(qs, vs)
     made = np.cumsum(energies[1:] - flow.energies(ends, _velocities(robot, ends, end_speeds, us)))
@@ -123,7 +123,8 @@ def _velocities(robot: Robot, qs: Array, speeds: Array, us: Array) -> Array:
     return found
 
 
-def _worst_share(sums: Array, ways: Array) -> int:
-    """Component whose errors are largest against its way; of those that stand still, nothing is asked."""
-    moves = ways > _STANDS * ways.max(initial=0.0)
+def _worst_share(sums: Array, ways: Array, units: list[str]) -> int:
+    """Component whose errors are largest against its way; of those that hardly move, nothing is asked."""
+    longest = {unit: max(w for w, u in zip(ways, units, strict=True) if u == unit) for unit in units}
+    moves = ways > _STANDS * np.array([longest[unit] for unit in units])
     return int(np.where(moves, sums / np.where(moves, ways, 1.0), -1.0).argmax())

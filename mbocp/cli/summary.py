@@ -97,10 +97,14 @@ def _coarse(solution: Solution) -> _Rows:
     if not found.is_known or found.is_small:
         return []
     words = (
-        f"the errors of the steps are {100 * found.share:.2g} % of the way of {found.way_joint}: a robot "
+        f"the errors of the steps are {_percent(found.share)} of the way of {found.way_joint}: a robot "
         "under these controls moves otherwise; take more steps, or a scheme of higher order (see accuracy)"
     )
     return [("coarse", Text(words, style="bold yellow"))]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
 
 
 def _accuracy(solution: Solution) -> _Rows:
@@ -116,7 +120,7 @@ def _accuracy(solution: Solution) -> _Rows:
     missed = size(found.replay_error, found.replay_joint)
     lines = [
         f"a step is wrong by {size(found.local_error, found.local_joint)} at most, to t = "
-        f"{found.local_time:.4g} s; all of them by {100 * found.share:.2g} % of the way of {found.way_joint}",
+        f"{found.local_time:.4g} s; all of them by {_percent(found.share)} of the way of {found.way_joint}",
         f"the controls alone, without feedback, miss the end by {missed}",
         f"the steps {'make' if found.made_energy > 0.0 else 'lose'} {abs(found.made_energy):.2g} J of "
         f"{found.energy_range:.3g} J",
