@@ -86,13 +86,16 @@ def print_info(result: Path, *, as_json: bool) -> None:
     from mbocp.cli.summary import print_rows, robot_words, solution_rows
     from mbocp.problem.coordinates import COORDINATES
     from mbocp.solution import Solution
+    from mbocp.solution.problem_text import held_by_phases
 
     solution = Solution.load(result)
     if as_json:
         typer.echo(solution.to_json(indent=2))
         return
     known = COORDINATES.get(solution.coordinates)  # where others have multipliers of rigid bodies, too
-    nc = solution.nc if known is not None and known.has_robot_multipliers else 0
+    held = held_by_phases(solution.problem_text)
+    own = [label for label in solution.labels.lam if label.name.rpartition(".")[0] not in held]
+    nc = len(own) if known is not None and known.has_robot_multipliers else 0
     robot = robot_words(solution.robot_name, solution.nv, solution.nu, nc)
     rows = solution_rows(solution, robot)
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())

@@ -88,7 +88,9 @@ def _nodes_of(problem: Problem, saved: Solution) -> Array:
         at = times[-1] if is_last else passed.get(name, wanted[last])
         if not before < at <= times[-1]:
             at = before + (times[-1] - before) * (last - first) / (len(wanted) - 1 - first)
-        wanted[first : last + 1] = np.linspace(before, at, last - first + 1)
+        leaps = first in problem.impacts
+        wanted[first : last + 1] = before
+        wanted[first + leaps : last + 1] = np.linspace(before, at, last - first - leaps + 1)
         before = at
     found: Array = np.interp(wanted, times, numbers)
     return np.where(np.abs(found - found.round()) < _ON_NODE, found.round(), found)

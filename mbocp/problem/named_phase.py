@@ -15,6 +15,7 @@ from mbocp.problem._checks import check_integer
 from mbocp.problem.cost import weights_by_key
 from mbocp.problem.duration import check_duration
 from mbocp.problem.limits import Bounds
+from mbocp.problem.phase_holds import PhaseHold, PhaseRelease, begin_with_impacts
 
 __all__ = [
     "Horizon",
@@ -23,7 +24,9 @@ __all__ = [
     "horizon_of",
     "phase_lengths",
     "phase_nodes",
+    "phase_spans",
     "places_by_name",
+    "step_counts",
     "with_total",
 ]
 
@@ -39,7 +42,7 @@ class NamedPhase:
     name : str
         What it is called in messages, results, plots and overrides.
     steps : int
-        Number of its steps.
+        Number of its steps that take time: an impact at its beginning is one more.
     duration : float
         [s]; a guess of it where `duration_range` says that it is free.
     duration_range : tuple of float, optional
@@ -48,6 +51,10 @@ class NamedPhase:
         In place of those of the problem, component by component where there is one.
     weights : mapping of str to ndarray
         Weights of terms of the running cost, by their key in `[cost]`, in place of those of the problem.
+    holds : tuple of PhaseHold
+        Frames that are held throughout.
+    releases : tuple of PhaseRelease
+        Constraints of the robot that do not hold.
     """
 
     name: str
@@ -56,6 +63,8 @@ class NamedPhase:
     duration_range: tuple[float, float] | None = None
     limits: Bounds = field(default_factory=Bounds)
     weights: Mapping[str, Any] = field(default_factory=dict)
+    holds: tuple[PhaseHold, ...] = ()
+    releases: tuple[PhaseRelease, ...] = ()
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name):
@@ -72,7 +81,15 @@ class NamedPhase:
                     f"{key}: cost.{word}: differs in no phase, but a weight of these does: "
                     f"{suggest(word, dict.fromkeys(known), 40)}"
                 )
+        self._check_names("hold", [one.hold.name for one in self.holds])
+        self._check_names("release", [one.constraint for one in self.releases])
         object.__setattr__(self, "weights", {k: frozen_array(w) for k, w in self.weights.items()})
+
+    def _check_names(self, what: str, names: Sequence[str]) -> None:
+        for name in names:
+            if names.count(name) > 1:
+                way = "; give each a name of its own" if what == "hold" else "; say it once"
+                raise ProblemError(f"phase {self.name!r}: {what} {name!r}: there are several of it{way}")
 
     @property
     def is_free(self) -> bool:
@@ -92,6 +109,7 @@ class Horizon:
     Attributes
     ----------
     steps : int
+        Impacts included.
     duration : float
         [s]; a guess where it is free.
     duration_range : tuple of float or None
@@ -110,7 +128,7 @@ def horizon_of(phases: Sequence[NamedPhase]) -> Horizon:
     if any(phase.is_free for phase in phases):
         sides = [phase.duration_range or (phase.duration, phase.duration) for phase in phases]
         bounds = float(sum(low for low, _ in sides)), float(sum(high for _, high in sides))
-    return Horizon(sum(phase.steps for phase in phases), duration, bounds)
+    return Horizon(sum(step_counts(phases)), duration, bounds)
 
 
 def with_total(phases: Sequence[NamedPhase], total: Horizon) -> tuple[tuple[float, ...], tuple[float, float]]:
@@ -164,10 +182,22 @@ def _spread(phases: Sequence[NamedPhase], total: float) -> tuple[float, ...]:
     return tuple(float(value) for value in guesses + share * (ends - guesses))
 
 
+def step_counts(phases: Sequence[NamedPhase]) -> tuple[int, ...]:
+    """Number of steps of each phase, with the impact at its beginning, where there is one."""
+    leaps = begin_with_impacts(phases)
+    return tuple(phase.steps + leap for phase, leap in zip(phases, leaps, strict=True))
+
+
 def phase_nodes(phases: Sequence[NamedPhase]) -> dict[str, tuple[int, int]]:
-    """First and last node of each phase, by name."""
-    ends = list(accumulate((phase.steps for phase in phases), initial=0))
+    """First and last node of each phase, by name; an impact at its beginning is part of it."""
+    ends = list(accumulate(step_counts(phases), initial=0))
     return {phase.name: (ends[i], ends[i + 1]) for i, phase in enumerate(phases)}
+
+
+def phase_spans(phases: Sequence[NamedPhase]) -> dict[str, tuple[int, int]]:
+    """Node after the impact with which a phase begins, or else its first, and its last one, by name."""
+    pairs = zip(phase_nodes(phases).items(), begin_with_impacts(phases), strict=True)
+    return {name: (first + leap, last) for (name, (first, last)), leap in pairs}
 
 
 def places_by_name(
@@ -195,4 +225,4 @@ def are_alike(phases: Sequence[NamedPhase]) -> bool:
 
 def phase_lengths(phases: Sequence[NamedPhase]) -> Array:
     """Lengths of the steps of all phases [s], shape (N,)."""
-    return np.repeat([phase.dt for phase in phases], [phase.steps for phase in phases])
+    return np.repeat([phase.dt for phase in phases], step_counts(phases))

@@ -14,6 +14,7 @@ from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem.cost import Cost
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.named_phase import NamedPhase, phase_nodes
+from mbocp.problem.phase_holds import begin_with_impacts
 from mbocp.problem.rates import check_rates
 from mbocp.robot import Robot
 
@@ -53,8 +54,10 @@ def checked_phases(
                 widest_limits(limits, [own]).finite("u"), [label.name for label in robot.u_labels]
             )
         found.append(own)
-    for (before, one), (after, other) in pairwise(zip(found, limits_of_phases(limits, found), strict=True)):
-        _check_neighbours(robot, before.name, one, after.name, other)
+    leaps = begin_with_impacts(found)[1:]
+    pairs = pairwise(zip(found, limits_of_phases(limits, found), strict=True))
+    for ((before, one), (after, other)), leap in zip(pairs, leaps, strict=True):
+        _check_neighbours(robot, before.name, one, after.name, other, leaps=leap)
     return tuple(found)
 
 
@@ -89,7 +92,8 @@ def widest_limits(limits: Bounds, phases: Sequence[NamedPhase]) -> Bounds:
 def limits_along(limits: Bounds, phases: Sequence[NamedPhase]) -> Mapping[str, tuple[Array, Array]]:
     """Lower and upper bounds at the nodes 1..N, or in the N steps, by letters of `LIMITS`.
 
-    A node between two phases belongs to both. Shapes are (N, n), or (1, n) where all phases have the same.
+    A node between two phases belongs to both; velocities before an impact to the phase before it. Shapes are
+    (N, n), or (1, n) where all phases have the same.
     """
     if not any(phase.limits.any_finite for phase in phases):
         return {
@@ -97,21 +101,28 @@ def limits_along(limits: Bounds, phases: Sequence[NamedPhase]) -> Mapping[str, t
             for letter in LIMITS
         }
     each, spans = limits_of_phases(limits, phases), list(phase_nodes(phases).values())
+    leaps = begin_with_impacts(phases)
     found = {}
     for letter in LIMITS:
         sides = [(getattr(b, f"{letter}_lower"), getattr(b, f"{letter}_upper")) for b in each]
         lower = np.repeat([low for low, _ in sides], [last - first for first, last in spans], axis=0)
         upper = np.repeat([high for _, high in sides], [last - first for first, last in spans], axis=0)
         if letter in _AT_NODES:
-            for (first, _), (low, high) in list(zip(spans, sides, strict=True))[1:]:
+            for (first, _), (low, high), leap in list(zip(spans, sides, leaps, strict=True))[1:]:
+                if leap and letter == "v":
+                    continue
                 lower[first - 1] = np.maximum(lower[first - 1], low)
                 upper[first - 1] = np.minimum(upper[first - 1], high)
         found[letter] = (lower, upper)
     return found
 
 
-def _check_neighbours(robot: Robot, before: str, one: Bounds, after: str, other: Bounds) -> None:
+def _check_neighbours(
+    robot: Robot, before: str, one: Bounds, after: str, other: Bounds, *, leaps: bool
+) -> None:
     for letter, labels in (("q", robot.q_labels), ("v", robot.v_labels)):
+        if leaps and letter == "v":
+            continue
         low = np.maximum(getattr(one, f"{letter}_lower"), getattr(other, f"{letter}_lower"))
         high = np.minimum(getattr(one, f"{letter}_upper"), getattr(other, f"{letter}_upper"))
         for i in np.flatnonzero(low > high):

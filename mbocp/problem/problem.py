@@ -42,12 +42,14 @@ from mbocp.problem.named_phase import (
     Horizon,
     NamedPhase,
     are_alike,
-    phase_nodes,
+    phase_spans,
     places_by_name,
+    step_counts,
     with_total,
 )
 from mbocp.problem.path import PathConstraint, check_path, spans_found
 from mbocp.problem.phase_cost import heaviest_cost, weight_shares
+from mbocp.problem.phase_holds import Switches, checked_switches
 from mbocp.problem.phase_limits import checked_phases, limits_along, limits_of_phases, widest_limits
 from mbocp.problem.phases import Phase, free_phases, phases_between
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
@@ -112,7 +114,8 @@ class Problem:
     num_steps : int
         N, impacts included.
     holds : tuple of Hold
-        Constraints that are taken on and let go along the horizon, see `mbocp.problem.hold`.
+        Constraints that are taken on and let go along the horizon, see `mbocp.problem.hold`. Where phases
+        hold or release something, this and the next two follow from them.
     releases : tuple of Release
         Steps in which constraints of the robot itself do not hold.
     impacts : tuple of int
@@ -336,7 +339,7 @@ class Problem:
     @property
     def weight_shares(self) -> dict[str, Array]:
         """Which part of the heaviest weights counts in each step, shape (N, size), by the term's key."""
-        counts = [phase.steps for phase in self.phase]
+        counts = step_counts(self.phase)
         shares = weight_shares(self.cost, self.phase, self.robot)
         return {key: np.repeat(rows, counts, axis=0) for key, rows in shares.items()}
 
@@ -513,8 +516,6 @@ class Problem:
 
     def _take_holds(self) -> None:
         """Find which rows of constraints act in which steps, where that changes."""
-        for name in ("holds", "releases"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
         check_holds(self)
         if self.holds or self.releases or self.impacts:
             own = (self.robot, self.holds, self.releases, self.impacts, self.num_steps)
@@ -531,19 +532,22 @@ class Problem:
         object.__setattr__(self, "path", tuple(path))
 
     def _take_phases(self) -> None:
-        """Check phases against the horizon, and spread what their durations have to sum up to."""
+        """Check phases against the horizon; find what they hold; spread what durations have to sum up to."""
+        given = Switches(tuple(self.holds), tuple(self.releases), self.impacts)
+        for name, found in checked_switches(self.phase, given)._asdict().items():
+            object.__setattr__(self, name, found)
         if not self.phase:
             return
         horizon = Horizon(self.num_steps, self.duration, self.duration_range)
         durations, bounds = with_total(self.phase, horizon)
-        found = checked_phases(self.robot, self.phase, self.limits, self.cost)
-        pairs = zip(found, durations, strict=True)
+        phases = checked_phases(self.robot, self.phase, self.limits, self.cost)
+        pairs = zip(phases, durations, strict=True)
         object.__setattr__(self, "phase", tuple(replace(phase, duration=d) for phase, d in pairs))
         object.__setattr__(self, "_bounds_of_sum", bounds)
 
     def _take_via(self) -> list[int | None]:
         """Via points in the order of the motion, with configurations; their nodes, as far as known."""
-        phases, alike = phase_nodes(self.phase), are_alike(self.phase)
+        phases, alike = phase_spans(self.phase), are_alike(self.phase)
         length, bounds = self.duration, self.duration_range
         nodes = via_nodes(self.via, self.num_steps, length, bounds, phases=phases, are_alike=alike)
         order = via_order(self.via, nodes)
@@ -563,7 +567,7 @@ class Problem:
         object.__setattr__(self, "via", tuple(constraint.via for constraint in found))
         met = () if self.switches is None else meetings(self.switches)
         named = {constraint.name: (constraint.node, constraint.node) for constraint in found}
-        named = places_by_name(named, phase_nodes(self.phase))
+        named = places_by_name(named, phase_spans(self.phase))
         object.__setattr__(self, "path", (*spans_found(self.path, named), *found, *met))
         if self.phase:
             object.__setattr__(self, "phases", free_phases(self.phase, T, self._bounds_of_sum))

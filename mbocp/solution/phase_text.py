@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp._numbers import is_number
 from mbocp.solution.path_text import are_pairs
 
-__all__ = ["PhasePlace", "bounds_in_phases", "phase_places"]
+__all__ = ["PhasePlace", "bounds_in_phases", "hold_names", "phase_places"]
 
 
 class PhasePlace(NamedTuple):
@@ -21,9 +22,11 @@ class PhasePlace(NamedTuple):
     ----------
     name : str
     first, last : int
-        Nodes where it begins and ends.
+        Nodes where it begins and ends; an impact at its beginning is part of it.
     shortest, longest : float
         Bounds of its duration [s]; the same where it was given.
+    has_impact : bool
+        Whether its first step takes no time.
     """
 
     name: str
@@ -31,6 +34,7 @@ class PhasePlace(NamedTuple):
     last: int
     shortest: float
     longest: float
+    has_impact: bool = False
 
     @property
     def is_free(self) -> bool:
@@ -40,8 +44,8 @@ class PhasePlace(NamedTuple):
 
 def phase_places(tables: Sequence[Mapping[str, Any]], steps: Any) -> tuple[PhasePlace, ...]:
     """Phases in their order; none where a table is odd, or they are not all `steps` together."""
-    found, first = [], 0
-    for table in tables:
+    found, first, before = [], 0, _Taken()
+    for place, table in enumerate(tables):
         count, duration = table.get("steps"), table.get("duration")
         sides = (
             (duration.get("min"), duration.get("max"))
@@ -50,9 +54,46 @@ def phase_places(tables: Sequence[Mapping[str, Any]], steps: Any) -> tuple[Phase
         )
         if not (isinstance(count, int) and count > 0 and is_number(sides[0]) and is_number(sides[1])):
             return ()
-        found.append(PhasePlace(str(table.get("name", "")), first, first + count, sides[0], sides[1]))
-        first += count
+        taken = _taken(table)
+        leaps = bool(place) and _begins_with_impact(before, taken)
+        last = first + count + leaps
+        found.append(PhasePlace(str(table.get("name", "")), first, last, sides[0], sides[1], leaps))
+        first, before = last, taken
     return tuple(found) if first == steps else ()
+
+
+class _Taken(NamedTuple):
+    """How what a phase holds begins, and what it releases ends: "impact" or "soft"."""
+
+    holds: Mapping[str, str] = MappingProxyType({})
+    releases: Mapping[str, str] = MappingProxyType({})
+
+
+def _taken(table: Mapping[str, Any]) -> _Taken:
+    """Holds by all that makes them the same, releases by name."""
+    both = []
+    for key in ("hold", "release"):
+        written = table.get(key)
+        entries = [one for one in written if isinstance(one, Mapping)] if isinstance(written, list) else []
+        both.append({_identity(one): str(one.get("meeting", "impact")) for one in entries})
+    return _Taken(*both)
+
+
+def _identity(entry: Mapping[str, Any]) -> str:
+    return repr(sorted((key, value) for key, value in entry.items() if key != "meeting"))
+
+
+def _begins_with_impact(before: _Taken, now: _Taken) -> bool:
+    begin = [meeting for key, meeting in now.holds.items() if key not in before.holds]
+    begin += [meeting for key, meeting in before.releases.items() if key not in now.releases]
+    return "impact" in begin
+
+
+def hold_names(tables: Sequence[Mapping[str, Any]]) -> frozenset[str]:
+    """Names of what phases hold."""
+    holds = [table.get("hold") for table in tables]
+    entries = [one for written in holds if isinstance(written, list) for one in written]
+    return frozenset(str(one.get("name", "")) for one in entries if isinstance(one, Mapping))
 
 
 def bounds_in_phases(
@@ -86,6 +127,8 @@ def bounds_in_phases(
         rows = np.where(is_own, own, whole)
         found[:, place.first : place.last] = rows[:, None]
         if at_nodes and place.first:
+            if place.has_impact and key == "velocity":  # it leaps from one to the other
+                continue
             before = found[:, place.first - 1]
             found[:, place.first - 1] = np.maximum(before[0], rows[0]), np.minimum(before[1], rows[1])
     return found

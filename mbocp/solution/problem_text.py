@@ -16,7 +16,7 @@ from mbocp.robot import FrameTarget
 from mbocp.robot.collision.obstacle import SIZES, Obstacle
 from mbocp.robot.poses.target import target_from_words
 from mbocp.solution.path_text import PathRow, are_pairs, rows_of_path, rows_of_term, rows_of_via
-from mbocp.solution.phase_text import PhasePlace, bounds_in_phases, phase_places
+from mbocp.solution.phase_text import PhasePlace, bounds_in_phases, hold_names, phase_places
 from mbocp.solution.via_text import ViaPlace, via_places
 from mbocp.terms import RATE_TERMS, FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
@@ -28,6 +28,7 @@ __all__ = [
     "PathRow",
     "duration_range_of",
     "goal_targets_of",
+    "held_by_phases",
     "integrator_of",
     "limits_along_of",
     "limits_of",
@@ -295,6 +296,18 @@ def phase_places_of(problem_text: str) -> tuple[PhasePlace, ...]:
     return phase_places(problem.phase, problem.horizon.steps) if problem is not None else ()
 
 
+def held_by_phases(problem_text: str) -> frozenset[str]:
+    """Names of what the phases of a problem hold, after which multipliers are called.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    return hold_names(problem.phase) if problem is not None else frozenset()
+
+
 def limits_along_of(problem_text: str, key: str, whole: Array) -> Array | None:
     """Bounds of a key of `[limits]` at the nodes 1..N, or in the steps, shape (2, N, n), where phases differ.
 
@@ -318,7 +331,8 @@ def limits_along_of(problem_text: str, key: str, whole: Array) -> Array | None:
 
 
 def _nodes_of_phases(problem: _Problem) -> dict[str, tuple[int, int]]:
-    return {p.name: (p.first, p.last) for p in phase_places(problem.phase, problem.horizon.steps)}
+    places = phase_places(problem.phase, problem.horizon.steps)
+    return {p.name: (p.first + p.has_impact, p.last) for p in places}
 
 
 def lines_of(problem_text: str) -> tuple[Array, ...]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any, TypeVar
 
 from mbocp._files import parse_toml
@@ -18,6 +19,7 @@ from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
 from mbocp.problem.named_phase import horizon_of
+from mbocp.problem.phase_holds import takes_switches
 from mbocp.problem.solver import SolverOptions
 
 __all__ = ["changed"]
@@ -26,6 +28,7 @@ P = TypeVar("P", bound=ProblemFields)
 
 _TABLES = ("start", "goal", "cost", "limits", "guess", "integrator", "solver")
 _VALUES = {"goal": Goal, "cost": Cost, "limits": Bounds, "guess": Guess, "solver": SolverOptions}
+_SWITCHES = ("holds", "releases", "impacts")
 _RATES = {"v": "p", "p": "v"}  # of start and goal: one takes the place of the other
 
 
@@ -52,6 +55,7 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
             "num_steps": whole.steps,
             "duration": whole.duration,
             "duration_range": whole.duration_range,
+            **dict.fromkeys(_SWITCHES, ()),  # those of the phases before
             **values,
         }
     if isinstance(values.get("goal"), Goal):
@@ -84,6 +88,13 @@ def _goal_of_several(old: Mapping[str, Any], table: Mapping[str, Any]) -> dict[s
     return {"any": [{**member, **table} for member in others]}
 
 
+def _maker(problem: P, tables: Mapping[str, Any]) -> Callable[..., P]:
+    """What makes the changed problem; holds that no phase says have no table, and are kept."""
+    if "phase" in tables or takes_switches(problem.phase):
+        return type(problem)
+    return partial(type(problem), **{name: getattr(problem, name) for name in _SWITCHES})
+
+
 def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
     """Write the problem down, put keys into its tables, and read it again."""
     document = parse_toml(to_toml(tables_of(problem)))
@@ -102,7 +113,7 @@ def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
             old = {key: entry for key, entry in old.items() if _RATES.get(key) not in table}
         document[name] = {**old, **table}
     return from_tables(
-        type(problem),
+        _maker(problem, tables),
         document,
         robot=problem.robot,
         source=problem.source,

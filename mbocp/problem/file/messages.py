@@ -68,7 +68,7 @@ _NOT_THERE = {
 
 _REPEATED = frozenset(
     {"goal.any", "goal.any.frame", "start.frame", "phase"}
-    | {f"phase.{table}" for table in ("limits", "cost", "path", "via", "via.frame")}
+    | {f"phase.{table}" for table in ("limits", "cost", "path", "via", "via.frame", "hold", "release")}
 )  # keys that another table has alike
 _MAX_VALUE_LENGTH = 60  # characters of a value
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands

@@ -11,15 +11,17 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem.cost import weights_by_key
 from mbocp.problem.duration import duration_from, written_duration
 from mbocp.problem.file.limits_table import bounds_from
+from mbocp.problem.hold import Hold
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.named_phase import Horizon, NamedPhase, horizon_of
+from mbocp.problem.phase_holds import PhaseHold, PhaseRelease
 from mbocp.problem.phase_limits import in_phase
 from mbocp.robot import Robot
 from mbocp.terms.cost import Reader, shortest
 from mbocp.terms.span import SPAN, AtVia, Share
 
 if TYPE_CHECKING:
-    from mbocp.problem.file.schema import HorizonTable, PhaseTable
+    from mbocp.problem.file.schema import HoldTable, HorizonTable, PhaseTable
 
 __all__ = [
     "horizon_from",
@@ -46,8 +48,23 @@ def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[NamedPhase,
         with in_phase(table.name):
             limits = bounds_from(robot, **dict(table.limits))
         duration = duration_from(table.duration, key=f"{key}: duration")
-        found.append(NamedPhase(name=table.name, steps=table.steps, limits=limits, **duration))
+        with in_phase(table.name):
+            holds = tuple(_hold(robot, held) for held in table.hold)
+            releases = tuple(PhaseRelease(one.name, one.meeting) for one in table.release)  # type: ignore[arg-type]
+        own: dict[str, Any] = {"limits": limits, "holds": holds, "releases": releases, **duration}
+        found.append(NamedPhase(name=table.name, steps=table.steps, **own))
     return tuple(found)
+
+
+def _hold(robot: Robot, table: HoldTable) -> PhaseHold:
+    name = table.name or f"{table.frame} at {table.to}"
+    words: Any = {"kind": table.kind, "at": table.at}
+    words |= {} if table.axis is None else {"axis": tuple(table.axis)}
+    hold = Hold(name=name, frame=table.frame, to=table.to, **words)
+    if table.axis is not None and not hold.takes_axis:
+        raise ProblemError(f"hold {name!r}: axis: one of kind {table.kind!r} has none; leave it out")
+    hold.constraint(robot)
+    return PhaseHold(hold, table.meeting)  # type: ignore[arg-type]  # checked by the class
 
 
 def phase_weights(table: PhaseTable, reader: Reader) -> dict[str, Any]:
@@ -142,7 +159,19 @@ def _table(phase: NamedPhase) -> dict[str, Any]:
         "duration": written_duration(phase.duration, phase.duration_range),
         **({"limits": limits} if limits else {}),
         **({"cost": weights} if weights else {}),
+        **({"hold": [_hold_table(held) for held in phase.holds]} if phase.holds else {}),
+        **({"release": [_release_table(one) for one in phase.releases]} if phase.releases else {}),
     }
+
+
+def _hold_table(held: PhaseHold) -> dict[str, Any]:
+    hold = held.hold
+    found = {"name": hold.name, "frame": hold.frame, "to": hold.to, "kind": hold.kind, "at": hold.at}
+    return {**found, **({"axis": hold.axis} if hold.takes_axis else {}), "meeting": held.meeting}
+
+
+def _release_table(one: PhaseRelease) -> dict[str, Any]:
+    return {"name": one.constraint, "meeting": one.meeting}
 
 
 def written_limits(limits: Bounds) -> dict[str, Any]:

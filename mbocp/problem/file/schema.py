@@ -18,6 +18,7 @@ from mbocp.problem.cost import weights_by_key
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.solver import SolverOptions
 from mbocp.robot.collision.obstacle import SMOOTHING
+from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.terms import COST_TERMS, PATH_KEYS
@@ -44,6 +45,7 @@ __all__ = [
     "FrameGoalTable",
     "GoalTable",
     "GuessTable",
+    "HoldTable",
     "HorizonTable",
     "IntegratorTable",
     "LimitsTable",
@@ -52,6 +54,7 @@ __all__ = [
     "PathTable",
     "PhaseTable",
     "ProblemTable",
+    "ReleaseTable",
     "RobotTable",
     "SelfCollisionTable",
     "SolverTable",
@@ -79,6 +82,14 @@ def _rate(value: Any) -> Vector | Named | float:
 def _listed(value: Any) -> Any:
     """One table, or several."""
     return [value] if isinstance(value, Mapping) else value
+
+
+def _released(value: Any) -> Any:
+    """Names of constraints, or tables with more."""
+    entries = [value] if isinstance(value, (str, Mapping)) else value
+    if not isinstance(entries, list):
+        return entries
+    return [{"name": entry} if isinstance(entry, str) else entry for entry in entries]
 
 
 def _triple_or_zero(value: Any) -> Any:
@@ -322,6 +333,25 @@ PhaseCostTable = merged(
 )
 
 
+class HoldTable(Table):
+    """A frame that is held throughout a phase."""
+
+    name: str | None = None
+    frame: str
+    to: str = WORLD
+    kind: str = "weld"
+    at: str = "where_it_is"
+    axis: Triple = None
+    meeting: str = "impact"
+
+
+class ReleaseTable(Table):
+    """A constraint of the robot that does not hold in a phase."""
+
+    name: str
+    meeting: str = "impact"
+
+
 class PhaseTable(Table):
     """A run of steps, and what differs in it."""
 
@@ -330,6 +360,8 @@ class PhaseTable(Table):
     duration: Duration
     limits: LimitsTable = LimitsTable()
     cost: PhaseCostTable = PhaseCostTable()  # type: ignore[valid-type]  # made of its terms
+    hold: Annotated[list[HoldTable], BeforeValidator(_listed)] = Field(default_factory=list)
+    release: Annotated[list[ReleaseTable], BeforeValidator(_released)] = Field(default_factory=list)
     path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
     via: list[ViaTable] = Field(default_factory=list)
 
