@@ -37,7 +37,8 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     robot, N, at = problem.robot, problem.num_steps, formulation.layout
     known = COORDINATES.get(saved.coordinates)
     has_multipliers = known is None or known.has_robot_multipliers
-    rows = len(formulation.constraint_labels) if has_multipliers else robot.nc
+    has_own = has_multipliers and COORDINATES[problem.coordinates].has_robot_multipliers
+    rows = len(formulation.constraint_labels) if has_own else robot.nc
     nc = saved.lams.shape[1] if has_multipliers else robot.nc
     got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], nc)
     if got != (robot.nq, robot.nv, robot.nu, rows):

@@ -73,6 +73,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "num_steps",
         "duration",
         "via_times",
+        "phase_times",
         "wall_time_s",
         "starts",
         "phases",

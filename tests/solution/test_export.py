@@ -19,7 +19,7 @@ KEYS = [
     "status", "converged", "advice", "solver", "iterations", "cost", "residual", "increment",
     "constraint_violation", "velocity_violation", "limit_violation", "manifold_drift",
     "manifold_drift_resimulated", "clearance", "clearance_between", "clearance_time", "accuracy",
-    "unknowns", "num_steps", "duration", "via_times", "wall_time_s", "phases",
+    "unknowns", "num_steps", "duration", "via_times", "phase_times", "wall_time_s", "phases",
     "history",
     "control_hamiltonian", "control_momentum_drift",
     "conserved", "q_final", "p_final", "u_first", "u_last", "eta", "starts",

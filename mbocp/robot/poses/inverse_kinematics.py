@@ -205,7 +205,7 @@ def solve_inverse_kinematics(
 
 
 def closed_anywhere(
-    robot: Posable, start: Array, fixed: Sequence[str] = (), *, restarts: int = 100, seed: int = 0
+    robot: Posable, start: Array, fixed: Sequence[str] = (), *, restarts: int = 40, seed: int = 0
 ) -> Array | None:
     """A configuration within the limits that closes the loops, found from the start or from random ones.
 
