@@ -74,7 +74,7 @@ def _sides(problem: Problem) -> tuple[Array, Array]:
     free = problem.start_free
     if free is None:
         return np.zeros(0), np.zeros(0)
-    return start_bounds(problem.robot, problem.limits, free, problem.q_start, problem.v_start)
+    return start_bounds(problem.robot, problem.limits_of_ends[0], free, problem.q_start, problem.v_start)
 
 
 def start_ends(problem: Problem, space: ConfigurationSpace) -> tuple[PeriodicEnd | StartEnd, ...]:

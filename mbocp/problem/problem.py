@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import ProblemError
-from mbocp.problem._checks import (
-    ProblemWarning,
-    check_choice,
-    check_integer,
-)
+from mbocp.problem._checks import ProblemWarning, check_choice, check_integer
 from mbocp.problem.clearance import Clearance, SelfCollision
 from mbocp.problem.clearance_pairs import clearance_of
+from mbocp.problem.completion import (
+    PathObject,
+    checked_terms,
+    listed_path,
+    ordered_via,
+    phases_of_via,
+    spread_phases,
+    via_placed,
+    with_contacts,
+    with_places,
+)
 from mbocp.problem.consistency import check_end_conditions
-from mbocp.problem.contact_bounds import ContactBounds, contact_bounds
-from mbocp.problem.contact_force import ContactForce
+from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.coordinates import COORDINATES, check_coordinates
 from mbocp.problem.cost import Cost
 from mbocp.problem.duration import check_duration
@@ -37,39 +42,33 @@ from mbocp.problem.hold import Hold, Release
 from mbocp.problem.hold_checks import check_holds
 from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator
 from mbocp.problem.limits import Bounds, check_limits
-from mbocp.problem.meeting import Meeting, meetings
-from mbocp.problem.named_phase import (
-    Horizon,
-    NamedPhase,
-    are_alike,
-    phase_spans,
-    places_by_name,
-    step_counts,
-    with_total,
-)
-from mbocp.problem.path import PathConstraint, check_path, spans_found
+from mbocp.problem.named_phase import Horizon, NamedPhase, are_alike, step_counts
+from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.phase_cost import heaviest_cost, weight_shares
 from mbocp.problem.phase_holds import Switches, checked_switches
-from mbocp.problem.phase_limits import checked_phases, limits_along, limits_of_phases, widest_limits
-from mbocp.problem.phases import Phase, free_phases, phases_between
+from mbocp.problem.phase_limits import limits_along, limits_of_phases, widest_limits
+from mbocp.problem.phases import Phase, free_phases
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.switches import SwitchTable, check_impacts, switch_table
-from mbocp.problem.together import check_method, check_weights
+from mbocp.problem.switches import SwitchTable, switch_table
+from mbocp.problem.together import (
+    check_guess,
+    check_has_actuators,
+    check_leaps,
+    check_method,
+    check_switches_of_ends,
+    check_weights,
+)
 from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_constraint import ViaConstraint
-from mbocp.problem.via_places import placed, via_marks, via_nodes, via_order
-from mbocp.problem.via_points import resolved_points, via_constraints
-from mbocp.problem.warn import warn_alternating, warn_singular
+from mbocp.problem.via_points import via_constraints
+from mbocp.problem.warn import warn_alternating
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolerances
+from mbocp.terms import OwnTerm
 
 __all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
-PathObject: TypeAlias = (
-    PathConstraint | ContactBounds | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
-)
 Inequality: TypeAlias = PathObject | RateLimit
 
 
@@ -218,59 +217,29 @@ class Problem:
     name: str = "problem"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "goals", tuple(self.goals))
+        self._set(goals=tuple(self.goals))
         if self.goals:
             self._take_members()
             return
-        duration, duration_range = check_duration(self.duration, self.duration_range)
-        object.__setattr__(self, "duration", duration)
-        object.__setattr__(self, "duration_range", duration_range)
-        object.__setattr__(self, "num_steps", check_integer("horizon.steps", self.num_steps, minimum=1))
-        object.__setattr__(self, "impacts", tuple(sorted({int(step) for step in self.impacts})))
+        self._take_time()
         check_choice("coordinates", self.coordinates, COORDINATES)
         check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)
-        if self.robot.nu == 0:
-            raise ProblemError(
-                f"robot: {self.robot.name!r} has no actuator; name the driven joints in robot.actuated "
-                "(a free-flyer's root_joint takes a wrench), or write actuators into a robot.toml; its "
-                f"joints, all passive: {', '.join(self.robot.joint_names)}"
-            )
-        object.__setattr__(self, "limits", self.limits.completed(self.robot))
+        check_has_actuators(self.robot)
+        self._set(limits=self.limits.completed(self.robot))
         self._take_phases()
-        check_coordinates(
-            self.robot,
-            self.coordinates,
-            self.scheme,
-            self.widest_limits,
-            self.goal,
-            via=self.via,
-            is_free=self.has_free_duration or any(phase.is_free for phase in self.phase),
-        )
+        self._check_coordinates()
         self._take_terms()
-        q_start, v_start = checked_start(self.robot, self._limits_of_ends[0], self.q_start, self.v_start)
-        object.__setattr__(self, "q_start", q_start)
-        object.__setattr__(self, "v_start", v_start)
+        q_start, v_start = checked_start(self.robot, self.limits_of_ends[0], self.q_start, self.v_start)
+        self._set(q_start=q_start, v_start=v_start)
         self._take_holds()
-        self._take_contacts()
         nodes = self._take_via()
-        goal = completed_goal(
-            self.robot,
-            self.goal,
-            self._limits_of_ends[1],
-            self.q_start,
-            self.via[-1].goal.q if self.via else self.q_start,
-            num_steps=self.num_steps,
-            scheme=self.scheme,
-        )
-        object.__setattr__(self, "goal", goal)
+        self._take_goal()
         self._place_via(nodes)
         self._take_obstacles()
         self._check_free_start()
         self._check_cost()
         self._check_inequalities()
-        self.guess.check_dimensions(self.robot.nu)
-        if self.guess.kind == "joint" and not COORDINATES[self.coordinates].takes_joint_guess:
-            raise ProblemError('guess.kind: "joint" is for coordinates = "natural"; take another, or "auto"')
+        check_guess(self.guess, self.robot, self.coordinates)
 
     @property
     def dt(self) -> float:
@@ -326,8 +295,8 @@ class Problem:
         return limits_along(self.limits, self.phase)
 
     @property
-    def _limits_of_ends(self) -> tuple[Bounds, Bounds]:
-        """Limits at the start and at the end."""
+    def limits_of_ends(self) -> tuple[Bounds, Bounds]:
+        """Limits at the start and at the end: those of the first and of the last phase."""
         each = limits_of_phases(self.limits, self.phase) or [self.limits]
         return each[0], each[-1]
 
@@ -491,134 +460,127 @@ class Problem:
         """
         return changed(self, changes)
 
+    def _set(self, **values: Any) -> None:
+        """Set fields while the problem is made."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
     def _take_members(self) -> None:
         """Problems of the goals that are not out of reach; all but the goals is as in the first of them."""
         members = reachable_members(self)
-        object.__setattr__(self, "_members", members)
-        for name in self.__dataclass_fields__:
-            if name not in ("goals", "_members"):
-                object.__setattr__(self, name, getattr(members[0][1], name))
+        first = members[0][1]
+        kept = [name for name in self.__dataclass_fields__ if name not in ("goals", "_members")]
+        self._set(_members=members, **{name: getattr(first, name) for name in kept})
+
+    def _take_time(self) -> None:
+        """Check duration and steps."""
+        duration, duration_range = check_duration(self.duration, self.duration_range)
+        steps = check_integer("horizon.steps", self.num_steps, minimum=1)
+        impacts = tuple(sorted({int(step) for step in self.impacts}))
+        self._set(duration=duration, duration_range=duration_range, num_steps=steps, impacts=impacts)
+
+    def _take_phases(self) -> None:
+        """Check phases against the horizon; find what they hold, and what durations sum up to."""
+        given = Switches(tuple(self.holds), tuple(self.releases), self.impacts)
+        self._set(**checked_switches(self.phase, given)._asdict())
+        if self.phase:
+            horizon = Horizon(self.num_steps, self.duration, self.duration_range)
+            phases, bounds = spread_phases(self.robot, self.phase, self.limits, self.cost, horizon)
+            self._set(phase=phases, _bounds_of_sum=bounds)
 
     def _take_terms(self) -> None:
-        """Check terms of one's own; path constraints among them follow those of the file, then tolerances."""
-        terms = tuple(self.terms)
-        names = [term.name for term in terms]
-        for term in terms:
-            if names.count(term.name) > 1:
-                raise ProblemError(f"terms: there are several of the name {term.name!r}; give each its own")
-            term.check(self.robot)
-        own = (OwnPathConstraint(term, self.robot) for term in terms if term.role == "path")
-        path = (constraint for constraint in self.path if isinstance(constraint, PathConstraint))
-        asked = (contact for contact in self.path if isinstance(contact, ContactForce | ContactBounds))
-        object.__setattr__(self, "terms", terms)
-        allowed = frame_tolerances(self.goal.frames, self.robot)
-        object.__setattr__(self, "path", (*path, *asked, *own, *allowed))
+        """Check terms of one's own; list path constraints."""
+        terms = checked_terms(self.terms, self.robot)
+        self._set(terms=terms, path=listed_path(self.path, terms, self.goal, self.robot))
 
     def _take_holds(self) -> None:
-        """Find which rows of constraints act in which steps, where that changes."""
+        """Find which rows of constraints act in which steps, and whose forces are bounded."""
         check_holds(self)
         if self.holds or self.releases or self.impacts:
             own = (self.robot, self.holds, self.releases, self.impacts, self.num_steps)
             table = switch_table(*own, (self.q_start, self.v_start))
-            object.__setattr__(self, "switches", table)
-            if not COORDINATES[self.coordinates].lands_softly:
-                check_impacts(table)
-
-    def _take_contacts(self) -> None:
-        """Find the rows of constraints and holds whose forces are bounded."""
-        asked = [one for one in self.path if isinstance(one, ContactForce | ContactBounds)]
-        found = iter(contact_bounds(asked, self.robot, self.scheme, self.switches))
-        path = (next(found) if isinstance(one, ContactForce | ContactBounds) else one for one in self.path)
-        object.__setattr__(self, "path", tuple(path))
-
-    def _take_phases(self) -> None:
-        """Check phases against the horizon; find what they hold; spread what durations have to sum up to."""
-        given = Switches(tuple(self.holds), tuple(self.releases), self.impacts)
-        for name, found in checked_switches(self.phase, given)._asdict().items():
-            object.__setattr__(self, name, found)
-        if not self.phase:
-            return
-        horizon = Horizon(self.num_steps, self.duration, self.duration_range)
-        durations, bounds = with_total(self.phase, horizon)
-        phases = checked_phases(self.robot, self.phase, self.limits, self.cost)
-        pairs = zip(phases, durations, strict=True)
-        object.__setattr__(self, "phase", tuple(replace(phase, duration=d) for phase, d in pairs))
-        object.__setattr__(self, "_bounds_of_sum", bounds)
+            check_leaps(table, self.coordinates)
+            self._set(switches=table)
+        self._set(path=with_contacts(self.path, self.robot, self.scheme, self.switches))
 
     def _take_via(self) -> list[int | None]:
         """Via points in the order of the motion, with configurations; their nodes, as far as known."""
-        phases, alike = phase_spans(self.phase), are_alike(self.phase)
-        length, bounds = self.duration, self.duration_range
-        nodes = via_nodes(self.via, self.num_steps, length, bounds, phases=phases, are_alike=alike)
-        order = via_order(self.via, nodes)
-        found = resolved_points(self.robot, [self.via[i] for i in order], self.q_start, self.limits)
-        object.__setattr__(self, "via", found)
-        for point in found:
-            warn_singular(self.robot, point.goal.q, f"via {point.name!r}")
-        return [nodes[i] for i in order]
+        horizon = Horizon(self.num_steps, self.duration, self.duration_range)
+        start = self.q_start
+        found, nodes = ordered_via(self.robot, self.via, self.phase, horizon, start, self.limits)
+        self._set(via=found)
+        return nodes
+
+    def _take_goal(self) -> None:
+        """Complete the goal with what its poses and loops leave open."""
+        goal = completed_goal(
+            self.robot,
+            self.goal,
+            self.limits_of_ends[1],
+            self.q_start,
+            self.via[-1].goal.q if self.via else self.q_start,
+            num_steps=self.num_steps,
+            scheme=self.scheme,
+        )
+        self._set(goal=goal)
 
     def _place_via(self, nodes: list[int | None]) -> None:
         """Find nodes and phases of via points; as path constraints they come last."""
-        robot, N, T = self.robot, self.num_steps, self.duration
-        is_asked = self.goal.says_where or not self.via
-        q_end = self.goal.q if is_asked else self.via[-1].goal.q
-        at = placed(robot, self.via, nodes, self.q_start, q_end, N)
-        found = via_constraints(robot, self.via, at, N)
-        object.__setattr__(self, "via", tuple(constraint.via for constraint in found))
-        met = () if self.switches is None else meetings(self.switches)
-        named = {constraint.name: (constraint.node, constraint.node) for constraint in found}
-        named = places_by_name(named, phase_spans(self.phase))
-        object.__setattr__(self, "path", (*spans_found(self.path, named), *found, *met))
+        at = via_placed(self.robot, self.via, nodes, self.q_start, self.goal, self.num_steps)
+        found = via_constraints(self.robot, self.via, at, self.num_steps)
+        self._set(via=tuple(constraint.via for constraint in found))
+        self._set(path=with_places(self.path, found, self.switches, self.phase))
         if self.phase:
-            object.__setattr__(self, "phases", free_phases(self.phase, T, self._bounds_of_sum))
+            self._set(phases=free_phases(self.phase, self.duration, self._bounds_of_sum))
             return
-        marks = via_marks(self.via, at, N, T, is_free=self.has_free_duration)
-        if marks or self.has_free_duration:
-            phases = phases_between(marks, N, T, self.duration_range or (T, T), self.impacts)
-            object.__setattr__(self, "phases", phases)
+        horizon = Horizon(self.num_steps, self.duration, self.duration_range)
+        self._set(phases=phases_of_via(self.via, at, horizon, self.impacts))
 
     def _take_obstacles(self) -> None:
         """Pairs of spheres and what they keep away from, as the last path constraint."""
         said = self.self_collision
         own = said if isinstance(said, SelfCollision) else SelfCollision() if said else None
-        object.__setattr__(self, "obstacle", tuple(self.obstacle))
-        object.__setattr__(self, "self_collision", own)
+        self._set(obstacle=tuple(self.obstacle), self_collision=own)
         if self.obstacle or own is not None:
             found = clearance_of(self.robot, self.obstacle, own, self.limits)
-            object.__setattr__(self, "clearance", found)
-            object.__setattr__(self, "path", (*self.path, found) if found.rows else self.path)
+            self._set(clearance=found, path=(*self.path, found) if found.rows else self.path)
+
+    def _check_coordinates(self) -> None:
+        """Refuse what these coordinates do not take."""
+        check_coordinates(
+            self.robot,
+            self.coordinates,
+            self.scheme,
+            self.widest_limits,
+            self.goal,
+            via=self.via,
+            is_free=self.has_free_duration or any(phase.is_free for phase in self.phase),
+        )
 
     def _check_free_start(self) -> None:
         """Refuse a free start, and a periodic motion, where they do not fit the rest."""
         check_periodic(self.robot, self.goal, self.coordinates)
-        if (self.holds or self.releases or self.impacts) and (self.start_free or self.goal.periodic):
-            key = "start.free" if self.start_free else "goal.periodic"
-            raise ProblemError(
-                f"{key}: constraints begin or end along the way, and where they do depends on the start; "
-                "give the start, and a goal"
-            )
+        has_switches = bool(self.holds or self.releases or self.impacts)
+        check_switches_of_ends(self.start_free, self.goal, has_switches=has_switches)
         if self.start_free is not None:
-            check_free_start(
-                self.robot,
-                self.start_free,
-                self.limits,
-                (self.q_start, self.v_start),
-                coordinates=self.coordinates,
-            )
+            state = (self.q_start, self.v_start)
+            limits = self.limits_of_ends[0]
+            check_free_start(self.robot, self.start_free, limits, state, coordinates=self.coordinates)
 
     def _check_cost(self) -> None:
-        cost, goal = self.cost.on_controls(self.robot.nu), self.goal
-        object.__setattr__(self, "cost", cost)
+        """Refuse weights that do not fit the robot, or do not go with the goal."""
+        cost = self.cost.on_controls(self.robot.nu)
+        self._set(cost=cost)
         cost.check_controls(self.limits.finite("u"), [label.name for label in self.robot.u_labels])
         cost.check_dimensions(self.robot.nq, self.robot.nv, self.num_steps)
         more = bool(self.terms or self.via)
         is_free = self.has_free_duration or any("time" in phase.weights for phase in self.phase)
-        check_weights(cost, goal, is_free=is_free, has_more=more)
+        check_weights(cost, self.goal, is_free=is_free, has_more=more)
 
     def _check_inequalities(self) -> None:
         """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
         check_rates(self.robot, self.limits)
-        first, last = self._limits_of_ends
+        first, last = self.limits_of_ends
         check_limits(self.robot, first, self.q_start, self.v_start, self.goal, of_end=last)
         N, dt = self.num_steps, self.dt
         ends = (self.q_start, self.v_start, self.goal)

@@ -8,13 +8,78 @@ import numpy as np
 
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
+from mbocp.problem.free_start import FreeStart
 from mbocp.problem.goal import Goal
+from mbocp.problem.guess import Guess
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.switches import SwitchTable, check_impacts
 from mbocp.problem.warn import TO_THE_CALLER
+from mbocp.robot import Robot
 from mbocp.solvers.options import BOUNDED_METHODS
 
-__all__ = ["check_method", "check_weights"]
+__all__ = [
+    "check_guess",
+    "check_has_actuators",
+    "check_leaps",
+    "check_method",
+    "check_switches_of_ends",
+    "check_weights",
+]
+
+
+def check_has_actuators(robot: Robot) -> None:
+    """Refuse a robot that nothing drives.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if robot.nu == 0:
+        raise ProblemError(
+            f"robot: {robot.name!r} has no actuator; name the driven joints in robot.actuated "
+            "(a free-flyer's root_joint takes a wrench), or write actuators into a robot.toml; its "
+            f"joints, all passive: {', '.join(robot.joint_names)}"
+        )
+
+
+def check_guess(guess: Guess, robot: Robot, coordinates: str) -> None:
+    """Refuse a guess that does not fit the robot or the coordinates.
+
+    Raises
+    ------
+    DimensionMismatch, ProblemError
+    """
+    guess.check_dimensions(robot.nu)
+    if guess.kind == "joint" and not COORDINATES[coordinates].takes_joint_guess:
+        raise ProblemError('guess.kind: "joint" is for coordinates = "natural"; take another, or "auto"')
+
+
+def check_leaps(switches: SwitchTable, coordinates: str) -> None:
+    """Refuse holds that begin without an impact where coordinates have no soft landing.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if not COORDINATES[coordinates].lands_softly:
+        check_impacts(switches)
+
+
+def check_switches_of_ends(free: FreeStart | None, goal: Goal, *, has_switches: bool) -> None:
+    """Refuse a free start or a periodic motion where constraints begin or end along the way.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if has_switches and (free or goal.periodic):
+        key = "start.free" if free else "goal.periodic"
+        raise ProblemError(
+            f"{key}: constraints begin or end along the way, and where they do depends on the start; "
+            "give the start, and a goal"
+        )
 
 
 def check_weights(cost: Cost, goal: Goal, *, is_free: bool, has_more: bool) -> None:
