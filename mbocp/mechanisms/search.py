@@ -19,6 +19,7 @@ __all__ = ["search"]
 _STRIDE = 0.15  # [rad, m] of the joint that moves most
 _CURVE_TURNS = 1.5  # [2 pi rad, 2 pi m] a curve is followed beyond the distance of the target
 _NUM_WALKS, _MIN_STRIDES, _MAX_STRIDES = 16, 3, 15  # random walks, and the strides of each
+_LARGE = 12  # velocity components beyond which there are half as many: a stride takes milliseconds
 _ARRIVAL_RADIUS = 0.6  # [rad, m] nearer than this, the straight way to the target is tried
 _BRANCH_TOLERANCE = 0.1  # a direction with a smaller singular value may be a branch of its own
 
@@ -48,12 +49,12 @@ def search(robot: Robot, q_start: Array, target: Array, wanted: BoolArray) -> Ar
         found, places = _along_curve(robot, q_start, basis[:, 0], target, wanted)
         if found is not None or not places:
             return found
-    for _ in range(_NUM_WALKS):
+    for _ in range(_NUM_WALKS if robot.nv <= _LARGE else _NUM_WALKS // 2):
         q = places[int(rng.integers(len(places)))]
         directions = _directions(robot, q)
         ahead = directions @ rng.standard_normal(directions.shape[1])
         walked = _walk(robot, q, ahead, int(rng.integers(_MIN_STRIDES, _MAX_STRIDES)))
-        reached = follow(robot, walked[-1], target, wanted)
+        reached = follow(robot, walked[-1], target, wanted, max_kicks=0)  # the next walk is a better one
         if _distance(robot, reached, target, wanted) <= ARRIVAL_TOLERANCE:
             return reached
         places = places if basis.shape[1] == 1 else [*places, walked[-1]]

@@ -166,8 +166,11 @@ class _Worker:
                 kind, _, seed = line[1:].decode().partition(" ")
                 self.now, self.begun, self.cpu = (kind, int(seed)), time.monotonic(), _cpu(self.pid)
             else:
-                found.append(Outcome(**json.loads(line)))
-                self.todo.remove((found[-1].kind, found[-1].seed))
+                outcome = Outcome(**json.loads(line))
+                if self.was_killed and (outcome.kind, outcome.seed) not in self.todo:
+                    continue  # it ended while it was being killed, and counts as too late
+                found.append(outcome)
+                self.todo.remove((outcome.kind, outcome.seed))
                 self.now = None
         return found, not chunk
 

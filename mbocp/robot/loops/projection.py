@@ -93,7 +93,9 @@ def assemble_velocity(robot: Mechanism, q: Array, v: Array, held: NDArray[np.boo
     return out
 
 
-def follow(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
+def follow(
+    robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_], *, max_kicks: int = _MAX_KICKS
+) -> Array:
     """Continuation from `q` towards `target` in small steps, the loops closed at each.
 
     A step goes along the constraints in the direction nearest to the target. Where no step gets nearer, a few
@@ -107,6 +109,8 @@ def follow(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_])
         Configuration with the wanted components.
     wanted : ndarray of bool, shape (nv,)
         Velocity components of whole joints that have a target; the others follow.
+    max_kicks : int
+        How many.
 
     Returns
     -------
@@ -124,7 +128,7 @@ def follow(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_])
         else:
             if left.max() < _left(robot, nearest, target, wanted).max():
                 nearest = q
-            if kicks == _MAX_KICKS:
+            if kicks == max_kicks:
                 return nearest
             q, step, kicks = _kicked(robot, nearest, rng), _STRIDE, kicks + 1
     placed = _with(robot, q, target, wanted)
