@@ -34,7 +34,7 @@ from mbocp.formulation.progress import advances
 from mbocp.formulation.remembered import memory_units
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import build_functions
+from mbocp.formulation.stage import AT_EVERY_STEP, build_functions
 from mbocp.formulation.step_lengths import begins_phase, given_lengths, phase_starts, spacings
 from mbocp.formulation.steps import Steps
 from mbocp.formulation.switches import (
@@ -154,6 +154,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         functions=load_functions(
             signature.stage_text,
             lambda: build_functions(signature.steps.mechanics(robot), signature),
+            in_lanes=AT_EVERY_STEP,
             deadline=deadline,
         ),
         end_functions=load_functions(

@@ -47,7 +47,10 @@ from mbocp.formulation.switch_terms import IS_IMPACT, idle_impact
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point
 
-__all__ = ["build_functions", "state_space"]
+__all__ = ["AT_EVERY_STEP", "build_functions", "state_space"]
+
+# Functions that are asked at all steps at once; the others follow a motion step by step.
+AT_EVERY_STEP = ("values", "complete", "path", "retract")
 
 
 def state_space(mechanics: Mechanics, signature: FunctionSignature) -> StateSpace:

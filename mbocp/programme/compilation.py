@@ -24,7 +24,7 @@ from pathlib import Path
 import casadi as ca
 
 from mbocp.exceptions import CompilationError
-from mbocp.programme import splitting
+from mbocp.programme import generated, lanes, processor, splitting
 from mbocp.programme.cache import (
     cache_folder,
     cached,
@@ -36,14 +36,15 @@ from mbocp.programme.cache import (
 )
 from mbocp.programme.compiler import check_deadline, compiler, run_compiler
 from mbocp.programme.keys import key_of, library_of, remember
+from mbocp.programme.lanes import Lanes
+from mbocp.programme.processor import instruction_flags, number_of_lanes
 from mbocp.programme.splitting import split_functions
 
-__all__ = ["CompiledFunctions", "NoCompilerWarning", "has_avx2", "load_functions"]
+__all__ = ["CompiledFunctions", "NoCompilerWarning", "load_functions"]
 
 _FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
 # All that -O2 or -O3 gain on such code, compiled in half the time or a third of it.
 _OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-aliasing")
-_FUSED = ("-mavx2", "-mfma")  # a fifth less time
 _SCHEDULE = ("-fschedule-insns", "-fsched-pressure")  # of dense functions 4 % less, of others 5 % more
 _DENSE = 10  # operations per number that goes in or out: joint coordinates have dozens, natural ones 5
 _LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
@@ -82,22 +83,12 @@ def _external(name: str, library: str) -> ca.Function:
     return ca.external(name, library)
 
 
-@cache
-def has_avx2() -> bool:
-    """Whether the processor has AVX2 and fused multiplication and addition; told by Linux alone."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return False
-    line = next((line for line in text.splitlines() if line.startswith("flags")), "")
-    return {"avx2", "fma"} <= set(line.split())
-
-
 def load_functions(
     key: str,
     build: Callable[[], dict[str, ca.Function]],
     *,
     of_end: bool = False,
+    in_lanes: Collection[str] = (),
     deadline: float = math.inf,
 ) -> CompiledFunctions:
     """Functions of the shape `key`, from the cache or compiled now.
@@ -110,6 +101,8 @@ def load_functions(
         Gives the CasADi functions by name; only called when the cache has no sound entry of this key.
     of_end : bool
         They are called once in an evaluation, and not at every step: compiling is worth less.
+    in_lanes : collection of str
+        Names of those that are called at many steps at once.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
 
@@ -121,7 +114,8 @@ def load_functions(
         If the deadline passes before the functions are there.
     """
     cc = compiler()
-    depends_on = key_of(key, _sources_digest(), _casadi_version(), *_translation(cc, _flags()))
+    wide = Lanes(number_of_lanes(), frozenset(in_lanes))
+    depends_on = key_of(key, str(wide), _sources_digest(), _casadi_version(), *_translation(cc, _flags()))
     library = library_of(depends_on)
     if library is not None:
         return CompiledFunctions(library, {}, compiled_now=False)
@@ -133,7 +127,8 @@ def load_functions(
         return CompiledFunctions(
             None, {name: f.serialize() for name, f in functions.items()}, compiled_now=False
         )
-    unit = _Unit(cc, _flags_for(functions.values(), _LARGE_END if of_end else _LARGE), _source(functions))
+    flags = _flags_for(functions.values(), _LARGE_END if of_end else _LARGE)
+    unit = _Unit(cc, flags, _source(functions, wide))
     check_deadline(deadline, "the functions were written in C")
     known = cached(unit.name)
     library = _compiled(unit, deadline) if known is None else known
@@ -156,16 +151,15 @@ def _casadi_version() -> str:
     return version("casadi")
 
 
-@cache
 def _flags() -> tuple[str, ...]:
-    return (*_OPTIMISE, *(_FUSED if has_avx2() else ()), *_FLAGS)
+    return (*_OPTIMISE, *instruction_flags(), *_FLAGS)
 
 
 @cache
 def _sources_digest() -> str:
     """Digest of what turns functions into C: a change there makes old entries stale."""
-    sources = (Path(__file__), Path(str(splitting.__file__)))
-    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+    sources = (*(Path(str(m.__file__)) for m in (splitting, generated, lanes, processor)), *lanes.SOURCES)
+    return hashlib.sha256(b"".join(source.read_bytes() for source in (Path(__file__), *sources))).hexdigest()
 
 
 def _translation(cc: tuple[str, ...] | None, flags: Collection[str]) -> tuple[str, ...]:
@@ -183,12 +177,12 @@ def _flags_for(functions: Collection[ca.Function], most: int) -> tuple[str, ...]
     return (*_flags(), *(_SCHEDULE if is_dense else ()))
 
 
-def _source(functions: Mapping[str, ca.Function]) -> str:
-    """Functions in C."""
+def _source(functions: Mapping[str, ca.Function], wide: Lanes) -> str:
+    """Functions in C, some of them in lanes."""
     generator = ca.CodeGenerator("stage.c")
     for function in functions.values():
         generator.add(function)
-    return split_functions(generator.dump())
+    return split_functions(generator.dump(), of_lanes=wide if wide.number > 1 and wide.functions else None)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import NativeMismatch
 from mbocp.programme.bounds import StateBounds
-from mbocp.programme.compilation import CompiledFunctions, has_avx2
+from mbocp.programme.compilation import CompiledFunctions
+from mbocp.programme.processor import has_avx2
 from mbocp.programme.stagewise import StagewiseProgramme
 
 # The modules may be missing, and the kernel is one of two builds with the same names. Solvers take from here

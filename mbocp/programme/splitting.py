@@ -7,71 +7,28 @@ what later ones need in an array; arrays that are not there are replaced once, a
 their order stay as they were, so results differ at most where a multiplication and an addition that stood on
 both sides of a cut are no longer fused.
 
-A function with any line that is not known is left as it is.
+A function with any line that is not known is left as it is. Of the others some go in lanes, see
+`mbocp.programme.lanes`: there are then two entries, for several stages at once and, through the same
+statements, for one.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import chain, pairwise
+
+from mbocp.programme import lanes
+from mbocp.programme.generated import END, HEAD, Function, Statement, exported_names, read_function
+from mbocp.programme.lanes import Lanes
 
 __all__ = ["split_functions"]
 
 _PIECE = 500  # statements; of a few hundred the calls and what is kept cost nothing that can be measured
 _ZEROS, _SCRATCH = "mbocp_zeros", "mbocp_scratch"
 
-_ARGUMENTS = "const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem"
-_HEAD = re.compile(rf"static int (\w+)\({re.escape(_ARGUMENTS)}\) {{")
-_END = "}"
-_DECLARATION = re.compile(r"  casadi_real (a\d+(?:, a\d+)*);")
-_LOAD = re.compile(r"  (a\d+)=arg\[(\d+)\]\? arg\[\2\]\[(\d+)\] : 0;")
-_STORE = re.compile(r"  if \(res\[(\d+)\]!=0\) res\[\1\]\[(\d+)\]=(a\d+);")
-_ASSIGNMENT = re.compile(r"  (a\d+)=([\w\s.,?:()+\-*/<>=!&|]+);")
-# What an expression without side effects does not hold: assignments, addresses, steps, comments.
-_NO_VALUE = re.compile(r"(?<![=<>!])=(?!=)|<<|>>|(?<!&)&(?!&)|\+\+|--|//|/\*")
-_NAME = re.compile(r"\b[A-Za-z_]\w*")
-_VARIABLE = re.compile(r"a\d+")
-_NOT_IN_VALUES = frozenset({"arg", "res", "iw", "w", "mem"})
 
-
-@dataclass(frozen=True)
-class _Statement:
-    """A line of a function: what it is to be, the variable that it sets, and those that it reads."""
-
-    text: str
-    target: str | None
-    reads: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _Access:
-    """Number of an input or output, and how many elements of it are known to be used."""
-
-    number: int
-    size: int
-
-
-@dataclass(frozen=True)
-class _Function:
-    """A function of known lines.
-
-    Attributes
-    ----------
-    name : str
-    statements : tuple of _Statement
-    inputs, outputs : tuple of _Access
-        In the order of their numbers.
-    """
-
-    name: str
-    statements: tuple[_Statement, ...]
-    inputs: tuple[_Access, ...]
-    outputs: tuple[_Access, ...]
-
-
-def split_functions(text: str, piece: int = _PIECE) -> str:
+def split_functions(text: str, piece: int = _PIECE, of_lanes: Lanes | None = None) -> str:
     """Generated C with its functions in pieces.
 
     Parameters
@@ -80,6 +37,9 @@ def split_functions(text: str, piece: int = _PIECE) -> str:
         As CasADi's code generator writes it.
     piece : int
         Statements of a piece, at most.
+    of_lanes : Lanes, optional
+        What goes in lanes. A function f gets the entries ``int f_in_lanes(arg, res)``, whose numbers are
+        vectors on their own boundaries, and ``int f_num_lanes(void)``.
 
     Returns
     -------
@@ -87,29 +47,45 @@ def split_functions(text: str, piece: int = _PIECE) -> str:
         C of the same functions: the text itself where no function is made of known lines alone.
     """
     lines = text.split("\n")
+    exported = exported_names(text)
     written: list[str] = []
-    found: list[_Function] = []
+    found: list[Function] = []
+    called: list[tuple[str, int]] = []  # lane by lane
     first, i = 0, 0
     while i < len(lines):
-        head = _HEAD.fullmatch(lines[i])
-        end = _index(lines, _END, i) if head else None
-        function = _read(head[1], lines[i + 1 : end]) if head and end else None
+        head = HEAD.fullmatch(lines[i])
+        end = _index(lines, END, i) if head else None
+        function = read_function(head[1], lines[i + 1 : end]) if head and end else None
         if function is None or end is None:
             written.append(lines[i])
             i += 1
             continue
         first = first if found else len(written)
         found.append(function)
-        written += _write(function, lines[i], piece)
+        name = exported.get(function.name)
+        wide = _in_lanes(function) if of_lanes is not None and name in of_lanes.functions else None
+        if (
+            wide is not None
+            and name is not None
+            and of_lanes is not None
+            and of_lanes.fit(_numbers(wide, piece))
+        ):
+            called += (one for s in wide.statements if (one := lanes.one_by_one(s.value)) is not None)
+            written += _write_in_lanes(wide, lines[i], name, piece)
+        else:
+            written += _write(function, lines[i], piece)
         i = end + 1
-    return "\n".join([*written[:first], *_replacements(found), *written[first:]]) if found else text
+    if not found:
+        return text
+    before = chain(lanes.header(of_lanes, called) if of_lanes is not None else (), _replacements(found))
+    return "\n".join([*written[:first], *before, *written[first:]])
 
 
 def _index(lines: Sequence[str], wanted: str, start: int) -> int | None:
     return next((i for i in range(start, len(lines)) if lines[i] == wanted), None)
 
 
-def _replacements(functions: Iterable[_Function]) -> Iterator[str]:
+def _replacements(functions: Iterable[Function]) -> Iterator[str]:
     """What stands for inputs and outputs that are not there.
 
     What is written there nobody reads, but each thread writes into a buffer of its own: they would disturb
@@ -123,94 +99,135 @@ def _replacements(functions: Iterable[_Function]) -> Iterator[str]:
         yield f"static __thread casadi_real {_SCRATCH}[{outputs}];"
 
 
-def _read(name: str, body: Sequence[str]) -> _Function | None:
-    """Return a function from the lines between its braces; None if one of them is not known."""
-    declared: set[str] = set()
-    known: set[str] = set()  # variables that have a value
-    statements: list[_Statement] = []
-    inputs: dict[int, int] = {}
-    outputs: dict[int, int] = {}
-    if not body or body[-1] != "  return 0;":
-        return None
-    for line in body[:-1]:
-        if not statements and (match := _DECLARATION.fullmatch(line)):
-            declared.update(match[1].split(", "))
-            continue
-        if match := _LOAD.fullmatch(line):
-            number, element = int(match[2]), int(match[3])
-            inputs[number] = max(inputs.get(number, 0), element + 1)
-            statement = _Statement(f"  {match[1]}=x{number}[{element}];", match[1], ())
-        elif match := _STORE.fullmatch(line):
-            number, element = int(match[1]), int(match[2])
-            outputs[number] = max(outputs.get(number, 0), element + 1)
-            statement = _Statement(f"  y{number}[{element}]={match[3]};", None, (match[3],))
-        elif (match := _ASSIGNMENT.fullmatch(line)) and not _NO_VALUE.search(match[2]):
-            names = dict.fromkeys(_NAME.findall(match[2]))
-            if not _NOT_IN_VALUES.isdisjoint(names):
-                return None
-            statement = _Statement(line, match[1], tuple(n for n in names if _VARIABLE.fullmatch(n)))
-        else:
-            return None
-        if not known.issuperset(statement.reads):
-            return None
-        if statement.target is not None:
-            if statement.target not in declared:
-                return None
-            known.add(statement.target)
-        statements.append(statement)
-    return _Function(name, tuple(statements), _accesses(inputs), _accesses(outputs))
-
-
-def _accesses(sizes: dict[int, int]) -> tuple[_Access, ...]:
-    return tuple(_Access(number, size) for number, size in sorted(sizes.items()))
-
-
-def _write(function: _Function, head: str, piece: int) -> Iterator[str]:
+def _write(function: Function, head: str, piece: int) -> Iterator[str]:
     """Lines of the pieces, and of a function with the old head that calls them."""
-    pieces = _pieces(function.statements, piece)
-    read = [_read_first(p) for p in pieces]
-    kept = _kept(pieces, read)
-    place = {name: i for i, name in enumerate(sorted(set().union(*read)))}
-    locals_: list[tuple[str, str, str]] = []  # type, name, value
-    for a in function.inputs:
-        value = f"arg[{a.number}]? arg[{a.number}] : {_ZEROS}"
-        locals_.append(("const casadi_real*", f"x{a.number}", value))
-    for a in function.outputs:
-        value = f"res[{a.number}]? res[{a.number}] : {_SCRATCH}"
-        locals_.append(("casadi_real*", f"y{a.number}", value))
-    parameters = [f"{kind} {name}" for kind, name, _ in locals_]
-    passed = [name for _, name, _ in locals_]
-    if place:
-        parameters.append("casadi_real* __restrict__ t")  # an array of the function's own
-        passed.append("t")
-    for i, statements in enumerate(pieces):
-        yield f"static __attribute__((noinline)) void {_part(function, i)}({', '.join(parameters)}) {{"
-        yield from _write_piece(statements, read[i], kept[i], place)
-        yield _END
-        yield ""
+    pieces = _Pieces.of(function, piece)
+    yield from pieces.write("casadi_real")
     yield head
-    for kind, name, value in locals_:
-        yield f"  {kind} {name}={value};"
-    if place:
-        yield f"  casadi_real t[{len(place)}];"
-    for i in range(len(pieces)):
-        yield f"  {_part(function, i)}({', '.join(passed)});"
+    for a in function.inputs:
+        yield f"  const casadi_real* x{a.number}=arg[{a.number}]? arg[{a.number}] : {_ZEROS};"
+    for a in function.outputs:
+        yield f"  casadi_real* y{a.number}=res[{a.number}]? res[{a.number}] : {_SCRATCH};"
+    yield from pieces.call("casadi_real")
     yield "  return 0;"
-    yield _END
+    yield END
 
 
-def _part(function: _Function, i: int) -> str:
+def _in_lanes(function: Function) -> Function | None:
+    """Return the function with a number in each lane; None where one of its values has no known form."""
+    statements: list[Statement] = []
+    for s in function.statements:
+        value = s.value if s.target is None or s.value.startswith("x") else lanes.in_lanes(s.value)
+        if value is None:
+            return None
+        statements.append(replace(s, value=value))
+    return replace(function, statements=tuple(statements))
+
+
+def _numbers(function: Function, piece: int) -> int:
+    """Return how many numbers the function has on the stack, with copies of its inputs and outputs."""
+    sizes = sum(a.size for a in (*function.inputs, *function.outputs))
+    return sizes + len(_Pieces.of(function, piece).place)
+
+
+def _write_in_lanes(function: Function, head: str, name: str, piece: int) -> Iterator[str]:
+    """Lines of the pieces, of the entry for all lanes, and of a function with the old head for one."""
+    pieces, kind = _Pieces.of(function, piece), lanes.KIND
+    accesses = [*((a, "x", "arg") for a in function.inputs), *((a, "y", "res") for a in function.outputs)]
+    yield from pieces.write(kind)
+    yield f"static void {function.name}_in_lanes({', '.join(pieces.parameters(kind))}) {{"
+    yield from pieces.call(kind)
+    yield END
+    yield ""
+    yield head
+    for a, letter, _ in accesses:
+        yield f"  {kind} {letter}{a.number}[{a.size}];"
+    yield "  int i;"
+    for a in function.inputs:
+        one = f"arg[{a.number}]? arg[{a.number}][i] : 0"
+        yield f"  for (i=0; i<{a.size}; ++i) {{ const double one={one}; x{a.number}[i]=mbocp_all(one); }}"
+    yield f"  {function.name}_in_lanes({', '.join(f'{letter}{a.number}' for a, letter, _ in accesses)});"
+    for a in function.outputs:
+        one = f"res[{a.number}][i]=mbocp_first(y{a.number}[i])"
+        yield f"  if (res[{a.number}]) for (i=0; i<{a.size}; ++i) {one};"
+    yield "  return 0;"
+    yield END
+    yield ""
+    yield f"CASADI_SYMBOL_EXPORT int {name}_num_lanes(void) {{ return MBOCP_LANES; }}"
+    yield f"CASADI_SYMBOL_EXPORT int {name}_in_lanes(const casadi_real** arg, casadi_real** res) {{"
+    passed = (
+        f"({'const ' if letter == 'x' else ''}{kind}*){array}[{a.number}]" for a, letter, array in accesses
+    )
+    yield f"  {function.name}_in_lanes({', '.join(passed)});"
+    yield "  return 0;"
+    yield END
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """A function in pieces.
+
+    Attributes
+    ----------
+    function : Function
+    pieces : list of sequence of Statement
+    read : list of set of str
+        Variables of each piece whose values come from before.
+    place : dict
+        Where in an array of the function's own a variable is between pieces.
+    """
+
+    function: Function
+    pieces: list[Sequence[Statement]]
+    read: list[set[str]]
+    place: dict[str, int]
+
+    @classmethod
+    def of(cls, function: Function, most: int) -> _Pieces:
+        pieces = _pieces(function.statements, most)
+        read = [_read_first(p) for p in pieces]
+        return cls(function, pieces, read, {name: i for i, name in enumerate(sorted(set().union(*read)))})
+
+    def parameters(self, kind: str) -> list[str]:
+        """Inputs and outputs of a function that calls the pieces."""
+        inputs = [f"const {kind}* x{a.number}" for a in self.function.inputs]
+        return inputs + [f"{kind}* y{a.number}" for a in self.function.outputs]
+
+    def write(self, kind: str) -> Iterator[str]:
+        """Lines of the pieces, with numbers of that type."""
+        parameters = self.parameters(kind) + ([f"{kind}* __restrict__ t"] if self.place else [])
+        kept = _kept(self.pieces, self.read)
+        for i, statements in enumerate(self.pieces):
+            name = _part(self.function, i)
+            yield f"static __attribute__((noinline)) void {name}({', '.join(parameters)}) {{"
+            yield from _write_piece(statements, self.read[i], kept[i], self.place, kind)
+            yield END
+            yield ""
+
+    def call(self, kind: str) -> Iterator[str]:
+        """Lines that call the pieces, where the inputs and outputs have the names of the parameters."""
+        passed = [f"x{a.number}" for a in self.function.inputs] + [
+            f"y{a.number}" for a in self.function.outputs
+        ]
+        if self.place:
+            yield f"  {kind} t[{len(self.place)}];"
+            passed.append("t")
+        for i in range(len(self.pieces)):
+            yield f"  {_part(self.function, i)}({', '.join(passed)});"
+
+
+def _part(function: Function, i: int) -> str:
     return f"{function.name}_part{i}"
 
 
-def _pieces(statements: Sequence[_Statement], most: int) -> list[Sequence[_Statement]]:
+def _pieces(statements: Sequence[Statement], most: int) -> list[Sequence[Statement]]:
     """Cut into pieces of nearly the same length."""
     count = -(-len(statements) // most)
     cuts = [len(statements) * i // count for i in range(count + 1)] if count else [0]
     return [statements[a:b] for a, b in pairwise(cuts)]
 
 
-def _read_first(statements: Iterable[_Statement]) -> set[str]:
+def _read_first(statements: Iterable[Statement]) -> set[str]:
     """Variables whose values come from before."""
     read: set[str] = set()
     own: set[str] = set()
@@ -221,7 +238,7 @@ def _read_first(statements: Iterable[_Statement]) -> set[str]:
     return read
 
 
-def _kept(pieces: Sequence[Sequence[_Statement]], read: Sequence[set[str]]) -> list[set[str]]:
+def _kept(pieces: Sequence[Sequence[Statement]], read: Sequence[set[str]]) -> list[set[str]]:
     """Variables of each piece whose last values later pieces read."""
     needed: set[str] = set()
     kept = []
@@ -233,7 +250,7 @@ def _kept(pieces: Sequence[Sequence[_Statement]], read: Sequence[set[str]]) -> l
 
 
 def _write_piece(
-    statements: Sequence[_Statement], read: set[str], kept: set[str], place: dict[str, int]
+    statements: Sequence[Statement], read: set[str], kept: set[str], place: dict[str, int], kind: str
 ) -> Iterator[str]:
     """Body of a piece.
 
@@ -242,7 +259,7 @@ def _write_piece(
     """
     own = {s.target for s in statements if s.target is not None}
     if own | read:
-        yield f"  casadi_real {', '.join(sorted(own | read))};"
+        yield f"  {kind} {', '.join(sorted(own | read))};"
     final = {s.target: i for i, s in enumerate(statements)}
     waiting = set(read)
     for i, statement in enumerate(statements):

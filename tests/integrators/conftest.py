@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import casadi as ca
 import pytest
@@ -19,6 +19,7 @@ def interpreted_functions(
     build: Callable[[], dict[str, ca.Function]],
     *,
     of_end: bool = False,
+    in_lanes: Collection[str] = (),
     deadline: float = math.inf,
 ) -> CompiledFunctions:
     if key not in _MADE:

@@ -12,7 +12,8 @@ namespace mbocp {
 // Blocks of one stage. With w = (x, y) and s = (state before, u), matrices are row-major, rows padded to whole vectors.
 struct Stage {
     const Kind* kind;
-    double *c, *gw, *gs, *lw, *ls;  // residual, Lagrangian gradient, cost gradient
+    double *c, *gw, *gs, *lw, *ls;       // residual, Lagrangian gradient, cost gradient
+    double* begin() const { return c; }  // of the stage's memory, all of it one block
 
     // Of a dense step: derivatives, factored Jw or, where that is -1, not.
     double *Jw, *Js, *Hww, *Hws, *Hss, *LU;

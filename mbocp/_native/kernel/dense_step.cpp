@@ -31,11 +31,20 @@ std::unique_ptr<Step> make_step(const Problem& problem, Data& data) {
     return std::make_unique<DenseStep>(problem, data);
 }
 
-void DenseStep::store(int n, const StageFunction& f) {
+void DenseStep::add_places(int n, Places& places) const {
     const Stage& s = data_[n];
+    const std::vector<int>& first = s.kind->complete->first;
     double *const jacobian[] = {s.Jw, s.Js}, *const hessian[] = {s.Hww, s.Hws, s.Hss};
-    scatter(s.kind->to_jacobian, f.res[2], jacobian);
-    scatter(s.kind->to_hessian, f.res[4], hessian);
+    const auto add = [&](const Targets& targets, double* const* blocks, int from) {
+        for (const Target& t : targets) {
+            const int block = static_cast<int>(blocks[t.block] - s.begin());
+            places.push_back({from, block + t.offset});
+            if (t.mirror >= 0) places.push_back({from, block + t.mirror});
+            ++from;
+        }
+    };
+    add(s.kind->to_jacobian, jacobian, first[2]);
+    add(s.kind->to_hessian, hessian, first[4]);
 }
 
 void DenseStep::store_first(int n, const StageFunction& f) {

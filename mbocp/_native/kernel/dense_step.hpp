@@ -9,8 +9,7 @@ class DenseStep final : public Step {
 public:
     DenseStep(const Problem& problem, Data& data) : problem_(problem), data_(data) {}
 
-    void receive(int, StageFunction&) override {}
-    void store(int n, const StageFunction& complete) override;
+    void add_places(int n, Places& places) const override;
     void store_first(int n, const StageFunction& jacobian) override;
     void add_jacobian(int n, const double* dw, const double* ds, double* c) const override;
     void add_jacobian_transposed(int n, const double* dm, double* w, double* s) const override;

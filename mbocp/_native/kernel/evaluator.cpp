@@ -9,8 +9,25 @@ namespace {
 
 double square(double v) { return v * v; }
 
+// All that a kind's `complete` gives but the cost, from the memory of one of its stages on.
+Places places_of(const Stage& s) {
+    const Kind& k = *s.kind;
+    const StageFunction& f = *k.complete;
+    const double* const gradients[] = {s.lw, s.ls};
+    Places places;
+    for (int i = 0; i < f.outputs[0].nnz(); ++i) places.push_back({f.first[0] + i, f.outputs[0].row[i]});
+    for (std::size_t i = 0; i < k.to_gradient.size(); ++i) {
+        const Target& t = k.to_gradient[i];
+        places.push_back(
+            {f.first[3] + static_cast<int>(i), static_cast<int>(gradients[t.block] - s.begin()) + t.offset});
+    }
+    return places;
+}
+
+}  // namespace
+
 // Adds a row to the violation (l1, the programme's scaling) and to the squared primal norm (the reported scaling).
-struct Violations {
+struct Evaluator::Violations {
     Evaluation& e;
     double squared = 0;
 
@@ -22,28 +39,35 @@ struct Violations {
     }
 };
 
-}  // namespace
-
 Evaluator::Evaluator(const Problem& problem, const Iterate& iterate, Data& data, Step& step, Barrier& barrier)
     : problem_(problem), iterate_(iterate), data_(data), step_(step), barrier_(barrier),
-      scaled_m_(iterate.m.size(), 0.0), zeros_(static_cast<std::size_t>(problem.max_nw + problem.max_ns), 0.0) {}
+      scaled_m_(iterate.m.size(), 0.0), zeros_(static_cast<std::size_t>(problem.max_nw + problem.max_ns), 0.0),
+      groups_(problem.groups(&Kind::complete)) {
+    for (const Kind& kind : problem.kinds()) {
+        Places places;
+        for (int n = 0; n < problem.N && places.empty(); ++n)
+            if (&problem.kind(n) == &kind) places = places_of(data[n]), step.add_places(n, places);
+        scatters_.emplace_back(places, kind.complete->first.back() + kind.complete->outputs.back().nnz());
+    }
+}
 
-bool Evaluator::evaluate_stage(int n, const double* multipliers, Evaluation& e) {
-    const Stage& s = data_[n];
-    const Kind& k = *s.kind;
+bool Evaluator::evaluate_group(const Group& group, const double* multipliers, Violations& violations) {
+    const Kind& k = problem_.kind(group);
     StageFunction& f = *k.complete;
-    step_.receive(n, f);
-    const bool ok = problem_.call(f, n, iterate_, multipliers);
-    const Pattern& c = f.outputs[0];
-    double* const gradients[] = {s.lw, s.ls};
-    e.cost += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
-    for (int i = 0; i < c.nnz(); ++i) s.c[c.row[i]] = f.res[0][i];
-    for (std::size_t i = 0; i < k.to_gradient.size(); ++i)
-        gradients[k.to_gradient[i].block][k.to_gradient[i].offset] = f.res[3][i];
-    step_.store(n, f);
-    dense::copy(s.lw, s.gw, k.nw());
-    dense::copy(s.ls, s.gs, k.ns());
-    step_.add_jacobian_transposed(n, iterate_.m.data() + problem_.m_offset[n], s.gw, s.gs);
+    const bool ok = problem_.call(f, group, iterate_, multipliers);
+    double* memories[most_lanes];
+    for (int i = 0; i < most_lanes; ++i) memories[i] = data_[group.stage[i]].begin();
+    scatters_[static_cast<std::size_t>(group.kind)].apply(f.all_values(), f.num_lanes, memories);
+    for (int i = 0; i < group.count; ++i) {
+        const int n = group.stage[i];
+        const Stage& s = data_[n];
+        if (f.outputs[1].nnz()) violations.e.cost += f.values(1)[i];
+        step_.receive(n);
+        dense::copy(s.lw, s.gw, k.nw());
+        dense::copy(s.ls, s.gs, k.ns());
+        step_.add_jacobian_transposed(n, iterate_.m.data() + problem_.m_offset[n], s.gw, s.gs);
+        for (int row = 0; row < k.nc(); ++row) violations.add(s.c[row], k.scale_c[row], n, row);
+    }
     return ok;
 }
 
@@ -80,11 +104,8 @@ Evaluation Evaluator::evaluate(double share) {
     Evaluation e;
     bool ok = true;
     Violations violations{e};
-    for (int n = 0; n < N; ++n) {
-        ok = evaluate_stage(n, multipliers, e) && ok;
-        const Kind& k = problem_.kind(n);
-        for (int i = 0; i < k.nc(); ++i) violations.add(data_[n].c[i], k.scale_c[i], n, i);
-    }
+    for (const Kind& kind : problem_.kinds()) problem_.prepare(*kind.complete, true);
+    for (const Group& group : groups_) ok = evaluate_group(group, multipliers, violations) && ok;
     ok = data_.end.evaluate(problem_, iterate_, e) && ok;
     for (int i = 0; i < ng; ++i) violations.add(data_.end.g[i], 1.0, -1, i);
     if (!barrier_.empty()) {

@@ -17,7 +17,9 @@ public:
     Evaluation weigh(double parameter);
 
 private:
-    bool evaluate_stage(int n, const double* multipliers, Evaluation& e);
+    struct Violations;
+
+    bool evaluate_group(const Group& group, const double* multipliers, Violations& violations);
     double stationarity(double& largest) const;
 
     const Problem& problem_;
@@ -27,6 +29,8 @@ private:
     Barrier& barrier_;
     Evaluation last_;  // the last evaluation without what depends on the barrier parameter
     Numbers scaled_m_, zeros_;
+    Groups groups_;
+    std::vector<Scatter> scatters_;  // of the kinds
 };
 
 }  // namespace mbocp

@@ -34,20 +34,20 @@ void check_length(const Numbers& lower, const Numbers& upper, int N, int size, c
         throw std::invalid_argument("limits of " + name + ": wrong length");
 }
 
-// Calls a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h; values into h, and, where J and H are not null,
-// derivatives into J and added to H, both with leading dimension px.
-bool call_rows(StageFunction& f, int px, double* h, double* J, double* H) {
-    const bool ok = f.call();
-    const auto &values = f.outputs[0], &slopes = f.outputs[1], &curvature = f.outputs[2];
-    for (int k = 0; k < values.nnz(); ++k) h[values.row[k]] = f.res[0][k];
-    if (!J) return ok;
-    for (int k = 0; k < slopes.nnz(); ++k) J[slopes.row[k] * px + slopes.column[k]] = f.res[1][k];
+// What a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h has just returned in a lane: values into h, and,
+// where J and H are not null, derivatives into J and added to H, both with leading dimension px.
+void read_rows(const StageFunction& f, int lane, int px, double* h, double* J, double* H) {
+    const auto &rows = f.outputs[0], &slopes = f.outputs[1], &curvature = f.outputs[2];
+    const auto value = [&](int output, int k) { return f.values(output)[k * f.num_lanes + lane]; };
+    for (int k = 0; k < rows.nnz(); ++k) h[rows.row[k]] = value(0, k);
+    if (!J) return;
+    for (int k = 0; k < slopes.nnz(); ++k) J[slopes.row[k] * px + slopes.column[k]] = value(1, k);
     for (int k = 0; k < curvature.nnz(); ++k) {
         const int i = curvature.row[k], j = curvature.column[k];
-        H[i * px + j] += f.res[2][k];
-        if (i != j) H[j * px + i] += f.res[2][k];
+        const double entry = value(2, k);
+        H[i * px + j] += entry;
+        if (i != j) H[j * px + i] += entry;
     }
-    return ok;
 }
 
 }  // namespace
@@ -66,6 +66,7 @@ void Limits::set(const Bounds& bounds, Function path, Function guard) {
     path_ = std::move(path), guard_ = std::move(guard);
 
     lower.clear(), upper.clear(), equations.clear(), of_equation_.clear(), stages_.clear(), entry_.clear();
+    with_path_.clear();
     at_node_.assign(static_cast<std::size_t>(N), -1);
     first_equation_.assign(1, 0);
     int nodes = 0;
@@ -81,7 +82,7 @@ void Limits::set(const Bounds& bounds, Function path, Function guard) {
         rows.end = first_guard();
         stages_.push_back(rows);
         first_equation_.push_back(static_cast<int>(equations.size()));
-        if (!h.empty()) at_node_[n] = nodes++;
+        if (!h.empty()) at_node_[n] = nodes++, with_path_.push_back(n);
         has_states = has_states || !x.empty() || !h.empty();
     }
     if (problem_.is_structured() && has_states)
@@ -91,7 +92,7 @@ void Limits::set(const Bounds& bounds, Function path, Function guard) {
 
     const std::size_t px = padded(problem_.ndx), num_J = static_cast<std::size_t>(nh_) * nodes;
     const std::size_t matrices = nodes + (num_guards_ && at_node_.back() < 0);
-    lambda_.assign(std::max(nh_, num_guards_), 0.0), h_.assign(nh_, 0.0);
+    lambda_.assign(std::max(nh_ * most_lanes, num_guards_), 0.0), h_.assign(nh_, 0.0);
     gradient_x_.assign(problem_.dx_offset(N), 0.0), gradient_u_.assign(problem_.u_offset[N], 0.0);
     J_.assign(num_J * px, 0.0), guard_J_.assign(num_guards_ * px, 0.0);
     H_.assign(matrices * px * px, 0.0), B_ = H_;
@@ -157,19 +158,26 @@ double Limits::reach(std::size_t equation, const Point& at) const {
     return std::sqrt(squared_slope(equation)) * dense::largest(problem_.nx, at.x.data() + problem_.x_offset(n + 1));
 }
 
-bool Limits::call_path(int n, const Point& at, double* J, double* H) {
-    path_->arg[0] = at.x.data() + problem_.x_offset(n + 1);
-    path_->arg[1] = lambda_.data();
-    path_->arg[2] = nullptr;  // zeros: what of a velocity a control prescribes is not limited
-    path_->arg[3] = problem_.theta.data();
-    return call_rows(*path_, padded(problem_.ndx), h_.data(), J, H);
+bool Limits::call_path(std::size_t first, const Point& at) {
+    const double *x[most_lanes], *lambda[most_lanes];
+    for (int lane = 0; lane < path_->num_lanes; ++lane) {
+        const std::size_t own = std::min(first + lane, with_path_.size() - 1);
+        x[lane] = at.x.data() + problem_.x_offset(with_path_[own] + 1);
+        lambda[lane] = lambda_.data() + static_cast<std::size_t>(lane) * nh_;
+    }
+    path_->set(0, x), path_->set(1, lambda);
+    if (first == 0) path_->share(2, nullptr);  // zeros: what of a velocity a control prescribes is not limited
+    if (first == 0) path_->share(3, problem_.theta.data());
+    return path_->call_in_lanes();
 }
 
 bool Limits::call_guard(const Point& at, double* h, double* J, double* H) {
-    guard_->arg[0] = at.x.data() + problem_.x_offset(problem_.N);
-    guard_->arg[1] = lambda_.data();
-    guard_->arg[2] = problem_.rho_terminal.data();
-    return call_rows(*guard_, padded(problem_.ndx), h, J, H);
+    guard_->share(0, at.x.data() + problem_.x_offset(problem_.N));
+    guard_->share(1, lambda_.data());
+    guard_->share(2, problem_.rho_terminal.data());
+    const bool ok = guard_->call_in_lanes();
+    read_rows(*guard_, 0, padded(problem_.ndx), h, J, H);
+    return ok;
 }
 
 // Of limited states and controls.
@@ -182,12 +190,15 @@ void Limits::copy_values(int n, const Point& at, double* h) const {
 
 bool Limits::values(const Point& at, Numbers& h) {
     bool ok = true;
-    for (int n = 0; n < problem_.N; ++n) {
-        const Rows rows = of_stage(n);
-        copy_values(n, at, h.data());
-        if (!has_path(n)) continue;
-        ok = call_path(n, at, nullptr, nullptr) && ok;
-        for (int i = rows.path; i < rows.end; ++i) h[i] = h_[entry(i)];
+    for (int n = 0; n < problem_.N; ++n) copy_values(n, at, h.data());
+    const auto num_lanes = static_cast<std::size_t>(path_ ? path_->num_lanes : 1);
+    for (std::size_t first = 0; first < with_path_.size(); first += num_lanes) {
+        ok = call_path(first, at) && ok;
+        for (std::size_t k = first; k < std::min(first + num_lanes, with_path_.size()); ++k) {
+            const Rows rows = of_stage(with_path_[k]);
+            read_rows(*path_, static_cast<int>(k - first), 0, h_.data(), nullptr, nullptr);
+            for (int i = rows.path; i < rows.end; ++i) h[i] = h_[entry(i)];
+        }
     }
     if (num_guards_) ok = call_guard(at, h.data() + first_guard(), nullptr, nullptr) && ok;
     return ok;
@@ -204,14 +215,25 @@ bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
         copy_values(n, at, h.data());
         for (int i = rows.x; i < rows.u; ++i) of_x[entry(i)] += lambda[i];
         for (int i = rows.u; i < rows.path; ++i) gradient_u_[problem_.u_offset[n] + entry(i)] += lambda[i];
-        if (!has_path(n)) continue;
+    }
+    const auto num_lanes = static_cast<std::size_t>(path_ ? path_->num_lanes : 1);
+    for (std::size_t first = 0; first < with_path_.size(); first += num_lanes) {
+        const std::size_t last = std::min(first + num_lanes, with_path_.size());
         std::fill(lambda_.begin(), lambda_.end(), 0.0);
-        for (int i = rows.path; i < rows.end; ++i) lambda_[entry(i)] = lambda[i];
-        double* J = J_.data() + jacobian_offset(n);
-        ok = call_path(n, at, J, H_.data() + matrix_offset(n)) && ok;
-        for (int i = rows.path; i < rows.end; ++i) {
-            h[i] = h_[entry(i)];
-            dense::axpy(nd, lambda[i], J + entry(i) * px, of_x);
+        for (std::size_t k = first; k < last; ++k) {
+            const Rows rows = of_stage(with_path_[k]);
+            for (int i = rows.path; i < rows.end; ++i) lambda_[(k - first) * nh_ + entry(i)] = lambda[i];
+        }
+        ok = call_path(first, at) && ok;
+        for (std::size_t k = first; k < last; ++k) {
+            const int n = with_path_[k];
+            const Rows rows = of_stage(n);
+            double* J = J_.data() + jacobian_offset(n);
+            read_rows(*path_, static_cast<int>(k - first), px, h_.data(), J, H_.data() + matrix_offset(n));
+            for (int i = rows.path; i < rows.end; ++i) {
+                h[i] = h_[entry(i)];
+                dense::axpy(nd, lambda[i], J + entry(i) * px, gradient_x_.data() + problem_.dx_offset(n));
+            }
         }
     }
     if (!num_guards_) return ok;

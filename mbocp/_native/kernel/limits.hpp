@@ -72,7 +72,8 @@ public:
 
 private:
     void add_rows(int n, const std::vector<int>& found, const Numbers& lower_side, const Numbers& upper_side, int size);
-    bool call_path(int n, const Point& at, double* J, double* H);
+    // Path functions at the nodes of as many stages as they have lanes, with `lambda_` of each of them.
+    bool call_path(std::size_t first, const Point& at);
     bool call_guard(const Point& at, double* h, double* J, double* H);
     void copy_values(int n, const Point& at, double* h) const;
     bool has_path(int n) const { return at_node_[static_cast<std::size_t>(n)] >= 0; }
@@ -85,11 +86,13 @@ private:
     const Problem& problem_;
     std::vector<Rows> stages_;
     std::vector<int> entry_;
+    std::vector<int> with_path_;                     // stages whose nodes have path functions
     std::vector<int> at_node_;                       // place of a stage's node among those with path functions, or -1
     std::vector<int> first_equation_, of_equation_;  // of each stage; stage of each
     int nh_ = 0, num_guards_ = 0;
     Function path_, guard_;
-    Numbers h_, lambda_;               // of all path functions at a node, or of the guards
+    Numbers h_;                        // of all path functions at a node
+    Numbers lambda_;                   // of them at the nodes of the lanes, or of the guards
     Numbers gradient_x_, gradient_u_;  // of lambda'h
     Numbers J_, guard_J_, H_, B_;      // of the nodes' path functions and of the guards
 };

@@ -33,7 +33,7 @@ Problem::Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal 
         max_nw = std::max(max_nw, k.nw()), max_ns = std::max(max_ns, k.ns()), max_nu = std::max(max_nu, k.nu);
     }
     rho_.assign(r_offset.back(), 0.0);
-    scaled_.assign(ndx, 0.0);
+    scaled_.assign(static_cast<std::size_t>(ndx) * most_lanes, 0.0);
 }
 
 void Problem::set_parameters(const Numbers& of_all, const Numbers& of_stages, const Numbers& of_end) {
@@ -53,6 +53,69 @@ bool Problem::call(StageFunction& f, int n, const Point& at, const double* multi
     f.arg[next++] = theta.data();
     f.arg[next] = rho_.data() + r_offset[n];
     return f.call();
+}
+
+Groups Problem::groups(Function Kind::* function) const {
+    Groups out;
+    for (std::size_t k = 0; k < kinds_.size(); ++k) {
+        const int num_lanes = (kinds_[k].*function)->num_lanes;
+        Group group{static_cast<int>(k), 0, {}};
+        const auto finish = [&] {
+            if (!group.count) return;
+            for (int i = group.count; i < most_lanes; ++i) group.stage[i] = group.stage[group.count - 1];
+            out.push_back(group), group.count = 0;
+        };
+        for (int n = 0; n < N; ++n) {
+            if (stage_kind_[n] != group.kind) continue;
+            group.stage[group.count++] = n;
+            if (group.count == num_lanes) finish();
+        }
+        finish();
+    }
+    return out;
+}
+
+void Problem::prepare(StageFunction& f, bool has_multipliers) const { f.share(has_multipliers ? 5 : 4, theta.data()); }
+
+bool Problem::call(StageFunction& f, const Group& group, const Point& at, const double* multipliers) const {
+    const double* from[most_lanes];
+    int next = 0;
+    const auto pass = [&](auto of_stage) {
+        for (int i = 0; i < f.num_lanes; ++i) from[i] = of_stage(group.stage[i]);
+        f.set(next++, from);
+    };
+    pass([&](int n) { return at.x.data() + x_offset(n); });
+    pass([&](int n) { return at.x.data() + x_offset(n + 1); });
+    pass([&](int n) { return at.y.data() + y_offset[n]; });
+    pass([&](int n) { return at.u.data() + u_offset[n]; });
+    if (multipliers) pass([&](int n) { return multipliers + m_offset[n]; });
+    ++next;  // theta
+    pass([&](int n) { return rho_.data() + r_offset[n]; });
+    return f.call_in_lanes();
+}
+
+bool Problem::retract_nodes(const Numbers& x, const Numbers& dx, double alpha, Numbers& x_next) const {
+    StageFunction& f = *retract_;
+    const Pattern& pattern = f.outputs[0];
+    const double *at[most_lanes], *by[most_lanes];
+    bool ok = true;
+    for (int node = 1; node <= N; node += f.num_lanes) {
+        for (int lane = 0; lane < f.num_lanes; ++lane) {
+            const int own = std::min(node + lane, N);
+            double* scaled = scaled_.data() + lane * ndx;
+            const double* step = dx.data() + dx_offset(own);
+            for (int i = 0; i < ndx; ++i) scaled[i] = alpha * step[i];
+            at[lane] = x.data() + x_offset(own), by[lane] = scaled;
+        }
+        f.set(0, at), f.set(1, by);
+        ok = f.call_in_lanes() && ok;
+        const double* values = f.values(0);
+        for (int lane = 0; lane < f.num_lanes && node + lane <= N; ++lane) {
+            double* next = x_next.data() + x_offset(node + lane);
+            for (int i = 0; i < pattern.nnz(); ++i) next[pattern.row[i]] = values[i * f.num_lanes + lane];
+        }
+    }
+    return ok;
 }
 
 bool Problem::retract(const double* x, const double* dx, double alpha, double* x_next) const {

@@ -16,6 +16,12 @@ namespace mbocp {
 
 struct Point;
 
+// Stages of one kind at which a function is called at once; the last is repeated in the lanes that are left.
+struct Group {
+    int kind, count, stage[most_lanes];
+};
+using Groups = std::vector<Group>;
+
 class Problem {
 public:
     // `retract` is (x, dx) -> x, `difference` its inverse, (x, x_moved) -> dx.
@@ -27,6 +33,7 @@ public:
     void set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal);
     const Kind& kind(int n) const { return kinds_[static_cast<std::size_t>(stage_kind_[n])]; }
     const std::vector<Kind>& kinds() const { return kinds_; }
+    const Kind& kind(const Group& group) const { return kinds_[static_cast<std::size_t>(group.kind)]; }
     bool is_structured() const { return kinds_[0].structure != nullptr; }
 
     int N, nx, ndx, ng;
@@ -44,6 +51,12 @@ public:
 
     // Calls a stage's function, with multipliers of the horizon where it takes any. False: not finite, or failed.
     bool call(StageFunction& f, int n, const Point& at, const double* multipliers = nullptr) const;
+    // The same for a group of stages, in lanes, after `prepare` of its kind's function for the loop over groups.
+    Groups groups(Function Kind::* function) const;
+    void prepare(StageFunction& f, bool has_multipliers) const;
+    bool call(StageFunction& f, const Group& group, const Point& at, const double* multipliers = nullptr) const;
+    // All nodes but the first of x_next <- x moved by alpha dx.
+    bool retract_nodes(const Numbers& x, const Numbers& dx, double alpha, Numbers& x_next) const;
     // x_next <- x moved by alpha dx.
     bool retract(const double* x, const double* dx, double alpha, double* x_next) const;
     // dx <- what takes x to x_moved.
@@ -54,7 +67,7 @@ private:
     std::vector<int> stage_kind_;
     Function retract_, difference_;
     Numbers rho_;
-    mutable Numbers scaled_;  // alpha dx
+    mutable Numbers scaled_;  // alpha dx, of a node for each lane
 };
 
 }  // namespace mbocp

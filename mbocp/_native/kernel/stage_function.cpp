@@ -5,6 +5,8 @@
 #include <casadi/casadi.hpp>
 #include <stdexcept>
 
+#include "vectors.hpp"
+
 namespace mbocp {
 namespace {
 
@@ -12,6 +14,8 @@ using Index = long long int;  // casadi_int of generated code
 using Evaluate = int (*)(const double**, double**, Index*, double*, int);
 using Work = int (*)(Index*, Index*, Index*, Index*);
 using Count = Index (*)(void);
+using EvaluateInLanes = int (*)(const double**, double**);
+using NumLanes = int (*)(void);
 using SparsityOf = const Index* (*)(Index);
 
 // CasADi's compact form: rows, columns, dense flag or column offsets, row indices.
@@ -57,14 +61,31 @@ public:
         res.resize(static_cast<std::size_t>(sizes[1]));
         iw_.resize(static_cast<std::size_t>(sizes[2]));
         w_.resize(static_cast<std::size_t>(sizes[3]));
-        allocate_results();
+        allocate();
+        find_lanes(name);
     }
     ~Compiled() override { dlclose(library_); }
     bool call() override { return evaluate_(arg.data(), res.data(), iw_.data(), w_.data(), 0) == 0; }
 
+protected:
+    bool call_all() override {
+        return evaluate_in_lanes_(const_cast<const double**>(lane_inputs_.data()), lane_outputs_.data()) == 0;
+    }
+
 private:
+    void find_lanes(const std::string& name) {
+        const auto number = reinterpret_cast<NumLanes>(dlsym(library_, (name + "_num_lanes").c_str()));
+        if (!number) return;
+        num_lanes = number();
+        if (num_lanes != 4 && num_lanes != 8) num_lanes = 1;
+        if (num_lanes == 1) return;
+        evaluate_in_lanes_ = reinterpret_cast<EvaluateInLanes>(dlsym(library_, (name + "_in_lanes").c_str()));
+        allocate_lanes();
+    }
+
     void* library_ = nullptr;
     Evaluate evaluate_ = nullptr;
+    EvaluateInLanes evaluate_in_lanes_ = nullptr;
     std::vector<Index> iw_;
     std::vector<double> w_;
 };
@@ -89,7 +110,7 @@ public:
         res.resize(sz_res);
         iw_.resize(sz_iw);
         w_.resize(sz_w);
-        allocate_results();
+        allocate();
     }
     bool call() override { return function_(arg.data(), res.data(), iw_.data(), w_.data()) == 0; }
 
@@ -101,12 +122,38 @@ private:
 
 }  // namespace
 
-void StageFunction::allocate_results() {
-    results_.reserve(outputs.size());
-    for (std::size_t i = 0; i < outputs.size(); ++i) {
-        results_.emplace_back(static_cast<std::size_t>(outputs[i].nnz()) + 1, 0.0);
-        res[i] = results_.back().data();
-    }
+void StageFunction::allocate() {
+    int total = 0;
+    for (const Pattern& output : outputs) first.push_back(total), total += output.nnz();
+    double* at = results_.allocate(static_cast<std::size_t>(total) + 1);
+    for (std::size_t i = 0; i < outputs.size(); ++i) res[i] = at + first[i];
+}
+
+void StageFunction::allocate_lanes() {
+    std::size_t total = 1;
+    for (const int size : input_sizes) total += static_cast<std::size_t>(size) + 1;
+    for (const Pattern& output : outputs) total += static_cast<std::size_t>(output.nnz());
+    double* at = lanes_.allocate(total * num_lanes);
+    for (const int size : input_sizes) lane_inputs_.push_back(at), at += num_lanes * (size + 1);
+    lane_results_ = at;
+    for (std::size_t i = 0; i < outputs.size(); ++i) lane_outputs_.push_back(at + num_lanes * first[i]);
+}
+
+void StageFunction::set(int input, const double* const* of_stages) {
+    const int size = input_sizes[input];
+    if (num_lanes == 1)
+        arg[input] = of_stages[0];
+    else if (num_lanes == 4)
+        interleave<4>(size, of_stages, lane_inputs_[input]);
+    else
+        interleave<8>(size, of_stages, lane_inputs_[input]);
+}
+
+void StageFunction::share(int input, const double* of_all) {
+    if (num_lanes == 1) return void(arg[input] = of_all);
+    double* to = lane_inputs_[input];
+    for (int i = 0; i < input_sizes[input]; ++i)
+        for (int lane = 0; lane < num_lanes; ++lane) *to++ = of_all ? of_all[i] : 0.0;
 }
 
 std::shared_ptr<StageFunction> StageFunction::from_library(const std::string& path, const std::string& name) {

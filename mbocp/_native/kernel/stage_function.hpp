@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "pool.hpp"
+
 namespace mbocp {
 
 // Compressed-column pattern of one output.
@@ -14,6 +16,10 @@ struct Pattern {
     int nnz() const { return static_cast<int>(row.size()); }
 };
 
+inline constexpr int most_lanes = 8;
+
+// At one stage: arg, `call`, res. At as many stages at once as the function has lanes, which may be one: `set` and
+// `share`, `call_in_lanes`, `values`; number k of an output is then at [k * num_lanes + lane].
 class StageFunction {
 public:
     virtual ~StageFunction() = default;
@@ -21,6 +27,16 @@ public:
     // Set inputs with arg[i] = pointer, then call; outputs land in res[i] (nonzeros only). False: not finite or failed.
     virtual bool call() = 0;
 
+    // An input of each stage; or of all of them, which holds until it is set again.
+    void set(int input, const double* const* of_stages);
+    void share(int input, const double* of_all);
+    bool call_in_lanes() { return num_lanes == 1 ? call() : call_all(); }
+    const double* values(int output) const { return all_values() + num_lanes * first[output]; }
+    // The outputs one after another, number k of output i being first[i] + k; after them a zero.
+    const double* all_values() const { return num_lanes == 1 ? results_.data() : lane_results_; }
+
+    int num_lanes = 1;
+    std::vector<int> first;
     std::vector<const double*> arg;
     std::vector<double*> res;
     std::vector<Pattern> outputs;
@@ -33,8 +49,13 @@ public:
     static std::shared_ptr<StageFunction> from_string(const std::string& serialised);
 
 protected:
-    void allocate_results();  // one buffer an output
-    std::vector<std::vector<double>> results_;
+    virtual bool call_all() { return false; }
+    void allocate();
+    void allocate_lanes();
+
+    Pool results_, lanes_;
+    std::vector<double*> lane_inputs_, lane_outputs_;
+    double* lane_results_ = nullptr;
 };
 
 using Function = std::shared_ptr<StageFunction>;

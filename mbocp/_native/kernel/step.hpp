@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "data.hpp"
+#include "scatter.hpp"
 
 namespace mbocp {
 
@@ -12,9 +13,10 @@ class Step {
 public:
     virtual ~Step() = default;
 
-    // Before and after a call of a kind's `complete`, which gives all derivatives, and after one of its `jacobian`.
-    virtual void receive(int n, StageFunction& complete) = 0;
-    virtual void store(int n, const StageFunction& complete) = 0;
+    // Where in the memory of a stage of the kind of stage n the derivatives belong that its `complete` gives; after
+    // they have been put there, and after a call of its `jacobian`.
+    virtual void add_places(int n, Places& places) const = 0;
+    virtual void receive(int) {}
     virtual void store_first(int n, const StageFunction& jacobian) = 0;
 
     // c += Jw dw + Js ds

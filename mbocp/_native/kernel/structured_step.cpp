@@ -11,12 +11,17 @@ StructuredStep::StructuredStep(const Problem& problem, Data& data)
     work_.allocate(size);
 }
 
-void StructuredStep::receive(int n, StageFunction& f) {
+void StructuredStep::add_places(int n, Places& places) const {
     const Stage& s = data_[n];
-    f.res[2] = s.J, f.res[4] = s.H;
+    const StageFunction& f = *s.kind->complete;
+    const auto add = [&](int output, const double* block) {
+        for (int k = 0; k < f.outputs[output].nnz(); ++k)
+            places.push_back({f.first[output] + k, static_cast<int>(block - s.begin()) + k});
+    };
+    add(2, s.J), add(4, s.H);
 }
 
-void StructuredStep::store(int n, const StageFunction&) {
+void StructuredStep::receive(int n) {
     const Stage& s = data_[n];
     s.kind->hessian.halve_diagonal(s.H);
 }

@@ -9,8 +9,8 @@ class StructuredStep final : public Step {
 public:
     StructuredStep(const Problem& problem, Data& data);
 
-    void receive(int n, StageFunction& complete) override;
-    void store(int n, const StageFunction& complete) override;
+    void add_places(int n, Places& places) const override;
+    void receive(int n) override;
     void store_first(int n, const StageFunction& jacobian) override;
     void add_jacobian(int n, const double* dw, const double* ds, double* c) const override;
     void add_jacobian_transposed(int n, const double* dm, double* w, double* s) const override;

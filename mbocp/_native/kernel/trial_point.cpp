@@ -7,35 +7,36 @@ namespace mbocp {
 
 TrialPoint::TrialPoint(const Problem& problem, Iterate& iterate, Barrier& barrier)
     : problem_(problem), iterate_(iterate), barrier_(barrier), moved_(problem), c_(iterate.m.size(), 0.0),
-      g_(problem.ng, 0.0) {}
+      g_(problem.ng, 0.0), groups_(problem.groups(&Kind::values)) {}
 
 bool TrialPoint::move(const Increment& step, double alpha) {
-    bool ok = true;
     const Numbers &x = iterate_.x, &y = iterate_.y, &u = iterate_.u;
     for (std::size_t i = 0; i < y.size(); ++i) moved_.y[i] = y[i] + alpha * step.dy[i];
     for (std::size_t i = 0; i < u.size(); ++i) moved_.u[i] = u[i] + alpha * step.du[i];
     std::copy(x.begin(), x.begin() + problem_.nx, moved_.x.begin());
-    for (int n = 1; n <= problem_.N; ++n) {
-        const std::size_t at = problem_.x_offset(n);
-        const double* dx = step.dx.data() + problem_.dx_offset(n);
-        ok = problem_.retract(x.data() + at, dx, alpha, moved_.x.data() + at) && ok;
-    }
     barrier_.move(alpha);
+    return problem_.retract_nodes(x, step.dx, alpha, moved_.x);
+}
+
+bool TrialPoint::evaluate_group(const Group& group, Trial& t) {
+    StageFunction& f = *problem_.kind(group).values;
+    const bool ok = problem_.call(f, group, moved_);
+    const Pattern& rows = f.outputs[0];
+    const double* values = f.values(0);
+    for (int i = 0; i < group.count; ++i) {
+        double* c = c_.data() + problem_.m_offset[group.stage[i]];
+        for (int k = 0; k < rows.nnz(); ++k) c[rows.row[k]] = values[k * f.num_lanes + i];
+        for (int row = 0; row < rows.rows; ++row) t.violation += std::abs(c[row]);
+        t.objective += f.outputs[1].nnz() ? f.values(1)[i] : 0.0;
+    }
     return ok;
 }
 
 Trial TrialPoint::evaluate(const Increment& step, double alpha) {
     Trial t;
     bool ok = move(step, alpha);
-    for (int n = 0; n < problem_.N; ++n) {
-        const Kind& k = problem_.kind(n);
-        StageFunction& f = *k.values;
-        ok = problem_.call(f, n, moved_) && ok;
-        double* c = c_.data() + problem_.m_offset[n];
-        for (int i = 0; i < f.outputs[0].nnz(); ++i) c[f.outputs[0].row[i]] = f.res[0][i];
-        for (int i = 0; i < k.nc(); ++i) t.violation += std::abs(c[i]);
-        t.objective += f.outputs[1].nnz() ? f.res[1][0] : 0.0;
-    }
+    for (const Kind& kind : problem_.kinds()) problem_.prepare(*kind.values, false);
+    for (const Group& group : groups_) ok = evaluate_group(group, t) && ok;
     StageFunction& f = *problem_.terminal.values;
     f.arg[0] = moved_.x.data() + problem_.x_offset(problem_.N);
     f.arg[1] = problem_.rho_terminal.data();

@@ -20,11 +20,14 @@ public:
     const Numbers& g() const { return g_; }
 
 private:
+    bool evaluate_group(const Group& group, Trial& t);
+
     const Problem& problem_;
     Iterate& iterate_;
     Barrier& barrier_;
     Point moved_;
     Numbers c_, g_;
+    Groups groups_;
 };
 
 }  // namespace mbocp

@@ -1,0 +1,122 @@
+/* Several stages at once: numbers of as many stages as a vector register holds, in its lanes.
+
+Included by generated functions, see lanes.py, which defines MBOCP_LANES. A condition is 1.0 or 0.0, as in C, and what it
+does not choose is 0: lanes never meet. Compilers and processors that are not known get one lane. */
+#if !(defined(__GNUC__) && defined(__AVX2__))
+#undef MBOCP_LANES
+#define MBOCP_LANES 1
+#endif
+
+#if MBOCP_LANES == 1
+typedef double mbocp_lanes;
+#define mbocp_all(x) (x)
+#define mbocp_first(x) (x)
+#define mbocp_less(x, y) ((x) < (y))
+#define mbocp_at_most(x, y) ((x) <= (y))
+#define mbocp_equal(x, y) ((x) == (y))
+#define mbocp_unequal(x, y) ((x) != (y))
+#define mbocp_and(x, y) ((x) && (y))
+#define mbocp_or(x, y) ((x) || (y))
+#define mbocp_not(x) (!(x))
+#define mbocp_if(x, y) ((x) ? (y) : 0)
+#define mbocp_fabs(x) fabs(x)
+#define mbocp_fmin(x, y) fmin(x, y)
+#define mbocp_fmax(x, y) fmax(x, y)
+#define mbocp_sign(x) ((x) < 0 ? -1 : (x) > 0 ? 1 : (x))
+#define mbocp_sqrt(x) sqrt(x)
+#define mbocp_sin(x) sin(x)
+#define mbocp_cos(x) cos(x)
+#define MBOCP_EACH(f) static double mbocp_each_##f(double x) { return f(x); }
+#define MBOCP_EACH_OF_TWO(f) static double mbocp_each_##f(double x, double y) { return f(x, y); }
+#else
+typedef double mbocp_lanes __attribute__((vector_size(8 * MBOCP_LANES), may_alias));
+typedef long long mbocp_bits __attribute__((vector_size(8 * MBOCP_LANES)));
+#if MBOCP_LANES == 4
+#define mbocp_all(x) ((mbocp_lanes){(x), (x), (x), (x)})
+#define mbocp_all_bits(x) ((mbocp_bits){(x), (x), (x), (x)})
+#else
+#define mbocp_all(x) ((mbocp_lanes){(x), (x), (x), (x), (x), (x), (x), (x)})
+#define mbocp_all_bits(x) ((mbocp_bits){(x), (x), (x), (x), (x), (x), (x), (x)})
+#endif
+#define mbocp_first(x) ((x)[0])
+#define mbocp_where(mask, x) ((mbocp_lanes)((mask) & (mbocp_bits)(x)))
+#define mbocp_select(mask, x, y) ((mbocp_lanes)(((mask) & (mbocp_bits)(x)) | (~(mask) & (mbocp_bits)(y))))
+#define mbocp_truth(mask) mbocp_where(mask, mbocp_all(1.))
+#define mbocp_is(x) ((x) != mbocp_all(0.))
+#define mbocp_less(x, y) mbocp_truth((x) < (y))
+#define mbocp_at_most(x, y) mbocp_truth((x) <= (y))
+#define mbocp_equal(x, y) mbocp_truth((x) == (y))
+#define mbocp_unequal(x, y) mbocp_truth((x) != (y))
+#define mbocp_and(x, y) mbocp_truth(mbocp_is(x) & mbocp_is(y))
+#define mbocp_or(x, y) mbocp_truth(mbocp_is(x) | mbocp_is(y))
+#define mbocp_not(x) mbocp_truth((x) == mbocp_all(0.))
+#define mbocp_if(x, y) mbocp_where(mbocp_is(x), y)
+#define mbocp_fabs(x) mbocp_where(mbocp_all_bits(0x7fffffffffffffffLL), x)
+#define mbocp_fmin(x, y) mbocp_select(((x) < (y)) | ((y) != (y)), x, y)
+#define mbocp_fmax(x, y) mbocp_select(((x) > (y)) | ((y) != (y)), x, y)
+#define mbocp_sign(x) mbocp_select((x) < mbocp_all(0.), mbocp_all(-1.), mbocp_select((x) > mbocp_all(0.), mbocp_all(1.), x))
+
+/* A function of the library, lane by lane. */
+#define MBOCP_EACH(f)                                                            \
+  static __attribute__((noinline, unused)) mbocp_lanes mbocp_each_##f(mbocp_lanes x) { \
+    int i;                                                                       \
+    for (i = 0; i < MBOCP_LANES; ++i) x[i] = f(x[i]);                            \
+    return x;                                                                    \
+  }
+#define MBOCP_EACH_OF_TWO(f)                                                                    \
+  static __attribute__((noinline, unused)) mbocp_lanes mbocp_each_##f(mbocp_lanes x, mbocp_lanes y) { \
+    int i;                                                                                      \
+    for (i = 0; i < MBOCP_LANES; ++i) x[i] = f(x[i], y[i]);                                     \
+    return x;                                                                                   \
+  }
+
+#if MBOCP_LANES == 4
+#define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd256(x))
+#else
+MBOCP_EACH(sqrt)
+#define mbocp_sqrt(x) mbocp_each_sqrt(x)
+#endif
+
+#ifdef __FAST_MATH__
+MBOCP_EACH(sin)
+MBOCP_EACH(cos)
+#define mbocp_sin(x) mbocp_each_sin(x)
+#define mbocp_cos(x) mbocp_each_cos(x)
+#else
+/* sin(x + quarter pi / 2) within an ulp: x less a multiple n of pi / 2, in three parts of 33 bits and a rest, as a sum y
++ rest; then the polynomials of fdlibm (Sun Microsystems, 1993) for sine and cosine between -pi / 4 and pi / 4. n has at
+most 20 bits up to the largest x, so that its products are exact; beyond, and where x is no number, the library is asked. */
+static __attribute__((noinline, unused)) mbocp_lanes mbocp_sine(mbocp_lanes x, long long quarter) {
+  const double largest = 1e5, to_integer = 6755399441055744.; /* 1.5 2^52: the last bits of a sum with it count */
+  mbocp_lanes shifted = x * 6.36619772367581382433e-01 + to_integer, n = shifted - to_integer;
+  mbocp_lanes t = x - n * 1.57079632673412561417e+00, w = n * 6.07710050630396597660e-11, r = t - w, y, rest;
+  mbocp_lanes z, v, sine, cosine, half, one_less;
+  mbocp_bits place = (mbocp_bits)shifted + quarter, beyond = ~((x <= largest) & (x >= -largest));
+  int i, any = 0;
+  w = n * 2.02226624879595063154e-21 - ((t - r) - w);
+  y = r - w;
+  rest = (r - y) - w;
+  z = y * y;
+  v = z * y;
+  sine = 8.33333333332248946124e-03 +
+         z * (-1.98412698298579493134e-04 +
+              z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)));
+  sine = y - ((z * (0.5 * rest - v * sine) - rest) - v * -1.66666666666666324348e-01);
+  cosine = z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * 2.48015872894767294178e-05)) +
+           z * z * (z * z) *
+               (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11));
+  half = 0.5 * z;
+  one_less = 1. - half;
+  cosine = one_less + (((1. - one_less) - half) + (z * cosine - y * rest));
+  y = mbocp_select((place & 1) != 0, cosine, sine);
+  y = (mbocp_lanes)((mbocp_bits)y ^ ((place & 2) << 62));
+  for (i = 0; i < MBOCP_LANES; ++i) any |= beyond[i] != 0;
+  if (__builtin_expect(any, 0))
+    for (i = 0; i < MBOCP_LANES; ++i)
+      if (beyond[i]) y[i] = quarter ? cos(x[i]) : sin(x[i]);
+  return y;
+}
+#define mbocp_sin(x) mbocp_sine(x, 0)
+#define mbocp_cos(x) mbocp_sine(x, 1)
+#endif
+#endif
