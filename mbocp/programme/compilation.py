@@ -127,7 +127,7 @@ def load_functions(
         return CompiledFunctions(
             None, {name: f.serialize() for name, f in functions.items()}, compiled_now=False
         )
-    flags = _flags_for(functions.values(), _LARGE_END if of_end else _LARGE)
+    flags = _flags_for(cc, functions.values(), _LARGE_END if of_end else _LARGE)
     unit = _Unit(cc, flags, _source(functions, wide))
     check_deadline(deadline, "the functions were written in C")
     known = cached(unit.name)
@@ -167,14 +167,19 @@ def _translation(cc: tuple[str, ...] | None, flags: Collection[str]) -> tuple[st
     return (platform.machine(), " ".join((*flags, *(cc[1:] if cc is not None else ()))))
 
 
-def _flags_for(functions: Collection[ca.Function], most: int) -> tuple[str, ...]:
+def _flags_for(cc: tuple[str, ...], functions: Collection[ca.Function], most: int) -> tuple[str, ...]:
     """Flags by the largest function; `most` operations are worth optimising."""
     largest = max(functions, key=lambda function: function.n_instructions())
     operations = largest.n_instructions()
     if operations > most:
-        return ("-O0", *_FLAGS)
+        return ("-O0", *instruction_flags(), *_FLAGS)
     is_dense = operations >= _DENSE * (largest.nnz_in() + largest.nnz_out())
-    return (*_flags(), *(_SCHEDULE if is_dense else ()))
+    return (*_flags(), *(_SCHEDULE if is_dense and not _is_clang(cc) else ()))
+
+
+def _is_clang(cc: tuple[str, ...]) -> bool:
+    """Whether the compiler, or what a wrapper calls, is named Clang: it refuses options of GCC's."""
+    return any("clang" in Path(word).resolve().name for word in cc if not word.startswith("-"))
 
 
 def _source(functions: Mapping[str, ca.Function], wide: Lanes) -> str:

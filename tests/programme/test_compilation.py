@@ -36,6 +36,7 @@ def never() -> dict[str, ca.Function]:
     raise AssertionError("built although it is in the cache")
 
 
+GCC = ("/usr/bin/gcc",)
 LIBRARIES = 2  # of a shape: the functions of its stages, and those of its end
 
 
@@ -195,6 +196,16 @@ def test_flags_follow_what_is_compiled() -> None:
     for _ in range(40):
         long = ca.sin(long) * x[1]
     dense = ca.Function("dense", [x], [long])
-    assert "-fschedule-insns" in compilation._flags_for([plain, dense], 1000)
-    assert "-fschedule-insns" not in compilation._flags_for([plain], 1000)
-    assert "-O0" in compilation._flags_for([plain, dense], 20)
+    assert "-fschedule-insns" in compilation._flags_for(GCC, [plain, dense], 1000)
+    assert "-fschedule-insns" not in compilation._flags_for(GCC, [plain], 1000)
+    assert "-O0" in compilation._flags_for(GCC, [plain, dense], 20)
+
+
+def test_clang_gets_no_options_of_another_scheduler() -> None:
+    x = ca.SX.sym("x")
+    value = x
+    for _ in range(40):
+        value = ca.sin(value) * x
+    dense = [ca.Function("f", [x], [value])]
+    assert "-fsched-pressure" in compilation._flags_for((*GCC, "-m64"), dense, 10**6)
+    assert "-fsched-pressure" not in compilation._flags_for(("/usr/bin/ccache", "clang-14"), dense, 10**6)

@@ -15,7 +15,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
-from mbocp.programme import StagewiseProgramme
+from mbocp.programme import StagewiseProgramme, compilation
 from mbocp.programme.compilation import load_functions
 from mbocp.programme.kernel import kernel_programme
 from mbocp.programme.lanes import in_lanes
@@ -23,7 +23,6 @@ from mbocp.programme.processor import has_avx2, number_of_lanes
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 needs_avx2 = pytest.mark.skipif(not has_avx2(), reason="the processor has no AVX2")
-widths = pytest.mark.parametrize("number", [4, 8])
 
 
 def function_of(
@@ -67,9 +66,12 @@ def at_once(library: Path, number: int, xs: Array, ys: Array, rows: int) -> Arra
 
 
 @needs_avx2
-@widths
-def test_every_operation_in_lanes(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("number", "worth_optimising"), [(4, 1000), (8, 1000), (4, 10)])
+def test_every_operation_in_lanes(
+    number: int, worth_optimising: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each lane has the numbers of CasADi's virtual machine, whatever is in the others."""
+    monkeypatch.setattr(compilation, "_LARGE", worth_optimising)
     monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("MBOCP_LANES", str(number))
     f = function_of(UNARY, BINARY)
