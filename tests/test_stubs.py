@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 NATIVE = Path(__file__).parents[1] / "mbocp" / "_native"
-MODULES = ("_kernel", "_bridge", "_nlp")
+MODULES = ("_kernel", "_bridge", "_nlp", "_room")
 _ARRAY = re.compile(r"(numpy\.)?ndarray\[dtype=float64, shape=\(\*\)[^\]]*\]")
 _QUALIFIED = re.compile(r"(mbocp\._native\._\w+|collections\.abc)\.")
 

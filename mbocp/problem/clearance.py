@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.problem.pair_clearances import PairClearances
+from mbocp.problem.pair_clearances import PairClearances, WaySize
 from mbocp.robot import Label, LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.self_pairs import SelfPairs
@@ -161,6 +161,13 @@ class Clearance:
     def least(self, qs: Array, most: float = np.inf) -> Array:
         """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""
         return self._pair_clearances.least(np.asarray(qs), self.margins, most)
+
+    def way(self, ends: Array, ranges: Array, reserve: float, seed: int, size: WaySize) -> Array | None:
+        """Corners of a way between two configurations that keeps a reserve beyond all margins, or None.
+
+        See `PairClearances.way`.
+        """
+        return self._pair_clearances.way(ends, self.margins, ranges, reserve, seed, size)
 
     @cached_property
     def _order(self) -> tuple[int, ...]:

@@ -2,150 +2,171 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from mbocp._arrays import Array
-from mbocp.robot.large import working_data
+from mbocp.exceptions import NativeMismatch
+from mbocp.robot.collision.joint_table import joint_table, placement_numbers
+from mbocp.robot.joints import joint_kind
 from mbocp.terms.clearance import ClearanceRow
-from mbocp.terms.distances import distances_from_cores
 
-__all__ = ["PairClearances"]
+if TYPE_CHECKING:
+    from mbocp._native._room import Room
 
-_CHUNK = 200_000  # distances at a time
+__all__ = ["PairClearances", "WaySize"]
+
+
+@dataclass(frozen=True)
+class WaySize:
+    """How long a way is looked for.
+
+    Attributes
+    ----------
+    step, resolution : float
+        Of a tree, and between two configurations that are looked at, in the configuration space.
+    most : int
+        Steps of both trees.
+    cuts : int
+        Tries to cut a corner.
+    """
+
+    step: float
+    resolution: float
+    most: int
+    cuts: int
 
 
 @dataclass(frozen=True, eq=False)
 class PairClearances:
-    """Distances that pairs keep, less their radii and margins.
+    """Distances that pairs keep, less their radii, by the expression that solvers see.
 
     Attributes
     ----------
     model : pin.Model
     frames : tuple of int
         The places 1, 2, ... of the rows; the place 0 is the world.
-    place, other : ndarray of int, shape (P,)
-    center, at : ndarray, shape (P, 3)
-    axes : ndarray, shape (P, 3, 3)
-    cores : ndarray, shape (P, CORE)
+    rows : tuple of ClearanceRow
+        A pair each.
     radii : ndarray, shape (P,)
         What is subtracted from distances of centres from cores [m].
-    around : ndarray, shape (P,)
-        Radius of a ball about the middle that has the core in it [m].
     """
 
     model: pin.Model
     frames: tuple[int, ...]
-    place: Array
-    other: Array
-    center: Array
-    at: Array
-    axes: Array
-    cores: Array
+    rows: tuple[ClearanceRow, ...]
     radii: Array
-    around: Array
 
     @classmethod
     def of(
         cls, model: pin.Model, frames: tuple[int, ...], rows: Sequence[ClearanceRow], radii: Array
     ) -> PairClearances:
         """Of rows."""
-        cores = np.array([row.core.numbers for row in rows])
-        return cls(
-            model=model,
-            frames=frames,
-            place=np.array([row.place for row in rows]),
-            other=np.array([row.other for row in rows]),
-            center=np.array([row.center for row in rows]),
-            at=np.array([row.at for row in rows]),
-            axes=np.array([row.axes for row in rows]),
-            cores=cores,
-            radii=radii,
-            around=np.linalg.norm(cores[:, :3] * (1.0 - cores[:, 3:4] * np.array([0.0, 1.0, 0.0])), axis=1),
-        )
+        return cls(model, frames, tuple(rows), radii)
 
     def values(self, qs: Array) -> Array:
-        """Clearances, shape (n, P) [m], by the expression that solvers see."""
-        found = np.empty((len(qs), len(self.place)))
-        for part, points, origins, turns in self._placed(qs):
-            p = points[:, self._sphere] - origins[:, self.other]
-            if len(self._is_carried):
-                p = np.einsum("npji,npj->npi", turns[:, self.other], p)
-            p -= self.at
-            p = np.einsum("pji,npj->npi", self.axes, p)
-            found[part] = distances_from_cores(p, self.cores) - self.radii
-        return found
+        """Clearances, shape (n, P) [m]."""
+        return np.asarray(self._room.values(_flat(qs))).reshape(len(qs), len(self.rows))
 
     def least(self, qs: Array, lower: Array, most: float = np.inf) -> Array:
         """Least clearance beyond `lower` at each configuration, `most` where it is larger, shape (n,) [m]."""
-        found = np.full(len(qs), most)
-        reach = np.maximum(self.around + self.radii + lower + most, 0.0) ** 2
-        for part, points, origins, turns in self._placed(qs):
-            middles = self._middles(origins, turns)
-            away = points[:, self._sphere] - middles
-            n, pair = np.nonzero(np.einsum("npi,npi->np", away, away) < reach)
-            if not len(n):
-                continue
-            place = self.other[pair]
-            p = points[n, self._sphere[pair]] - origins[n, place]
-            p = np.einsum("kji,kj->ki", turns[n, place], p) - self.at[pair]
-            p = np.einsum("kji,kj->ki", self.axes[pair], p)
-            values = distances_from_cores(p, self.cores[pair]) - self.radii[pair] - lower[pair]
-            np.minimum.at(found, part.start + n, values)
-        return found
+        return np.asarray(self._room.least(_flat(qs), _flat(lower), most))
 
-    @cached_property
-    def _spheres(self) -> tuple[Array, NDArray[np.int64]]:
-        """Place and centre of each sphere, shape (S, 4); which of them each pair has."""
-        table = np.column_stack([self.place, self.center])
-        found, which = np.unique(table, axis=0, return_inverse=True)
-        return found, np.asarray(which.ravel(), dtype=np.int64)
+    def way(
+        self, ends: Array, lower: Array, ranges: Array, reserve: float, seed: int, size: WaySize
+    ) -> Array | None:
+        """Corners of a way that keeps a reserve beyond `lower`, shape (n, nq); None if none is found.
+
+        Two trees of configurations grow from both ends towards random places and each other until they meet
+        (RRT-Connect); then corners are cut. The same seed has the same way.
+
+        Parameters
+        ----------
+        ends : ndarray, shape (2, nq)
+        lower : ndarray, shape (P,)
+            Least clearances [m].
+        ranges : ndarray, shape (3, nq)
+            Lower and upper limits of configurations, and how far from the line between the ends random places
+            are.
+        reserve : float
+            [m].
+        seed : int
+        size : WaySize
+
+        References
+        ----------
+        Kuffner, LaValle, "RRT-Connect: an efficient approach to single-query path planning", 2000.
+        """
+        found = self._room.way(
+            ends=_flat(ends),
+            lower=_flat(lower),
+            ranges=_flat(ranges),
+            groups=self._groups,
+            reserve=reserve,
+            step=size.step,
+            resolution=size.resolution,
+            most=size.most,
+            cuts=size.cuts,
+            seed=seed,
+        )
+        return np.asarray(found).reshape(-1, self.model.nq) if len(found) else None
 
     @property
-    def _sphere(self) -> NDArray[np.int64]:
-        return self._spheres[1]
+    def _groups(self) -> Array:
+        """First number and count of all numbers of unit length."""
+        found = []
+        for joint in range(1, self.model.njoints):
+            first = self.model.joints[joint].idx_q
+            found += [(first + a, b - a) for a, b in joint_kind(self.model, joint).unit_groups]
+        return np.array(found, dtype=np.float64).ravel()
 
     @cached_property
-    def _is_carried(self) -> NDArray[np.int64]:
-        return np.asarray(np.flatnonzero(self.other), dtype=np.int64)
+    def _room(self) -> Room:
+        try:
+            from mbocp._native import _room
+        except ImportError as error:
+            raise NativeMismatch(
+                f"the native part cannot be loaded ({error}); build it with `make` or `pip install .`"
+            ) from error
+        places = [
+            [self.model.frames[k].parentJoint, *placement_numbers(self.model.frames[k].placement)]
+            for k in self.frames
+        ]
+        of_spheres = [_sphere(row) for row in self.rows]
+        of_shapes = [_shape(row) for row in self.rows]
+        spheres, shapes = (
+            {known: n for n, known in enumerate(dict.fromkeys(x))} for x in (of_spheres, of_shapes)
+        )
+        pairs = [
+            (spheres[sphere], shapes[shape], radius)
+            for sphere, shape, radius in zip(of_spheres, of_shapes, self.radii, strict=True)
+        ]
+        return _room.Room(
+            nq=self.model.nq,
+            joints=_flat(joint_table(self.model)),
+            places=_flat(places),
+            spheres=_flat(list(spheres)),
+            shapes=_flat(list(shapes)),
+            pairs=_flat(pairs),
+        )
 
-    def _middles(self, origins: Array, turns: Array) -> Array:
-        """Middles of the cores in the world, shape (n, P, 3) [m]."""
-        middles = np.tile(self.at, (len(origins), 1, 1))
-        carried = self._is_carried
-        if len(carried):
-            place = self.other[carried]
-            middles[:, carried] = origins[:, place] + np.einsum(
-                "npij,pj->npi", turns[:, place], self.at[carried]
-            )
-        return middles
 
-    def _placed(self, qs: Array) -> Iterator[tuple[slice, Array, Array, Array]]:
-        """Some of the configurations: centres of the spheres in the world; origins and axes of all places."""
-        size = max(1, _CHUNK // max(1, len(self.place)))
-        table = self._spheres[0]
-        place, center = table[:, 0].astype(np.int64), table[:, 1:]
-        for first in range(0, len(qs), size):
-            part = slice(first, min(first + size, len(qs)))
-            turns, origins = self._frames_at(qs[part])
-            points = np.einsum("nsij,sj->nsi", turns[:, place], center) + origins[:, place]
-            yield part, points, origins, turns
+def _sphere(row: ClearanceRow) -> tuple[float, ...]:
+    return (row.place, *row.center.tolist())
 
-    def _frames_at(self, qs: Array) -> tuple[Array, Array]:
-        """Axes, shape (n, places, 3, 3), and origins, shape (n, places, 3), of all places."""
-        turns = np.tile(np.eye(3), (len(qs), len(self.frames) + 1, 1, 1))
-        origins = np.zeros((len(qs), len(self.frames) + 1, 3))
-        data = working_data(self.model)
-        joints = [int(self.model.frames[frame].parentJoint) for frame in self.frames]
-        at = [self.model.frames[frame].placement for frame in self.frames]
-        for k, q in enumerate(qs):
-            pin.forwardKinematics(self.model, data, q)
-            for place, (joint, placement) in enumerate(zip(joints, at, strict=True), start=1):
-                placed = data.oMi[joint] * placement
-                turns[k, place], origins[k, place] = placed.rotation, placed.translation
-        return turns, origins
+
+def _shape(row: ClearanceRow) -> tuple[float, ...]:
+    """Place, middle, axes, core, and radius of a ball about the middle that has the core in it [m]."""
+    core = row.core.numbers
+    sides = core[:3] * np.array([1.0, 1.0 - core[3], 1.0])  # across a cylinder its radius counts alone
+    around = float(np.linalg.norm(sides))
+    return (row.other, *row.at.tolist(), *row.axes.ravel().tolist(), *core.tolist(), around)
+
+
+def _flat(table: Array | Sequence[object]) -> Array:
+    return np.ascontiguousarray(table, dtype=np.float64).ravel()

@@ -1,0 +1,22 @@
+from mbocp._arrays import Array
+
+class Room:
+    def __init__(
+        self, *, nq: int, joints: Array, places: Array, spheres: Array, shapes: Array, pairs: Array
+    ) -> None: ...
+    def values(self, qs: Array) -> Array: ...
+    def least(self, qs: Array, lower: Array, most: float) -> Array: ...
+    def way(
+        self,
+        *,
+        ends: Array,
+        lower: Array,
+        ranges: Array,
+        groups: Array,
+        reserve: float,
+        step: float,
+        resolution: float,
+        most: int,
+        cuts: int,
+        seed: int,
+    ) -> Array: ...
