@@ -19,8 +19,7 @@ from mbocp.guesses.around import near_the_way
 from mbocp.guesses.attempts import solve_from_guesses
 from mbocp.guesses.several import solve_from_starts
 from mbocp.problem import Problem, load_problem
-from mbocp.problem.margins import with_larger_margin
-from mbocp.problem.near_pairs import chosen_pairs, missing_pairs, pairs_like, with_pairs
+from mbocp.problem.reserves import largest_reserve, with_rows_and_room
 from mbocp.solution import Solution
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord
@@ -30,10 +29,7 @@ from mbocp.solvers.records import timed
 
 __all__ = ["solve"]
 
-_ROWS_ROUNDS = 6  # of solving again with rows that were missing
-_ROUNDS = 4  # of solving again with larger margins
-_RESERVE = 1e-3  # [m] beyond what a motion lacks between nodes
-_MOST_RAISED = 0.03  # [m]
+_ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 
 
 def solve(
@@ -85,8 +81,6 @@ def solve(
     near = near_the_way(problem, None if warm_start is None else warm_start.qs)
     solution = _solved(near, warm_start, callback, deadline, asked=problem)
     if not problem.goals:
-        solution, near = _with_missing_rows(problem, near, solution, callback, deadline)
-    if solution.is_stationary and not problem.goals:
         solution = _cleared(problem, near, solution, callback, deadline)
     if accuracy or (accuracy is None and follows_fast(problem)):
         solution = with_accuracy(problem, solution, deadline)
@@ -132,26 +126,6 @@ def _solved(
     )
 
 
-def _with_missing_rows(
-    problem: Problem,
-    near: Problem,
-    solution: Solution,
-    callback: Callable[[IterationRecord], object] | None,
-    deadline: float,
-) -> tuple[Solution, Problem]:
-    """The solution, or one with rows for what it touches that had none; and the problem with its rows."""
-    for _ in range(_ROWS_ROUNDS):
-        missing = missing_pairs(near, solution.qs)
-        if not missing or not solution.is_stationary or time.perf_counter() > deadline:
-            break
-        near = with_pairs(near, {*(chosen_pairs(near) or ()), *missing})
-        again = _solved(near, solution, callback, deadline, asked=problem)
-        if not again.is_stationary:  # from where the guess was, with all that is known by now
-            again = _solved(near, None, callback, deadline, asked=problem)
-        solution = _after(solution, again, "fewer rows")
-    return solution, near
-
-
 def _after(before: Solution, again: Solution, name: str, words: str = "") -> Solution:
     """A solution that was found from another; what both took."""
     spent = before.wall_time_s
@@ -172,25 +146,33 @@ def _cleared(
     callback: Callable[[IterationRecord], object] | None,
     deadline: float,
 ) -> Solution:
-    """The solution, or one with larger margins at the nodes if it touches obstacles between them."""
-    tightened, raised = near, 0.0
+    """The solution, or one with rows and room at the nodes for what it touches, there or between them."""
+    solution = replace(solution, advice=solution.advice + _of_room(near))
     for _ in range(_ROUNDS):
-        if not solution.clearance < -BOUND_TOLERANCE or time.perf_counter() > deadline:
+        if not solution.is_stationary or time.perf_counter() > deadline:
             break
-        more = _RESERVE - solution.clearance
-        if raised + more > _MOST_RAISED:
-            break  # it jumps over the obstacle rather than cutting a corner: that takes more steps
-        larger = with_larger_margin(tightened, solution.clearance_between, more)
-        if larger is None:
+        is_touching = solution.clearance < -BOUND_TOLERANCE
+        lacks = -solution.clearance if is_touching else 0.0
+        found = with_rows_and_room(near, solution.t, solution.qs, lacks, solution.clearance_between)
+        if found is None:
             break
-        larger = pairs_like(larger, tightened)
+        larger, has_more_rows = found
         again = _solved(larger, solution, callback, deadline, asked=problem)
-        if not again.is_stationary or again.clearance <= solution.clearance:
+        if has_more_rows and not again.is_stationary:  # from the guess, with all that is known
+            again = _solved(larger, None, callback, deadline, asked=problem)
+        if not has_more_rows and not (again.is_stationary and again.clearance > solution.clearance):
             break
-        tightened, raised = larger, raised + more
-        words = f"; margins at nodes were raised by {1e3 * raised:.3g} mm in all to be clear between them"
-        solution = _after(solution, again, "smaller margins", words)
+        near, name = larger, "fewer rows" if has_more_rows else "smaller margins"
+        solution = _after(solution, again, name, _of_room(near))
     return solution
+
+
+def _of_room(problem: Problem) -> str:
+    """What is said of room beyond the margins."""
+    raised = 1e3 * largest_reserve(problem)
+    return (
+        f"; margins at nodes were raised by {raised:.3g} mm in all to be clear between them" if raised else ""
+    )
 
 
 def _formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:

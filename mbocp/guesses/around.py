@@ -22,6 +22,7 @@ from mbocp.problem import Problem
 from mbocp.problem.clearance import Clearance
 from mbocp.problem.near_pairs import MANY, near_pairs, with_pairs
 from mbocp.problem.pair_clearances import WaySize
+from mbocp.problem.reserves import with_first_reserve
 from mbocp.robot.joints import configuration_slice, joint_kind
 
 __all__ = ["around", "near_the_way"]
@@ -47,13 +48,14 @@ def near_the_way(problem: Problem, qs: Array | None = None) -> Problem:
         return problem
     if qs is not None and qs.shape[1:] == (robot.nq,):
         return with_pairs(problem, near_pairs(clearance, qs))
-    shares, q_start = np.linspace(0.0, 1.0, _PLACES), np.asarray(problem.q_start)
+    shares = np.linspace(0.0, 1.0, problem.num_steps + 1)
+    shares, q_start = shares**3 * (10 - 15 * shares + 6 * shares**2), np.asarray(problem.q_start)
     way = around(problem)
     if way is None:
         found = _on_lines(robot.model, [q_start, *_stops(problem), np.asarray(problem.goal.q)], shares)
     else:
         found = way(q_start, shares)
-    return with_pairs(problem, near_pairs(clearance, found))
+    return with_first_reserve(with_pairs(problem, near_pairs(clearance, found)), found)
 
 
 def _stops(problem: Problem) -> list[Array]:
@@ -61,7 +63,10 @@ def _stops(problem: Problem) -> list[Array]:
 
 
 def around(problem: Problem, seed: int = 0) -> Way | None:
-    """A way from start to goal that keeps all clearances; None where the line does, or none is found."""
+    """A way from start to goal that keeps all clearances; None where the line does, or none is found.
+
+    Other seeds have other ways, even where the line is clear.
+    """
     clearance = problem.clearance
     if clearance is None or not clearance.num_pairs or problem.robot.nc or problem.waypoints:
         return None

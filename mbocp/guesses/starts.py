@@ -11,6 +11,7 @@ import numpy as np
 
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
+from mbocp.guesses.around import around
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import guess_candidates
 from mbocp.guesses.line import driven_line, line
@@ -23,6 +24,7 @@ from mbocp.solution import Solution
 __all__ = ["StartGuess", "further_kinds", "guesses_in_turn", "start_guesses"]
 
 _MAX_BRANCHES = 4  # lines to other configurations at the goal, where one start alone fails
+_MAX_AROUND = 3  # other ways around obstacles, where one start alone fails
 _MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried
 
 _Maker = Callable[[], tuple[Iterate, str]]
@@ -49,8 +51,8 @@ def start_guesses(formulation: Formulation, warm_start: Solution | None) -> list
     """As many guesses as the problem asks for, `solver.starts`, or as can be made.
 
     First the warm start or the problem's own guess, then lines to other configurations with frames at the
-    goal, then the other kinds that suit the problem, then ways on which a joint turns the other way around,
-    then ways through random configurations.
+    goal, then other ways around obstacles, then the other kinds that suit the problem, then ways on which a
+    joint turns the other way around, then ways through random configurations.
 
     Raises
     ------
@@ -92,7 +94,8 @@ def guesses_in_turn(formulation: Formulation, warm_start: Solution | None) -> It
     """What to call each guess, and what makes it, of those to try until one leads to a solution.
 
     The warm start alone, or the problem's own kind of guess. Where that was left to mbocp, lines to other
-    configurations with frames at the goal follow, and the other kinds that suit the problem.
+    configurations with frames at the goal follow, other ways around obstacles, and the other kinds that suit
+    the problem.
     """
     if warm_start is not None:
         yield "warm start", partial(_warm, formulation, warm_start)
@@ -101,6 +104,8 @@ def guesses_in_turn(formulation: Formulation, warm_start: Solution | None) -> It
     yield own, partial(make_guess, own, formulation)
     if formulation.problem.guess.kind == "auto":
         for words, way in islice(branch_ways(formulation.problem), _MAX_BRANCHES):
+            yield words, partial(_along, formulation, words, way)
+        for words, way in _ways_around(formulation, _MAX_AROUND):
             yield words, partial(_along, formulation, words, way)
     for kind in others:
         yield kind, partial(make_guess, kind, formulation)
@@ -112,6 +117,8 @@ def _makers(formulation: Formulation, warm_start: Solution | None) -> Iterator[t
     own, *others = _kinds(formulation)
     yield own, partial(make_guess, own, formulation)
     for words, way in branch_ways(formulation.problem):
+        yield "", partial(_along, formulation, words, way)
+    for words, way in _ways_around(formulation, formulation.problem.solver.starts):
         yield "", partial(_along, formulation, words, way)
     for kind in others:
         yield kind, partial(make_guess, kind, formulation)
@@ -129,6 +136,15 @@ def _kinds(formulation: Formulation) -> tuple[str, ...]:
     own = guess_candidates(problem)
     suited = guess_candidates(problem.with_(guess=Guess())) if problem.guess.kind != "auto" else ()
     return (*own, *(kind for kind in suited if kind not in own))
+
+
+def _ways_around(formulation: Formulation, count: int) -> Iterator[tuple[str, Way]]:
+    """Ways around obstacles that other random numbers lead to."""
+    for seed in range(1, 1 + count):
+        way = around(formulation.problem, seed)
+        if way is None:
+            return
+        yield f"way {1 + seed} around obstacles", way
 
 
 def _random_ways(formulation: Formulation) -> Iterator[tuple[str, Way]]:

@@ -18,7 +18,7 @@ from mbocp._arrays import Array
 from mbocp.problem.clearance import Clearance
 from mbocp.robot.large import working_data
 
-__all__ = ["Approach", "nearest_approach"]
+__all__ = ["Approach", "nearest_approach", "poses_between"]
 
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
@@ -90,7 +90,7 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
     if not clearance.rows or not np.isfinite(qs).all():
         return None
     robot = clearance.robot
-    times, sampled = _sampled(robot.model, t, qs)
+    times, sampled = poses_between(robot.model, t, qs)
     pairs, bounds, margins = _bounds(clearance, sampled)
     links = [_link(clearance, number) for number in range(len(robot.collision_spheres))]
     obstacles = [_obstacle(clearance, number) for number in range(len(clearance.obstacles))]
@@ -111,13 +111,15 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
     return best
 
 
-def _sampled(model: pin.Model, t: Array, qs: Array) -> tuple[Array, Array]:
-    """Times and configurations between the nodes, and the nodes."""
+def poses_between(model: pin.Model, t: Array, qs: Array) -> tuple[Array, Array]:
+    """Times and configurations between the nodes, a thousand a second, and the nodes."""
     t = np.asarray(t, dtype=np.float64)
     times = np.linspace(t[0], t[-1], min(int(np.ceil((t[-1] - t[0]) * _RATE)) + 1, _MOST))
     times = np.union1d(times, t)
     step = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
     shares = (times - t[step]) / (t[step + 1] - t[step])
+    if model.nq == model.nv:  # coordinates of a vector space
+        return times, qs[step] + shares[:, None] * (qs[step + 1] - qs[step])
     found = [pin.interpolate(model, qs[k], qs[k + 1], s) for k, s in zip(step, shares, strict=True)]
     return times, np.array(found)
 

@@ -67,6 +67,8 @@ class Clearance:
     self_pairs : SelfPairs, optional
     chosen : tuple of int, optional
         Pairs that have rows; all where it is None.
+    reserve : ndarray, shape (num_pairs,), optional
+        What rows keep beyond the margins, for what happens between nodes [m]; nothing where it is None.
     """
 
     robot: Robot
@@ -78,6 +80,7 @@ class Clearance:
     left_out: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     self_pairs: SelfPairs | None = None
     chosen: tuple[int, ...] | None = None
+    reserve: Array | None = None
 
     name = "clearance"
     span = Span()
@@ -92,16 +95,25 @@ class Clearance:
         return len(self.pairs) + len(self.sphere_pairs)
 
     @property
-    def keys(self) -> tuple[tuple[tuple[int, int], tuple[int, int] | str], ...]:
-        """What each pair is: a sphere, and another or the name of an obstacle."""
+    def links_of_pairs(self) -> tuple[str, ...]:
+        """Both names of each pair, as `mbocp.problem.approach.Approach` says them."""
+        links = [self._links[link].link for link, _ in self.spheres]
         return (
-            *((self.spheres[a], self.obstacles[k].name) for a, k in self.pairs),
-            *((self.spheres[a], self.spheres[b]) for a, b in self.sphere_pairs),
+            *(f"{links[a]} and {self.obstacles[k].name}" for a, k in self.pairs),
+            *(f"{links[a]} and {links[b]}" for a, b in self.sphere_pairs),
         )
 
-    def of_pairs(self, chosen: Sequence[int]) -> Clearance:
-        """The same with rows for some of the pairs alone."""
-        return replace(self, chosen=tuple(sorted(chosen)))
+    @property
+    def reserves(self) -> Array:
+        """What rows keep beyond the margins, shape (num_pairs,) [m]."""
+        return np.zeros(self.num_pairs) if self.reserve is None else self.reserve
+
+    def of_pairs(self, chosen: Sequence[int] | None, reserve: Array | None = None) -> Clearance:
+        """The same with rows for some of the pairs alone, or for all, that keep a reserve."""
+        found = replace(self, chosen=None if chosen is None else tuple(sorted(chosen)), reserve=reserve)
+        for name in ("_frames", "_every", "_pair_clearances", "margins"):  # what does not depend on these
+            found.__dict__[name] = getattr(self, name)
+        return found
 
     @cached_property
     def _frames(self) -> tuple[int, ...]:
@@ -152,7 +164,7 @@ class Clearance:
     def margins(self) -> Array:
         """Least clearance of each pair, shape (num_pairs,) [m]."""
         of_obstacles = [self.obstacles[k].margin for _, k in self.pairs]
-        return np.array([*of_obstacles, *[self.self_margin] * len(self.sphere_pairs)])
+        return np.array([*of_obstacles, *[self.self_margin] * len(self.sphere_pairs)], dtype=np.float64)
 
     def pair_values(self, qs: Array) -> Array:
         """Clearance of each pair at each configuration, shape (n, num_pairs) [m]."""
@@ -219,7 +231,8 @@ class Clearance:
     @cached_property
     def lower(self) -> Array:
         """Least clearances, shape (rows,) [m]."""
-        return np.array([-np.inf if k < 0 else self.margins[k] for k in self._order])
+        least = self.margins + self.reserves
+        return np.array([-np.inf if k < 0 else least[k] for k in self._order])
 
     @cached_property
     def upper(self) -> Array:

@@ -19,7 +19,7 @@ from mbocp.problem.clearance import Clearance
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
 
-__all__ = ["MANY", "chosen_pairs", "missing_pairs", "near_pairs", "pairs_like", "with_pairs"]
+__all__ = ["MANY", "missing_pairs", "near_pairs", "rows_of", "with_pairs"]
 
 MANY = 48  # pairs, from which on they are chosen
 _NEAR = 0.05  # [m]
@@ -38,7 +38,7 @@ def near_pairs(clearance: Clearance, qs: Array) -> tuple[int, ...]:
 
 def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
     """Pairs without rows that touch along the nodes of a motion, and others near it; none if none does."""
-    clearance, rows = problem.clearance, _rows_of(problem)
+    clearance, rows = problem.clearance, rows_of(problem)
     if clearance is None or rows is None or rows.chosen is None or not np.isfinite(qs).all():
         return ()
     robot = problem.robot
@@ -53,7 +53,7 @@ def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
 
 def with_pairs(problem: Problem, chosen: Collection[int]) -> Problem:
     """The problem with rows for some of its pairs; it is not checked again."""
-    rows = _rows_of(problem)
+    rows = rows_of(problem)
     if rows is None:
         return problem
     found = copy.copy(problem)
@@ -62,21 +62,6 @@ def with_pairs(problem: Problem, chosen: Collection[int]) -> Problem:
     return found
 
 
-def pairs_like(problem: Problem, other: Problem) -> Problem:
-    """The problem with rows for the pairs that have some in another, as far as it has these."""
-    mine, theirs = _rows_of(problem), _rows_of(other)
-    if mine is None or theirs is None or theirs.chosen is None:
-        return problem
-    names = theirs.keys
-    wanted = {names[k] for k in theirs.chosen}
-    return with_pairs(problem, [k for k, name in enumerate(mine.keys) if name in wanted])
-
-
-def chosen_pairs(problem: Problem) -> tuple[int, ...] | None:
-    """Pairs that have rows; None: all."""
-    rows = _rows_of(problem)
-    return None if rows is None else rows.chosen
-
-
-def _rows_of(problem: Problem) -> Clearance | None:
+def rows_of(problem: Problem) -> Clearance | None:
+    """The clearance whose rows a problem has."""
     return next((c for c in problem.path if isinstance(c, Clearance)), None)

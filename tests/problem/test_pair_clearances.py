@@ -1,0 +1,84 @@
+"""Clearances in numbers and ways in C++, beside Pinocchio's placements."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbocp
+from mbocp.problem import Problem
+from mbocp.problem.clearance import Clearance
+from mbocp.problem.pair_clearances import PairClearances, WaySize
+from mbocp.terms import ClearanceRow
+from mbocp.terms.distances import core_of
+from tests.robot.urdfs import link, robot, write
+
+JOINT = (
+    '<joint name="j{k}" type="{kind}"><origin xyz="0.1 0 0.2" rpy="0.1 0.2 0.3"/><parent link="l{k}"/>'
+    '<child link="l{next}"/><axis xyz="0 0.6 0.8"/>{more}</joint>'
+)
+LIMIT = '<limit lower="-2" upper="2" effort="9" velocity="9"/>'
+MIMIC = LIMIT + '<mimic joint="j0" multiplier="-0.7" offset="0.2"/>'
+SIZE = WaySize(step=0.2, resolution=0.02, most=5000, cuts=50)
+
+
+def chain() -> str:
+    """A link on a joint of each kind that a URDF has."""
+    kinds = [("revolute", LIMIT), ("prismatic", LIMIT), ("continuous", ""), ("revolute", MIMIC)]
+    joints = [JOINT.format(k=k, next=k + 1, kind=kind, more=more) for k, (kind, more) in enumerate(kinds)]
+    return robot(*(link(f"l{k}") for k in range(len(kinds) + 1)), *joints)
+
+
+@pytest.mark.parametrize("floats", [False, True])
+def test_places_are_pinocchios(tmp_path, floats: bool) -> None:
+    """The height of a point above a halfspace, for each link."""
+    made = mbocp.load_robot(write(tmp_path, chain()), floating_base=floats)
+    model, rng = made.model, np.random.default_rng(0)
+    frames = tuple(k for k, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY)
+    centers, core = rng.normal(size=(len(frames), 3)), core_of("halfspace", (), 2e-3)
+    at = np.array([0.0, 0.0, core.middle - 5.0])
+    rows = [ClearanceRow(k, 0, c, at, np.eye(3), core) for k, c in enumerate(centers, start=1)]
+    pairs = PairClearances.of(model, frames, rows, np.full(len(rows), 0.1))
+    qs = np.array([pin.integrate(model, made.q0, rng.uniform(-1.5, 1.5, model.nv)) for _ in range(20)])
+    data, expected = model.createData(), []
+    for q in qs:
+        pin.framesForwardKinematics(model, data, q)
+        points = [data.oMf[frame].act(c) for frame, c in zip(frames, centers, strict=True)]
+        expected.append([point[2] + 5.0 - 0.1 for point in points])
+    np.testing.assert_allclose(pairs.values(qs), expected, atol=1e-9)
+    np.testing.assert_allclose(pairs.least(qs, np.zeros(len(rows))), np.min(expected, axis=1), atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def clearance() -> Clearance:
+    post = {"name": "post", "shape": "box", "size": [0.1, 0.1, 0.6], "position": [0.45, 0.0, 0.3]}
+    start, goal = [-0.6, -1.0, 1.2, -0.2, 0.5, 0.0], [0.9, -1.0, 1.2, -0.2, 0.5, 0.0]
+    made = mbocp.load_robot("ur5")
+    problem = Problem.create(made, 2.0, 20, start={"q": start}, goal={"q": goal}, obstacle=[post])
+    assert problem.clearance is not None
+    return problem.clearance
+
+
+def test_a_way_keeps_its_reserve(clearance: Clearance) -> None:
+    ends = np.array([[-0.6, -1.0, 1.2, -0.2, 0.5, 0.0], [0.9, -1.0, 1.2, -0.2, 0.5, 0.0]])
+    ranges = np.array([np.full(6, -np.pi), np.full(6, np.pi), np.ones(6)])
+    lines = np.linspace(ends[0], ends[1], 200)
+    assert clearance.least(lines).min() < 0.0
+    way = clearance.way(ends, ranges, 0.01, 0, SIZE)
+    assert way is not None
+    np.testing.assert_array_equal(way[[0, -1]], ends)
+    np.testing.assert_array_equal(way, clearance.way(ends, ranges, 0.01, 0, SIZE))
+    along = np.vstack([np.linspace(a, b, 100) for a, b in zip(way[:-1], way[1:], strict=True)])
+    assert clearance.least(along).min() > 0.0
+    other = clearance.way(ends, ranges, 0.01, 1, SIZE)
+    assert other is not None
+    assert other.shape != way.shape or not np.allclose(other, way)
+
+
+def test_a_goal_inside_something_has_no_way(clearance: Clearance) -> None:
+    start, goal = np.array([[-0.6, -1.0, 1.2, -0.2, 0.5, 0.0], [0.9, -1.0, 1.2, -0.2, 0.5, 0.0]])
+    line = np.linspace(start, goal, 200)
+    inside = np.array([start, line[clearance.least(line).argmin()]])
+    ranges = np.array([np.full(6, -np.pi), np.full(6, np.pi), np.ones(6)])
+    assert clearance.way(inside, ranges, 0.0, 0, SIZE) is None
