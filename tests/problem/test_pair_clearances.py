@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -33,7 +35,7 @@ def chain() -> str:
 @pytest.mark.parametrize("floats", [False, True])
 def test_places_are_pinocchios(tmp_path, floats: bool) -> None:
     """The height of a point above a halfspace, for each link."""
-    made = mbocp.load_robot(write(tmp_path, chain()), floating_base=floats)
+    made = mbocp.load_robot(write(tmp_path, chain()), free_flyer=floats, mimic=True)
     model, rng = made.model, np.random.default_rng(0)
     frames = tuple(k for k, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY)
     centers, core = rng.normal(size=(len(frames), 3)), core_of("halfspace", (), 2e-3)
@@ -69,7 +71,7 @@ def test_a_way_keeps_its_reserve(clearance: Clearance) -> None:
     assert way is not None
     np.testing.assert_array_equal(way[[0, -1]], ends)
     np.testing.assert_array_equal(way, clearance.way(ends, ranges, 0.01, 0, SIZE))
-    along = np.vstack([np.linspace(a, b, 100) for a, b in zip(way[:-1], way[1:], strict=True)])
+    along = np.vstack([np.linspace(a, b, 100) for a, b in pairwise(way)])
     assert clearance.least(along).min() > 0.0
     other = clearance.way(ends, ranges, 0.01, 1, SIZE)
     assert other is not None
