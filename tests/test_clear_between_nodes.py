@@ -11,8 +11,10 @@ import pinocchio as pin
 import pytest
 
 import mbocp
+from mbocp.guesses.around import near_the_way
 from mbocp.problem import Problem
 from mbocp.problem.near_pairs import missing_pairs
+from mbocp.problem.reserves import largest_reserve
 from mbocp.solution import Status
 from tests.robot.urdfs import link, robot, write
 
@@ -112,6 +114,7 @@ def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
     expected = mbocp.solve(problem)
     monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
     monkeypatch.setattr("mbocp.guesses.around.near_pairs", lambda clearance, qs: ())
+    monkeypatch.setattr("mbocp.guesses.around.with_first_reserve", lambda problem, qs: problem)
     monkeypatch.setattr("mbocp.problem.reserves.missing_pairs", missing)
     solution = mbocp.solve(problem)
     assert solution.converged
@@ -119,3 +122,15 @@ def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
     assert not asked[-1]
     assert solution.clearance >= 0.0
     assert solution.cost == pytest.approx(expected.cost, rel=1e-2)
+
+
+def test_a_first_reserve_is_what_the_way_cuts_off(around_a_post, monkeypatch):
+    """Where shapes are spheres and pairs are chosen; and the advice says so."""
+    problem = around_a_post(60)
+    assert largest_reserve(near_the_way(problem)) == 0.0
+    monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
+    assert 1e-3 <= largest_reserve(near_the_way(problem)) <= 5e-3
+    solution = mbocp.solve(problem)
+    assert solution.converged
+    assert solution.clearance >= 0.0
+    assert "margins at nodes were raised by" in solution.advice
