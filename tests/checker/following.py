@@ -115,7 +115,7 @@ def follow_bounds(system: System, task: Task, motion: Motion, layout: Layout) ->
                 away = along.away(n)
                 size = float(np.linalg.norm(away))
                 slope = away @ along.moved(n) / max(size, 1e-300)
-                yield Bound(f"tube[{n}]", size - path.tolerance, 1.0, at[n], slope, np.nan)
+                yield Bound(f"tube[{n}]", size - path.tolerance, path.tolerance, at[n], slope, np.nan)
             if n in (1, N):  # before the first node and behind the last nothing is free
                 columns, slope = (at[1], slopes[1]) if n == 1 else (at[N - 1], -slopes[N - 1])
             else:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
+from scipy.optimize import lsq_linear
 from scipy.sparse.linalg import splu
 
 from tests.checker.conditions import Bound, Conditions
@@ -21,6 +22,8 @@ from tests.checker.system import Array
 __all__ = ["Stationarity", "stationarity"]
 
 _TOUCHED = 1e-6  # of a limit's size
+_NEAR = 1e-4  # of a limit's size: may have a multiplier of a barrier that is not quite zero
+_FLAT = 1e-9  # a gradient that pushes nowhere, as in the middle of a tube
 _ROUNDS = 6
 _REGULAR = 1e-13  # on multipliers of rows of norm one: dependent rows share
 _REFINEMENTS = 30  # enough where a singular value is above 2e-7
@@ -37,7 +40,7 @@ class Stationarity:
     complementarity : float
         Largest multiplier times distance from its limit, relative to the cost.
     source : str
-        "own", or "claimed" multipliers of the limits.
+        "own", "claimed" or "signed" multipliers of the limits.
     active : int
     """
 
@@ -92,8 +95,30 @@ def stationarity(conditions: Conditions) -> Stationarity:
     own = _own(K, g, c, active)
     if own.residual < _GOOD or not c.bounds:
         return own
-    claimed = _claimed(K, g, c)
-    return claimed if claimed.residual < own.residual else own
+    found = min(own, _claimed(K, g, c), key=lambda one: one.residual)
+    if found.residual < _GOOD:
+        return found
+    signed = _signed(K, g, c)
+    return signed if signed.residual < found.residual else found
+
+
+def _signed(K: sparse.csr_matrix, g: Array, c: Conditions) -> Stationarity:
+    """Least squares over multipliers of one sign of all limits that are near; their distances count."""
+    near = [b for b in c.bounds if b.value > -_NEAR * b.scale and np.abs(b.gradient).max() > _FLAT]
+    A = _matrix(near, g.size, c.scales)
+    norms = np.sqrt(np.asarray(A.multiply(A).sum(axis=1)).ravel())
+    rows = (sparse.diags(1.0 / norms) @ A).toarray()
+    projection = _Projection(K)
+    across = np.array([projection(row)[0] for row in rows]).reshape(len(near), g.size)
+    decided = np.abs(across).max(axis=1, initial=0.0) < _FLAT  # by the equations alone
+    near = [b for b, is_decided in zip(near, decided, strict=True) if not is_decided]
+    rows, norms, across = rows[~decided], norms[~decided], across[~decided]
+    lam = lsq_linear(across.T, -projection(g)[0], (0.0, np.inf), method="bvls").x if near else np.zeros(0)
+    left, y = projection(g + rows.T @ lam)
+    matrix, every = sparse.vstack([projection.K, sparse.csr_matrix(rows)], format="csr"), np.append(y, lam)
+    slack = sum(value * max(-b.value, 0.0) for value, b in zip(lam / norms, near, strict=True))
+    gap = slack / max(abs(c.cost), 1e-300)
+    return Stationarity(_relative(left, matrix, every, g, c.kinds), gap, "signed", int((lam > 0.0).sum()))
 
 
 def _own(K: sparse.csr_matrix, g: Array, c: Conditions, active: list[Bound]) -> Stationarity:
