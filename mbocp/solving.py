@@ -9,7 +9,9 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.accuracy import follows_fast, with_accuracy
@@ -29,6 +31,8 @@ from mbocp.solvers.records import timed
 
 __all__ = ["solve"]
 
+Work: TypeAlias = Callable[..., Solution]  # `_solved` with what all solves of a problem share
+
 _ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 
 
@@ -40,6 +44,7 @@ def solve(
     callback: Callable[[IterationRecord], object] | None = None,
     check: bool = False,
     accuracy: bool | None = False,
+    gains: bool = False,
 ) -> Solution:
     """Solve an optimal control problem.
 
@@ -58,6 +63,8 @@ def solve(
     accuracy : bool, optional
         Compare the motion with what the robot would do, see `mbocp.accuracy`. None: unless that takes long to
         compile, as it does for large closed mechanisms.
+    gains : bool
+        Work out `Solution.gains`, the feedback of the optimum; so does `accuracy`.
 
     Returns
     -------
@@ -79,10 +86,12 @@ def solve(
     limit = problem.solver.time_limit
     deadline = math.inf if limit is None else time.perf_counter() + limit
     near = near_the_way(problem, None if warm_start is None else warm_start.qs)
-    solution = _solved(near, warm_start, callback, deadline, asked=problem)
+    accuracy = follows_fast(problem) if accuracy is None else accuracy
+    work = partial(_solved, callback=callback, deadline=deadline, with_gains=gains or accuracy)
+    solution = work(near, warm_start, asked=problem)
     if not problem.goals:
-        solution = _cleared(problem, near, solution, callback, deadline)
-    if accuracy or (accuracy is None and follows_fast(problem)):
+        solution = _cleared(problem, near, solution, work, deadline)
+    if accuracy:
         solution = with_accuracy(problem, solution, deadline)
     if check and not solution.converged:
         raise NotConverged(solution)
@@ -92,11 +101,13 @@ def solve(
 def _solved(
     problem: Problem,
     warm_start: Solution | None,
+    *,
     callback: Callable[[IterationRecord], object] | None,
     deadline: float,
-    asked: Problem | None = None,
+    asked: Problem,
+    with_gains: bool,
 ) -> Solution:
-    """Solution of a problem; `asked` is what it is said to solve, if that is another."""
+    """Solution of a problem; `asked` is what it is said to solve."""
     begun = time.perf_counter()
     phases: list[Phase] = []
     with timed(phases, "compile"):
@@ -122,7 +133,8 @@ def _solved(
         left_out=left_out,
         begun=begun,
         starts=starts,
-        asked=asked or problem,
+        asked=asked,
+        with_gains=with_gains,
     )
 
 
@@ -143,7 +155,7 @@ def _cleared(
     problem: Problem,
     near: Problem,
     solution: Solution,
-    callback: Callable[[IterationRecord], object] | None,
+    work: Work,
     deadline: float,
 ) -> Solution:
     """The solution, or one with rows and room at the nodes for what it touches, there or between them."""
@@ -157,9 +169,9 @@ def _cleared(
         if found is None:
             break
         larger, has_more_rows = found
-        again = _solved(larger, solution, callback, deadline, asked=problem)
+        again = work(larger, solution, asked=problem)
         if has_more_rows and not again.is_stationary:  # from the guess, with all that is known
-            again = _solved(larger, None, callback, deadline, asked=problem)
+            again = work(larger, None, asked=problem)
         if not has_more_rows and not (again.is_stationary and again.clearance > solution.clearance):
             break
         near, name = larger, "fewer rows" if has_more_rows else "smaller margins"

@@ -33,13 +33,17 @@ _ROUND_OFF = 1e-11  # [rad, m]: what no flow is better than
 _STANDS = 0.1  # of the longest way in its unit: joints that hardly move
 
 
-def accuracy_of(robot: Robot, motion: Motion, *, deadline: float = math.inf) -> Accuracy:
+def accuracy_of(
+    robot: Robot, motion: Motion, *, gains: Array | None = None, deadline: float = math.inf
+) -> Accuracy:
     """Compare a motion with the flow of the robot.
 
     Parameters
     ----------
     robot : Robot
     motion : Motion
+    gains : ndarray, shape (N, nu, 2 nv), optional
+        Of a feedback that keeps the robot near the motion.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
 
@@ -63,6 +67,7 @@ def accuracy_of(robot: Robot, motion: Motion, *, deadline: float = math.inf) -> 
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
     left = _replayed(flow, motion, speeds, parts)
+    tracked = _tracked(flow, Motion(qs, vs, us, dts), parts, gains)
     energies = flow.energies(qs, vs)
     made = np.cumsum(energies[1:] - flow.energies(ends, _velocities(robot, ends, end_speeds, us)))
     kinetic = energies - flow.energies(qs, np.zeros_like(vs))
@@ -75,6 +80,8 @@ def accuracy_of(robot: Robot, motion: Motion, *, deadline: float = math.inf) -> 
         way_joint=names[worst],
         replay_error=float(left.max()),
         replay_joint=names[int(left.argmax())],
+        tracked_error=float(tracked.max()),
+        tracked_joint=names[int(tracked.argmax())] if np.isfinite(tracked).any() else "",
         made_energy=float(made[np.abs(made).argmax()]),
         energy_range=float(max(np.ptp(energies), kinetic.max())),
         own_error=own,
@@ -102,6 +109,18 @@ def _replayed(flow: Flow, motion: Motion, speeds: Array, parts: int) -> Array:
     qs, _ = flow.replay(motion.qs[0], speeds[0], motion.us, motion.dts, parts)
     if not np.isfinite(qs[-1]).all():
         return np.full(motion.vs.shape[1], np.inf)
+    missed: Array = np.abs(flow.differences(qs[-1:], motion.qs[-1:])[0])
+    return missed
+
+
+def _tracked(flow: Flow, motion: Motion, parts: int, gains: Array | None) -> Array:
+    """Errors at the end of the replay with feedback, shape (nv,); NaN without one."""
+    nv = motion.vs.shape[1]
+    if gains is None or not gains.size:
+        return np.full(nv, np.nan)
+    qs, _ = flow.tracked((motion.qs, motion.vs), motion.us, motion.dts, parts, gains)
+    if not np.isfinite(qs[-1]).all():
+        return np.full(nv, np.inf)
     missed: Array = np.abs(flow.differences(qs[-1:], motion.qs[-1:])[0])
     return missed
 

@@ -87,6 +87,36 @@ class Flow:
             x = step(x, us.T, dts[None] / parts).full()
         return x[: qs.shape[1]].T, x[qs.shape[1] :].T
 
+    def tracked(
+        self, planned: tuple[Array, Array], us: Array, dts: Array, parts: int, gains: Array
+    ) -> tuple[Array, Array]:
+        """States of the nodes of one flow whose controls answer deviations from what is planned.
+
+        At the begin of each step its control becomes u + K (x - x_planned), and stays until its end.
+
+        Parameters
+        ----------
+        planned : tuple of ndarray, shapes (N + 1, nq) and (N + 1, nv)
+            Configurations and velocities; the flow begins at the first.
+        us : ndarray, shape (N, nu)
+        dts : ndarray, shape (N,)
+        parts : int
+        gains : ndarray, shape (N, nu, 2 nv)
+
+        Returns
+        -------
+        qs : ndarray, shape (N + 1, nq)
+        vs : ndarray, shape (N + 1, nv)
+        """
+        qs, vs = planned
+        rate, difference = self.functions.function("rate"), self.functions.function("difference")
+        chain = _answered(rate, difference, parts).mapaccum(len(us))
+        rows = np.transpose(gains, (0, 2, 1)).reshape(len(us), -1)  # CasADi's order of entries is by columns
+        start = np.append(qs[0], vs[0])
+        found = chain(start, np.hstack([qs[:-1], vs[:-1]]).T, us.T, dts[None] / parts, rows.T).full().T
+        xs = np.vstack([start, found])
+        return xs[:, : qs.shape[1]], xs[:, qs.shape[1] :]
+
     def replay(self, q: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
         """States of the nodes of one flow from (q, speeds) under the controls of all steps.
 
@@ -149,6 +179,20 @@ def _step(rate: ca.Function) -> ca.Function:
         at = x + h * _sum(row, slopes) if slopes else x
         slopes.append(ca.vertcat(*rate.call([at[:nq], at[nq:], u])))
     return ca.Function("step", [x, u, h], [x + h * _sum(DOP853.B, slopes)])
+
+
+@lru_cache(maxsize=64)
+def _answered(rate: ca.Function, difference: ca.Function, parts: int) -> ca.Function:
+    """A step of so many parts with feedback, (x, x_planned, u, h, K) -> x."""
+    nq, nv, nu = (rate.numel_in(i) for i in range(3))
+    x, planned = ca.MX.sym("x", nq + nv), ca.MX.sym("planned", nq + nv)
+    u, h, K = ca.MX.sym("u", nu), ca.MX.sym("h"), ca.MX.sym("K", nu * 2 * nv)
+    away = ca.vertcat(difference(planned[:nq], x[:nq]), x[nq:] - planned[nq:])
+    answer = u + ca.reshape(K, nu, 2 * nv) @ away
+    step, end = _step(rate), x
+    for _ in range(parts):
+        end = step(end, answer, h)
+    return ca.Function("answered", [x, planned, u, h, K], [end])
 
 
 def _sum(row: Array, slopes: list[ca.MX]) -> ca.MX:

@@ -45,7 +45,7 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
     begun = time.perf_counter()
     motion = Motion(solution.qs, solution.vs, solution.us, np.diff(solution.t))
     try:
-        found = accuracy_of(problem.robot, motion, deadline=deadline)
+        found = accuracy_of(problem.robot, motion, gains=solution.gains, deadline=deadline)
     except CompilationTimeout:
         return solution
     spent = time.perf_counter() - begun

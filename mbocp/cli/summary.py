@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from mbocp.problem.coordinates import COORDINATES
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
-    from mbocp.solution import ActiveLimit, Solution
+    from mbocp.solution import Accuracy, ActiveLimit, Solution
 
 __all__ = ["goal_error", "payload_words", "print_summary", "robot_words", "solution_rows"]
 
@@ -103,6 +103,16 @@ def _coarse(solution: Solution) -> _Rows:
     return [("coarse", Text(words, style="bold yellow"))]
 
 
+def _tracked(found: Accuracy, size: Callable[[float, str], str]) -> list[str]:
+    """What a feedback leaves of the errors."""
+    if math.isnan(found.tracked_error):
+        return []
+    if math.isinf(found.tracked_error):
+        return ["with the feedback of the optimum, held over each step, the robot leaves all bounds"]
+    missed = size(found.tracked_error, found.tracked_joint)
+    return [f"with the feedback of the optimum they miss it by {missed}"]
+
+
 def _percent(share: float) -> str:
     return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
 
@@ -122,6 +132,7 @@ def _accuracy(solution: Solution) -> _Rows:
         f"a step is wrong by {size(found.local_error, found.local_joint)} at most, to t = "
         f"{found.local_time:.4g} s; all of them by {_percent(found.share)} of the way of {found.way_joint}",
         f"the controls alone, without feedback, miss the end by {missed}",
+        *_tracked(found, size),
         f"the steps {'make' if found.made_energy > 0.0 else 'lose'} {abs(found.made_energy):.2g} J of "
         f"{found.energy_range:.3g} J",
     ]

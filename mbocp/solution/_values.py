@@ -80,6 +80,7 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
         "control_momenta": (nodes, num_momenta),
         "manifold_drifts": (nodes,),
         "lam_path": (steps, num_path),
+        "gains": (None, None, None),
     }
     widths = (
         ("u", _width("us", given["us"]), steps),
@@ -95,7 +96,10 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
         "control_momenta": np.zeros((nodes, 0)),
         "manifold_drifts": np.full(nodes, np.nan),
         "lam_path": np.zeros((steps, 0)),
+        "gains": np.zeros((0, 0, 0)),
     }
+    if np.size(given["gains"]):
+        shapes["gains"] = (steps, _width("us", given["us"]), 2 * nv)
     for letter in "uvq":
         size = shapes[f"limits_{letter}"][1] or 0
         absent[f"limits_{letter}"] = np.outer([-np.inf, np.inf], np.ones(size))

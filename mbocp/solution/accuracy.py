@@ -31,6 +31,9 @@ class Accuracy:
     replay_error : float
         Error of the configuration at the end when the controls act on the robot in an open loop [rad, m].
     replay_joint : str
+    tracked_error : float
+        The same where the controls answer deviations with the gains of the optimum, see `Solution.gains`.
+    tracked_joint : str
     made_energy : float
         Energy that the steps make (positive) or lose, the largest sum up to a node [J].
     energy_range : float
@@ -48,6 +51,8 @@ class Accuracy:
     way_joint: str = ""
     replay_error: float = math.nan
     replay_joint: str = ""
+    tracked_error: float = math.nan
+    tracked_joint: str = ""
     made_energy: float = math.nan
     energy_range: float = math.nan
     own_error: float = math.nan

@@ -150,8 +150,9 @@ _VECTORS = ("t", "eta", "control_hamiltonians", "manifold_drifts")
 
 def _check_columns(content: FileContent) -> None:
     for name, array in content.arrays.items():
-        if array.ndim != (1 if name in _VECTORS else 2):
-            raise InvalidValue(name, f"shape {array.shape}", "a vector" if name in _VECTORS else "a table")
+        axes = 1 if name in _VECTORS else 3 if name == "gains" else 2
+        if array.ndim != axes:
+            raise InvalidValue(name, f"shape {array.shape}", ("a vector", "a table", "a block")[axes - 1])
         # Vectors have one column, but for eta, in which every number has a name.
         width = 1 if name in _VECTORS and name != "eta" else array.shape[-1]
         if len(content.columns[name]) != width:

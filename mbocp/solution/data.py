@@ -48,6 +48,7 @@ OPTIONAL = (  # left out of the file where they say nothing
     "limits_u",
     "limits_v",
     "limits_q",
+    "gains",
 )
 NUMBERS = (
     "cost",
@@ -127,6 +128,7 @@ class SolutionData:
     lam_vs: Array = field(default_factory=_absent)
     lam_path: Array = field(default_factory=_absent)
     path_names: tuple[str, ...] = ()
+    gains: Array = field(default_factory=_absent)
 
     coordinates: str = ""
     scheme: str = ""

@@ -16,6 +16,7 @@ from mbocp import __version__
 from mbocp._arrays import Array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
+from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.resolution import unresolved
 from mbocp.formulation.trajectory import read_trajectory
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
@@ -41,6 +42,7 @@ def read_solution(
     begun: float,
     starts: tuple[StartRecord, ...] = (),
     asked: Problem | None = None,
+    with_gains: bool = False,
 ) -> Solution:
     """Solution of a formulation from what its solver has come to.
 
@@ -59,6 +61,8 @@ def read_solution(
     asked : Problem, optional
         What was asked for, if that is not the problem of the formulation: it has several goals, or smaller
         margins.
+    with_gains : bool
+        Whether to work out the feedback gains.
     """
     problem, result = formulation.problem, outcome.result
     approach: Approach | None = None
@@ -67,6 +71,10 @@ def read_solution(
         trajectory = read_trajectory(formulation, result.iterate)
         meanings = _meanings(problem.robot, trajectory.control_momentum_names)
         told = left_out + _singular(problem.robot, trajectory.qs)
+    gains = np.zeros((0, 0, 0))
+    if with_gains and result.status.is_stationary:
+        with timed(phases, "gains"):
+            gains = feedback_gains(formulation, result.iterate)
     motion = Motion(trajectory.qs, trajectory.vs, trajectory.us, np.diff(trajectory.t))
     status, advice = _resolution(formulation, result, motion)
     clearance = problem.clearance if asked is None else asked.clearance
@@ -97,6 +105,7 @@ def read_solution(
         versions=dict(_versions()),
         labels=Labels.of_robot(problem.robot, formulation.constraint_labels),
         control_momentum_meanings=meanings,
+        gains=gains,
         **trajectory.fields(),
     )
 

@@ -64,6 +64,10 @@ class Solution(SolutionData):
     lams, zetas : ndarray, shape (N, nc)
         Multipliers of the constraints and their adjoints; `lams[n]` is :math:`\lambda_{n+1}`, `zetas[n]` is
         :math:`\zeta_n`.
+    gains : ndarray, shape (N, nu, 2 nv)
+        Feedback K_n: the controls of a step answer a deviation :math:`\Delta x` of (q, v) at its begin, of q
+        along the tangent, by :math:`K_n \Delta x`; see `mbocp.formulation.gains`. Shape (0, 0, 0) where
+        nobody asked, or where states are not (q, v).
     mus : ndarray, shape (N + 1, 2 nv)
         Adjoint of the state, :math:`\mu_n = (\mu^q_n, \mu^p_n)`; for scheme SE1 the multipliers of the
         step from node n to n + 1.

@@ -85,4 +85,5 @@ def _columns(solution: SolutionData) -> dict[str, tuple[Column, ...]]:
         **{f"lam_{name}s": dual_columns(getattr(labels, name)) for name in ("u", "q", "v")},
         "lam_path": tuple(Column(name, "") for name in solution.path_names),
         **{f"limits_{name}": getattr(labels, name) for name in ("u", "v", "q")},
+        "gains": tuple(Column(f"{part}:{v.name}", "") for part in ("q", "v") for v in labels.v),
     }

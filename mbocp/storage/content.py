@@ -44,6 +44,7 @@ OPTIONAL_ENTRIES: dict[str, Entry] = {
     "limits_u": Entry("u_min, u_max", "limits of the control", _SIDES),
     "limits_v": Entry("v_min, v_max", "limits of the velocity", _SIDES),
     "limits_q": Entry("q_min, q_max", "limits of the configuration", _SIDES),
+    "gains": Entry("K", "feedback: what u, second axis, answers to moves of (q, v), third", _STEPS),
 }
 
 

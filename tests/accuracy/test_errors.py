@@ -116,6 +116,16 @@ def test_what_is_not_finite_or_too_stiff_has_no_errors() -> None:
     assert not accuracy_of(problem.robot, wild).is_known
 
 
+def test_feedback_keeps_an_unstable_robot_near_its_motion() -> None:
+    """Upright, errors of an open loop grow; those of the closed one stay those of a few steps."""
+    problem = swing("midpoint", 40, cost={"effort": 0.01, "velocity": 1.0}).with_(
+        start={"q": [np.pi - 0.2, 0.2]}, goal={"q": [np.pi + 0.2, 0.0]}
+    )
+    coarse, fine = (solved(problem.with_(num_steps=steps)).accuracy for steps in (40, 80))
+    assert fine.tracked_error < fine.replay_error
+    assert coarse.tracked_error > 2.0 * fine.tracked_error
+
+
 def test_by_default_nobody_looks() -> None:
     assert not mbocp.solve(swing()).accuracy.is_known
 

@@ -186,6 +186,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
             nb::arg("shift") = 0.0, nb::rv_policy::move)
+        .def(
+            "gains", [](const Programme& p) { return to_array(p.gains()); }, nb::rv_policy::move)
         .def_prop_ro("num_stages", [](const Programme& p) { return p.problem.N; })
         .def_prop_ro("num_bytes", [](const Programme& p) { return p.data.num_bytes(); });
 

@@ -41,6 +41,24 @@ public:
         riccati.forget();
         return adjoint_sweep.run(auxiliary, feedback);
     }
+    // What the controls answer to a deviation of the state before, du = K dx, of the last factorisation: stage after
+    // stage, a row a control.
+    Numbers gains() const {
+        Numbers found, dx(problem.ndx), du;
+        for (int n = 0; n < problem.N; ++n) {
+            const int nu = problem.kind(n).nu;
+            const std::size_t first = found.size();
+            found.resize(first + static_cast<std::size_t>(nu) * problem.ndx);
+            for (int j = 0; j < problem.ndx; ++j) {
+                du.assign(nu, 0.0);
+                dx[j] = 1.0;
+                riccati.elimination().feed_back(n, dx.data(), du.data());
+                dx[j] = 0.0;
+                for (int i = 0; i < nu; ++i) found[first + static_cast<std::size_t>(i) * problem.ndx + j] = du[i];
+            }
+        }
+        return found;
+    }
     Numbers reduced_hessian(double shift) {
         riccati.forget();
         return mbocp::reduced_hessian(problem, data, *step, shift);

@@ -1,0 +1,84 @@
+r"""Feedback gains of an optimum: what its controls answer to a deviation of the state.
+
+The Riccati recursion of a Newton step at the optimum (see `mbocp.solvers.newton`) eliminates the controls of
+each step as :math:`\Delta u_n = K_n\, \Delta x_n + \dots`. :math:`K_n` is the feedback of the quadratic
+problem about the optimum, in which the end condition is a penalty as large as the factorisation needs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation.base import Formulation
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.programme import Iterate, StagewiseProgramme
+from mbocp.programme.kernel import kernel_programme
+
+if TYPE_CHECKING:
+    from mbocp.programme.kernel import KernelProgramme
+
+__all__ = ["feedback_gains"]
+
+_FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
+_TOUCHED = 1e-6  # of a control: as near as this it is at its limit
+_SHIFTS = (
+    0.0,
+    1e-6,
+    1e-4,
+    1e-2,
+    1.0,
+    1e2,
+)  # of the Hessian in the states, the same
+
+
+def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
+    """Gains K at an iterate, for deviations of (q, v).
+
+    Parameters
+    ----------
+    formulation : Formulation
+    iterate : Iterate
+        An optimum, multipliers included.
+
+    Returns
+    -------
+    gains : ndarray, shape (N, nu, 2 nv)
+        Of the robot's controls in every step, by moves of q along the tangent and by v at its begin. A
+        control at its limit does not answer: its row is zero. Shape (0, 0, 0) where states are not (q, v),
+        as in natural coordinates, or where no weight gives the signs of a minimum.
+    """
+    problem, layout = formulation.problem, formulation.layout
+    robot = problem.robot
+    is_plain = layout.is_flat and robot.nq != robot.nv
+    if not COORDINATES[problem.coordinates].has_joint_states or is_plain or layout.ns != robot.nv:
+        return np.zeros((0, 0, 0))
+    native = kernel_programme(formulation.programme)
+    iterate.load_into(native)
+    if not native.evaluate(1.0).finite or not _factorised(native, formulation.programme):
+        return np.zeros((0, 0, 0))
+    kinds = [formulation.programme.kinds[k] for k in formulation.programme.stage_kind]
+    ends = np.cumsum([kind.nu * kind.ndx for kind in kinds])
+    rows = np.split(native.gains(), ends[:-1])
+    blocks = [row.reshape(kind.nu, kind.ndx) for row, kind in zip(rows, kinds, strict=True)]
+    gains = np.array([block[: robot.nu, : 2 * robot.nv] for block in blocks])
+    lower, upper = problem.limits_along()["u"]
+    us = formulation.motion_of(iterate).us
+    near = _TOUCHED * (1.0 + np.abs(us))
+    gains[(us <= lower + near) | (us >= upper - near)] = 0.0
+    return gains
+
+
+def _factorised(native: KernelProgramme, programme: StagewiseProgramme) -> bool:
+    """Whether some weight of the end condition, and some shift, give the signs of a minimum."""
+    unit = programme.control_weight / programme.dt
+    for shift in _SHIFTS:
+        weight = _FIRST_WEIGHT
+        while weight <= _LAST_WEIGHT:
+            found = native.factorise(shift * programme.control_weight, weight * unit if programme.ng else 0.0)
+            if found.ok and found.negative == programme.ng:
+                return True
+            weight *= 100.0
+    return False

@@ -1,0 +1,101 @@
+"""Feedback gains: the derivative of the optimum's controls in its start, and where there are none."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.formulation import build
+from mbocp.solution import Solution
+from tests.integrators.conftest import interpreted_functions
+
+STEP = 1e-4
+
+
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+
+
+def pendulum(scheme: str, **others: object) -> mbocp.Problem:
+    return mbocp.Problem.create(
+        mbocp.load_robot("double_pendulum"),
+        0.6,
+        12,
+        start={"q": [0.3, -0.2], "v": [0.1, 0.4]},
+        goal={"q": [0.5, 0.1], "v": 0, "enforce": "penalty"},
+        cost={"effort": 0.1, "velocity": 1.0, "terminal": 30.0},
+        scheme=scheme,
+        **others,
+    )
+
+
+def drone(scheme: str) -> mbocp.Problem:
+    return mbocp.Problem.create(
+        mbocp.load_robot("hector", actuated=["root_joint"]),
+        0.5,
+        8,
+        start={"q": [0.1, 0, 0.2, 0.1, -0.2, 0.1, 0.94**0.5], "v": [0.3, 0, 0, 0.1, 0.5, 0]},
+        goal={"q": [0.4, 0.2, 0.3, 0, 0, 0, 1], "v": 0, "enforce": "penalty"},
+        cost={"effort": 0.1, "velocity": 1.0, "terminal": 30.0},
+        scheme=scheme,
+    )
+
+
+def solved(problem: mbocp.Problem, **others: object) -> Solution:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return mbocp.solve(problem, check=True, **others)  # type: ignore[arg-type]  # words of `solve`
+
+
+@pytest.mark.parametrize("make", [pendulum, drone])
+@pytest.mark.parametrize("scheme", ["se1", "midpoint", "rk4"])
+def test_the_first_gain_is_the_derivative_of_the_first_control(make: object, scheme: str) -> None:
+    problem: mbocp.Problem = make(scheme)  # type: ignore[operator]
+    solution = solved(problem, gains=True)
+    robot, found = problem.robot, solution.gains[0]
+    assert solution.gains.shape == (problem.num_steps, robot.nu, 2 * robot.nv)
+    for i in range(2 * robot.nv):
+        firsts = []
+        for sign in (1.0, -1.0):
+            away = np.zeros(2 * robot.nv)
+            away[i] = sign * STEP
+            q = robot.integrate(problem.q_start, away[: robot.nv])
+            moved = replace(problem, q_start=q, v_start=problem.v_start + away[robot.nv :])
+            firsts.append(solved(moved, warm_start=solution).us[0])
+        slope = (firsts[0] - firsts[1]) / (2.0 * STEP)
+        np.testing.assert_allclose(found[:, i], slope, rtol=2e-4, atol=2e-5 * np.abs(found).max())
+
+
+def test_controls_at_their_limits_do_not_answer() -> None:
+    free = solved(pendulum("se1"))
+    bound = 0.6 * np.abs(free.us[:, 0]).max()
+    solution = solved(pendulum("se1", limits={"effort": [bound, 1e3]}), gains=True)
+    at_limit = np.abs(np.abs(solution.us[:, 0]) - bound) < 1e-5
+    assert at_limit.any()
+    assert not at_limit.all()
+    assert not solution.gains[at_limit, 0].any()
+    assert solution.gains[~at_limit, 0].any(axis=1).all()
+    assert solution.gains[:, 1].any(axis=1).all()
+
+
+def test_there_are_none_unless_somebody_asks_or_states_are_q_and_v() -> None:
+    assert solved(pendulum("se1")).gains.shape == (0, 0, 0)
+    natural = mbocp.Problem.create(
+        mbocp.load_robot("double_pendulum"),
+        0.5,
+        10,
+        goal={"q": [0.2, 0.1], "v": 0},
+        coordinates="natural",
+    )
+    assert solved(natural, gains=True).gains.shape == (0, 0, 0)
+
+
+def test_files_keep_them(tmp_path: Path) -> None:
+    solution = solved(pendulum("se1"), gains=True)
+    np.testing.assert_array_equal(Solution.load(solution.save(tmp_path / "a.h5")).gains, solution.gains)
