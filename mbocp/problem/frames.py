@@ -39,7 +39,7 @@ __all__ = [
 
 _NEAR_BRANCHES, _NEAR_RESTARTS = 3, 10  # where one is wanted: the nearest of a few is a good one
 _BRANCHES, _RESTARTS = 8, 24  # where several are wanted; an arm of six joints has eight
-_MANY_RESTARTS, _MANY_WITH_LOOPS = 200, 50  # before a pose counts as out of reach; loops take longer
+_MANY_RESTARTS, _MANY_WITH_LOOPS = 200, 30  # before a pose counts as out of reach; loops take longer
 _ORDINARY_NV, _MIN_RESTARTS = 12, 8
 _START_TOLERANCE = 1e-11  # [m, rad] the first step of the mechanics starts from here
 _AT_POSE = 1e-8  # [m, rad] of a goal.q that is kept
@@ -156,7 +156,7 @@ def goal_branches(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> I
     targets, start, fixed = _asked(robot, goal, q_start)
     found: InverseKinematics | None = None
     for choice in _limit_choices(limits):
-        for branches, restarts in ((_BRANCHES, _RESTARTS), (1, _many(robot))):
+        for seed, (branches, restarts) in enumerate(((_BRANCHES, _RESTARTS), (1, _many(robot)))):
             found_now = robot.inverse_kinematics(
                 targets,
                 start,
@@ -164,6 +164,7 @@ def goal_branches(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> I
                 branches=branches,
                 restarts=_affordable(restarts, robot.nv),
                 within_limits=choice,
+                seed=seed,
             )
             if found_now.reached:
                 return found_now
