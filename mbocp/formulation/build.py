@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.algebraic import Algebraic
 from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.easing import eased_terms, easing_weights
 from mbocp.formulation.end import build_end_functions
@@ -70,8 +71,8 @@ class Pieces:
     signature : FunctionSignature
         What the stage functions depend on.
     layout : StateLayout
-    num_algebraic : int
-        Unknowns of a step beside states and controls: multipliers of constraints.
+    algebraic : Algebraic
+        Unknowns of a step beside states and controls: multipliers of constraints, and those of stages.
     groups : tuple of (int, int, tuple of int)
         See `StageKind`.
     end_rows : EndRows
@@ -92,7 +93,7 @@ class Pieces:
     space: ConfigurationSpace | NaturalSpace
     signature: FunctionSignature
     layout: StateLayout
-    num_algebraic: int
+    algebraic: Algebraic
     groups: tuple[tuple[int, int, tuple[int, ...]], ...]
     end_rows: EndRows
     end: EndTarget
@@ -174,7 +175,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         dt=problem.dt,
         control_weight=_control_weight(problem),
         describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
-        units=units_of(problem, signature, at, pieces.num_algebraic, layout),
+        units=units_of(problem, signature, at, pieces.algebraic, layout),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=signature.has_free_lengths,
         easing=_easing(problem, signature, layout),
@@ -182,17 +183,17 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
 
 
 def _kind(pieces: Pieces, nr: int) -> StageKind:
-    at, ny = pieces.layout, pieces.num_algebraic
+    at, own = pieces.layout, pieces.algebraic
     nu, dt, T = pieces.problem.robot.nu, pieces.problem.dt, pieces.problem.duration
     return StageKind(
         nx=at.nx,
         ndx=at.ndx,
-        ny=ny,
+        ny=own.size,
         nu=nu + at.num_more_controls,
         nr=nr,
-        scale_c=np.concatenate([np.ones(at.ndx), np.full(ny, dt)]),
-        scale_y=np.full(ny, 1 / dt),
-        scale_m=np.concatenate([np.ones(at.ndx), np.full(ny, 1 / dt)]),
+        scale_c=np.concatenate([np.ones(at.ndx), own.scale_c]),
+        scale_y=own.scale_y,
+        scale_m=np.concatenate([np.ones(at.ndx), own.scale_m]),
         scale_ru=np.concatenate([np.full(nu, 1 / dt), np.full(at.num_more_controls, 1 / T)]),
         turning=pieces.turning,
         groups=pieces.groups,

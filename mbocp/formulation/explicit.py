@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.formulation.algebraic import impulses
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.bounds import free_speed_bounds
 from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
@@ -90,7 +91,7 @@ class ExplicitFormulation:
             space=space,
             signature=signature,
             layout=at,
-            num_algebraic=0,
+            algebraic=impulses(0, problem.dt),
             groups=(),
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),

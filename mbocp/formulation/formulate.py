@@ -9,7 +9,8 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.explicit import ExplicitFormulation
 from mbocp.formulation.implicit import ImplicitFormulation
 from mbocp.formulation.natural import NaturalFormulation
-from mbocp.integrators import TABLEAUX
+from mbocp.formulation.partitioned import PartitionedFormulation
+from mbocp.integrators import PAIRS, TABLEAUX
 from mbocp.mechanics import natural_mechanics
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
@@ -41,6 +42,8 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     """
     if problem.scheme in TABLEAUX:
         return ExplicitFormulation.of(problem, without, deadline=deadline)
+    if problem.scheme in PAIRS:
+        return PartitionedFormulation.of(problem, without, deadline=deadline)
     # Robots whose bodies only slide have the same equations in both coordinates.
     if problem.coordinates == "natural" and natural_mechanics(problem.robot).tree.turning:
         return NaturalFormulation.of(problem, without, deadline=deadline)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.algebraic import impulses
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
@@ -85,7 +86,7 @@ class ImplicitFormulation:
             space=space,
             signature=signature,
             layout=at,
-            num_algebraic=len(labels),
+            algebraic=impulses(len(labels), problem.dt),
             groups=(),
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
@@ -123,7 +124,7 @@ class ImplicitFormulation:
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
-        return evaluation_points(self.problem.robot, self.problem.scheme, qs, vs, dts)
+        return evaluation_points(self.problem.robot, self.tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion; adjoints are zero."""

@@ -114,7 +114,7 @@ class NaturalFormulation:
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
-        return evaluation_points(self.problem.robot, self.problem.scheme, qs, vs, dts)
+        return evaluation_points(self.problem.robot, self.tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """All bodies where the joints put them.

@@ -66,12 +66,15 @@ class RowLabels:
         Of these rows.
     constraints : tuple of Label
         Of the constraints' rows.
+    of_stages : tuple of str
+        What the rows before those are, where a step has stages.
     """
 
     positions: tuple[Label, ...]
     balance: str
     speeds: tuple[Label, ...]
     constraints: tuple[Label, ...] = ()
+    of_stages: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,14 +90,16 @@ class _RowWords:
     memory: tuple[str, ...]
 
     def __call__(self, stage: int, row: int) -> str:
-        at, labels, nc = self.at, self.labels, len(self.labels.constraints)
+        at, labels = self.at, self.labels
+        of_stages = len(labels.of_stages)
+        ny = of_stages + len(labels.constraints)
         if stage < 0:
             if row >= len(self.of_end):
                 return f"guard of the end condition {self.times.end}"
             return f"end condition {row + 1} ({self.of_end[row]}) {self.times.end}"
         when = self.times.step(stage)
-        if row >= at.ndx + nc:
-            entry = np.flatnonzero(self.bounds.limited[stage])[row - at.ndx - nc]
+        if row >= at.ndx + ny:
+            entry = np.flatnonzero(self.bounds.limited[stage])[row - at.ndx - ny]
             return f"{self.limits[entry]} {when}"
         if row < at.nw:
             name = labels.positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"
@@ -105,7 +110,9 @@ class _RowWords:
             return f"{self.memory[row - at.nw - at.ns]} {when}"
         if row < at.ndx:
             return f"length {when}" if row < at.dt.start else f"time {when}"
-        return f"constraint {labels.constraints[row - at.ndx].name} {when}"
+        if row < at.ndx + of_stages:
+            return f"{labels.of_stages[row - at.ndx]} {when}"
+        return f"constraint {labels.constraints[row - at.ndx - of_stages].name} {when}"
 
 
 def row_describer(

@@ -112,7 +112,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     controls = units_of_u * u
     before = at.remembered.get("control")
     change = None if before is None else units_of_u * (u - at0[before])
-    node = partial(Point, mechanics, u=controls, change=change, moment=moment)
+    node = partial(Point, mechanics, u=controls, change=change)
     idle = idle_cost(given[BEGINS_PHASE], w) if at.nh else ca.SX(0)
     idle += resting_cost(given[ADVANCES], paces) if at.num_paces else ca.SX(0)
     leap = given.get(IS_IMPACT, ca.SX(0))
@@ -141,7 +141,7 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         rho=rho,
         given=given,
         reactions=given["force"] * y[reaction_places(mechanics, signature.reactions)] / dt,
-        running_cost=_RunningCost(signature, node, given, dt, between, idle, leap),
+        running_cost=_RunningCost(signature, node, given, dt, between, idle, leap, moment),
         switches=signature.switches,
     )
 
@@ -157,9 +157,15 @@ class _RunningCost:
     spacing: ca.SX
     idle: ca.SX  # cost of a control that does nothing
     is_impact: ca.SX
+    moment: ca.SX | None  # at which a step is evaluated, at its share tau [s]
 
-    def __call__(self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX]) -> ca.SX:
-        at, dt = self.node(q, v, acceleration=acceleration), self.dt
+    def __call__(
+        self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX], share: float | None = None
+    ) -> ca.SX:
+        dt, moment = self.dt, self.moment
+        if moment is not None and share is not None:
+            moment += (share - self.signature.steps.tau) * dt
+        at = self.node(q, v, acceleration=acceleration, moment=moment)
         cost = between = ca.SX(0)
         for term in self.signature.cost:
             for addend in term.addends(at, self.given):

@@ -23,7 +23,14 @@ from mbocp.robot import Robot
 
 __all__ = ["RunningCost", "StepDerivatives", "StepSymbols", "Steps"]
 
-RunningCost = Callable[[ca.SX, ca.SX, Callable[[], ca.SX]], ca.SX]
+
+class RunningCost(Protocol):
+    """Cost of a step, evaluated at one state in it."""
+
+    def __call__(
+        self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX], share: float | None = None
+    ) -> ca.SX:
+        """Cost with the state (q, v) at a share of the step; None: where the scheme evaluates it."""
 
 
 class StepDerivatives(NamedTuple):
@@ -75,8 +82,7 @@ class StepSymbols:
         Pieces of theta and rho, by name.
     reactions : casadi.SX, shape (rows,)
         Forces of the constraints' rows that states remember [N, N m].
-    running_cost : callable
-        (q, v, acceleration) -> the cost of the step, evaluated there; acceleration is a callable.
+    running_cost : RunningCost
     switches : Switches
         Constraints that begin and end along the way, and impacts.
     """

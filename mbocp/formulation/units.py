@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from mbocp.formulation.algebraic import Algebraic
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.parameters import ParameterLayout, mask
 from mbocp.formulation.signature import FunctionSignature
@@ -28,13 +29,13 @@ def units_of(
     problem: Problem,
     signature: FunctionSignature,
     at: StateLayout,
-    num_algebraic: int,
+    algebraic: Algebraic,
     parameters: ParameterLayout,
 ) -> Units:
     """The units that suit a problem, and the entries of its programme that count in them."""
     robot, goal, of_end = problem.robot, signature.goal, np.arange(signature.end_rows)
     is_force = np.arange(robot.nu) < robot.nu - len(robot.drives)
-    x, rows = np.zeros(at.nx, dtype=bool), np.zeros(at.ndx + num_algebraic, dtype=bool)
+    x, rows = np.zeros(at.nx, dtype=bool), np.append(np.zeros(at.ndx, dtype=bool), algebraic.is_balance)
     if "control" in at.remembered:
         x[at.remembered["control"]] = rows[at.remembered_rows["control"]] = is_force
     is_force_u = np.append(is_force, np.zeros(at.num_more_controls, dtype=bool))
@@ -47,6 +48,7 @@ def units_of(
         terminal=mask(parameters.terminal, ("D_rate",) if goal.rate == "p" else ()),
         x=x,
         u=is_force_u,
+        y=algebraic.is_force,
         rows=rows,
         end_rows=(goal.ng_q <= of_end) & (of_end < goal.rows) & (goal.rate == "p"),
     )

@@ -1,6 +1,7 @@
 """Time discretisation: one step of the mechanics as equations between two states."""
 
 from mbocp.integrators.euler import EULER_SCHEMES, TAU, State, StepRows, evaluation_point, step_rows
+from mbocp.integrators.pairs import PAIRS, Pair
 from mbocp.integrators.points import evaluation_points
 from mbocp.integrators.schemes import SCHEMES, SchemeData, schemes_with
 from mbocp.integrators.tableaux import LIE_METHODS, TABLEAUX, Tableau
@@ -8,9 +9,11 @@ from mbocp.integrators.tableaux import LIE_METHODS, TABLEAUX, Tableau
 __all__ = [
     "EULER_SCHEMES",
     "LIE_METHODS",
+    "PAIRS",
     "SCHEMES",
     "TABLEAUX",
     "TAU",
+    "Pair",
     "SchemeData",
     "State",
     "StepRows",

@@ -6,17 +6,19 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.integrators.euler import TAU
 from mbocp.robot import Robot
 
 __all__ = ["evaluation_points"]
 
 
-def evaluation_points(robot: Robot, scheme: str, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
+def evaluation_points(robot: Robot, tau: float, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
     """States (q_tau, v_tau) of all steps, see `mbocp.integrators.evaluation_point`.
 
     Parameters
     ----------
+    robot : Robot
+    tau : float
+        Where in a step the scheme looks, between 0 and 1.
     qs : ndarray, shape (N + 1, nq)
         Configurations at the nodes [m, rad, quaternion xyzw].
     vs : ndarray, shape (N + 1, nv)
@@ -29,7 +31,6 @@ def evaluation_points(robot: Robot, scheme: str, qs: Array, vs: Array, dts: Arra
     q_taus : ndarray, shape (N, nq)
     v_taus : ndarray, shape (N, nv)
     """
-    tau = TAU[scheme]
     if tau in (0.0, 1.0):
         at = slice(1, None) if tau else slice(None, -1)
         return qs[at], vs[at]

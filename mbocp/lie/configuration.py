@@ -116,6 +116,10 @@ class ConfigurationSpace:
         """Lie bracket of two tangent vectors, shape (nv,)."""
         return self._join(lambda part: part.group.bracket(a[part.at_v], b[part.at_v]))
 
+    def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
+        """Velocity (nv,) of z exp(w(t)) where w' = dw, in the tangent space there: dexp_{-w} dw."""
+        return self._join(lambda part: part.group.dexp(w[part.at_v], dw[part.at_v]))
+
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Baumgarte's fictitious rate towards the groups, Eqs. (46), (47) of [Manara2017]_, shape (nz,)."""
         return self._join(lambda part: part.group.attraction(z[part.at_z], gamma_quaternion, gamma_dcm))

@@ -10,6 +10,7 @@ dz/dt, Baumgarte's stabilisation, and an end condition that is smooth everywhere
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import casadi as ca
@@ -37,6 +38,9 @@ class Group(Protocol):
 
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """Lie bracket [a, b] in the algebra of body-frame tangents, shape (nv,)."""
+
+    def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
+        """Body velocity of z exp(w(t)) where w' = dw: the exponential's derivative, from the right, (nv,)."""
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Baumgarte's fictitious dz/dt towards the group, Eqs. (46), (47), shape (nz,)."""
@@ -74,6 +78,10 @@ class Vector:
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """Nothing: the group is commutative."""
         return ca.SX.zeros(self.nv)
+
+    def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
+        """The rate itself: the group is commutative."""
+        return dw
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Nothing: every vector is an element."""
@@ -113,6 +121,10 @@ class Circle:
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """Nothing: the group is commutative."""
         return ca.SX.zeros(1)
+
+    def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
+        """The rate itself: the group is commutative."""
+        return dw
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """As of a quaternion, Eq. (46)."""
@@ -160,6 +172,13 @@ class Plane:
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """omega_a x v_b - omega_b x v_a."""
         return ca.vertcat(b[2] * a[1] - a[2] * b[1], a[2] * b[0] - b[2] * a[0], 0)
+
+    def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
+        """Rate of the arc's end, in the axes there."""
+        still = ca.SX([0, 0, 1, 0])
+        c, s = ca.cos(w[2]), ca.sin(w[2])
+        along = _along(lambda v: self.integrate(still, v)[:2], w, dw)
+        return ca.vertcat(self._turned_back(ca.vertcat(0, 0, c, s), along), dw[2])
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Of (cos, sin)."""
@@ -210,6 +229,10 @@ class Quaternion:
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """Cross product."""
         return ca.cross(a, b)
+
+    def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
+        """Series of brackets, summed."""
+        return _turning(w, dw)
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Eq. (46)."""
@@ -264,6 +287,10 @@ class RotationMatrix:
         """Cross product."""
         return ca.cross(a, b)
 
+    def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
+        """Series of brackets, summed."""
+        return _turning(w, dw)
+
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """-gamma R (R'R - I): Eq. (47) with sign and order mended; as printed the drift grows."""
         R = _matrix(z)
@@ -302,14 +329,8 @@ class RigidBody:
 
     def integrate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """Moved along a screw."""
-        w = v[3:]
-        x = ca.dot(w, w)
-        moved = (
-            v[:3]
-            + one_minus_cos(x) * ca.cross(w, v[:3])
-            + theta_minus_sin(x) * ca.cross(w, ca.cross(w, v[:3]))
-        )
-        return ca.vertcat(z[:3] + self.attitude.rotated(z[3:], moved), self.attitude.integrate(z[3:], w))
+        moved = self.attitude.rotated(z[3:], _screw(v))
+        return ca.vertcat(z[:3] + moved, self.attitude.integrate(z[3:], v[3:]))
 
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
         """Twist of the screw between."""
@@ -325,6 +346,14 @@ class RigidBody:
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """(omega_a x v_b - omega_b x v_a, omega_a x omega_b)."""
         return ca.vertcat(ca.cross(a[3:], b[:3]) - ca.cross(b[3:], a[:3]), ca.cross(a[3:], b[3:]))
+
+    def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
+        """Rate of the screw's end, in the axes there."""
+        along = _along(_screw, w, dw)
+        turn, x = w[3:], ca.dot(w[3:], w[3:])
+        turned = ca.cross(turn, along)
+        back = along - sinc(x) * turned + one_minus_cos(x) * ca.cross(turn, turned)
+        return ca.vertcat(back, _turning(turn, dw[3:]))
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Of the attitude."""
@@ -347,6 +376,26 @@ class RigidBody:
 def hat(v: ca.SX) -> ca.SX:
     """Skew-symmetric matrix of a vector, Eq. (16)."""
     return ca.skew(v)
+
+
+def _screw(v: ca.SX) -> ca.SX:
+    """Displacement of exp(v), v a twist."""
+    w, x = v[3:], ca.dot(v[3:], v[3:])
+    turned = ca.cross(w, v[:3])
+    return v[:3] + one_minus_cos(x) * turned + theta_minus_sin(x) * ca.cross(w, turned)
+
+
+def _turning(w: ca.SX, dw: ca.SX) -> ca.SX:
+    """Angular velocity in the body of exp(w(t)) with w' = dw: the right Jacobian of rotations, times dw."""
+    x, turned = ca.dot(w, w), ca.cross(w, dw)
+    return dw - one_minus_cos(x) * turned + theta_minus_sin(x) * ca.cross(w, turned)
+
+
+def _along(function: Callable[[ca.SX], ca.SX], w: ca.SX, dw: ca.SX) -> ca.SX:
+    """Derivative of a function at w in the direction dw."""
+    at, direction = ca.SX.sym("w", w.numel()), ca.SX.sym("dw", w.numel())
+    rate = ca.jtimes(function(at), at, direction)
+    return ca.Function("along", [at, direction], [ca.densify(rate)])(w, dw)
 
 
 def _matrix(z: ca.SX) -> ca.SX:

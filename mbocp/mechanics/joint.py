@@ -124,6 +124,14 @@ class JointMechanics:
         """M(q)^-1, shape (nv, nv)."""
         return self._call(self._functions.minverse, q)[0]
 
+    def kinetic_energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Kinetic energy, armature included [J]."""
+        return self._call(self._functions.kinetic_energy, q, v)[0]
+
+    def gravity(self, q: ca.SX) -> ca.SX:
+        """Derivative of the potential of gravity along the tangent space, shape (nv,) [N, N m]."""
+        return self._call(self._functions.gravity, q)[0]
+
     def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         """Generalised force M(q) a + C(q, v) v + gravity, shape (nv,) [N, N m]."""
         return self._call(self._functions.rnea, q, v, a)[0]

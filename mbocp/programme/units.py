@@ -35,9 +35,9 @@ class Units:
     theta, terminal : ndarray of bool
         Entries of the programme's parameters that hold F, or with which the end condition's rows of momenta
         are multiplied.
-    x, u, rows, end_rows : ndarray of bool
-        Entries of states, controls, rows of a step and of the end condition that are forces or momenta; all
-        algebraic unknowns are.
+    x, u, y, rows, end_rows : ndarray of bool
+        Entries of states, controls, algebraic unknowns, rows of a step and of the end condition that are
+        forces or momenta.
     """
 
     force: float
@@ -46,11 +46,12 @@ class Units:
     terminal: BoolArray = field(compare=False)
     x: BoolArray = field(compare=False)
     u: BoolArray = field(compare=False)
+    y: BoolArray = field(compare=False)
     rows: BoolArray = field(compare=False)
     end_rows: BoolArray = field(compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("theta", "terminal", "x", "u", "rows", "end_rows"):
+        for name in ("theta", "terminal", "x", "u", "y", "rows", "end_rows"):
             mask = np.asarray(getattr(self, name))
             object.__setattr__(self, name, frozen_mask(mask, size=mask.size))
 

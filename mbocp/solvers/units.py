@@ -83,7 +83,7 @@ def iterate_in(units: Units, iterate: Iterate) -> Iterate:
     return replace(
         iterate,
         xs=iterate.xs / x,
-        ys=iterate.ys / force,
+        ys=iterate.ys / _where(units.y, force),
         us=iterate.us / u,
         ms=cost * _where(units.rows, force) * iterate.ms,
         eta=cost * _where(units.end_rows, force) * iterate.eta,

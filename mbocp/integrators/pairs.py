@@ -1,0 +1,93 @@
+r"""Pairs of Runge-Kutta methods for positions and momenta: Gauss collocation, Lobatto IIIA with IIIB.
+
+Each is a table: nodes c, matrix a and weights b of the method for positions. Momenta take
+
+.. math:: \hat a_{ij} = b_j (1 - a_{ji} / b_i),
+
+with which the pair is symplectic; for Gauss methods that is a itself ([Hairer2006]_, theorem VI.4.6). The
+coefficients are those of tables II.1.1, II.1.2 and of section II.1.4 there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import sqrt
+from types import MappingProxyType
+
+__all__ = ["PAIRS", "Pair"]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Coefficients of a symplectic pair.
+
+    Attributes
+    ----------
+    order : int
+        Order of convergence.
+    a : tuple of tuple of float
+        Row i has the coefficients of the rates in the position of stage i.
+    b : tuple of float
+        Weights of the stages.
+    holds_constraints : bool
+        Whether its first and last stages are the nodes, so that constraints hold there.
+    """
+
+    order: int
+    a: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+    holds_constraints: bool
+
+    @property
+    def a_hat(self) -> tuple[tuple[float, ...], ...]:
+        """Coefficients of the momenta."""
+        stages = range(self.num_stages)
+        a, b = self.a, self.b
+        return tuple(tuple(_exact(b[j] * (1.0 - a[j][i] / b[i])) for j in stages) for i in stages)
+
+    @property
+    def c(self) -> tuple[float, ...]:
+        """Nodes: the sums of the rows of `a`."""
+        return tuple(sum(row) for row in self.a)
+
+    @property
+    def num_stages(self) -> int:
+        """Number of stages."""
+        return len(self.b)
+
+
+def _exact(coefficient: float) -> float:
+    """Zero where it is zero but for round-off."""
+    return coefficient if abs(coefficient) > 1e-15 else 0.0
+
+
+_R3, _R15 = sqrt(3.0), sqrt(15.0)
+
+PAIRS: Mapping[str, Pair] = MappingProxyType(
+    {
+        "gauss2": Pair(
+            4,
+            ((1 / 4, 1 / 4 - _R3 / 6), (1 / 4 + _R3 / 6, 1 / 4)),
+            (1 / 2, 1 / 2),
+            holds_constraints=False,
+        ),
+        "gauss3": Pair(
+            6,
+            (
+                (5 / 36, 2 / 9 - _R15 / 15, 5 / 36 - _R15 / 30),
+                (5 / 36 + _R15 / 24, 2 / 9, 5 / 36 - _R15 / 24),
+                (5 / 36 + _R15 / 30, 2 / 9 + _R15 / 15, 5 / 36),
+            ),
+            (5 / 18, 4 / 9, 5 / 18),
+            holds_constraints=False,
+        ),
+        "lobatto2": Pair(2, ((0.0, 0.0), (1 / 2, 1 / 2)), (1 / 2, 1 / 2), holds_constraints=True),
+        "lobatto3": Pair(
+            4,
+            ((0.0, 0.0, 0.0), (5 / 24, 1 / 3, -1 / 24), (1 / 6, 2 / 3, 1 / 6)),
+            (1 / 6, 2 / 3, 1 / 6),
+            holds_constraints=True,
+        ),
+    }
+)

@@ -1,0 +1,239 @@
+r"""Symplectic partitioned Runge-Kutta methods on the cotangent bundle of the joints' Lie group.
+
+A step takes place in exponential coordinates about its first node, :math:`q = q_0 \exp(\xi)`. There the
+Lagrangian is :math:`\ell(\xi, \eta) = L(q_0 \exp \xi, D_\xi\,\eta)` with the rate :math:`\eta = \dot\xi` and
+:math:`v = D_\xi\,\eta`, :math:`D_\xi = \mathrm{dexp}_{-\xi}`; and momenta and forces are
+
+.. math::
+    \pi = \partial_\eta \ell = D_\xi^T M v, \qquad
+    \dot\pi = \partial_\xi \ell + D_\xi^T f = D_\xi^T (\partial_q L + f) + (\partial_\xi D_\xi \eta)^T M v.
+
+To these equations the method is applied, with the coefficients of its tableau:
+
+.. math::
+    \xi_i &= h \sum_j a_{ij}\,\eta_j, &
+    \pi_i &= p_0 + h \sum_j \hat a_{ij}\,\dot\pi_j, \\
+    q_1 &= q_0 \exp\Bigl(h \sum_j b_j\,\eta_j\Bigr), &
+    D_{\xi_1}^T p_1 &= p_0 + h \sum_j b_j\,\dot\pi_j, \qquad p = M(q)\,v.
+
+The rates of the stages are the unknowns beside the state. These are equations (12) to (14) of section 3 of
+[Bogfjellmo2016]_ with the exponential as the retraction. Changes of such coordinates are point
+transformations, which are canonical: so the step is symplectic where
+:math:`b_i \hat a_{ij} + b_j a_{ji} = b_i b_j` ([Hairer2006]_, theorem VI.4.6), and keeps momentum maps of
+motions from the left, with which the coordinates move along.
+
+Holonomic constraints act at the stages, with impulses as unknowns; the tableau's first stage is the first
+node then and its last stage the second, as those of the Lobatto IIIA-IIIB pair are ([Jay1996]_, section 3):
+
+.. math::
+    \dot\pi_j \leftarrow \dot\pi_j - D_{\xi_j}^T \Phi_q(Q_j)^T \Lambda_j, \qquad
+    \Phi(Q_i) = 0 \quad (i = 2 \dots s), \qquad \Phi_q(q_1)\,v_1 = 0.
+
+With two stages this is RATTLE.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.pairs import PAIRS, Pair
+from mbocp.mechanics import JointMechanics
+
+__all__ = ["Node", "PartitionedRows", "PartitionedStep", "Stage"]
+
+Length = Affine | ca.SX  # of a step: an unknown, or given
+
+
+@dataclass(frozen=True)
+class Node:
+    """A state as links of a chain."""
+
+    q: Affine  # (nq,) [m, rad, quaternion xyzw]
+    v: Affine  # (nv,) [m/s, rad/s]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Unknowns of a stage: its rate, and the impulses h Lambda of the constraints at it."""
+
+    rate: Affine  # (nv,) eta [m/s, rad/s]
+    impulse: Affine  # (nc,) [N s, N m s]
+
+
+@dataclass(frozen=True)
+class PartitionedRows:
+    """Residual of a step, and the states in which its forces act.
+
+    Attributes
+    ----------
+    kinematic : Affine, shape (nv,), or (nq,) where coordinates are compared
+    momentum : Affine, shape (nv,)
+        [N s, N m s].
+    stages : tuple of Affine, shapes (nv,)
+        Momenta of the stages [N s, N m s].
+    constraints : tuple of Affine, shapes (nc,)
+        Phi / h of the stages but the first, and Phi_q v at the end; empty without constraints.
+    points : tuple of Node
+        Configurations and velocities of the stages.
+    """
+
+    kinematic: Affine
+    momentum: Affine
+    stages: tuple[Affine, ...]
+    constraints: tuple[Affine, ...]
+    points: tuple[Node, ...]
+
+
+class PartitionedStep:
+    """Equations of one step of a method.
+
+    Parameters
+    ----------
+    mechanics : JointMechanics
+    scheme : str
+        One of `mbocp.integrators.pairs.PAIRS`.
+    compares_coordinates : bool
+        Whether the kinematic rows are differences of coordinates, not tangent vectors.
+    """
+
+    def __init__(self, mechanics: JointMechanics, scheme: str, *, compares_coordinates: bool) -> None:
+        self._mechanics, self._pair = mechanics, PAIRS[scheme]
+        self._links = _Links(mechanics)
+        self._compares_coordinates = compares_coordinates
+
+    @property
+    def pair(self) -> Pair:
+        """Coefficients."""
+        return self._pair
+
+    def __call__(
+        self, chain: Chain, before: Node, after: Node, stages: Sequence[Stage], u: Affine, h: Length
+    ) -> PartitionedRows:
+        """Rows of a step.
+
+        Parameters
+        ----------
+        chain : Chain
+        before, after : Node
+        stages : sequence of Stage
+        u : Affine
+            Controls [N, N m].
+        h : Affine or casadi.SX
+            Length [s].
+        """
+        pair, links = self._pair, self._links
+        (p0,) = chain.apply(links.momentum, [before.q, before.v])
+        rates = [stage.rate for stage in stages]
+        momenta, slopes, points = [], [], []
+        for row, stage in zip(pair.a, stages, strict=True):
+            xi = links.times(chain, h, _sum(row, rates))
+            point = Node(links.moved(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
+            p, force = chain.apply(links.body, [point.q, point.v, u])
+            push = chain.apply(links.push, [point.q, stage.impulse]) if self._mechanics.nc else ()
+            pulled = links.pulled_back(chain, xi, stage.rate, p, force, *push)
+            momenta.append(pulled[0])
+            slope = links.times(chain, h, pulled[1])
+            slopes.append(slope + pulled[2] if push else slope)
+            points.append(point)
+        xi = links.times(chain, h, _sum(pair.b, rates))
+        reached = links.moved(chain, before.q, xi)
+        (p1,) = chain.apply(links.momentum, [after.q, after.v])
+        return PartitionedRows(
+            kinematic=self._gap(chain, after.q, reached),
+            momentum=p0 + _sum(pair.b, slopes) - links.as_covector(chain, xi, p1),
+            stages=tuple(
+                p0 + _sum(row, slopes) - own for row, own in zip(pair.a_hat, momenta, strict=True)
+            ),
+            constraints=self._constraints(chain, [point.q for point in points[1:-1]], after, h),
+            points=tuple(points),
+        )
+
+    def _gap(self, chain: Chain, q: Affine, reached: Affine) -> Affine:
+        if self._compares_coordinates:
+            return reached - q
+        return chain.apply(self._links.difference, [q, reached])[0]
+
+    def _constraints(
+        self, chain: Chain, between: Sequence[Affine], after: Node, h: Length
+    ) -> tuple[Affine, ...]:
+        if not self._mechanics.nc:
+            return ()
+        places = [self._links.places(chain, q, h) for q in (*between, after.q)]
+        return (*places, *chain.apply(self._links.drift, [after.q, after.v]))
+
+
+class _Links:
+    """The functions that a step is made of. Where configurations are vectors, coordinates are plain sums."""
+
+    def __init__(self, mechanics: JointMechanics) -> None:
+        self._is_plain, nv, nc = mechanics.is_vector_space, mechanics.nv, mechanics.nc
+        q, v, u = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", nv), ca.SX.sym("u", mechanics.nu)
+        xi, eta, p, h = ca.SX.sym("xi", nv), ca.SX.sym("eta", nv), ca.SX.sym("p", nv), ca.SX.sym("h")
+        other, f, c = ca.SX.sym("other", mechanics.nq), ca.SX.sym("f", nv), ca.SX.sym("c", nv)
+        energy = mechanics.kinetic_energy(q, v)
+        along = mechanics.tangent_map(q).T @ ca.gradient(energy, q)
+        force = along - mechanics.gravity(q) + mechanics.force(q, v, u)
+        self.momentum = _function("momentum", [q, v], [ca.gradient(energy, v)])
+        self.body = _function("body", [q, v, u], [ca.gradient(energy, v), force])
+        self.difference = _function("difference", [q, other], [mechanics.difference(q, other)])
+        self._moved = _function("moved", [q, xi], [mechanics.integrate(q, xi)])
+        self._scaled = _function("scaled", [h, v], [h * v])
+        velocity = mechanics.space.dexp(xi, eta)
+        work = ca.dot(velocity, p)
+        bent = ca.gradient(work, xi)
+        push = ca.jtimes(velocity, eta, c, True)
+        pulled = [ca.gradient(work, eta), ca.jtimes(velocity, eta, f, True) + bent]
+        self._velocity = _function("velocity", [xi, eta], [velocity])
+        self._free = _function("free", [xi, eta, p, f], pulled)
+        self._held = _function("held", [xi, eta, p, f, c], [*pulled, push])
+        self._covector = _function("covector", [xi, p], [ca.jtimes(velocity, eta, p, True)])
+        if nc:
+            impulse, jacobian = ca.SX.sym("impulse", nc), mechanics.constraint_jacobian(q)
+            self.push = _function("push", [q, impulse], [-jacobian.T @ impulse])
+            self.drift = _function("drift", [q, v], [jacobian @ v])
+            self._places = _function("places", [q, h], [mechanics.constraints(q) / h])
+
+    def moved(self, chain: Chain, q: Affine, xi: Affine) -> Affine:
+        """Configuration q exp(xi)."""
+        return q + xi if self._is_plain else chain.apply(self._moved, [q, xi])[0]
+
+    def velocity(self, chain: Chain, xi: Affine, eta: Affine) -> Affine:
+        """Velocity of a rate of the coordinates."""
+        return eta if self._is_plain else chain.apply(self._velocity, [xi, eta])[0]
+
+    def pulled_back(
+        self, chain: Chain, xi: Affine, eta: Affine, p: Affine, force: Affine, *push: Affine
+    ) -> list[Affine]:
+        """Momentum, its rate and that part of it that constraints make, in the coordinates."""
+        if self._is_plain:
+            return [p, force, *push]
+        return chain.apply(self._held if push else self._free, [xi, eta, p, force, *push])
+
+    def as_covector(self, chain: Chain, xi: Affine, p: Affine) -> Affine:
+        """Momentum of the body frame in the coordinates."""
+        return p if self._is_plain else chain.apply(self._covector, [xi, p])[0]
+
+    def times(self, chain: Chain, h: Length, vector: Affine) -> Affine:
+        """Multiple of a vector."""
+        return chain.apply(self._scaled, [h, vector])[0] if isinstance(h, Affine) else h * vector
+
+    def places(self, chain: Chain, q: Affine, h: Length) -> Affine:
+        """Phi / h."""
+        if isinstance(h, Affine):
+            return chain.apply(self._places, [q, h])[0]
+        return chain.apply(self._places, [q], [h])[0]
+
+
+def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+    return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
+
+
+def _sum(row: Sequence[float], vectors: Sequence[Affine]) -> Affine:
+    """Linear combination; of nothing it is zero."""
+    terms = [a * k for a, k in zip(row, vectors, strict=True) if a]
+    zero = Affine(ca.SX.zeros(vectors[0].value.shape), {})
+    return sum(terms[1:], start=terms[0]) if terms else zero
