@@ -1,4 +1,4 @@
-"""Unknowns of a step beside states and controls, and their rows: how they are scaled, and which are forces."""
+"""Unknowns of a step beside states and controls, and their rows: how they are scaled, which are forces."""
 
 from __future__ import annotations
 

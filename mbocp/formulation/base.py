@@ -1,8 +1,9 @@
 r"""What a formulation is: a problem's programme, and the way between its numbers and motions of the robot.
 
-A formulation chooses coordinates and a family of integrators. There are three: `ImplicitFormulation` (joint
-coordinates, tau schemes), `ExplicitFormulation` (joint coordinates, Runge-Kutta schemes) and
-`NaturalFormulation` (points and directors of bodies, tau schemes). Whatever depends on that choice is a
+A formulation chooses coordinates and a family of integrators. There are four: `ImplicitFormulation` (joint
+coordinates, tau schemes), `PartitionedFormulation` (joint coordinates, Gauss and Lobatto schemes),
+`ExplicitFormulation` (joint coordinates, explicit Runge-Kutta schemes) and `NaturalFormulation` (points and
+directors of bodies, tau schemes). Whatever depends on that choice is a
 method of theirs, so that nothing else has to ask which one it is.
 """
 

@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from mbocp._arrays import Array, BoolArray
+from mbocp.formulation.algebraic import impulses
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
@@ -86,7 +87,7 @@ class NaturalFormulation:
             space=space,
             signature=signature,
             layout=at,
-            num_algebraic=len(labels),
+            algebraic=impulses(len(labels), problem.dt),
             groups=mechanics.groups if _is_structured(problem, at) else (),
             end_rows=rows,
             end=_natural_end(problem, mechanics, rows),

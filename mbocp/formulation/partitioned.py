@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -131,7 +132,7 @@ class PartitionedFormulation:
 
     def _rates(self, motion: Motion) -> list[Array]:
         model, qs, vs = self.problem.robot.model, motion.qs, motion.vs
-        mean = np.array([pin.difference(model, a, b) for a, b in zip(qs, qs[1:], strict=False)])
+        mean = np.array([pin.difference(model, a, b) for a, b in pairwise(qs)])
         mean = mean.reshape(len(qs) - 1, model.nv) / motion.dts[:, None]
         return [
             6 * c * (1 - c) * mean + (1 - c) * (1 - 3 * c) * vs[:-1] + c * (3 * c - 2) * vs[1:]
@@ -158,7 +159,7 @@ class PartitionedFormulation:
         nv, s, b = problem.robot.nv, self.pair.num_stages, np.array(self.pair.b)
         states = boundary_duals(self.programme, iterate)
         costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
-        stages = iterate.ys[:, s * nv :].reshape(-1, s, nc)
+        stages = iterate.ys[:, s * nv :].reshape(len(dts), s, nc)
         of_end = iterate.ms[:, self.layout.ndx + s * nv + max(s - 2, 0) * nc :][:, :nc]
         return Duals(
             lams=np.einsum("s,nsc->nc", b, stages) / dts,
@@ -219,5 +220,7 @@ def _algebraic(pair: Pair, nv: int, nc: int, dt: float) -> Algebraic:
 
 def _words_of_stages(pair: Pair, labels: Sequence[Label]) -> tuple[str, ...]:
     return tuple(
-        f"momentum balance of {label.name} at stage {i + 1}" for i in range(pair.num_stages) for label in labels
+        f"momentum balance of {label.name} at stage {i + 1}"
+        for i in range(pair.num_stages)
+        for label in labels
     )

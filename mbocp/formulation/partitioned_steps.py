@@ -30,7 +30,6 @@ class PartitionedSteps:
     rows_are_gaps = False
     tau = 0.5
     remedy = "Take a scheme of fewer stages, or lock joints"
-    has_own_hamiltonian = True
 
     @property
     def state_key(self) -> Mapping[str, str]:
@@ -101,9 +100,13 @@ class _Derivation:
         c, cost = Affine.join(pieces), self._cost(rows.points)
         both = Affine.join([c, cost])
         hessian = ca.triu(chain.hessian(both, ca.vertcat(at.m, 1)))
-        return StepDerivatives(
-            ca.densify(c.value), cost.value, chain.jacobian(c), chain.jacobian(cost), hessian
-        )
+        slopes = chain.jacobian(c), chain.jacobian(cost)
+        return StepDerivatives(ca.densify(c.value), cost.value, *slopes, hessian, self._lengthening(c, cost))
+
+    def _lengthening(self, c: Affine, cost: Affine) -> ca.SX:
+        at = self._at
+        by_theta = ca.gradient(cost.value + ca.dot(at.m, c.value), at.theta)
+        return at.given["dt"] * (ca.jacobian(at.given["dt"], at.theta) @ by_theta)
 
     def _rows(self) -> PartitionedRows:
         at, units = self._at, ca.diag(self._at.units_of_u)
@@ -127,8 +130,8 @@ class _Derivation:
         """Quadrature of the running cost with the weights of the method."""
         at, pair, s = self._at, self._step.pair, self._at.space.layout.s
         layout = at.space.layout
-        ends = [State(x[layout.z], x[layout.s]) for x in (at.at0, at.at1)]
-        acceleration = partial(mean_acceleration, self._mechanics, *ends, at.dt)
+        before, after = (State(x[layout.z], x[layout.s]) for x in (at.at0, at.at1))
+        acceleration = partial(mean_acceleration, self._mechanics, before, after, at.dt)
         qs = [ca.SX.sym("q", self._mechanics.nq) for _ in points]
         vs = [ca.SX.sym("v", s.stop - s.start) for _ in points]
         cost = ca.SX(0)

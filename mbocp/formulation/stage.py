@@ -13,6 +13,7 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - jacobian  (x0, x1, y, u, theta, rho)      -> c, l, dc_dz, dl_dz
 - complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
 - path      (x1, m, u, theta)               -> h, dh_dx1, upper Hessian of m'h in x1; with path constraints
+- lengthening (x0, x1, y, u, m, theta, rho) -> derivative of l + m'c in log(dt); of some schemes
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
 The rows of c are kinematics, momentum balance (or speeds), memory, step length, constraints. Which
@@ -177,11 +178,15 @@ class _RunningCost:
 
 
 def _functions(at: StepSymbols, step: StepDerivatives) -> dict[str, ca.Function]:
-    derivatives = list(step)
+    derivatives = list(step[:5])
     arguments, parameters = [at.x0, at.x1, at.y, at.inputs], [at.theta, at.rho]
-    return {
+    found = {
         "values": ca.Function("values", [*arguments, *parameters], ca.cse(derivatives[:2])),
         "gradient": ca.Function("gradient", [*arguments, *parameters], ca.cse(derivatives[3:4])),
         "jacobian": ca.Function("jacobian", [*arguments, *parameters], ca.cse(derivatives[:4])),
         "complete": ca.Function("complete", [*arguments, at.m, *parameters], ca.cse(derivatives)),
     }
+    if step.lengthening is not None:
+        slope = ca.cse([step.lengthening])
+        found["lengthening"] = ca.Function("lengthening", [*arguments, at.m, *parameters], slope)
+    return found

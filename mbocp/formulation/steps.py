@@ -41,6 +41,7 @@ class StepDerivatives(NamedTuple):
     dc_dz: ca.SX
     dl_dz: ca.SX
     hessian: ca.SX  # of l + m'c, its upper triangle
+    lengthening: ca.SX | None = None  # derivative of l + m'c in the logarithm of the step length
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.formulation.switches import filled_impulses
+from mbocp.integrators import PAIRS
 from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -132,7 +133,7 @@ def _row_multipliers(saved: Solution, formulation: Formulation, left: Any, share
     nv = robot.nv
     duals_q, duals_p = saved.mus[:, :nv].copy(), saved.mus[:, nv:]
     # SE1 reports multipliers of rows already, but for the last node.
-    for n in range(saved.num_steps + 1) if saved.scheme in ("se2", "midpoint") else [-1]:
+    for n in range(saved.num_steps + 1) if saved.scheme in ("se2", "midpoint", *PAIRS) else [-1]:
         duals_q[n] = dual_of_velocity(robot, saved.qs[n], saved.vs[n], saved.mus[n])[:nv]
     duals_q, duals_p = _between(duals_q, left, share), _between(duals_p, left, share)
     along_q = duals_q[:-1] if tau == 1.0 else duals_q[1:]

@@ -8,22 +8,30 @@ Lagrangian is :math:`\ell(\xi, \eta) = L(q_0 \exp \xi, D_\xi\,\eta)` with the ra
     \pi = \partial_\eta \ell = D_\xi^T M v, \qquad
     \dot\pi = \partial_\xi \ell + D_\xi^T f = D_\xi^T (\partial_q L + f) + (\partial_\xi D_\xi \eta)^T M v.
 
-To these equations the method is applied, with the coefficients of its tableau:
+The discrete Lagrangian :math:`h \sum_i b_i\,\ell(\xi_i, \eta_i)` with
 
 .. math::
-    \xi_i &= h \sum_j a_{ij}\,\eta_j, &
-    \pi_i &= p_0 + h \sum_j \hat a_{ij}\,\dot\pi_j, \\
-    q_1 &= q_0 \exp\Bigl(h \sum_j b_j\,\eta_j\Bigr), &
-    D_{\xi_1}^T p_1 &= p_0 + h \sum_j b_j\,\dot\pi_j, \qquad p = M(q)\,v.
+    \xi_i = h \sum_j a_{ij}\,\eta_j, \qquad \xi_1 = h \sum_j b_j\,\eta_j, \qquad q_1 = q_0 \exp(\xi_1)
 
-The rates of the stages are the unknowns beside the state. These are equations (12) to (14) of section 3 of
-[Bogfjellmo2016]_ with the exponential as the retraction. Changes of such coordinates are point
-transformations, which are canonical: so the step is symplectic where
-:math:`b_i \hat a_{ij} + b_j a_{ji} = b_i b_j` ([Hairer2006]_, theorem VI.4.6), and keeps momentum maps of
-motions from the left, with which the coordinates move along.
+is that of a symplectic pair ([Hairer2006]_, section VI.6.3), of its order in every such chart. It is
+stationary in the rates of the stages, and its derivatives in :math:`q_0` and :math:`q_1` are :math:`-p_0` and
+:math:`p_1 = M v_1`, where the chart moves along with :math:`q_0`:
+
+.. math::
+    \pi_i &= \pi_0 + h \sum_j \hat a_{ij}\,\dot\pi_j, \qquad
+        \pi_0 = D_{\xi_1}^T p_1 - h \sum_j b_j\,\dot\pi_j, \\
+    p_0 &= \mathrm{Ad}_{\exp(-\xi_1)}^T p_1
+        - h \sum_j b_j\,\mathrm{Ad}_{\exp(-\xi_j)}^T (\partial_q L + f)_j.
+
+The last row balances momenta in the axes of :math:`q_0`. So momenta along motions from the left are kept to
+round-off, and the canonical form is where :math:`b_i \hat a_{ij} + b_j a_{ji} = b_i b_j` ([Hairer2006]_,
+theorem VI.4.6). Where configurations are vectors :math:`\pi_0` is :math:`p_0`, and the rows are those of the
+partitioned method. On groups these are methods of the kind of [Bogfjellmo2016]_ that come from
+Runge-Kutta-Munthe-Kaas methods, written with velocities.
 
 Holonomic constraints act at the stages, with impulses as unknowns; the tableau's first stage is the first
-node then and its last stage the second, as those of the Lobatto IIIA-IIIB pair are ([Jay1996]_, section 3):
+node then and its last stage the second, as those of the Lobatto IIIA-IIIB pair are
+([Jay1996]_, [Hairer2006]_, section VII.1.4):
 
 .. math::
     \dot\pi_j \leftarrow \dot\pi_j - D_{\xi_j}^T \Phi_q(Q_j)^T \Lambda_j, \qquad
@@ -128,25 +136,28 @@ class PartitionedStep:
         pair, links = self._pair, self._links
         (p0,) = chain.apply(links.momentum, [before.q, before.v])
         rates = [stage.rate for stage in stages]
-        momenta, slopes, points = [], [], []
+        momenta, slopes, carried, points = [], [], [], []
         for row, stage in zip(pair.a, stages, strict=True):
             xi = links.times(chain, h, _sum(row, rates))
             point = Node(links.moved(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
             p, force = chain.apply(links.body, [point.q, point.v, u])
             push = chain.apply(links.push, [point.q, stage.impulse]) if self._mechanics.nc else ()
             pulled = links.pulled_back(chain, xi, stage.rate, p, force, *push)
-            momenta.append(pulled[0])
-            slope = links.times(chain, h, pulled[1])
-            slopes.append(slope + pulled[2] if push else slope)
+            momenta.append(pulled.momentum)
+            slopes.append(_added(links.times(chain, h, pulled.slope), pulled.pushed))
+            carried.append(_added(links.times(chain, h, pulled.carried), pulled.carried_push))
             points.append(point)
         xi = links.times(chain, h, _sum(pair.b, rates))
         reached = links.moved(chain, before.q, xi)
         (p1,) = chain.apply(links.momentum, [after.q, after.v])
+        in_chart, at_start = links.covectors(chain, xi, p1)
+        # The same where configurations are vectors, but for the order in which unknowns are eliminated.
+        begun = p0 if self._mechanics.is_vector_space else in_chart + _sum([-b for b in pair.b], slopes)
         return PartitionedRows(
             kinematic=self._gap(chain, after.q, reached),
-            momentum=p0 + _sum(pair.b, slopes) - links.as_covector(chain, xi, p1),
+            momentum=p0 + _sum(pair.b, carried) - at_start,
             stages=tuple(
-                p0 + _sum(row, slopes) - own for row, own in zip(pair.a_hat, momenta, strict=True)
+                begun + _sum(row, slopes) - own for row, own in zip(pair.a_hat, momenta, strict=True)
             ),
             constraints=self._constraints(chain, [point.q for point in points[1:-1]], after, h),
             points=tuple(points),
@@ -164,6 +175,20 @@ class PartitionedStep:
             return ()
         places = [self._links.places(chain, q, h) for q in (*between, after.q)]
         return (*places, *chain.apply(self._links.drift, [after.q, after.v]))
+
+
+@dataclass(frozen=True)
+class _Pulled:
+    """Momenta and forces at a stage in the coordinates, and forces in the axes of the first node.
+
+    What constraints push is None where there are none.
+    """
+
+    momentum: Affine
+    slope: Affine
+    carried: Affine
+    pushed: Affine | None = None
+    carried_push: Affine | None = None
 
 
 class _Links:
@@ -185,12 +210,19 @@ class _Links:
         velocity = mechanics.space.dexp(xi, eta)
         work = ca.dot(velocity, p)
         bent = ca.gradient(work, xi)
-        push = ca.jtimes(velocity, eta, c, True)
-        pulled = [ca.gradient(work, eta), ca.jtimes(velocity, eta, f, True) + bent]
+        bracket = mechanics.space.bracket(xi, eta)
+
+        def pull(covector: ca.SX) -> tuple[ca.SX, ca.SX]:
+            """D' c, and Ad' c = c - ad' D' c, since Ad of exp(-xi) is 1 - D ad."""
+            in_chart = ca.jtimes(velocity, eta, covector, True)
+            return in_chart, covector - ca.jtimes(bracket, eta, in_chart, True)
+
+        (pulled, carried), (pushed, carried_push) = pull(f), pull(c)
+        free = [ca.gradient(work, eta), pulled + bent, carried]
         self._velocity = _function("velocity", [xi, eta], [velocity])
-        self._free = _function("free", [xi, eta, p, f], pulled)
-        self._held = _function("held", [xi, eta, p, f, c], [*pulled, push])
-        self._covector = _function("covector", [xi, p], [ca.jtimes(velocity, eta, p, True)])
+        self._free = _function("free", [xi, eta, p, f], free)
+        self._held = _function("held", [xi, eta, p, f, c], [*free, pushed, carried_push])
+        self._covectors = _function("covectors", [xi, p], list(pull(p)))
         if nc:
             impulse, jacobian = ca.SX.sym("impulse", nc), mechanics.constraint_jacobian(q)
             self.push = _function("push", [q, impulse], [-jacobian.T @ impulse])
@@ -207,15 +239,18 @@ class _Links:
 
     def pulled_back(
         self, chain: Chain, xi: Affine, eta: Affine, p: Affine, force: Affine, *push: Affine
-    ) -> list[Affine]:
-        """Momentum, its rate and that part of it that constraints make, in the coordinates."""
+    ) -> _Pulled:
+        """Momentum and forces of the body frame in the coordinates."""
         if self._is_plain:
-            return [p, force, *push]
-        return chain.apply(self._held if push else self._free, [xi, eta, p, force, *push])
+            return _Pulled(p, force, force, *push, *push)
+        return _Pulled(*chain.apply(self._held if push else self._free, [xi, eta, p, force, *push]))
 
-    def as_covector(self, chain: Chain, xi: Affine, p: Affine) -> Affine:
-        """Momentum of the body frame in the coordinates."""
-        return p if self._is_plain else chain.apply(self._covector, [xi, p])[0]
+    def covectors(self, chain: Chain, xi: Affine, p: Affine) -> tuple[Affine, Affine]:
+        """Momentum of the body frame in the coordinates, and in the axes of the first node."""
+        if self._is_plain:
+            return p, p
+        in_chart, carried = chain.apply(self._covectors, [xi, p])
+        return in_chart, carried
 
     def times(self, chain: Chain, h: Length, vector: Affine) -> Affine:
         """Multiple of a vector."""
@@ -230,6 +265,10 @@ class _Links:
 
 def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
     return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
+
+
+def _added(one: Affine, other: Affine | None) -> Affine:
+    return one if other is None else one + other
 
 
 def _sum(row: Sequence[float], vectors: Sequence[Affine]) -> Affine:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from mbocp.integrators.euler import TAU
+from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
 
 __all__ = ["SCHEMES", "SchemeData", "schemes_with"]
@@ -31,6 +32,12 @@ class SchemeData:
         positions at all nodes then leave velocities across them that change their sign from node to node.
     takes_holds : bool
         Whether constraints may begin and end along the way: their positions are solved at the end of a step.
+    takes_loops : bool
+        Whether robots may have holonomic constraints at all.
+    takes_natural : bool
+        Whether it integrates natural coordinates, too.
+    has_forces : bool
+        Whether a step has one force for each constraint, which path constraints can bound.
     """
 
     options: frozenset[str]
@@ -39,13 +46,26 @@ class SchemeData:
     takes_matrices: bool
     alternates: bool = False
     takes_holds: bool = False
+    takes_loops: bool = True
+    takes_natural: bool = False
+    has_forces: bool = False
 
     def takes(self, key: str) -> bool:
         """Whether a key of a problem file, with its table, is one of the options."""
         return key in self.options
 
 
-_TAU_FAMILY = SchemeData(frozenset(), solves_constraints=True, takes_drives=False, takes_matrices=False)
+_TAU_FAMILY = SchemeData(
+    frozenset(),
+    solves_constraints=True,
+    takes_drives=False,
+    takes_matrices=False,
+    takes_natural=True,
+    has_forces=True,
+)
+_PARTITIONED = SchemeData(
+    frozenset(), solves_constraints=True, takes_drives=False, takes_matrices=False, alternates=True
+)
 _RUNGE_KUTTA = SchemeData(
     frozenset(
         (
@@ -65,6 +85,7 @@ _RUNGE_KUTTA = SchemeData(
 
 SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
     {name: replace(_TAU_FAMILY, alternates=tau == 0.5, takes_holds=tau > 0.0) for name, tau in TAU.items()}
+    | {name: replace(_PARTITIONED, takes_loops=pair.holds_constraints) for name, pair in PAIRS.items()}
     | {name: replace(_RUNGE_KUTTA, alternates=tableau.num_stages > 1) for name, tableau in TABLEAUX.items()}
 )
 

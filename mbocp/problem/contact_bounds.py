@@ -270,11 +270,15 @@ def contact_bounds(
     contacts = [one.contact if isinstance(one, ContactBounds) else one for one in asked]
     if not contacts:
         return ()
-    if not SCHEMES[scheme].solves_constraints:
-        solving = ", ".join(f'"{name}"' for name, data in SCHEMES.items() if data.solves_constraints)
+    if not SCHEMES[scheme].has_forces:
+        solving = ", ".join(f'"{name}"' for name, data in SCHEMES.items() if data.has_forces)
+        why = (
+            "has several forces of each constraint in a step"
+            if SCHEMES[scheme].solves_constraints
+            else "projects accelerations, and has no forces of constraints among its unknowns"
+        )
         raise ProblemError(
-            f'{contacts[0].key}: scheme = "{scheme}" projects accelerations, and has no forces of '
-            f"constraints among its unknowns; take one of integrator.scheme = {solving}"
+            f'{contacts[0].key}: scheme = "{scheme}" {why}; take one of integrator.scheme = {solving}'
         )
     sources, mass = force_sources(robot, table), float(sum(inertia.mass for inertia in robot.model.inertias))
     scale = 2.0 ** round(math.log2(mass * _GRAVITY)) if mass > 0.0 else 1.0

@@ -99,10 +99,11 @@ def check_coordinates(
         For joints that natural coordinates do not know.
     """
     data = COORDINATES[coordinates]
-    if data.needs_constraints and not SCHEMES[scheme].solves_constraints:
+    if data.needs_constraints and not SCHEMES[scheme].takes_natural:
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", but natural coordinates are tied by constraints, which are '
-            'solved with each step; take "se1", "se2" or "midpoint", or coordinates = "joint"'
+            'solved with each step by "se1", "se2" and "midpoint" alone; take one of these, or coordinates = '
+            '"joint"'
         )
     if data.limits_joints and data.takes_free_duration:
         return

@@ -14,7 +14,19 @@ from mbocp.robot.joints import unit_groups
 
 __all__ = ["Lie", "Scheme", "Stabilisation", "check_integrator", "check_unused", "has_rotations"]
 
-Scheme: TypeAlias = Literal["se1", "se2", "midpoint", "euler", "heun", "rk4", "rkf5"]
+Scheme: TypeAlias = Literal[
+    "se1",
+    "se2",
+    "midpoint",
+    "gauss2",
+    "gauss3",
+    "lobatto2",
+    "lobatto3",
+    "euler",
+    "heun",
+    "rk4",
+    "rkf5",
+]
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
 
 
@@ -65,6 +77,13 @@ def check_integrator(
             f'integrator.scheme: got "{scheme}", but controls of robot {robot.name!r} prescribe velocities '
             f"({', '.join(drive.name for drive in robot.drives)}), which only explicit schemes "
             f"({_quoted(able)}) can do"
+        )
+    if robot.nc and not SCHEMES[scheme].takes_loops:
+        able = [name for name, data in SCHEMES.items() if data.takes_loops]
+        raise ProblemError(
+            f'integrator.scheme: got "{scheme}", whose stages lie between nodes, but {robot.name!r} has '
+            f"holonomic constraints ({robot.constraint_labels[0].name}, ...), which hold at the nodes; "
+            f"take one of {_quoted(able)}"
         )
     if robot.rotations == "dcm" and not SCHEMES[scheme].takes_matrices and has_rotations(robot):
         able = [name for name, data in SCHEMES.items() if data.takes_matrices]

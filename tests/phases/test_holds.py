@@ -189,6 +189,8 @@ def test_results_keep_what_their_phases_hold(tmp_path: Path) -> None:
         ({**TIP, "color": "red"}, {}, "phase.1.hold.0.color: unknown key"),
         (TIP, {"scheme": "se2"}, "takes no constraints that begin or end along the way"),
         (TIP, {"scheme": "rk4"}, "takes no constraints that begin or end along the way"),
+        (TIP, {"scheme": "gauss2"}, "takes no constraints that begin or end along the way"),
+        (TIP, {"scheme": "lobatto3"}, "takes no constraints that begin or end along the way"),
         ({**TIP, "meeting": "soft"}, {"coordinates": "natural"}, "natural coordinates have no soft landing"),
         (TIP, {"steps": 10}, "horizon.steps: got 10, but the phases have 11 in all"),
     ],

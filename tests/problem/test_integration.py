@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from mbocp.exceptions import InvalidValue, MbocpError, ProblemError
-from mbocp.integrators import EULER_SCHEMES, TABLEAUX
+from mbocp.integrators import EULER_SCHEMES, PAIRS, TABLEAUX
 from mbocp.problem import Problem, Stabilisation, parse_problem, problem_to_toml
 from mbocp.problem.integration import has_rotations
 from mbocp.robot import Robot, load_robot
@@ -138,3 +138,24 @@ def test_constraints_go_with_explicit_schemes() -> None:
     problem = Problem.create("rigid_pendulum", 1.0, 10, start={"q": [5, 0, 0]}, goal=goal, scheme="rk4")
     assert problem.robot.nc == 1
     assert problem.num_end_conditions == 4
+
+
+@pytest.mark.parametrize("scheme", PAIRS)
+def test_partitioned_schemes_read_back(load: Loader, scheme: str) -> None:
+    robot = load_robot("double_pendulum")
+    problem = Problem.create(robot, 1.0, 10, goal={"v": [0.0, 0.0]}, scheme=scheme, cost={})
+    assert parse_problem(problem_to_toml(problem)).scheme == scheme
+    with pytest.raises(ProblemError, match=r"integrator\.substeps: got 2, which scheme"):
+        problem.with_(substeps=2)
+
+
+def test_partitioned_schemes_refuse_what_they_do_not_take() -> None:
+    loop, arm = load_robot("four_bar"), load_robot("double_pendulum")
+    for scheme, pair in PAIRS.items():
+        if not pair.holds_constraints:
+            with pytest.raises(ProblemError, match=rf'"{scheme}".*\'four_bar\' has holonomic.*"lobatto2"'):
+                Problem.create(loop, 1.0, 10, goal={"v": [0.0] * loop.nv}, scheme=scheme, cost={})
+        with pytest.raises(ProblemError, match=rf'"{scheme}", but natural coordinates.*"midpoint" alone'):
+            Problem.create(
+                arm, 1.0, 10, goal={"v": [0.0, 0.0]}, scheme=scheme, coordinates="natural", cost={}
+            )

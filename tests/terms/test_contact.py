@@ -14,7 +14,7 @@ import pytest
 from mbocp import Solution, solve
 from mbocp.exceptions import MbocpError
 from mbocp.formulation import formulate
-from mbocp.integrators import evaluation_points
+from mbocp.integrators import TAU, evaluation_points
 from mbocp.problem import ContactForce, Problem, parse_problem, problem_to_toml
 from mbocp.problem.hold import Hold
 from tests.robot.urdfs import write
@@ -68,7 +68,7 @@ def test_forces_are_those_of_inverse_dynamics(squat: tuple[Problem, Solution]) -
     assert solution.residual < 1e-8
     robot, dts = problem.robot, np.full(problem.num_steps, problem.dt)
     model, data = robot.model, robot.model.createData()
-    q_at, v_at = evaluation_points(robot, problem.scheme, solution.qs, solution.vs, dts)
+    q_at, v_at = evaluation_points(robot, TAU[problem.scheme], solution.qs, solution.vs, dts)
     feet = [model.getFrameId(f"solo/{name}_FOOT") for name in FEET]
     found = forces(problem, solution)
     for n, (q, v) in enumerate(zip(q_at, v_at, strict=True)):
