@@ -70,7 +70,8 @@ def test_order_on_a_group(name: str, scheme: str) -> None:
     assert slope_of_errors(made) == pytest.approx(PAIRS[scheme].order, abs=0.2)
 
 
-@pytest.mark.parametrize("scheme", ["gauss2"])
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["gauss2", "lobatto3"])
 def test_order_of_a_free_flyer(scheme: str) -> None:
     path, settings, _ = CASES["drone"]
     made = {n: load(path, scheme, *settings, f"horizon.steps={n}") for n in STEPS[scheme]}
@@ -134,7 +135,7 @@ def test_steps_on_constraints_keep_the_canonical_form(name: str, scheme: str) ->
     assert np.abs(before).max() > 1e-3
 
 
-@pytest.mark.parametrize("scheme", ["gauss2", "lobatto2"])
+@pytest.mark.parametrize("scheme", ["lobatto2", pytest.param("gauss2", marks=pytest.mark.slow)])
 def test_momenta_of_a_free_body_in_gravity(scheme: str) -> None:
     """Horizontal momentum and the angular one about the vertical, with a pendulum on the body."""
     stepper = Stepper(robot_of(carrying()), scheme, 0.02)

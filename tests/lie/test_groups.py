@@ -40,6 +40,7 @@ class Space:
         self.difference = ca.Function("difference", [g, z], [self.space.difference(g, z)])
         self.projection = ca.Function("projection", [g, z], [self.space.projection(g, z)])
         self.rate = ca.Function("rate", [z, v], [self.space.rate(z, v)])
+        self.dexp = ca.Function("dexp", [v, w], [self.space.dexp(v, w)])
         self.bracket = ca.Function("bracket", [v, w], [self.space.bracket(v, w)])
         self.attraction = ca.Function("attraction", [z], [self.space.attraction(z, ca.SX(2), ca.SX(1))])
         self.defects = ca.Function("defects", [z], [self.space.defects(z)])
@@ -142,6 +143,24 @@ def test_rate_is_the_derivative_of_a_motion(space: Space) -> None:
     for _ in range(3):
         at, along = space.random(), space.tangent()
         assert np.allclose(numbers(derivative(at, along)), numbers(space.rate(at, along)), atol=1e-14)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-5, 0.7, 2.0])
+def test_derivative_of_the_exponential(space: Space, size: float) -> None:
+    """Against differences of fourth order; D ad = 1 - Ad of the inverse motion, too."""
+    v, w = (space.rng.uniform(-1, 1, space.model.nv) for _ in range(2))
+    v, h = size * v, 1e-3
+
+    def from_there(t: float) -> Array:
+        ends = (space.moved(space.neutral, v), space.moved(space.neutral, v + t * w))
+        return numbers(space.difference(*ends))
+
+    slope = (8 * (from_there(h) - from_there(-h)) - (from_there(2 * h) - from_there(-2 * h))) / (12 * h)
+    assert np.abs(numbers(space.dexp(v, w)) - slope).max() < 1e-9
+    pushed = space.moved(space.moved(space.moved(space.neutral, -v), h * w), v)
+    carried = numbers(space.difference(space.neutral, pushed)) / h
+    expected = w - numbers(space.dexp(v, numbers(space.bracket(v, w))))
+    assert np.abs(carried - expected).max() < 1e-8
 
 
 def test_brackets_are_those_of_a_lie_algebra(space: Space) -> None:
