@@ -236,7 +236,7 @@ def _named_phases(solution: Solution) -> _Rows:
     for phase in solution.named_phases:
         begins, ends = times[phase.name]
         free = f", free between {phase.shortest:g} and {phase.longest:g} s," if phase.is_free else ""
-        steps = _count(phase.last - phase.first - phase.has_impact, "step")
+        steps = _count(phase.last - phase.first - phase.has_impact - phase.has_parting, "step")
         steps = f"an impact and {steps}" if phase.has_impact else steps
         lines.append(f"{phase.name}: {ends - begins:.6g} s{free} in {steps}, until {ends:.6g} s")
     return [("phases", "\n".join(lines))] if lines else []

@@ -82,7 +82,8 @@ def _nodes_of(problem: Problem, saved: Solution) -> Array:
     if problem.impacts and saved.num_steps == problem.num_steps:  # nodes of an impact have one time
         return numbers
     phases = _phases_of(problem)
-    wanted = node_times(problem) * (times[-1] / node_times(problem)[-1])
+    clock = node_times(problem)
+    wanted = clock * (times[-1] / clock[-1])
     ends = {name: end for name, (_, end) in saved.phase_times.items()}
     passed, before = {**saved.via_times, **ends}, 0.0
     for i, (name, first, last) in enumerate(phases):
@@ -90,9 +91,7 @@ def _nodes_of(problem: Problem, saved: Solution) -> Array:
         at = times[-1] if is_last else passed.get(name, wanted[last])
         if not before < at <= times[-1]:
             at = before + (times[-1] - before) * (last - first) / (len(wanted) - 1 - first)
-        leaps = first in problem.impacts
-        wanted[first : last + 1] = before
-        wanted[first + leaps : last + 1] = np.linspace(before, at, last - first - leaps + 1)
+        wanted[first : last + 1] = np.interp(clock[first : last + 1], clock[[first, last]], [before, at])
         before = at
     found: Array = np.interp(wanted, times, numbers)
     return np.where(np.abs(found - found.round()) < _ON_NODE, found.round(), found)

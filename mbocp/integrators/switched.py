@@ -13,6 +13,14 @@ So an impact leaves the configuration, and :math:`M (v_1 - v_0) = -J^T \Lambda` 
 inelastic impact, in which the kinetic energy falls by :math:`(v_1 - v_0)^T M (v_1 - v_0) / 2`, and momenta
 about what holds are kept. The robot's own loops take part. The duration of a step is never divided by: of an
 impact :math:`\Delta t` is that of its neighbours, and scales alone.
+
+The same step is a *parting* where it is the last of a hold: a step keeps places, :math:`\Phi(q_1; q_0) = 0`,
+and with them means of velocities alone. By the midpoint rule :math:`J v_n` alternates about zero, within the
+range of :math:`J M^{-1} J^T`; by SE1 it is that of the chord. Before anything is let go, a parting takes out
+just that part, :math:`v_1 = v_0 - M^{-1} J^T \Lambda` with :math:`J v_1 = 0`, as RATTLE does in every step
+([Hairer2006]_, VII.1): momenta are kept, and what flies off has the velocity that the hold allows. An
+equation :math:`J v_n = 0` in the place of this step would leave motions without controls no solution, and
+ask of the others that their errors cancel.
 """
 
 from __future__ import annotations

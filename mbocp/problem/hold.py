@@ -9,6 +9,10 @@ begins follows from the step it begins with:
   allows, as an equation;
 - step 0: the start has to fit, and is refused otherwise.
 
+Where one ends before the horizon does, the last step of its span should be one of no duration, too, named by
+`Problem.impacts`: a *parting*, in which velocities become those that all that is held allows. Without, the
+scheme's own errors in velocities go along with what is let go. Phases have it by themselves.
+
 So a foot that lands at step 20 with an impact has the span (20, 40) and 20 is one of the impacts: steps 0 to
 19 take time, step 20 takes none, steps 21 to 39 take time again. Steps of the robot's own constraints in
 which they do not act are a `Release`.

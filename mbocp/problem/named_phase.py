@@ -15,7 +15,8 @@ from mbocp.problem._checks import check_integer
 from mbocp.problem.cost import weights_by_key
 from mbocp.problem.duration import check_duration
 from mbocp.problem.limits import Bounds
-from mbocp.problem.phase_holds import PhaseHold, PhaseRelease, begin_with_impacts
+from mbocp.problem.phase_holds import PhaseHold, PhaseRelease, begin_with_impacts, end_with_partings, steps_of
+from mbocp.terms.span import Place
 
 __all__ = [
     "Horizon",
@@ -183,9 +184,8 @@ def _spread(phases: Sequence[NamedPhase], total: float) -> tuple[float, ...]:
 
 
 def step_counts(phases: Sequence[NamedPhase]) -> tuple[int, ...]:
-    """Number of steps of each phase, with the impact at its beginning, where there is one."""
-    leaps = begin_with_impacts(phases)
-    return tuple(phase.steps + leap for phase, leap in zip(phases, leaps, strict=True))
+    """Number of steps of each phase, with those of no duration at its beginning and at its end."""
+    return steps_of(phases)
 
 
 def phase_nodes(phases: Sequence[NamedPhase]) -> dict[str, tuple[int, int]]:
@@ -194,15 +194,14 @@ def phase_nodes(phases: Sequence[NamedPhase]) -> dict[str, tuple[int, int]]:
     return {phase.name: (ends[i], ends[i + 1]) for i, phase in enumerate(phases)}
 
 
-def phase_spans(phases: Sequence[NamedPhase]) -> dict[str, tuple[int, int]]:
+def phase_spans(phases: Sequence[NamedPhase]) -> dict[str, Place]:
     """Node after the impact with which a phase begins, or else its first, and its last one, by name."""
-    pairs = zip(phase_nodes(phases).items(), begin_with_impacts(phases), strict=True)
-    return {name: (first + leap, last) for (name, (first, last)), leap in pairs}
+    ends = zip(begin_with_impacts(phases), end_with_partings(phases), strict=True)
+    pairs = zip(phase_nodes(phases).items(), ends, strict=True)
+    return {name: Place(first + leap, last, int(parts)) for (name, (first, last)), (leap, parts) in pairs}
 
 
-def places_by_name(
-    via: Mapping[str, tuple[int, int]], phases: Mapping[str, tuple[int, int]]
-) -> dict[str, tuple[int, int]]:
+def places_by_name(via: Mapping[str, tuple[int, int]], phases: Mapping[str, Place]) -> dict[str, Place]:
     """Nodes of via points and phases by name.
 
     Raises
@@ -213,7 +212,7 @@ def places_by_name(
     for name in via:
         if name in phases:
             raise ProblemError(f"via {name!r}: a phase has this name, too; give each its own")
-    return {**via, **phases}
+    return {**{name: Place(*nodes) for name, nodes in via.items()}, **phases}
 
 
 def are_alike(phases: Sequence[NamedPhase]) -> bool:

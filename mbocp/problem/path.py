@@ -22,6 +22,7 @@ from mbocp.problem.via_constraint import ViaConstraint
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms import PATH_TERMS, Follow, FrameTolerance, OwnPathConstraint, PathTerm, Point, Span
+from mbocp.terms.span import Place
 
 __all__ = ["PATH_KINDS", "PathConstraint", "check_path", "spans_found"]
 
@@ -203,14 +204,14 @@ _Kept: TypeAlias = (
 )
 
 
-def spans_found(path: Sequence[_Kept], via: Mapping[str, tuple[int, int]]) -> tuple[_Kept, ...]:
+def spans_found(path: Sequence[_Kept], via: Mapping[str, Place]) -> tuple[_Kept, ...]:
     """The constraints with the nodes at which they begin and end, where via points or phases say it.
 
     Parameters
     ----------
     path : sequence
-    via : mapping of str to (int, int)
-        First and last nodes of via points and phases by name.
+    via : mapping of str to Place
+        Nodes of via points and phases by name.
 
     Raises
     ------
@@ -220,7 +221,7 @@ def spans_found(path: Sequence[_Kept], via: Mapping[str, tuple[int, int]]) -> tu
     return tuple(_span_found(constraint, via) for constraint in path)
 
 
-def _span_found(constraint: _Kept, via: Mapping[str, tuple[int, int]]) -> _Kept:
+def _span_found(constraint: _Kept, via: Mapping[str, Place]) -> _Kept:
     key = f"path {constraint.name!r}"
     if isinstance(constraint, ContactBounds) and constraint.span.via_names:
         return constraint.with_span(constraint.span.at_via(via, key))

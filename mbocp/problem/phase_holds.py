@@ -17,6 +17,8 @@ __all__ = [
     "Switches",
     "begin_with_impacts",
     "checked_switches",
+    "end_with_partings",
+    "steps_of",
     "switches_of",
     "takes_switches",
 ]
@@ -120,18 +122,39 @@ def _leaps(before: Switched, phase: Switched) -> bool:
     return "impact" in found
 
 
+def end_with_partings(phases: Sequence[Switched]) -> tuple[bool, ...]:
+    """Which phases end with a step of no duration, in which velocities become those that are held.
+
+    All that is held up to where something is let go: by the schemes it keeps its place alone.
+    """
+    return (*(_parts(*both) for both in pairwise(phases)), False)[: len(phases)]
+
+
+def _parts(phase: Switched, after: Switched) -> bool:
+    held, released = {one.hold for one in after.holds}, {one.constraint for one in phase.releases}
+    ends = any(one.hold not in held for one in phase.holds)
+    return ends or any(one.constraint not in released for one in after.releases)
+
+
+def steps_of(phases: Sequence[Switched]) -> tuple[int, ...]:
+    """Number of steps of each phase, with those of no duration at its beginning and at its end."""
+    ends = zip(phases, begin_with_impacts(phases), end_with_partings(phases), strict=True)
+    return tuple(phase.steps + leaps + parts for phase, leaps, parts in ends)
+
+
 def switches_of(phases: Sequence[Switched]) -> Switches:
     """Spans of all holds and releases in steps of the horizon, and the impacts among these."""
     holds: dict[Hold, list[tuple[int, int]]] = {}
     releases: dict[str, list[tuple[int, int]]] = {}
     impacts, first = [], 0
-    for phase, leaps in zip(phases, begin_with_impacts(phases), strict=True):
-        last = first + phase.steps + leaps
+    ends = zip(begin_with_impacts(phases), end_with_partings(phases), strict=True)
+    for phase, count, (leaps, parts) in zip(phases, steps_of(phases), ends, strict=True):
+        last = first + count
         for held in phase.holds:
             _extend(holds, held.hold, first, last)
         for released in phase.releases:
             _extend(releases, released.constraint, first, last)
-        impacts += [first] if leaps else []
+        impacts += [first] * leaps + [last - 1] * parts
         first = last
     return Switches(
         tuple(replace(hold, spans=tuple(spans)) for hold, spans in holds.items()),

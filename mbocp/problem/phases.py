@@ -17,7 +17,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.problem.named_phase import NamedPhase, are_alike, phase_lengths, phase_nodes
-from mbocp.problem.phase_holds import begin_with_impacts
+from mbocp.problem.phase_holds import begin_with_impacts, end_with_partings
 
 __all__ = [
     "Mark",
@@ -162,14 +162,15 @@ def free_phases(
     """
     if not any(phase.is_free for phase in named):
         return ()
-    nodes, leaps, last = phase_nodes(named), begin_with_impacts(named), len(named) - 1
+    nodes, last = phase_nodes(named), len(named) - 1
+    leaps, parts = begin_with_impacts(named), end_with_partings(named)
     found = []
     for i, phase in enumerate(named):
         low, high = phase.duration_range or (phase.duration, phase.duration)
         least, most = bounds if i == last else (0.0, math.inf)
         if last == 0:  # its duration is that of the whole
             low, high = max(low, least), min(high, most)
-        first_last, leap = nodes[phase.name], int(leaps[i])
+        first_last, leap = nodes[phase.name], leaps[i] + parts[i]
         found.append(Phase(*first_last, phase.duration, low, high, least, most, phase.name, leap))
     return tuple(found)
 

@@ -17,6 +17,7 @@ from mbocp.problem.phases import Mark
 from mbocp.problem.via import ViaPoint
 from mbocp.problem.via_time import FreeTime, InPhase
 from mbocp.robot import Robot
+from mbocp.terms.span import Place
 
 __all__ = ["placed", "via_marks", "via_nodes", "via_order"]
 
@@ -31,7 +32,7 @@ def via_nodes(
     duration: float,
     duration_range: tuple[float, float] | None,
     *,
-    phases: Mapping[str, tuple[int, int]] = MappingProxyType({}),
+    phases: Mapping[str, Place] = MappingProxyType({}),
     are_alike: bool = True,
 ) -> tuple[int | None, ...]:
     """The node of each via point, the nearest to its time; None where nothing says it yet.
@@ -42,8 +43,8 @@ def via_nodes(
         [s]; its guess where it is free.
     duration_range : tuple of float or None
         Bounds of a free duration [s].
-    phases : mapping of str to (int, int)
-        First and last nodes of the phases by name.
+    phases : mapping of str to Place
+        Nodes of the phases by name.
     are_alike : bool
         Whether all steps of the phases are as long as each other, and given.
 
@@ -67,8 +68,7 @@ def via_nodes(
             )
         share = _share(point, key, duration, duration_range)
         if isinstance(point.time, InPhase):
-            first, last = phases[point.time.name]
-            share = (first + round(point.time.share * (last - first))) / num_steps
+            share = phases[point.time.name].at(point.time.share) / num_steps
         node = None if share is None else round(share * num_steps)
         if node is None or share is None:
             found.append(None)
@@ -100,9 +100,7 @@ def via_nodes(
     return tuple(found)
 
 
-def _check_phase(
-    point: ViaPoint, key: str, phases: Mapping[str, tuple[int, int]], *, are_alike: bool
-) -> None:
+def _check_phase(point: ViaPoint, key: str, phases: Mapping[str, Place], *, are_alike: bool) -> None:
     """Refuse phases that there are not, and times that say no node of phases."""
     if isinstance(point.time, InPhase):
         if not phases:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._numbers import is_number
 from mbocp.terms import PATH_TERMS, FrameGoal
-from mbocp.terms.span import SPAN, AtVia, End, Share, Span
+from mbocp.terms.span import SPAN, AtVia, End, Place, Share, Span
 
 __all__ = ["PathRow", "are_pairs", "rows_of_path", "rows_of_term", "rows_of_via"]
 
@@ -37,7 +37,7 @@ class PathRow(NamedTuple):
         return self.lower == self.upper
 
 
-def rows_of_path(table: Mapping[str, Any], nodes: Mapping[str, tuple[int, int]]) -> dict[str, PathRow]:
+def rows_of_path(table: Mapping[str, Any], nodes: Mapping[str, Place]) -> dict[str, PathRow]:
     """What each row of a table `[[path]]` says, by its name.
 
     Parameters
@@ -57,7 +57,7 @@ def rows_of_path(table: Mapping[str, Any], nodes: Mapping[str, tuple[int, int]])
     return {row: PathRow(*bounds, unit, _span_of(table, nodes)) for row, bounds in sides.items()}
 
 
-def rows_of_term(table: Mapping[str, Any], nodes: Mapping[str, tuple[int, int]]) -> dict[str, PathRow]:
+def rows_of_term(table: Mapping[str, Any], nodes: Mapping[str, Place]) -> dict[str, PathRow]:
     """The same of a path constraint of one's own, a table `[[terms]]`."""
     name, rows = str(table.get("name", "")), _rows_of(table)
     labels = [name] if len(rows) == 1 else [f"{name}.{i}" for i in range(len(rows))]
@@ -97,7 +97,7 @@ def _followed(name: str, table: Mapping[str, Any]) -> dict[str, list[float]]:
     return found | {f"{name}.turn_{axis}": [0.0, 0.0] for axis in "xyz"}
 
 
-def _span_of(table: Mapping[str, Any], nodes: Mapping[str, tuple[int, int]]) -> Span:
+def _span_of(table: Mapping[str, Any], nodes: Mapping[str, Place]) -> Span:
     """When a path constraint holds; ends that are odd are left out."""
     ends = (_end_of(table.get(key)) for key in SPAN)
     known = (None if isinstance(end, AtVia) and end.name not in nodes else end for end in ends)

@@ -27,6 +27,8 @@ class PhasePlace(NamedTuple):
         Bounds of its duration [s]; the same where it was given.
     has_impact : bool
         Whether its first step takes no time.
+    has_parting : bool
+        Whether its last step takes no time.
     """
 
     name: str
@@ -35,6 +37,7 @@ class PhasePlace(NamedTuple):
     shortest: float
     longest: float
     has_impact: bool = False
+    has_parting: bool = False
 
     @property
     def is_free(self) -> bool:
@@ -44,7 +47,7 @@ class PhasePlace(NamedTuple):
 
 def phase_places(tables: Sequence[Mapping[str, Any]], steps: Any) -> tuple[PhasePlace, ...]:
     """Phases in their order; none where a table is odd, or they are not all `steps` together."""
-    found, first, before = [], 0, _Taken()
+    found, first, taken = [], 0, [_taken(table) for table in tables]
     for place, table in enumerate(tables):
         count, duration = table.get("steps"), table.get("duration")
         sides = (
@@ -54,11 +57,11 @@ def phase_places(tables: Sequence[Mapping[str, Any]], steps: Any) -> tuple[Phase
         )
         if not (isinstance(count, int) and count > 0 and is_number(sides[0]) and is_number(sides[1])):
             return ()
-        taken = _taken(table)
-        leaps = bool(place) and _begins_with_impact(before, taken)
-        last = first + count + leaps
-        found.append(PhasePlace(str(table.get("name", "")), first, last, sides[0], sides[1], leaps))
-        first, before = last, taken
+        leaps = place > 0 and _begins_with_impact(taken[place - 1], taken[place])
+        parts = place + 1 < len(taken) and _ends_with_parting(taken[place], taken[place + 1])
+        last = first + count + leaps + parts
+        found.append(PhasePlace(str(table.get("name", "")), first, last, sides[0], sides[1], leaps, parts))
+        first = last
     return tuple(found) if first == steps else ()
 
 
@@ -87,6 +90,10 @@ def _begins_with_impact(before: _Taken, now: _Taken) -> bool:
     begin = [meeting for key, meeting in now.holds.items() if key not in before.holds]
     begin += [meeting for key, meeting in before.releases.items() if key not in now.releases]
     return "impact" in begin
+
+
+def _ends_with_parting(now: _Taken, after: _Taken) -> bool:
+    return not (now.holds.keys() <= after.holds.keys() and after.releases.keys() <= now.releases.keys())
 
 
 def hold_names(tables: Sequence[Mapping[str, Any]]) -> frozenset[str]:

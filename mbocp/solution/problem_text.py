@@ -21,7 +21,7 @@ from mbocp.solution.via_text import ViaPlace, via_places
 from mbocp.terms import RATE_TERMS, FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
 from mbocp.terms.frame_tolerance import tolerance_bounds
-from mbocp.terms.span import Span
+from mbocp.terms.span import Place, Span
 from mbocp.terms.spline import curve_through
 
 __all__ = [
@@ -234,7 +234,9 @@ def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathR
     problem = _parsed(problem_text)
     if problem is None:
         return {}
-    nodes = {via.name: (via.node, via.node) for via in _places(problem).values()} | _nodes_of_phases(problem)
+    nodes = {via.name: Place(via.node, via.node) for via in _places(problem).values()} | _nodes_of_phases(
+        problem
+    )
     found: dict[str, PathRow] = {}
     for table in problem.path:
         found |= rows_of_path(table, nodes)
@@ -330,9 +332,9 @@ def limits_along_of(problem_text: str, key: str, whole: Array) -> Array | None:
     return bounds_in_phases(tables, places, key, whole, at_nodes=key in ("velocity", "position"))
 
 
-def _nodes_of_phases(problem: _Problem) -> dict[str, tuple[int, int]]:
+def _nodes_of_phases(problem: _Problem) -> dict[str, Place]:
     places = phase_places(problem.phase, problem.horizon.steps)
-    return {p.name: (p.first + p.has_impact, p.last) for p in places}
+    return {p.name: Place(p.first + p.has_impact, p.last, int(p.has_parting)) for p in places}
 
 
 def lines_of(problem_text: str) -> tuple[Array, ...]:

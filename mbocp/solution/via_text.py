@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from mbocp._numbers import is_number
+from mbocp.terms.span import Place
 
 __all__ = ["ViaPlace", "via_places"]
 
@@ -38,7 +39,7 @@ def via_places(
     tables: Sequence[Mapping[str, Any]],
     duration: Any,
     steps: Any,
-    phases: Mapping[str, tuple[int, int]] = MappingProxyType({}),
+    phases: Mapping[str, Place] = MappingProxyType({}),
 ) -> dict[int, ViaPlace]:
     """Via points by the place of their table; what is odd is left out.
 
@@ -49,8 +50,8 @@ def via_places(
         What `horizon.duration` says [s].
     steps : int
         What `horizon.steps` says.
-    phases : mapping of str to (int, int)
-        First and last nodes of the phases, by name.
+    phases : mapping of str to Place
+        Nodes of the phases, by name.
     """
     guess = duration.get("guess") if isinstance(duration, Mapping) else duration
     if not (isinstance(steps, int) and 0 < steps < _MOST_STEPS):
@@ -59,9 +60,8 @@ def via_places(
     for i, table in enumerate(tables):
         time, share = table.get("time"), table.get("share")
         if isinstance(time, Mapping) and time.get("phase") in phases:
-            first, last = phases[time["phase"]]
-            part = time.get("share", 1.0)
-            share, time = (first + round(part * (last - first))) / steps if is_number(part) else None, None
+            place, part = phases[time["phase"]], time.get("share", 1.0)
+            share, time = place.at(part) / steps if is_number(part) else None, None
         is_found = time == "free" or isinstance(time, Mapping)
         if is_number(time) and is_number(guess) and guess > 0.0:
             share = time / guess

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import BeforeValidator, create_model
@@ -15,7 +15,7 @@ from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.terms.written import Table
 
-__all__ = ["SPAN", "AtVia", "End", "Share", "Span", "SpanKeys", "end_from"]
+__all__ = ["SPAN", "AtVia", "End", "Place", "Share", "Span", "SpanKeys", "end_from"]
 
 _GRAIN = 1e-6  # of a step: times closer to a node than this are the node's
 
@@ -49,6 +49,26 @@ class AtVia:
     name: str
     node: int = 0
     share: float | None = None
+
+
+class Place(NamedTuple):
+    """Nodes of a via point or a phase.
+
+    Attributes
+    ----------
+    first, last : int
+    num_untimed : int
+        How many of its last steps take no time.
+    """
+
+    first: int
+    last: int
+    num_untimed: int = 0
+
+    def at(self, share: float) -> int:
+        """Node at which a part of it is over; its last one for 1."""
+        timed = self.last - self.num_untimed - self.first
+        return self.last if share >= 1.0 else self.first + round(share * timed)
 
 
 End: TypeAlias = float | Share | AtVia | None
@@ -122,7 +142,7 @@ class Span:
         """Via points and phases at its ends."""
         return tuple(end.name for end in (self.since, self.until) if isinstance(end, AtVia))
 
-    def at_via(self, nodes: Mapping[str, tuple[int, int]], key: str) -> Span:
+    def at_via(self, nodes: Mapping[str, Place], key: str) -> Span:
         """The same with the nodes of via points and phases by name: where each begins, and where it ends.
 
         Raises
@@ -139,9 +159,8 @@ class Span:
                         f"{key}: {SPAN[i]}: no via point or phase {end.name!r}; there are {known}: give "
                         "one of them, a time [s], or { share = number }"
                     )
-                first, last = nodes[end.name]
                 share = float(i) if end.share is None else end.share
-                ends[i] = replace(end, node=first + round(share * (last - first)))
+                ends[i] = replace(end, node=nodes[end.name].at(share))
         return Span(*ends)
 
     def nodes(self, num_steps: int, dt: float) -> BoolArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,14 +41,20 @@ def hits(*phases: dict[str, Any], **more: Any) -> Problem:
     return Problem.create(PENDULUM, phase=named, **{**words, **more})
 
 
+def spans(**fields: Any) -> Problem:
+    """The same by its spans: the last step of the hold takes no time, either."""
+    hold = replace(pendulum().holds[0], spans=((4, 9),))
+    return pendulum(steps=12, **{"holds": (hold,), "impacts": (4, 8), **fields})
+
+
 def test_a_hold_that_begins_is_an_impact() -> None:
     problem = hits()
-    assert problem.holds == pendulum().holds
-    assert problem.impacts == (4,)
-    assert (problem.num_steps, problem.num_timed_steps) == (11, 10)
-    assert phase_nodes(problem.phase) == {"fall": (0, 4), "slide": (4, 8), "leave": (8, 11)}
-    assert phase_spans(problem.phase)["slide"] == (5, 8)
-    assert node_times(problem)[[4, 5, 8, 11]] == pytest.approx([0.2, 0.2, 0.35, 0.5])
+    assert problem.holds == spans().holds
+    assert problem.impacts == (4, 8)  # the second: a parting
+    assert (problem.num_steps, problem.num_timed_steps) == (12, 10)
+    assert phase_nodes(problem.phase) == {"fall": (0, 4), "slide": (4, 9), "leave": (9, 12)}
+    assert phase_spans(problem.phase)["slide"] == (5, 9, 1)
+    assert node_times(problem)[[4, 5, 8, 9, 12]] == pytest.approx([0.2, 0.2, 0.35, 0.35, 0.5])
 
 
 def test_what_two_phases_hold_alike_goes_on() -> None:
@@ -55,13 +62,13 @@ def test_what_two_phases_hold_alike_goes_on() -> None:
     assert [hold.spans for hold in problem.holds] == [((0, 10),)]
     assert problem.impacts == ()
     again = hits({"hold": [TIP]}, {"hold": []}, {"hold": [TIP]})
-    assert [hold.spans for hold in again.holds] == [((0, 4), (7, 11))]
-    assert again.impacts == (7,)
+    assert [hold.spans for hold in again.holds] == [((0, 5), (8, 12))]
+    assert again.impacts == (4, 8)
 
 
 def test_softly_takes_no_step_more() -> None:
     problem = hits({}, {"hold": [{**TIP, "meeting": "soft"}]})
-    assert (problem.impacts, problem.num_steps) == ((), 10)
+    assert (problem.impacts, problem.num_steps) == ((7,), 11)
     found = mbocp.solve(problem, check=True)
     table = problem.switches
     assert table is not None
@@ -90,7 +97,7 @@ def test_a_loop_that_was_open_closes_with_an_impact() -> None:
 @pytest.mark.parametrize("coordinates", ["joint", "natural"])
 def test_the_motion_is_that_of_spans(coordinates: str) -> None:
     found = mbocp.solve(hits(coordinates=coordinates), check=True)
-    other = mbocp.solve(pendulum().with_(coordinates=coordinates), check=True)
+    other = mbocp.solve(spans().with_(coordinates=coordinates), check=True)
     assert np.array_equal(found.qs, other.qs)
     assert np.array_equal(found.vs, other.vs)
     assert found.t[4] == found.t[5]
@@ -105,7 +112,8 @@ def test_durations_that_are_found_leave_impacts_out() -> None:
     assert own.cost == pytest.approx(other.cost, rel=1e-6)
     assert own.t[5] == own.t[4]
     assert own.phase_times["slide"][1] - own.phase_times["slide"][0] == pytest.approx(0.15)
-    assert np.abs(own.vs[5:8]).max() <= 4.0 + 1e-9
+    assert own.t[9] == own.t[8]
+    assert np.abs(own.vs[5:10]).max() <= 4.0 + 1e-9
 
 
 def test_velocities_before_an_impact_are_those_of_the_phase_before() -> None:
@@ -113,13 +121,13 @@ def test_velocities_before_an_impact_are_those_of_the_phase_before() -> None:
         {"limits": {"velocity": 9.0}}, {"limits": {"velocity": 2.0}}, {"limits": {"velocity": 9.0}}
     )
     upper = problem.limits_along()["v"][1][:, 0]
-    assert upper.tolist() == [9.0] * 4 + [2.0] * 4 + [9.0] * 3
+    assert upper.tolist() == [9.0] * 4 + [2.0] * 5 + [9.0] * 3
     soft = hits(
         {"limits": {"velocity": 9.0}},
         {"limits": {"velocity": 2.0}, "hold": [{**TIP, "meeting": "soft"}]},
         {"limits": {"velocity": 9.0}},
     )
-    assert soft.limits_along()["v"][1][:, 0].tolist() == [9.0] * 3 + [2.0] * 4 + [9.0] * 3
+    assert soft.limits_along()["v"][1][:, 0].tolist() == [9.0] * 3 + [2.0] * 5 + [9.0] * 3
 
 
 def test_points_and_paths_of_a_phase_count_from_its_impact() -> None:
@@ -127,7 +135,7 @@ def test_points_and_paths_of_a_phase_count_from_its_impact() -> None:
     assert problem.waypoints[0].node == 7
     path = {"path": [{"kind": "speed", "frame": "tip", "max": 2.0}]}
     span = hits({}, path).frame_constraints[0].span
-    assert (span.since.node, span.until.node) == (5, 8)  # type: ignore[union-attr]
+    assert (span.since.node, span.until.node) == (5, 9)  # type: ignore[union-attr]
 
 
 def test_what_is_written_reads_back_as_the_same() -> None:
@@ -167,6 +175,7 @@ def test_results_keep_what_their_phases_hold(tmp_path: Path) -> None:
     found.save(tmp_path / "held.h5")
     again = Solution.load(tmp_path / "held.h5")
     assert [place.has_impact for place in again.named_phases] == [False, True, False]
+    assert [place.has_parting for place in again.named_phases] == [False, True, False]
     assert again.phase_times == found.phase_times
     assert parse_problem(again.problem_text).holds == hits().holds
     told = CliRunner(env={"COLUMNS": "200"}).invoke(app, ["info", str(tmp_path / "held.h5")])
@@ -192,7 +201,7 @@ def test_results_keep_what_their_phases_hold(tmp_path: Path) -> None:
         (TIP, {"scheme": "gauss2"}, "takes no constraints that begin or end along the way"),
         (TIP, {"scheme": "lobatto3"}, "takes no constraints that begin or end along the way"),
         ({**TIP, "meeting": "soft"}, {"coordinates": "natural"}, "natural coordinates have no soft landing"),
-        (TIP, {"steps": 10}, "horizon.steps: got 10, but the phases have 11 in all"),
+        (TIP, {"steps": 10}, "horizon.steps: got 10, but the phases have 12 in all"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(hold: dict[str, Any], more: dict[str, Any], message: str) -> None:
