@@ -41,6 +41,7 @@ LAYERS = (
     "view",
     "guesses",
     "solving",
+    "explaining",
     "study",
     "papers",
     "cli",

@@ -9,6 +9,7 @@ import typer
 
 from mbocp.cli import signals
 from mbocp.cli.report import reporting
+from mbocp.cli.robot_options import RobotOptions
 
 __all__ = ["app"]
 
@@ -25,6 +26,25 @@ app = typer.Typer(
 ProblemFile = Annotated[Path, typer.Argument(metavar="FILE", help="Problem file (TOML).", show_default=False)]
 ResultFile = Annotated[
     Path, typer.Argument(metavar="RESULT", help="What `mbocp solve -o` wrote.", show_default=False)
+]
+Robot = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="Robot, by name or path of its URDF.", show_default=False)
+]
+PackageDirs = Annotated[
+    list[Path] | None,
+    typer.Option("--package-dir", metavar="DIR", help="Folder with ROS packages (meshes). Repeatable."),
+]
+FreeFlyer = Annotated[
+    bool | None,
+    typer.Option("--free-flyer/--fixed", help="Whether the root link floats.", show_default=False),
+]
+Locks = Annotated[
+    list[str] | None,
+    typer.Option("--lock", metavar="JOINT[=VALUE]", help="Make a joint rigid [rad, m]. Repeatable."),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the file; a TOML value. Repeatable."),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
@@ -47,16 +67,37 @@ def _main(
     pass
 
 
+def _options(
+    package_dirs: list[Path] | None, free_flyer: bool | None, locks: list[str] | None
+) -> RobotOptions:
+    return RobotOptions(tuple(package_dirs or ()), free_flyer, tuple(locks or ()))
+
+
+@app.command()
+@reporting
+def new(
+    name: Robot,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.toml", help="File to write. [default: ROBOT.toml]"),
+    ] = None,
+    package_dir: PackageDirs = None,
+    free_flyer: FreeFlyer = None,
+    lock: Locks = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a problem file for a robot: its joints, its limits, a motion that solves at once."""
+    from mbocp.cli.new import write_new
+
+    write_new(name, output, _options(package_dir, free_flyer, lock), force=force, quiet=quiet)
+
+
 @app.command()
 @reporting
 def solve(
     file: ProblemFile,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change a key of the file; a TOML value. Repeatable."
-        ),
-    ] = None,
+    settings: Settings = None,
     solver: Annotated[
         str | None,
         typer.Option(
@@ -93,6 +134,50 @@ def solve(
     outputs = Outputs(result=output, replay=replay, plot=plot)
     status = run(file, settings or [], solver, outputs, as_json=as_json, quiet=quiet, accuracy=accuracy)
     raise typer.Exit(status)
+
+
+@app.command()
+@reporting
+def check(
+    file: ProblemFile,
+    settings: Settings = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="PAGE.html", help="Write a page: start, goal, obstacles."),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Say what a problem file asks for, and what is odd about it and its robot, without solving it."""
+    from mbocp.cli.check import check_file
+
+    check_file(file, settings or [], output, quiet=quiet)
+
+
+@app.command()
+@reporting
+def explain(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE|RESULT", help="Problem file, or a result of a solve.", show_default=False
+        ),
+    ],
+    settings: Settings = None,
+    search: Annotated[
+        bool,
+        typer.Option(
+            "--search/--no-search",
+            help="Solve with wider limits, to see which is in the way.",
+            show_default=False,
+        ),
+    ] = True,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say why a problem cannot be solved: what arithmetic tells, else which limit has to give."""
+    from mbocp.cli.explain import explain_file
+
+    explain_file(file, settings or [], search=search, as_json=as_json, quiet=quiet)
 
 
 @app.command()
@@ -146,8 +231,35 @@ def info(result: ResultFile, as_json: Json = False) -> None:
 
 @app.command()
 @reporting
+def export(
+    result: ResultFile,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="File to write.", show_default=False)
+    ],
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            "--format", metavar="NAME", help="csv, ros2, urscript, npz or parquet. [default: by the suffix]"
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Samples a second. [default: the nodes]")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a motion for controllers and other tools, at any rate."""
+    from mbocp.cli.export import export_result
+
+    export_result(result, output, kind, rate, quiet=quiet)
+
+
+@app.command()
+@reporting
 def robots(
     name: Annotated[str | None, typer.Argument(help="Robot to describe, by name or path.")] = None,
+    package_dir: PackageDirs = None,
+    free_flyer: FreeFlyer = None,
+    lock: Locks = None,
     as_json: Json = False,
 ) -> None:
     """List the robots there are, or say what one has."""
@@ -156,24 +268,27 @@ def robots(
     if name is None:
         print_robots(as_json=as_json)
     else:
-        print_robot(name, as_json=as_json)
+        print_robot(name, _options(package_dir, free_flyer, lock), as_json=as_json)
 
 
 @app.command()
 @reporting
 def spheres(
-    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot, by name or path.", show_default=False)],
+    name: Robot,
     replay: Annotated[
         Path | None,
         typer.Option("--replay", metavar="FILE.html", help="Write a page with the spheres over the robot."),
     ] = None,
+    package_dir: PackageDirs = None,
+    free_flyer: FreeFlyer = None,
+    lock: Locks = None,
     as_json: Json = False,
 ) -> None:
     """Show the spheres that stand for a robot's links where it may collide."""
     from mbocp.cli.spheres import print_spheres
 
     signals.leave_in_order()
-    print_spheres(name, replay, as_json=as_json)
+    print_spheres(name, replay, _options(package_dir, free_flyer, lock), as_json=as_json)
 
 
 @app.command()

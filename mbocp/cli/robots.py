@@ -12,8 +12,9 @@ import typer
 from rich.table import Table
 
 from mbocp.cli.console import output
+from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.summary import payload_words
-from mbocp.robot import describe, list_robots, load_robot
+from mbocp.robot import describe, list_robots
 
 __all__ = ["print_robot", "print_robots"]
 
@@ -36,9 +37,9 @@ def print_robots(*, as_json: bool) -> None:
     )
 
 
-def print_robot(name: str, *, as_json: bool) -> None:
+def print_robot(name: str, options: RobotOptions, *, as_json: bool) -> None:
     """Say what a robot has."""
-    facts = describe(load_robot(name))
+    facts = describe(options.load(name))
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
         return

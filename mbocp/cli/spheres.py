@@ -10,14 +10,15 @@ import typer
 from rich.table import Table
 
 from mbocp.cli.console import output
+from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot import LinkSpheres, load_robot
+from mbocp.robot import LinkSpheres
 
 __all__ = ["print_spheres"]
 
 
-def print_spheres(name: str, replay: Path | None, *, as_json: bool) -> None:
+def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_json: bool) -> None:
     """Print a row for each link, and draw the spheres if a page is asked for.
 
     Raises
@@ -27,7 +28,7 @@ def print_spheres(name: str, replay: Path | None, *, as_json: bool) -> None:
     """
     if replay is not None:
         check_output(replay, "--replay", PAGES)
-    robot = load_robot(name)
+    robot = options.load(name)
     found = robot.collision_spheres
     if not found:
         raise UnsupportedRobot(

@@ -29,6 +29,7 @@ _MAX_LIMITS = 8  # more lines than that nobody reads
 _NO_SYMMETRY = "no translation or rotation of the robot, or of one of several, leaves"
 _MAX_STARTS = 6
 _FORCES = {"J/m": "N", "J/rad": "N m", "J/m^2": "N/m"}  # what multipliers of constraints are
+_STOPPED = ("interrupted", "time_limit")  # nothing speaks against the problem then
 _SAME = 1e-4  # relative: what differs by less is written alike
 _AT_NODES = ("velocity", "position", "path")  # kinds of limits; the others hold in steps
 
@@ -45,6 +46,11 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
         rows.insert([name for name, _ in rows].index("constraints"), ("goal", error))
     if problem.clearance is not None:
         rows.append(("kept apart", "\n".join(problem.clearance.words)))
+    if not solution.status.is_stationary and str(solution.status) not in _STOPPED:
+        from mbocp.cli.explain import first_cause
+
+        why = first_cause(problem) or "unknown; `mbocp explain` looks for the limit that has to give"
+        rows.insert([name for name, _ in rows].index("status") + 1, ("cause", Text(why, style="bold")))
     rows += [(kind, str(path)) for kind, path in written]
     print_rows(solution.problem_name or problem.name, rows)
 

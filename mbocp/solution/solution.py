@@ -13,6 +13,7 @@ from mbocp.solution._values import same
 from mbocp.solution.data import SolutionData
 from mbocp.solution.export import solution_dict, write_csv
 from mbocp.solution.files import read_content, write_content
+from mbocp.solution.formats import export_motion
 from mbocp.solution.limits import ActiveLimit, active_limits
 from mbocp.solution.stored import content_of, fields_of
 
@@ -161,6 +162,10 @@ class Solution(SolutionData):
     def to_csv(self, path: str | Path) -> Path:
         """Write all trajectories into one table, a row for each node, `name [unit]` in the first line."""
         return write_csv(self, path)
+
+    def export(self, path: str | Path, *, kind: str | None = None, rate: float | None = None) -> Path:
+        """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`."""
+        return export_motion(self, path, kind=kind, rate=rate)
 
     def save(self, path: str | Path) -> Path:
         """Write everything into one self-describing HDF5 file; an interrupted save leaves the old file whole.

@@ -166,3 +166,11 @@ def test_bad_input_is_2(result: Path, run: Run, arguments: list[str], reason: st
     assert done.exit_code == 2
     assert reason in done.stderr
     assert done.stdout == ""
+
+
+def test_a_motion_is_exported(run, tmp_path, result):
+    target = tmp_path / "motion.csv"
+    done = run("export", str(result), "-o", str(target), "--rate", "100")
+    assert done.exit_code == 0, done.stderr
+    assert target.read_text().startswith("t [s],q:")
+    assert run("export", str(result), "-o", str(tmp_path / "motion.xls")).exit_code == 2

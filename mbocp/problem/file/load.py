@@ -42,7 +42,10 @@ def load_problem(
     """
     path = Path(path)
     if is_robot_file(path) and is_file(path):
-        reason = "is a robot, expected a problem file (TOML); the smallest one for it, to be put beside it:"
+        reason = (
+            f"is a robot, expected a problem file (TOML): `mbocp new {path}` writes one with comments; the "
+            "smallest one for it, to be put beside it:"
+        )
         raise ProblemFileError(path, f"{reason}\n{smallest_problem(path)}")
     return _problem(load_document(path), overrides, path, terms)
 

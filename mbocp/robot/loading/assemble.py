@@ -56,7 +56,10 @@ def assemble_robot(
     """
     joints.check_joints(body.model, body.name)
     if body.model.nv == 0:
-        raise UnsupportedRobot(f"robot {body.name!r}: has no joint that moves")
+        raise UnsupportedRobot(
+            f"robot {body.name!r}: has no joint that moves; if it flies or walks, its root link floats: "
+            "free_flyer = true, or --free-flyer"
+        )
     locks = body.table.lock if lock is None else lock
     model, visuals, q0 = lock_joints(body.model, body.visuals, initial_pose(body), locks, body.name)
     _set_gravity(model, gravity if gravity is not None else body.table.gravity, body.name)

@@ -24,6 +24,7 @@ from mbocp.view.meshcat.commands import (
     shape_object,
 )
 from mbocp.view.meshcat.connectors import connector_commands
+from mbocp.view.meshcat.ghosts import ghost_commands, ghost_points
 from mbocp.view.meshcat.goals import goal_commands, goal_placements, mark_commands, mark_points
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
@@ -81,6 +82,7 @@ def build_scene(
     other_goals: Sequence[FrameTarget] = (),
     marks: Marks | None = None,
     spheres: Sequence[LinkSpheres] = (),
+    ghosts: Sequence[Motion] = (),
     speed: float = 1.0,
 ) -> Scene:
     """Compose the scene of a motion.
@@ -99,6 +101,8 @@ def build_scene(
         Via points, lines and obstacles.
     spheres : sequence of LinkSpheres
         Spheres that are drawn over the robot.
+    ghosts : sequence of Motion
+        Poses in which the robot is drawn once more, faint.
     speed : float
         Seconds of motion per second of watching; the animation's key times are divided by it.
 
@@ -115,6 +119,7 @@ def build_scene(
     ends = [np.tile(placed.translation, (len(motion.times), 1)) for placed in placements]
     drawn_marks = marks or Marks()
     lines = [*paths, *_connector_ends(robot, motion), *ends, *mark_points(robot, drawn_marks, motion)]
+    lines += [np.tile(point, (len(motion.times), 1)) for point in ghost_points(robot, ghosts)]
     swept = _swept(motion, corners, lines) @ turn.T
     size = max(float(np.linalg.norm(np.ptp(swept, axis=0))), 1e-3)
     picked = _poses(motion)
@@ -132,6 +137,7 @@ def build_scene(
         *mark_commands(robot, drawn_marks, motion, WORLD, size),
         *obstacle_commands(robot, drawn_marks.obstacles, lambda joint: joint_node(motion, joint), size),
         *sphere_commands(robot, spheres, lambda joint: joint_node(motion, joint)),
+        *ghost_commands(robot, ghosts, WORLD),
     ]
     tracks = [*_joint_tracks(motion), *connector_tracks]
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]

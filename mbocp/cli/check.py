@@ -1,0 +1,135 @@
+"""`mbocp check`: what a problem file asks for, without solving it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.text import Text
+
+from mbocp.cli.solve import PAGES, check_output
+from mbocp.problem.limits import LIMITS
+
+if TYPE_CHECKING:
+    from mbocp._arrays import Array, BoolArray
+    from mbocp.problem import Problem
+    from mbocp.robot import Robot
+
+__all__ = ["check_file"]
+
+_MAX_ENTRIES = 12
+_Rows = list[tuple[str, str | Text]]
+
+
+def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet: bool) -> None:
+    """Print what would be solved, and draw it."""
+    if page is not None:
+        check_output(page, "-o", PAGES)
+    from mbocp.cli.summary import print_rows, robot_words
+    from mbocp.problem import load_problem
+    from mbocp.problem.causes import causes_of
+    from mbocp.robot.smells import smells
+
+    problem = load_problem(file, settings)
+    robot = problem.robot
+    rows: _Rows = [
+        ("robot", robot_words(robot.name, robot.nv, robot.nu, robot.nc)),
+        ("horizon", _horizon(problem)),
+        ("start", _configuration(robot, problem.q_start, np.ones(robot.nv, dtype=bool))),
+        *_goal(problem),
+        *_limits(problem),
+        *_others(problem),
+        ("cost", _cost(problem)),
+        ("solver", _solver(problem)),
+    ]
+    for cause in causes_of(problem):
+        style = "bold red" if cause.is_certain else "yellow"
+        rows.append(("impossible" if cause.is_certain else "doubtful", Text(cause.words, style=style)))
+    rows += [("URDF", Text(words, style="yellow")) for words in smells(robot)]
+    if page is not None:
+        from mbocp.view.preview import write_preview
+
+        rows.append(("page", str(write_preview(problem, page))))
+    if not quiet:
+        print_rows(problem.name, rows)
+
+
+def _horizon(problem: Problem) -> str:
+    T = f"{problem.duration:g} s"
+    if problem.duration_range is not None:
+        T = f"between {problem.duration_range[0]:g} and {problem.duration_range[1]:g} s"
+    return f"{T} in {problem.num_steps} steps by scheme {problem.scheme}"
+
+
+def _configuration(robot: Robot, q: Array, shown: BoolArray) -> str:
+    """Joints by name, as many as fit."""
+    words = []
+    for name in robot.joint_names:
+        q_place, v_place = robot.configuration_indices(name), robot.velocity_indices(name)
+        if v_place.stop == v_place.start or not shown[v_place].all():
+            continue
+        numbers = q[q_place]
+        if len(numbers) == 2:
+            numbers = np.array([np.arctan2(numbers[1], numbers[0])])
+        value = f"{numbers[0]:.4g}" if len(numbers) == 1 else f"[{', '.join(f'{x:.4g}' for x in numbers)}]"
+        words.append(f"{name} {value}")
+    more = f" and {len(words) - _MAX_ENTRIES} more" if len(words) > _MAX_ENTRIES else ""
+    return ", ".join(words[:_MAX_ENTRIES]) + more
+
+
+def _goal(problem: Problem) -> Iterator[tuple[str, str | Text]]:
+    """Where and how the motion is to end."""
+    for k, (_, member) in enumerate(problem.members):
+        goal, robot = member.goal, member.robot
+        parts = []
+        if goal.q_active.any():
+            parts.append(
+                _configuration(robot, goal.q, goal.q_active) or f"{int(goal.q_active.sum())} directions"
+            )
+        parts += [f"frame {frame.name}" for frame in goal.frames]
+        if goal.periodic is not None:
+            parts.append("the start, moved by a symmetry")
+        if goal.rate_active.any():
+            count = int(goal.rate_active.sum())
+            rest = "at rest" if not goal.value[goal.rate_active].any() else f"{goal.rate} given"
+            parts.append(rest if count == robot.nv else f"{rest} in {count} of {robot.nv} directions")
+        yield ("goal" if k == 0 else "or goal", f"{'; '.join(parts) or 'free'} ({goal.enforce})")
+        if goal.frames:
+            yield ("found at", _configuration(robot, goal.q, np.ones(robot.nv, dtype=bool)))
+
+
+def _limits(problem: Problem) -> _Rows:
+    words = []
+    for letter, key in LIMITS.items():
+        count = int(problem.widest_limits.finite(letter).sum())
+        if count:
+            words.append(f"{key.removeprefix('limits.')} of {count}")
+    return [("limits", ", ".join(words) or "none; effort, velocity, position = true enforce the robot's own")]
+
+
+def _others(problem: Problem) -> _Rows:
+    rows: _Rows = []
+    if problem.via:
+        rows.append(("via points", ", ".join(point.name for point in problem.waypoints)))
+    if problem.frame_constraints:
+        rows.append(("paths", ", ".join(f"{c.name} ({c.kind})" for c in problem.frame_constraints)))
+    if problem.obstacle:
+        rows.append(("obstacles", ", ".join(f"{o.name} ({o.shape})" for o in problem.obstacle)))
+    if problem.phase:
+        rows.append(("phases", ", ".join(phase.name for phase in problem.phase)))
+    return rows
+
+
+def _cost(problem: Problem) -> str:
+    cost = problem.cost
+    words = ["effort" if np.any(cost.effort) else ""]
+    words += [key for key in ("velocity", "tracking", "terminal", "time") if np.any(getattr(cost, key, 0.0))]
+    return ", ".join(word for word in words if word) or "none"
+
+
+def _solver(problem: Problem) -> str:
+    robot, N = problem.robot, problem.num_steps
+    unknowns = N * (2 * (2 * robot.nv) + robot.nu + 2 * robot.nc)
+    return f"{problem.solver.method}, about {unknowns} unknowns, {problem.num_end_conditions} end conditions"

@@ -1,0 +1,105 @@
+"""`mbocp explain`: why a problem has no solution, or a result is none."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+from rich.text import Text
+
+from mbocp.cli import signals
+from mbocp.cli.solve import RESULTS
+
+if TYPE_CHECKING:
+    from mbocp.explaining import Explanation
+    from mbocp.problem import Problem
+
+__all__ = ["explain_file", "first_cause"]
+
+_MAX_CAUSES = 6
+_OR = "or"
+
+
+def explain_file(
+    file: Path, settings: Sequence[str], *, search: bool, as_json: bool, quiet: bool = False
+) -> None:
+    """Print why a problem file, or the problem of a result, cannot be solved."""
+    from mbocp.explaining import explain
+
+    signals.leave_in_order()
+    problem, status = _problem(file, settings)
+
+    def tell(words: str) -> None:
+        if not (quiet or as_json):
+            typer.echo(f"trying {words} ...", err=True)
+
+    found = explain(problem, search=search, tell=tell)
+    if as_json:
+        typer.echo(json.dumps(_facts(found), indent=2))
+    else:
+        _print(problem.name, status, found, searched=search)
+
+
+def first_cause(problem: Problem) -> str:
+    """The first thing that arithmetic says against a problem; "" if it says nothing."""
+    from mbocp.problem.causes import causes_of
+
+    causes = causes_of(problem)
+    if not causes:
+        return ""
+    return causes[0].words if causes[0].is_certain else f"probably: {causes[0].words}"
+
+
+def _problem(file: Path, settings: Sequence[str]) -> tuple[Problem, str]:
+    """The problem, and how its solve ended if it is that of a result."""
+    from mbocp.problem import load_problem
+
+    if file.suffix.lower() not in RESULTS:
+        return load_problem(file, settings), ""
+    from mbocp.problem.file.load import parse_problem
+    from mbocp.solution import Solution
+
+    solution = Solution.load(file)
+    problem = parse_problem(solution.problem_text, settings, source=file)
+    return problem, f"{solution.status}: {solution.advice}"
+
+
+def _print(name: str, status: str, found: Explanation, *, searched: bool) -> None:
+    from mbocp.cli.summary import print_rows
+
+    rows: list[tuple[str, str | Text]] = [("status", status)] if status else []
+    for cause in found.causes[:_MAX_CAUSES]:
+        style = "bold red" if cause.is_certain else "yellow"
+        rows.append(("impossible" if cause.is_certain else "doubtful", Text(cause.words, style=style)))
+    if found.is_solvable:
+        rows.append(("solvable", "Newton's method solves it as it is, within a hundred and fifty iterations"))
+    for k, given in enumerate(found.given):
+        rows.append((given.kind if k == 0 else f"{_OR} {given.kind}", given.words))
+    if found.words:
+        rows.append(("unknown", found.words))
+    if not rows:
+        more = (
+            ""
+            if searched
+            else "; without --no-search it is solved with wider limits, to see which is in the way"
+        )
+        rows.append(("nothing", f"no arithmetic says that it cannot be solved{more}"))
+    print_rows(name, rows)
+
+
+def _facts(found: Explanation) -> dict[str, object]:
+    return {
+        "causes": [
+            {"kind": c.kind, "where": c.where, "words": c.words, "certain": c.is_certain}
+            for c in found.causes
+        ],
+        "solvable": found.is_solvable or None,
+        "relaxations": [
+            {"kind": g.kind, "factor": g.factor if g.factor < float("inf") else None, "words": g.words}
+            for g in found.given
+        ],
+        "words": found.words,
+    }

@@ -1,0 +1,78 @@
+"""`mbocp new`: a problem file for a robot, to begin with."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from mbocp.cli.robot_options import RobotOptions
+from mbocp.cli.solve import check_output
+from mbocp.exceptions import MbocpError, ResultFileError, UnsupportedRobot
+
+__all__ = ["write_new"]
+
+_SUFFIXES = (".toml",)
+_ROOT = "root_joint"
+
+
+def write_new(name: str, output: Path | None, options: RobotOptions, *, force: bool, quiet: bool) -> None:
+    """Write a problem file that solves at once, and say how to go on.
+
+    Raises
+    ------
+    MbocpError
+        If the robot cannot be loaded or moved, or the file is there already.
+    """
+    from mbocp.problem.file.first import first_file
+
+    options, robot = _loaded(name, options)
+    path = output if output is not None else Path(f"{Path(name).stem or robot.name}.toml")
+    check_output(path, "-o", _SUFFIXES)
+    if path.exists() and not force:
+        raise ResultFileError(path, "is there already; give another name with -o, or --force to replace it")
+    table: dict[str, Any] = options.table(_seen_from(name, path))
+    if robot.nu == 0:
+        if _ROOT not in robot.joint_names:
+            raise UnsupportedRobot(
+                f"robot {robot.name!r}: nothing moves it; its joints have no motors: name those that have in "
+                "robot.actuated, or write actuators into a robot.toml"
+            )
+        from mbocp.robot import robot_from_spec
+
+        table["actuated"] = [_ROOT]
+        robot = robot_from_spec({**options.table(name), "actuated": [_ROOT]})
+    path.write_text(first_file(robot, table, path), encoding="utf-8")
+    if not quiet:
+        typer.echo(f"{path}: a first motion of {robot.name}, with its joints and limits. Next:")
+        typer.echo(f"  mbocp solve {path} --replay {path.with_suffix('.html')}")
+
+
+def _loaded(name: str, options: RobotOptions) -> tuple[RobotOptions, Any]:
+    """The robot; one of which nothing moves is taken to float, if that helps."""
+    try:
+        return options, options.load(name)
+    except UnsupportedRobot as error:
+        if options.free_flyer is not None or "no joint that moves" not in str(error):
+            raise
+        floating = replace(options, free_flyer=True)
+        try:
+            return floating, floating.load(name)
+        except MbocpError:
+            raise error from None
+
+
+def _seen_from(name: str, path: Path) -> str:
+    """Name of the robot, or where it is as the file sees it."""
+    found = Path(name)
+    if not found.exists() or (os.sep not in name and found.suffix == ""):
+        return name
+    folder = path.parent.resolve()
+    try:
+        relative = found.resolve().relative_to(folder)
+    except ValueError:
+        return str(found.resolve())
+    return relative.as_posix() if relative.suffix or os.sep in str(relative) else f"./{relative.as_posix()}"

@@ -1,0 +1,71 @@
+"""Options with which a command loads a robot: the same wherever one is named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mbocp.exceptions import RobotError
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+__all__ = ["RobotOptions"]
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """What `--package-dir`, `--free-flyer` and `--lock` say.
+
+    Parameters
+    ----------
+    package_dirs : sequence of Path
+        Folders that hold the packages of ``package://`` addresses.
+    free_flyer : bool, optional
+        Whether the root link floats; None: what the robot says.
+    locks : sequence of str
+        ``JOINT``, or ``JOINT=VALUE`` with an angle [rad] or a length [m].
+    """
+
+    package_dirs: Sequence[Path] = ()
+    free_flyer: bool | None = None
+    locks: Sequence[str] = ()
+
+    def table(self, name: str) -> dict[str, Any]:
+        """The table `[robot]` of a problem file that says the same, with absolute folders."""
+        table: dict[str, Any] = {"name": name}
+        if self.free_flyer is not None:
+            table["free_flyer"] = self.free_flyer
+        if self.locks:
+            table["lock"] = self._lock(name)
+        if self.package_dirs:
+            table["package_dirs"] = [str(folder.resolve()) for folder in self.package_dirs]
+        return table
+
+    def load(self, name: str) -> Robot:
+        """Load a robot.
+
+        Raises
+        ------
+        RobotError
+            For all that `load_robot` refuses, and a value of a lock that is no number.
+        """
+        from mbocp.robot import robot_from_spec
+
+        return robot_from_spec(self.table(name))
+
+    def _lock(self, name: str) -> list[str] | dict[str, float]:
+        pairs = [lock.partition("=") for lock in self.locks]
+        if not any(sign for _, sign, _ in pairs):
+            return [joint for joint, _, _ in pairs]
+        values = {}
+        for joint, sign, text in pairs:
+            if not sign:
+                raise RobotError(f"--lock {joint}: give each joint a value, JOINT=VALUE, or none of them")
+            try:
+                values[joint] = float(text)
+            except ValueError:
+                raise RobotError(f"--lock {joint}={text}: expected a number [rad, m]") from None
+        return values

@@ -1,0 +1,208 @@
+"""Why a problem has no solution: what arithmetic tells, and else which limit has to give, and by how much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import MbocpError
+from mbocp.problem import Problem
+from mbocp.problem.causes import Cause, causes_of
+from mbocp.problem.limits import LIMITS
+from mbocp.problem.relaxed import Relaxation, relaxations
+from mbocp.solution import Solution
+from mbocp.solving import solve
+
+__all__ = ["Explanation", "Given", "explain"]
+
+_ITERATIONS = 150  # of a solve; a problem that is solvable takes some thirty
+_SECONDS = 30.0  # of a solve, at most
+_CLOSE = 1.03  # factors nearer to each other than this are not told apart
+_LETTERS = {key.removeprefix("limits."): letter for letter, key in LIMITS.items()}
+_STORED = ("u", "v", "q")  # whose values a solution has
+_TINY = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """A kind of limit that makes the problem solvable when it gives.
+
+    Parameters
+    ----------
+    kind : str
+        A key of `[limits]`, "duration", "obstacle" or "path NAME".
+    factor : float
+        Smallest factor found; infinite where it has to go.
+    words : str
+        One line: which joint, when, how much.
+    """
+
+    kind: str
+    factor: float
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What was found.
+
+    Parameters
+    ----------
+    causes : tuple of Cause
+        What arithmetic tells.
+    given : tuple of Given
+        Limits of which each makes the problem solvable by itself, the smallest step first; empty where
+        causes are certain, or nobody looked.
+    is_solvable : bool
+        Whether the problem as it is was solved while looking.
+    words : str
+        Where neither says anything: what is known.
+    """
+
+    causes: tuple[Cause, ...]
+    given: tuple[Given, ...] = ()
+    is_solvable: bool = False
+    words: str = ""
+
+
+def explain(
+    problem: Problem, *, search: bool = True, tell: Callable[[str], object] | None = None
+) -> Explanation:
+    """Say why a problem cannot be solved.
+
+    Parameters
+    ----------
+    problem : Problem
+    search : bool
+        Where no cause is certain, solve it with limits that are wider and wider: some dozens of solves.
+    tell : callable, optional
+        Called with a line on what is looked at.
+    """
+    causes = causes_of(problem)
+    if any(cause.is_certain for cause in causes) or not search:
+        return Explanation(causes)
+    say = tell or (lambda _: None)
+    say("as it is")
+    if _solved(problem, None) is not None:
+        return Explanation(causes, is_solvable=True)
+    found = []
+    for relaxation in relaxations(problem):
+        say(f"with {_plural(relaxation.kind)}")
+        given = _given(problem, relaxation)
+        found += [given] if given is not None else []
+    found.sort(key=lambda one: one.factor)
+    return Explanation(causes, tuple(found), words="" if found else _without_all(problem, say))
+
+
+def _given(problem: Problem, relaxation: Relaxation) -> Given | None:
+    """Smallest factor of one kind of limit; None if it does not help."""
+    solution = _relaxed(relaxation, relaxation.widest, None)
+    if solution is None:
+        return None
+    if not relaxation.is_gradual:
+        return Given(
+            relaxation.kind,
+            math.inf,
+            "without obstacles and self_collision it is solved: they are in the way",
+        )
+    low, high = 1.0, relaxation.widest
+    while high / low > _CLOSE:
+        middle = math.sqrt(low * high)
+        again = _relaxed(relaxation, middle, solution)
+        if again is None:
+            low = middle
+        else:
+            high, solution = middle, again
+    return Given(relaxation.kind, high, _words(problem, relaxation, high, solution))
+
+
+def _relaxed(relaxation: Relaxation, factor: float, near: Solution | None) -> Solution | None:
+    try:
+        problem = relaxation.problem(factor)
+    except MbocpError:
+        return None
+    found = _solved(problem, near)
+    return found if found is not None or near is None else _solved(problem, None)
+
+
+def _solved(problem: Problem, near: Solution | None) -> Solution | None:
+    """The solution, if Newton's method finds one."""
+    options = replace(
+        problem.solver, method="monolithic", starts=1, max_iterations=_ITERATIONS, time_limit=_SECONDS
+    )
+    try:
+        solution = solve(replace(problem, solver=options), warm_start=near)
+    except MbocpError:
+        return None
+    return solution if solution.converged else None
+
+
+def _words(problem: Problem, relaxation: Relaxation, factor: float, solution: Solution) -> str:
+    kind = relaxation.kind
+    if kind == "duration":
+        T = (problem.duration_range or (0.0, problem.duration))[1]
+        return f"in {factor * T:.3g} s in place of {T:.4g} s it is solved{_touched(solution)}"
+    letter = _LETTERS.get(kind, "")
+    if letter in _STORED:
+        return _largest(problem, letter, factor, solution)
+    name = kind if kind.startswith("path ") else f"limits.{kind}"
+    return f"{name} would have to be {factor:.3g} times as wide{_touched(solution)}"
+
+
+def _largest(problem: Problem, letter: str, factor: float, solution: Solution) -> str:
+    """Which entry leaves its limits by the most, where, and when."""
+    values = getattr(solution, f"{letter}s")[0 if letter == "u" else 1 :]
+    lower, upper = (np.broadcast_to(side, values.shape) for side in problem.limits_along()[letter])
+    over = np.fmax(values - upper, lower - values) / _sizes(lower, upper)
+    n, i = np.unravel_index(int(np.argmax(np.where(np.isfinite(over), over, -np.inf))), over.shape)
+    value, column = values[n, i], getattr(solution.labels, letter)[i]
+    bound = upper[n, i] if value - upper[n, i] > lower[n, i] - value else lower[n, i]
+    if letter != "q":
+        value, bound = abs(value), abs(bound)
+    when = solution.t[n if letter == "u" else n + 1]
+    return (
+        f"{column.name} would need {value:.4g} {column.unit} at {when:.3g} s, and has {bound:.4g} "
+        f"{column.unit} ({_key(letter)}: {factor:.3g} times as wide)"
+    )
+
+
+def _sizes(lower: Array, upper: Array) -> Array:
+    """Size of the larger finite bound of each entry."""
+    finite = (np.where(np.isfinite(side), np.abs(side), 0.0) for side in (lower, upper))
+    return np.fmax(np.fmax(*finite), _TINY)
+
+
+def _key(letter: str) -> str:
+    return LIMITS[letter].removeprefix("limits.")
+
+
+def _touched(solution: Solution) -> str:
+    names = list(dict.fromkeys(f"{limit.kind} {limit.name}" for limit in solution.active_limits))
+    return f", with {', '.join(names[:3])} at the limit" if names else ""
+
+
+def _without_all(problem: Problem, say: Callable[[str], object]) -> str:
+    """What is known where no single kind of limit helps."""
+    say("with all limits wider")
+    wider, names = problem, []
+    for relaxation in relaxations(problem):
+        try:
+            one = next(r for r in relaxations(wider) if r.kind == relaxation.kind)
+            wider = one.problem(one.widest)
+            names.append(relaxation.kind)
+        except (MbocpError, StopIteration):
+            continue
+    if names and _solved(wider, None) is not None:
+        return f"no single kind of limit is to blame: it is solved when {', '.join(names)} give together"
+    return (
+        "not even without its limits is it solved: another guess, more steps, a softer goal "
+        '(goal.enforce = "penalty") or fewer conditions at the end may help'
+    )
+
+
+def _plural(kind: str) -> str:
+    return "a longer duration" if kind == "duration" else f"more room for {kind}"

@@ -1,0 +1,272 @@
+"""A problem file for a robot, with comments: what `mbocp new` writes."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.exceptions import MbocpError
+from mbocp.problem.file.load import parse_problem
+from mbocp.problem.first_motion import FirstMotion, first_motion
+from mbocp.robot import Robot
+from mbocp.robot.joints import joint_kind
+
+__all__ = ["first_file"]
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_STEPS = 100
+_MAX_ROWS = 60  # joints that are listed
+_COLUMN = 36  # where comments begin
+
+
+def first_file(robot: Robot, table: Mapping[str, Any], path: Path) -> str:
+    """Text of a problem file that moves the robot a little, from rest, and to rest where it can rest.
+
+    Parameters
+    ----------
+    robot : Robot
+    table : mapping
+        The `[robot]` of the file: with what it is loaded, from the folder of `path`.
+    path : Path
+        The file that is to hold it.
+
+    Raises
+    ------
+    MbocpError
+        If no such problem is well posed.
+    """
+    motion = first_motion(robot)
+    refused: MbocpError | None = None
+    for has_limits, enforce in ((True, "exact"), (False, "exact"), (False, "penalty")):
+        text = _text(robot, table, path, motion, has_limits=has_limits, enforce=enforce)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                parse_problem(text, source=path)
+        except MbocpError as error:
+            refused = refused or error
+        else:
+            return text
+    raise refused or MbocpError(f"robot {robot.name!r}: no first motion was found")
+
+
+def _text(
+    robot: Robot,
+    table: Mapping[str, Any],
+    path: Path,
+    motion: FirstMotion,
+    *,
+    has_limits: bool,
+    enforce: str,
+) -> str:
+    stem = path.stem
+    sections = [
+        _head(robot, stem, motion),
+        _robot(table),
+        ["[horizon]", _with(f"duration = {motion.duration:.1f}", "s"), _with(f"steps = {_STEPS}", "")],
+        ["[start]", *_q(robot, motion, "start")],
+        _goal(robot, motion, enforce),
+        _limits(motion)
+        if has_limits
+        else ["# [limits]  # effort, velocity and position = true: the robot's own"],
+        _integrator(robot),
+        _hints(robot),
+    ]
+    return "\n\n".join("\n".join(lines) for lines in sections if lines) + "\n"
+
+
+def _head(robot: Robot, stem: str, motion: FirstMotion) -> list[str]:
+    lines = [
+        f"# A first motion of {robot.name}. Solve it, and look at it:",
+        "#",
+        f"#     mbocp solve {stem}.toml -o {stem}.h5 --replay {stem}.html",
+        "#",
+        f"# It has {robot.nv - robot.nc} degrees of freedom and {robot.nu} "
+        f"control{'s' * (robot.nu != 1)}. What moves:",
+        "#",
+    ]
+    rows = list(_rows(robot))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines += [
+        "#   " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows[: _MAX_ROWS + 1]
+    ]
+    if len(rows) > _MAX_ROWS + 1:
+        lines.append(f"#   and {len(rows) - _MAX_ROWS - 1} more: mbocp robots says them all")
+    if not motion.rests:
+        lines += ["#", *_falls(robot)]
+    for note in motion.notes:
+        lines += ["#", f"# Note: {note}."]
+    return lines
+
+
+def _falls(robot: Robot) -> list[str]:
+    if robot.drives:
+        return ["# Some controls prescribe velocities; those end as they like."]
+    return [
+        "# Not everything has a motor: the goal is about joints that have one, the rest moves as it will.",
+        *(
+            [
+                "# The base falls: nothing holds it. Feet on the ground are [[phase]] with hold,",
+                '# see examples/legged; robot.actuated = ["root_joint"] gives the base a force and a moment.',
+            ]
+            if "root_joint" in robot.joint_names
+            else []
+        ),
+    ]
+
+
+def _rows(robot: Robot) -> Iterator[tuple[str, ...]]:
+    """What is said of each joint."""
+    yield "joint", "kind", "from", "to", "speed", "effort"
+    limits = robot.limits
+    efforts = {label.name: value for label, value in zip(robot.u_labels, limits.effort, strict=True)}
+    for joint in range(1, robot.model.njoints):
+        name, kind, j = robot.model.names[joint], joint_kind(robot.model, joint), robot.model.joints[joint]
+        if not kind.v:
+            yield name, kind.word, "follows another joint", "", "", ""
+            continue
+        unit = kind.v[0][1]
+        single = len(kind.v) == 1
+        low, high = (
+            [getattr(limits, f"position_{side}")[j.idx_q] for side in ("lower", "upper")]
+            if single and kind.is_vector
+            else [-math.inf, math.inf]
+        )
+        speed = limits.velocity[j.idx_v] if single else math.inf
+        effort = efforts.get(name)
+        yield (
+            name,
+            kind.word,
+            _size(low, ""),
+            _size(high, unit),
+            _size(speed, f"{unit}/s"),
+            "no motor of its own"
+            if effort is None and not _has_motor(robot, j)
+            else _size(effort if effort is not None else math.inf, "N m" if unit == "rad" else "N"),
+        )
+
+
+def _has_motor(robot: Robot, joint: Any) -> bool:
+    where = slice(joint.idx_v, joint.idx_v + joint.nv)
+    driven = any(where.start <= dof < where.stop for dof in robot.driven)
+    return driven or bool(np.any(robot.actuation.selection[where]))
+
+
+def _size(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "no limit"
+
+
+def _robot(table: Mapping[str, Any]) -> list[str]:
+    if set(table) == {"name"}:
+        return [f"robot = {json.dumps(table['name'], ensure_ascii=False)}"]
+    return ["[robot]", *(f"{_key(key)} = {_value(value)}" for key, value in table.items())]
+
+
+def _q(robot: Robot, motion: FirstMotion, which: str) -> list[str]:
+    q = motion.q_start if which == "start" else motion.q_goal
+    shown = motion.asked if which == "goal" or robot.nc else np.ones(robot.nv, dtype=np.bool_)
+    return list(_joints(robot, q, shown))
+
+
+def _joints(robot: Robot, q: Array, shown: BoolArray) -> Iterator[str]:
+    """A line for each joint of which all directions are shown."""
+    for joint in range(1, robot.model.njoints):
+        j, kind = robot.model.joints[joint], joint_kind(robot.model, joint)
+        if not j.nv or not shown[j.idx_v : j.idx_v + j.nv].all():
+            continue
+        numbers = q[j.idx_q : j.idx_q + j.nq].tolist()
+        if kind.word in ("continuous", "planar"):
+            numbers = [*numbers[:-2], math.atan2(numbers[-1], numbers[-2])]
+        if kind.unit_groups and kind.word not in ("continuous", "planar"):
+            words, unit = [repr(x) if x else "0" for x in numbers], "unit quaternion xyzw"
+            unit = f"m, {unit}" if kind.word == "floating" else unit
+        else:
+            # On constraints every digit counts.
+            words, unit = (
+                [repr(x) if robot.nc else _number(x) for x in numbers],
+                ", ".join(dict.fromkeys(u for _, u in kind.v)),
+            )
+        value = words[0] if len(words) == 1 else f"[{', '.join(words)}]"
+        yield _with(f"q.{_key(robot.model.names[joint])} = {value}", unit)
+
+
+def _number(value: float) -> str:
+    rounded = round(value, 6)
+    return f"{rounded:g}" if rounded == float(f"{rounded:g}") else repr(rounded)
+
+
+def _goal(robot: Robot, motion: FirstMotion, enforce: str) -> list[str]:
+    lines = ["[goal]"]
+    if enforce != "exact":
+        lines.append(_with(f'enforce = "{enforce}"', "drawn there, not forced"))
+    if motion.asked.all() or motion.rests:
+        lines.append(_with("v = 0", "at rest"))
+    else:
+        names = [label.name for label, on in zip(robot.v_labels, motion.asked, strict=True) if on]
+        lines += [_with(f"v.{_key(name)} = 0", "at rest") for name in names]
+    return (
+        lines + _q(robot, motion, "goal") + ([] if enforce == "exact" else ["", "[cost]", "terminal = 100.0"])
+    )
+
+
+def _limits(motion: FirstMotion) -> list[str]:
+    words = {
+        "effort": "of the motors, from the robot's URDF",
+        "velocity": "of the joints; or a number for all, or a table by joint",
+        "position": "of the joints",
+    }
+    kept = [_with(f"{key} = true", words[key]) for key in words if motion.is_limited.get(key)]
+    return ["[limits]", *kept] if kept else []
+
+
+def _integrator(robot: Robot) -> list[str]:
+    if robot.drives:
+        return [
+            "[integrator]",
+            _with('scheme = "rk4"', "of fourth order; takes controls that are velocities"),
+        ]
+    return ["[integrator]", _with('scheme = "midpoint"', "of second order")]
+
+
+def _hints(robot: Robot) -> list[str]:
+    """What to try next; the frame is the last body of the robot."""
+    bodies = [frame.name for frame in robot.model.frames if str(frame.type) == "BODY"]
+    frame = bodies[-1] if bodies else "tool"
+    return [
+        "# What else one may ask of it, see docs/problem_files.md:",
+        "#",
+        "#     [goal.frame]                     # a pose for a frame, in place of q; the angles follow",
+        f"#     name = {json.dumps(frame, ensure_ascii=False)}",
+        "#     position = [0.4, 0.2, 0.3]",
+        "#",
+        "#     [horizon]                        # the least time within the limits:",
+        "#     duration = { min = 0.2, max = 10.0, guess = 2.0 }",
+        "#     [cost]",
+        "#     effort = 1e-4",
+        "#     time = 1.0",
+    ]
+
+
+def _key(name: str) -> str:
+    return name if _BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list):
+        return f"[{', '.join(_value(entry) for entry in value)}]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _with(line: str, comment: str) -> str:
+    return f"{line.ljust(_COLUMN)} # {comment}" if comment else line

@@ -1,0 +1,101 @@
+"""What is odd in a robot's URDF: allowed, and probably not meant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from mbocp._files import MEGABYTE, read_text
+from mbocp._text import shown
+from mbocp.exceptions import MbocpError
+from mbocp.robot.loading.urdf_inertia import Inertial, read_inertials
+from mbocp.robot.loading.urdf_numbers import child_attribute, finite_number
+from mbocp.robot.robot import Robot
+
+__all__ = ["smells", "smells_of_urdf"]
+
+_MAX_BYTES = 16 * MEGABYTE
+_TOLERANCE = 0.02  # of the largest moment of inertia: numbers with few digits
+_MAX_RADIUS = 3.0  # [m] of gyration; larger links are rare, and mm in place of m are not
+_WITH_LIMITS = ("revolute", "prismatic")
+
+
+def smells(robot: Robot) -> tuple[str, ...]:
+    """One line for each oddity in the URDFs that a robot was read from.
+
+    Parameters
+    ----------
+    robot : Robot
+    """
+    found = []
+    for path in robot.sources:
+        try:
+            root = ElementTree.fromstring(read_text(path, expected="a URDF", limit=_MAX_BYTES))
+            found += list(smells_of_urdf(path, root))
+        except (MbocpError, ElementTree.ParseError):  # the file has changed, or is no longer there
+            continue
+    return tuple(found)
+
+
+def smells_of_urdf(path: Path, root: ElementTree.Element) -> Iterator[str]:
+    """The same for one URDF.
+
+    Parameters
+    ----------
+    path : Path
+    root : Element
+        ``<robot>``.
+    """
+    moving = {child_attribute(joint, "child", "link") for joint in root.iterfind("joint")}
+    for inertial in read_inertials(path, root):
+        if inertial.link in moving:
+            yield from _of_inertia(inertial)
+    for joint in root.iterfind("joint"):
+        yield from _of_joint(joint)
+
+
+def _of_inertia(inertial: Inertial) -> Iterator[str]:
+    where, moments = f"link {shown(inertial.link)}", np.linalg.eigvalsh(inertial.inertia)
+    size = float(np.abs(moments).max())
+    if inertial.mass > 0.0 and size == 0.0:
+        yield f"{where}: {inertial.mass:g} kg without inertia: a point, which nothing resists to turn"
+    elif inertial.mass == 0.0 and size > 0.0:
+        yield f"{where}: inertia without mass: right for a rotor, else a number is missing"
+    elif moments[2] > (1.0 + _TOLERANCE) * (moments[0] + moments[1]):
+        principal = ", ".join(f"{m:.3g}" for m in moments)
+        yield (
+            f"{where}: its principal moments {principal} kg m^2 violate the triangle inequality: the "
+            "largest is above the sum of the others; no body has that"
+        )
+    if inertial.mass > 0.0 and math.sqrt(size / inertial.mass) > _MAX_RADIUS:
+        radius = math.sqrt(size / inertial.mass)
+        what = f"{size:.3g} kg m^2 for {inertial.mass:g} kg"
+        yield f"{where}: {what} is a body {2 * radius:.3g} m across: are the units right?"
+
+
+def _of_joint(joint: ElementTree.Element) -> Iterator[str]:
+    where = f"joint {shown(joint.get('name'))}"
+    kind = joint.get("type")
+    if kind not in (*_WITH_LIMITS, "continuous") or joint.find("mimic") is not None:
+        return
+    lower, upper, effort, speed = (
+        finite_number(child_attribute(joint, "limit", key))
+        for key in ("lower", "upper", "effort", "velocity")
+    )
+    if kind in _WITH_LIMITS and lower is not None and upper is not None:
+        if lower >= upper:
+            yield f"{where}: its lower limit {lower:g} is not below its upper {upper:g}: it cannot move"
+        elif lower > 0.0 or upper < 0.0:
+            yield (
+                f"{where}: its limits {lower:g} ... {upper:g} exclude zero, where poses begin unless start.q "
+                "says another"
+            )
+    for key, value in (("effort", effort), ("velocity", speed)):
+        if value is None:
+            yield f"{where}: no {key} in <limit>: limits.{key} = true does not bound it"
+        elif value == 0.0:
+            yield f"{where}: zero {key} in <limit>: limits.{key} = true would not let it move"

@@ -1,0 +1,183 @@
+"""A motion for other tools: CSV, a ROS 2 JointTrajectory, URScript, NumPy, Parquet."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import InvalidValue, ResultFileError
+from mbocp.solution.atomic import replace_file
+from mbocp.solution.data import SolutionData
+from mbocp.solution.sampled import Sampled, sample
+
+__all__ = ["FORMATS", "export_motion", "format_of"]
+
+_UR_JOINTS = 6
+_UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
+_SUFFIXES = MappingProxyType(
+    {
+        ".csv": "csv",
+        ".yaml": "ros2",
+        ".yml": "ros2",
+        ".script": "urscript",
+        ".npz": "npz",
+        ".parquet": "parquet",
+    }
+)
+
+
+def format_of(path: Path, name: str | None = None) -> str:
+    """The format that is asked for, or that the suffix of the file says.
+
+    Raises
+    ------
+    InvalidValue
+        If there is no such format.
+    """
+    chosen = name or _SUFFIXES.get(path.suffix.lower(), "")
+    if chosen not in FORMATS:
+        raise InvalidValue.of_choice("format", name or path.suffix or path.name, tuple(FORMATS))
+    return chosen
+
+
+def export_motion(
+    solution: SolutionData, path: str | Path, *, kind: str | None = None, rate: float | None = None
+) -> Path:
+    """Write the motion of the joints that slide or turn about an axis.
+
+    Parameters
+    ----------
+    solution : Solution
+    path : str or Path
+        An old file is replaced only when the new one is complete.
+    kind : {"csv", "ros2", "urscript", "npz", "parquet"}, optional
+        By default what the suffix says: .csv, .yaml, .script, .npz, .parquet.
+    rate : float, optional
+        Samples a second [1/s]; the nodes by default, for URScript 125.
+
+    Raises
+    ------
+    InvalidValue
+        If format or rate cannot be right.
+    ResultFileError
+        If the robot does not fit the format, or the file cannot be written.
+    """
+    path = Path(path)
+    name = format_of(path, kind)
+    if name == "urscript" and rate is None:
+        rate = _UR_RATE
+    motion = sample(solution, rate)
+    try:
+        return replace_file(path, FORMATS[name](motion, solution))
+    except InvalidValue as error:
+        raise ResultFileError(path, str(error)) from error
+
+
+def _table(motion: Sampled) -> dict[str, Array]:
+    """Columns by header."""
+    columns = {"t [s]": motion.t}
+    for prefix, values, more in (
+        ("q", motion.positions, ""),
+        ("v", motion.velocities, "/s"),
+        ("a", motion.accelerations, "/s^2"),
+    ):
+        for k, (name, unit) in enumerate(zip(motion.joints, motion.units, strict=True)):
+            columns[f"{prefix}:{name} [{unit}{more}]"] = values[:, k]
+    for k, (name, unit) in enumerate(zip(motion.joints, motion.units, strict=True)):
+        if np.isfinite(motion.efforts[:, k]).all():
+            columns[f"u:{name} [{'N m' if unit == 'rad' else 'N'}]"] = motion.efforts[:, k]
+    return columns
+
+
+def _csv(motion: Sampled, solution: SolutionData) -> bytes:
+    columns = _table(motion)
+    header = ",".join(f'"{name}"' if "," in name else name for name in columns)
+    rows = np.column_stack(list(columns.values()))
+    return "\n".join([header, *(",".join(map(repr, row)) for row in rows.tolist()), ""]).encode()
+
+
+def _ros2(motion: Sampled, solution: SolutionData) -> bytes:
+    """trajectory_msgs/msg/JointTrajectory as `ros2 topic pub` reads it."""
+    lines = [
+        f"joint_names: [{', '.join(json.dumps(name, ensure_ascii=False) for name in motion.joints)}]",
+        "points:",
+    ]
+    has_efforts = bool(np.isfinite(motion.efforts).all())
+    for k, t in enumerate(motion.t):
+        seconds, rest = divmod(round(float(t) * 1e9), 1_000_000_000)
+        lines += [
+            f"- positions: {_list(motion.positions[k])}",
+            f"  velocities: {_list(motion.velocities[k])}",
+            f"  accelerations: {_list(motion.accelerations[k])}",
+        ]
+        if has_efforts:
+            lines.append(f"  effort: {_list(motion.efforts[k])}")
+        lines.append(f"  time_from_start: {{sec: {seconds}, nanosec: {rest}}}")
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _urscript(motion: Sampled, solution: SolutionData) -> bytes:
+    """A program that moves to the start, then servos along."""
+    if len(motion.joints) != _UR_JOINTS or set(motion.units) != {"rad"}:
+        raise InvalidValue(
+            "format",
+            "urscript",
+            f"a robot of six joints that turn; {solution.robot_name} has {len(motion.joints)}",
+        )
+    name = "".join(c if c.isascii() and c.isalnum() else "_" for c in solution.problem_name or "motion")
+    steps = np.diff(motion.t)
+    lines = [
+        f"# {solution.problem_name}: {motion.t[-1]:.6g} s; joints {', '.join(motion.joints)}",
+        f"def m_{name}():",
+        f"  movej({_list(motion.positions[0])}, a=0.5, v=0.3)",
+        *(
+            f"  servoj({_list(q)}, t={dt:.9g}, lookahead_time=0.05, gain=500)"
+            for q, dt in zip(motion.positions[1:], steps, strict=True)
+        ),
+        "  stopj(2.0)",
+        "end",
+        f"m_{name}()",
+    ]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _npz(motion: Sampled, solution: SolutionData) -> bytes:
+    file = io.BytesIO()
+    np.savez(
+        file,
+        t=motion.t,
+        joints=np.array(motion.joints),
+        units=np.array(motion.units),
+        q=motion.positions,
+        v=motion.velocities,
+        a=motion.accelerations,
+        u=motion.efforts,
+    )
+    return file.getvalue()
+
+
+def _parquet(motion: Sampled, solution: SolutionData) -> bytes:
+    try:
+        import pyarrow
+        import pyarrow.parquet as parquet
+    except ImportError as error:
+        raise InvalidValue("format", "parquet", "pyarrow to be installed: pip install pyarrow") from error
+    file = io.BytesIO()
+    parquet.write_table(pyarrow.table(_table(motion)), file)
+    return file.getvalue()
+
+
+def _list(values: Array) -> str:
+    return f"[{', '.join('0.0' if math.isclose(x, 0.0, abs_tol=1e-15) else repr(float(x)) for x in values)}]"
+
+
+FORMATS: Mapping[str, Callable[[Sampled, SolutionData], bytes]] = MappingProxyType(
+    {"csv": _csv, "ros2": _ros2, "urscript": _urscript, "npz": _npz, "parquet": _parquet}
+)

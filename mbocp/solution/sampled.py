@@ -1,0 +1,174 @@
+"""A motion at any rate: cubics between the nodes, through their positions with their velocities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import InvalidValue
+from mbocp.solution.data import SolutionData
+
+__all__ = ["Sampled", "excesses", "sample"]
+
+_LARGEST_RATE = 1e5  # [1/s]
+_MOST_SAMPLES = 2_000_000
+_BETWEEN = 10  # places between two nodes at which limits are looked at
+_TOLERANCE = 1e-4  # relative, of a limit that is exceeded between nodes
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Joints of one velocity along a motion; others (floating bases, balls) are left out.
+
+    Parameters
+    ----------
+    t : ndarray, shape (K,)
+        From the start of the motion [s].
+    joints : tuple of str
+        Names, in the order of the columns.
+    units : tuple of str
+        "rad" or "m".
+    positions, velocities, accelerations : ndarray, shape (K, n)
+        Continuous joints count their turns [rad, m, s].
+    efforts : ndarray, shape (K, n)
+        Controls of the same names, constant over a step of the solution; NaN where a joint has none [N m, N].
+    left_out : tuple of str
+        Joints that are not among them.
+    """
+
+    t: Array
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    efforts: Array
+    left_out: tuple[str, ...]
+
+
+def sample(solution: SolutionData, rate: float | None = None) -> Sampled:
+    """Sample a motion.
+
+    Parameters
+    ----------
+    solution : Solution
+    rate : float, optional
+        Samples a second [1/s], and the end; the nodes by default.
+
+    Raises
+    ------
+    InvalidValue
+        If the rate cannot be right, or no joint has one velocity.
+    """
+    nodes = solution.t - solution.t[0]
+    if rate is None:
+        times = nodes
+    else:
+        if not (math.isfinite(rate) and 0.0 < rate <= _LARGEST_RATE):
+            raise InvalidValue("rate", rate, f"samples a second, above 0 and up to {_LARGEST_RATE:g}")
+        if nodes[-1] * rate > _MOST_SAMPLES:
+            raise InvalidValue(
+                "rate", rate, f"at most {_MOST_SAMPLES} samples of a motion of {nodes[-1]:g} s"
+            )
+        times = np.arange(0.0, nodes[-1], 1.0 / rate)
+        times = np.append(times[nodes[-1] - times > 1e-9], nodes[-1])
+    columns = dict(_columns(solution))
+    if not columns:
+        raise InvalidValue("solution", "no joint of one velocity", "joints that slide or turn about an axis")
+    q = np.column_stack([positions for positions, _ in columns.values()])
+    v = solution.vs[:, [place for _, place in columns.values()]]
+    controls = {column.name: k for k, column in enumerate(solution.labels.u)}
+    step = _steps_of(nodes, times)
+    efforts = np.full((len(times), len(columns)), np.nan)
+    for k, name in enumerate(columns):
+        if name in controls:
+            efforts[:, k] = solution.us[step, controls[name]]
+    names = {column.name.partition(".")[0] for column in solution.labels.v}
+    return Sampled(
+        times,
+        tuple(columns),
+        tuple(solution.labels.v[place].unit.removesuffix("/s") for _, place in columns.values()),
+        *_cubics(nodes, q, v, step, times),
+        efforts,
+        tuple(sorted(names - {name.partition(".")[0] for name in columns})),
+    )
+
+
+def excesses(solution: SolutionData) -> tuple[str, ...]:
+    """Limits of positions and velocities that the cubics exceed between nodes, a line each.
+
+    Parameters
+    ----------
+    solution : Solution
+    """
+    nodes = solution.t - solution.t[0]
+    fine = np.unique(np.concatenate([np.linspace(a, b, _BETWEEN + 1) for a, b in pairwise(nodes)]))
+    columns = dict(_columns(solution))
+    if not columns:
+        return ()
+    q = np.column_stack([positions for positions, _ in columns.values()])
+    places = [place for _, place in columns.values()]
+    positions, velocities, _ = _cubics(nodes, q, solution.vs[:, places], _steps_of(nodes, fine), fine)
+    q_places = {column.name: k for k, column in enumerate(solution.labels.q)}
+    found: list[str] = []
+    for k, name in enumerate(columns):
+        unit = solution.labels.v[places[k]].unit
+        found += _over(f"speed of {name}", velocities[:, k], solution.limits_v[:, places[k]], fine, unit)
+        if name in q_places:
+            bounds = solution.limits_q[:, q_places[name]]
+            found += _over(f"position of {name}", positions[:, k], bounds, fine, unit.removesuffix("/s"))
+    return tuple(found)
+
+
+def _over(what: str, values: Array, bounds: Array, t: Array, unit: str) -> Iterator[str]:
+    size = float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0))
+    for bound, over in ((bounds[0], bounds[0] - values), (bounds[1], values - bounds[1])):
+        worst = int(np.argmax(over))
+        if math.isfinite(bound) and over[worst] > _TOLERANCE * max(size, 1e-9):
+            yield (
+                f"{what} is {values[worst]:.6g} {unit} at {t[worst]:.4g} s between nodes, "
+                f"{over[worst]:.2g} beyond its limit {bound:.6g}"
+            )
+
+
+def _columns(solution: SolutionData) -> Iterator[tuple[str, tuple[Array, int]]]:
+    """Positions at the nodes, and place in v, of each joint of one velocity."""
+    places = {column.name: k for k, column in enumerate(solution.labels.q)}
+    for place, column in enumerate(solution.labels.v):
+        name = column.name
+        if name in places:
+            yield name, (solution.qs[:, places[name]], place)
+        elif f"{name}.cos" in places and f"{name}.sin" in places:
+            angle = np.arctan2(solution.qs[:, places[f"{name}.sin"]], solution.qs[:, places[f"{name}.cos"]])
+            yield name, (np.unwrap(angle), place)
+
+
+def _steps_of(nodes: Array, times: Array) -> Array:
+    """Number of the step in which each time is; of two at an impact the later."""
+    found: Array = np.clip(np.searchsorted(nodes, times, side="right") - 1, 0, len(nodes) - 2)
+    lengths = np.diff(nodes)
+    while (lengths[found] == 0.0).any() and (found > 0).any():  # an impact at the end
+        found = np.where(lengths[found] == 0.0, np.maximum(found - 1, 0), found)
+    return found
+
+
+def _cubics(nodes: Array, q: Array, v: Array, step: Array, times: Array) -> tuple[Array, Array, Array]:
+    """Hermite's cubics and their first two derivatives."""
+    h = np.diff(nodes)[step][:, None]
+    h = np.where(h > 0.0, h, 1.0)
+    s = (times - nodes[step])[:, None] / h
+    q0, q1, v0, v1 = q[step], q[step + 1], v[step], v[step + 1]
+    position = (
+        (2 * s**3 - 3 * s**2 + 1) * q0
+        + (s**3 - 2 * s**2 + s) * h * v0
+        + (3 * s**2 - 2 * s**3) * q1
+        + (s**3 - s**2) * h * v1
+    )
+    velocity = 6 * (s - s**2) * (q1 - q0) / h + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
+    acceleration = 6 * (1 - 2 * s) * (q1 - q0) / h**2 + ((6 * s - 4) * v0 + (6 * s - 2) * v1) / h
+    return position, velocity, acceleration

@@ -1,0 +1,110 @@
+"""`mbocp new`: a problem file for any robot, and options of robots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.problem.first_motion import holding_controls
+from tests.mechanics.mimics import PAIR
+from tests.robot.urdfs import chain, joint, link, robot, write
+
+pytestmark = pytest.mark.filterwarnings("ignore::mbocp.robot.warnings.NotModelledWarning")
+
+BOUNDED = ("panda", "kinova", "z1", "asr_twodof", "xarm7")
+FLOATING = ("hector", "borinot", "solo12")
+CLOSED = ("delta", "five_bar", "four_bar", "parallelogram_arm", "rigid_pendulum", "slider_crank", "stewart")
+OTHERS = ("chain_3", "cart_pendulum_rigid", "unicycle_pendulum")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", [*BOUNDED, *FLOATING, *CLOSED, *OTHERS])
+def test_the_file_is_a_problem_from_rest_to_a_goal_elsewhere(run, here, name):
+    done = run("new", name)
+    assert done.exit_code == 0, done.stderr
+    problem = mbocp.load_problem(here / f"{name}.toml")
+    assert not problem.v_start.any()
+    assert problem.goal.is_exact
+    asked = problem.goal.q_active
+    assert np.abs(problem.robot.difference(problem.q_start, problem.goal.q))[asked].max() > 0.02
+    np.testing.assert_array_equal(problem.goal.value[problem.goal.rate_active], 0.0)
+    assert problem.goal.rate_active[asked].all()
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_limits_of_arms_hold_with_something_to_spare(run, here, name):
+    assert run("new", name).exit_code == 0
+    problem = mbocp.load_problem(here / f"{name}.toml")
+    for q in (problem.q_start, problem.goal.q):
+        u = holding_controls(problem.robot, q)
+        assert u is not None
+        assert (np.abs(u) < problem.limits.u_upper).all()
+    mean = np.abs(problem.robot.difference(problem.q_start, problem.goal.q)) / problem.duration
+    assert (1.5 * mean < problem.limits.v_upper).all()
+
+
+@pytest.mark.parametrize("name", ["rigid_pendulum", "four_bar", "hector"])
+def test_it_solves_at_once(run, here, name):
+    assert run("new", name).exit_code == 0
+    solution = mbocp.solve(here / f"{name}.toml")
+    assert solution.converged
+    assert solution.iterations < 60
+
+
+def test_a_urdf_with_mimic_joints_beside_the_file(run, here):
+    path = write(here, PAIR)
+    assert run("new", str(path)).exit_code == 0
+    assert 'robot = "robot.urdf"' in (here / "robot.toml").read_text()
+    assert "follows another joint" in (here / "robot.toml").read_text()
+    assert mbocp.load_problem(here / "robot.toml").goal.is_exact
+
+
+def test_motors_too_weak_for_their_own_weight_are_told(run, here):
+    weak = '<limit lower="-1" upper="2" effort="0.5" velocity="4"/>'
+    urdf = robot(
+        link("base"), link("l1", 20.0), joint("j1", "revolute", "base", "l1", axis="0 1 0", extra=weak)
+    )
+    assert run("new", str(write(here, urdf)), "-o", "weak.toml").exit_code == 0
+    text = (here / "weak.toml").read_text()
+    assert "holding its own weight takes more than the 0.5 N m that the URDF gives j1" in text
+    assert "effort = true" not in text
+
+
+def test_a_single_body_floats(run, here):
+    path = write(here, robot(link("body")))
+    assert run("new", str(path)).exit_code == 0
+    problem = mbocp.load_problem(here / "robot.toml")
+    assert problem.robot.nu == 6
+    assert problem.goal.rate_active.all()
+
+
+def test_joints_are_locked_at_values_or_where_they_are(run, here):
+    path = str(write(here, chain("revolute", "revolute", "revolute")))
+    assert run("new", path, "--lock", "j2=0.3", "--fixed").exit_code == 0
+    assert mbocp.load_problem(here / "robot.toml").robot.joint_names == ("j1", "j3")
+    assert run("new", path, "--lock", "j2", "--force").exit_code == 0
+    assert mbocp.load_problem(here / "robot.toml").robot.nv == 2
+    for words, message in (
+        (("--lock", "j2", "--lock", "j1=0"), "give each joint a value"),
+        (("--lock", "j2=a"), "expected a number"),
+        (("--lock", "j9"), "has no joint 'j9'"),
+        ((), "is there already"),
+    ):
+        done = run("new", path, *words, *(["--force"] if words else []))
+        assert done.exit_code == 2
+        assert message in done.stderr
+    assert '"nv": 8' in run("robots", path, "--lock", "j2", "--free-flyer", "--json").stdout
+
+
+def test_solving_a_urdf_names_the_command(run, here):
+    done = run("solve", str(write(here, chain("revolute"))))
+    assert done.exit_code == 2
+    assert "`mbocp new" in done.stderr

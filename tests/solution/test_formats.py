@@ -1,0 +1,101 @@
+"""Motions for other tools: cubics through the nodes, and files that say the same."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbocp.exceptions import InvalidValue, ResultFileError
+from mbocp.solution import Column, Solution
+from mbocp.solution.sampled import excesses, sample
+
+from .fabricated import fabricate
+
+
+def arm(joints: int = 6, **others) -> Solution:
+    names = [f"j{i}" for i in range(joints)]
+    q, v, u = ([Column(name, unit) for name in names] for unit in ("rad", "rad/s", "N m"))
+    made = fabricate(q, v, u, num_steps=20, **others)
+    t = made.t
+    k = np.arange(joints)
+    qs = np.sin(np.outer(t, 1.0 + k)) / (1.0 + k)
+    return replace(made, qs=qs, vs=np.cos(np.outer(t, 1.0 + k)))
+
+
+def test_cubics_go_through_the_nodes_with_their_velocities():
+    solution = arm()
+    nodes = sample(solution)
+    np.testing.assert_allclose(nodes.positions, solution.qs, atol=1e-14)
+    np.testing.assert_allclose(nodes.velocities, solution.vs, atol=1e-12)
+    fine = sample(solution, 1000.0)
+    assert fine.t[-1] == solution.t[-1]
+    exact = np.sin(np.outer(fine.t, 1.0 + np.arange(6))) / (1.0 + np.arange(6))
+    np.testing.assert_allclose(fine.positions, exact, atol=2e-4)
+    slopes = np.gradient(fine.positions[:, 5], fine.t)
+    np.testing.assert_allclose(slopes[2:-2], fine.velocities[2:-2, 5], atol=1e-3)
+    bends = np.gradient(fine.velocities[:, 0], fine.t)
+    assert np.median(np.abs(bends - fine.accelerations[:, 0])) < 1e-3
+
+
+def test_controls_are_constant_over_their_steps():
+    solution = arm()
+    fine = sample(solution, 4.0 / solution.duration * solution.num_steps)
+    np.testing.assert_array_equal(fine.efforts[1:4, 0], np.full(3, solution.us[0, 0]))
+
+
+def test_continuous_joints_count_their_turns():
+    t = np.linspace(0.0, 1.5, 21)
+    angle = 9.0 * t
+    q = [Column("wheel.cos", ""), Column("wheel.sin", "")]
+    made = fabricate(q, [Column("wheel", "rad/s")], [Column("wheel", "N m")], num_steps=20)
+    qs, vs = np.column_stack([np.cos(angle), np.sin(angle)]), np.full((21, 1), 9.0)
+    found = sample(replace(made, qs=qs, vs=vs), 100.0)
+    np.testing.assert_allclose(found.positions[:, 0], 9.0 * found.t, atol=1e-9)
+
+
+def test_limits_are_looked_at_between_nodes():
+    solution = arm(2)
+    assert excesses(solution) == ()
+    jump = np.array(solution.qs)
+    jump[10:, 1] += 0.3
+    limits = np.array([[-1.2, -1.2], [1.2, 1.2]])
+    (line,) = excesses(replace(solution, qs=jump, limits_v=limits))
+    assert re.match(
+        r"speed of j1 is [0-9.]+ rad/s at 0\.7\d* s between nodes, .* beyond its limit 1\.2", line
+    )
+
+
+def test_files_say_the_motion(tmp_path):
+    solution = arm()
+    motion = sample(solution, 50.0)
+    table = list(csv.reader(solution.export(tmp_path / "m.csv", rate=50.0).read_text().splitlines()))
+    assert table[0][:2] == ["t [s]", "q:j0 [rad]"]
+    np.testing.assert_array_equal(np.array(table[1:], dtype=float)[:, 1:7], motion.positions)
+    with np.load(solution.export(tmp_path / "m.npz", rate=50.0)) as data:
+        np.testing.assert_array_equal(data["v"], motion.velocities)
+        assert data["joints"].tolist() == list(motion.joints)
+    ros = solution.export(tmp_path / "m.yaml", rate=50.0).read_text()
+    assert ros.startswith('joint_names: ["j0", "j1", "j2", "j3", "j4", "j5"]\npoints:\n- positions: [')
+    assert ros.count("time_from_start") == len(motion.t)
+    assert "time_from_start: {sec: 1, nanosec: 500000000}" in ros
+    script = solution.export(tmp_path / "m.script").read_text()
+    assert script.count("servoj(") == len(sample(solution, 125.0).t) - 1
+    assert script.rstrip().endswith(")")
+
+
+def test_what_does_not_fit_is_refused(tmp_path):
+    with pytest.raises(ResultFileError, match="six joints that turn"):
+        arm(3).export(tmp_path / "m.script")
+    with pytest.raises(InvalidValue, match="format"):
+        arm(3).export(tmp_path / "m.xls")
+    with pytest.raises(InvalidValue, match="rate"):
+        arm(3).export(tmp_path / "m.csv", rate=-1.0)
+    point = fabricate(
+        [Column(f"base.q{c}", "") for c in "xyzw"], [Column(f"base.w{c}", "rad/s") for c in "xyz"], []
+    )
+    with pytest.raises(InvalidValue, match="no joint of one velocity"):
+        sample(point)
