@@ -20,7 +20,6 @@ from mbocp.formulation.explicit_steps import ExplicitSteps
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows, guarded_parts
 from mbocp.formulation.joint import (
     boundary_duals,
-    duals_of_momenta,
     largest_defects,
     momenta_of_symmetries,
     stage_costs,
@@ -34,6 +33,7 @@ from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
 from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import duals_of_momenta
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
@@ -163,7 +163,7 @@ class ExplicitFormulation:
         lams, zetas = iterate.ys / dts, iterate.ms[:, at.ndx :] / dts**2
         if robot.nc:
             lams, zetas = self._projected_multipliers(motion), np.zeros((len(motion.us), robot.nc))
-        mus = costates if robot.drives else duals_of_momenta(problem, qs, vs, costates)
+        mus = costates if robot.drives else duals_of_momenta(problem.robot, qs, vs, costates)
         return Duals(lams, zetas, states, costates, mus)
 
     def _velocity_duals(self, duals: Array, qs: Array) -> Array:

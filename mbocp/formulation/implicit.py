@@ -16,7 +16,6 @@ from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.implicit_steps import ImplicitSteps
 from mbocp.formulation.joint import (
     boundary_duals,
-    duals_of_momenta,
     largest_defects,
     momenta_of,
     momenta_of_symmetries,
@@ -44,7 +43,7 @@ from mbocp.formulation.switches import (
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import dual_of_momentum
+from mbocp.mechanics import dual_of_momentum, duals_of_momenta
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
@@ -165,7 +164,7 @@ class ImplicitFormulation:
             costates=costates,
             mus=self._adjoints(iterate, motion, costates)
             if problem.scheme == "se1"
-            else duals_of_momenta(problem, motion.qs, motion.vs, costates),
+            else duals_of_momenta(problem.robot, motion.qs, motion.vs, costates),
         )
 
     def _adjoints(self, iterate: Iterate, motion: Motion, costates: Array) -> Array:

@@ -11,7 +11,6 @@ from mbocp._arrays import Array
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.switches import breaks_symmetries
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import dual_of_momentum
 from mbocp.mechanics.diagnostics import control_momenta
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
@@ -22,7 +21,6 @@ from mbocp.terms import TermNumbers, running_terms
 
 __all__ = [
     "boundary_duals",
-    "duals_of_momenta",
     "largest_defects",
     "momenta_of",
     "momenta_of_symmetries",
@@ -69,12 +67,6 @@ def _pull_back(space: ConfigurationSpace) -> ca.Function:
     """From coordinates and their dual to the dual of the tangent vector."""
     z, c, v = ca.SX.sym("z", space.nz), ca.SX.sym("c", space.nz), ca.SX.sym("v", space.nv)
     return ca.Function("pulled", [z, c], [ca.gradient(ca.dot(c, space.rate(z, v)), v)])
-
-
-def duals_of_momenta(problem: Problem, qs: Array, vs: Array, costates: Array) -> Array:
-    """Duals of (q, p) from those of (q, v), shape (N + 1, 2 nv)."""
-    nodes = zip(qs, vs, costates, strict=True)
-    return np.array([dual_of_momentum(problem.robot, q, v, c) for q, v, c in nodes])
 
 
 def momenta_of(robot: Robot, qs: Array, vs: Array) -> Array:

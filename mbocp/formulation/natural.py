@@ -16,7 +16,7 @@ from mbocp.formulation.algebraic import impulses
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
-from mbocp.formulation.joint import boundary_duals, duals_of_momenta, stage_costs, weighed_components
+from mbocp.formulation.joint import boundary_duals, stage_costs, weighed_components
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.natural_steps import NaturalSteps
 from mbocp.formulation.progress import with_paces
@@ -35,7 +35,7 @@ from mbocp.formulation.switches import (
     worse_of,
 )
 from mbocp.integrators import TAU, evaluation_points
-from mbocp.mechanics import NaturalMechanics, NaturalSpace, natural_mechanics
+from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
 from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.problem import Problem
@@ -163,7 +163,7 @@ class NaturalFormulation:
             ),
             states=states,
             costates=costates,
-            mus=duals_of_momenta(self.problem, motion.qs, motion.vs, costates),
+            mus=duals_of_momenta(self.problem.robot, motion.qs, motion.vs, costates),
         )
 
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:

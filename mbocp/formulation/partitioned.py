@@ -17,7 +17,6 @@ from mbocp.formulation.build import Pieces, build_programme, check_size, needs_p
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.joint import (
     boundary_duals,
-    duals_of_momenta,
     largest_defects,
     momenta_of_symmetries,
     tangent_duals,
@@ -32,6 +31,7 @@ from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, wit
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import PAIRS, Pair, evaluation_points
 from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import duals_of_momenta
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
@@ -166,7 +166,7 @@ class PartitionedFormulation:
             zetas=of_end / dts**2,
             states=states,
             costates=costates,
-            mus=duals_of_momenta(problem, motion.qs, motion.vs, costates),
+            mus=duals_of_momenta(problem.robot, motion.qs, motion.vs, costates),
         )
 
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:

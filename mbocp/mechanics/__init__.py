@@ -2,7 +2,7 @@
 
 from typing import TypeAlias
 
-from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity
+from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity, duals_of_momenta
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
 from mbocp.mechanics.natural_coordinates.space import NaturalSpace, natural_mechanics
@@ -16,5 +16,6 @@ __all__ = [
     "NaturalSpace",
     "dual_of_momentum",
     "dual_of_velocity",
+    "duals_of_momenta",
     "natural_mechanics",
 ]

@@ -18,9 +18,10 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.robot import Robot
+from mbocp.robot.kinematics import any_singular, mass_matrices
 from mbocp.robot.large import working_data
 
-__all__ = ["dual_of_momentum", "dual_of_velocity", "momentum_derivative"]
+__all__ = ["dual_of_momentum", "dual_of_velocity", "duals_of_momenta", "momentum_derivative"]
 
 
 def momentum_derivative(robot: Robot, q: Array, v: Array) -> Array:
@@ -41,6 +42,17 @@ def dual_of_momentum(robot: Robot, q: Array, v: Array, costate: Array) -> Array:
     nv = robot.nv
     mu_p = robot.velocity_from_momentum(q, costate[nv:])
     return np.concatenate([costate[:nv] - momentum_derivative(robot, q, v).T @ mu_p, mu_p])
+
+
+def duals_of_momenta(robot: Robot, qs: Array, vs: Array, costates: Array) -> Array:
+    """The same at many nodes, shape (k, 2 nv)."""
+    nv, masses = robot.nv, mass_matrices(robot.model, qs)
+    if any_singular(masses):
+        nodes = zip(qs, vs, costates, strict=True)
+        return np.array([dual_of_momentum(robot, q, v, c) for q, v, c in nodes])
+    mu_p = np.linalg.solve(masses, costates[:, nv:, None])[:, :, 0]
+    pulled = [momentum_derivative(robot, q, v).T @ m for q, v, m in zip(qs, vs, mu_p, strict=True)]
+    return np.hstack([costates[:, :nv] - np.array(pulled), mu_p])
 
 
 def dual_of_velocity(robot: Robot, q: Array, v: Array, mu: Array) -> Array:

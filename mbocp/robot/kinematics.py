@@ -17,6 +17,7 @@ from mbocp.robot.parts import QuarticSpring, SpringDamper
 __all__ = [
     "WORLD",
     "FramePair",
+    "any_singular",
     "distance_jacobians",
     "distances",
     "force_elements",
@@ -102,6 +103,18 @@ def scaled_spectrum(mass: Array) -> tuple[Array, Array]:
 def is_singular(mass: Array) -> bool:
     """Whether the mass matrix is singular or indefinite, whatever the units."""
     return bool(mass.size and scaled_spectrum(mass)[0][0] < _MIN_EIGENVALUE)
+
+
+def any_singular(masses: Array) -> bool:
+    """Whether any of many mass matrices, shape (nodes, nv, nv), is singular, indefinite or not finite."""
+    if not masses.size:
+        return False
+    if not np.isfinite(masses).all():
+        return True
+    diagonals = np.diagonal(masses, axis1=1, axis2=2)
+    scales = 1.0 / np.sqrt(np.where(diagonals > 0, diagonals, 1.0))
+    values = np.linalg.eigvalsh(masses * scales[:, :, None] * scales[:, None, :])
+    return bool(values[:, 0].min() < _MIN_EIGENVALUE)
 
 
 def velocity_from_momentum(mass: Array, jacobian: Array, p: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbocp.mechanics import dual_of_momentum, dual_of_velocity
+from mbocp.mechanics import dual_of_momentum, dual_of_velocity, duals_of_momenta
 from mbocp.mechanics.duals import momentum_derivative
 from mbocp.robot import Robot, load_robot
 
@@ -36,3 +36,12 @@ def test_the_covector_is_the_same(robot: Robot) -> None:
     dp = momentum_derivative(robot, q, v) @ dq + robot.mass_matrix(q) @ dv
     assert costate @ np.r_[dq, dv] == pytest.approx(mu @ np.r_[dq, dp], rel=1e-11)
     np.testing.assert_allclose(dual_of_momentum(robot, q, v, costate), mu, atol=1e-10)
+
+
+def test_many_nodes_at_once(robot: Robot) -> None:
+    rng = np.random.default_rng(2)
+    moves = rng.standard_normal((3, robot.nv))
+    qs = np.array([robot.integrate(robot.q0, move) for move in moves])
+    vs, costates = rng.standard_normal((3, robot.nv)), rng.standard_normal((3, 2 * robot.nv))
+    one_by_one = [dual_of_momentum(robot, *node) for node in zip(qs, vs, costates, strict=True)]
+    np.testing.assert_allclose(duals_of_momenta(robot, qs, vs, costates), one_by_one, rtol=1e-10, atol=1e-12)
