@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mbocp.explaining import Explanation
     from mbocp.problem import Problem
 
-__all__ = ["explain_file", "first_cause"]
+__all__ = ["explain_file"]
 
 _MAX_CAUSES = 6
 _OR = "or"
@@ -41,16 +41,6 @@ def explain_file(
         typer.echo(json.dumps(_facts(found), indent=2))
     else:
         _print(problem.name, status, found, searched=search)
-
-
-def first_cause(problem: Problem) -> str:
-    """The first thing that arithmetic says against a problem; "" if it says nothing."""
-    from mbocp.problem.causes import causes_of
-
-    causes = causes_of(problem)
-    if not causes:
-        return ""
-    return causes[0].words if causes[0].is_certain else f"probably: {causes[0].words}"
 
 
 def _problem(file: Path, settings: Sequence[str]) -> tuple[Problem, str]:

@@ -47,7 +47,7 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
     if problem.clearance is not None:
         rows.append(("kept apart", "\n".join(problem.clearance.words)))
     if not solution.status.is_stationary and str(solution.status) not in _STOPPED:
-        from mbocp.cli.explain import first_cause
+        from mbocp.cli.cause import first_cause
 
         why = first_cause(problem) or "unknown; `mbocp explain` looks for the limit that has to give"
         rows.insert([name for name, _ in rows].index("status") + 1, ("cause", Text(why, style="bold")))
