@@ -32,6 +32,8 @@ class Camera:
         From the target to the camera [m].
     near, far : float
         Clipping distances [m].
+    behind : float
+        How far points are behind the target [m]: in a narrower window the camera steps back for them, too.
     """
 
     target: Array
@@ -40,6 +42,7 @@ class Camera:
     far: float
     field_of_view: float = FIELD_OF_VIEW
     aspect: float = ASPECT
+    behind: float = 0.0
 
 
 def upright(gravity: Array) -> Array:
@@ -77,6 +80,7 @@ def fit_camera(points: Array, paths: Array) -> Camera:
         offset=distance * back,
         near=1e-2 * size,
         far=float(100.0 * size + 10.0 * distance),
+        behind=float(middle - depth.min()),
     )
 
 

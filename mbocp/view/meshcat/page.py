@@ -88,7 +88,11 @@ def render_page(scene: Scene, *, title: str, subtitle: str = "", speed: float = 
         "animation": store.lighten(scene.animation.lower()) if scene.animation else None,
         "duration": scene.duration,
         "speed": speed,
-        "camera": {"offset": [float(x) for x in camera.offset], "aspect": camera.aspect},
+        "camera": {
+            "offset": [float(x) for x in camera.offset],
+            "aspect": camera.aspect,
+            "behind": camera.behind,
+        },
     }
     parts = {
         "@TITLE@": html.escape(title),

@@ -30,7 +30,10 @@
   function fitView(viewer, camera) {
     // The camera was placed for one shape of window; in a narrower one it steps back.
     const aspect = window.innerWidth / window.innerHeight;
-    const [x, y, z] = camera.offset.map((c) => c * Math.max(1, camera.aspect / aspect));
+    const narrower = Math.max(1, camera.aspect / aspect);
+    const away = Math.hypot(...camera.offset) || 1;
+    const back = narrower + ((narrower - 1) * camera.behind) / away; // for the points behind the target, too
+    const [x, y, z] = camera.offset.map((c) => c * back);
     viewer.controls.target.set(0, 0, 0);
     viewer.camera.position.set(x, z, -y);
     viewer.controls.update();
