@@ -134,6 +134,7 @@ class ClearanceTerm:
         h: list[ca.MX] = []
         dh: list[ca.MX] = []
         hessian, weights = ca.MX.zeros(nq * (nq + 1) // 2), ca.MX.zeros(_PLACE, num_places)
+        plain = ca.MX.sym("plain", _PLACE, num_places)
         for name, count, carriers in (("still", self.still, 1), ("moving", self.moving, 2)):
             if not count:
                 continue
@@ -141,14 +142,13 @@ class ClearanceTerm:
             table = ca.reshape(given[name], carriers + _NUMBERS, count)
             chosen = [table[k, :] for k in range(carriers)]
             row = _row(nq, carriers).map(count)
-            arguments = [_picked(placed, which) for which in chosen]
+            arguments = [placed[:, which] for which in chosen]
             found = row(*arguments, table[carriers:, :], m[first : first + count].T)
             h.append(found[0].T)
             dh.append(found[1].T)
-            hessian += ca.sum2(found[2])
-            for which, share in zip(chosen, found[3:], strict=True):
-                numbers = ca.repmat(ca.DM(np.arange(num_places)), 1, count)
-                weights += share @ (ca.repmat(which, num_places, 1) == numbers).T
+            hessian += ca.repsum(found[2], 1, count)
+            for which, share in zip(chosen, found[3:], strict=True):  # added up by place
+                weights += ca.jtimes(plain[:, which], plain, share, True)
         upper = ca.MX(ca.Sparsity.upper(nq), hessian) + bend(q, weights)
         outputs = [ca.vertcat(*h), ca.vertcat(*dh), upper]
         return ca.Function("clearance", [q, m, *given.values()], outputs)
@@ -172,13 +172,6 @@ def _places(at: Point, frames: tuple[int, ...]) -> tuple[ca.Function, ca.Functio
         ca.Function("places", [at.q], ca.cse([ca.densify(ca.horzcat(*with_slopes))])),
         ca.Function("bend", [at.q, weights], ca.cse([ca.SX(ca.Sparsity.upper(at.q.numel()), upper.nz[:])])),
     )
-
-
-def _picked(placed: ca.MX, which: ca.MX) -> ca.MX:
-    """Columns by their numbers, which are unknowns of the function."""
-    rows, count = placed.size1(), which.numel()
-    entries = ca.repmat(ca.DM(np.arange(rows)), 1, count) + rows * ca.repmat(which, rows, 1)
-    return ca.reshape(ca.vec(placed)[ca.vec(entries)], rows, count)
 
 
 def _row(nq: int, carriers: int) -> ca.Function:
