@@ -99,3 +99,9 @@ def test_drives_and_terms_of_ones_own_get_no_weight():
 def test_other_words_than_auto_are_refused():
     with pytest.raises(ProblemFileError, match=r"cost\.velocity"):
         arm(cost={"velocity": "automatic"})
+
+
+@pytest.mark.parametrize("duration", [0, -1.0, math.nan])
+def test_a_duration_that_is_none_is_refused_before_it_divides(duration):
+    with pytest.raises(ProblemFileError, match=r"horizon\.duration"):
+        mbocp.Problem.create("double_pendulum", duration, 20, goal={"q": [1, 0], "v": 0})

@@ -18,6 +18,7 @@ from mbocp.mechanisms.completion import assembled, assembled_velocity
 from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.cost import Cost, further_terms
 from mbocp.problem.drives import without_driven_velocities
+from mbocp.problem.duration import check_duration
 from mbocp.problem.file.frame_table import frames_from
 from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.file.messages import in_file, located, schema_error
@@ -290,7 +291,8 @@ class _CostReader:
         if written is None:
             return np.zeros(self.robot.nv)
         if written == AUTO:
-            goal, T = self.goal, self.horizon["duration"]
+            goal = self.goal
+            T, _ = check_duration(self.horizon["duration"], self.horizon["duration_range"])
             ends = (self.q_start, self.v_start, goal.q, goal.q_active)
             return velocity_weight(self.robot, typical_force(self.robot, *ends, T), T)
         with located(key):
