@@ -107,20 +107,21 @@ def _followed(flow: Flow, motion: Motion, speeds: Array) -> tuple[Array, Array, 
 def _replayed(flow: Flow, motion: Motion, speeds: Array, parts: int) -> Array:
     """Errors at the end of the replay, shape (nv,); infinite where it leaves all bounds."""
     qs, _ = flow.replay(motion.qs[0], speeds[0], motion.us, motion.dts, parts)
-    if not np.isfinite(qs[-1]).all():
-        return np.full(motion.vs.shape[1], np.inf)
-    missed: Array = np.abs(flow.differences(qs[-1:], motion.qs[-1:])[0])
-    return missed
+    return _missed(flow, qs, motion)
 
 
 def _tracked(flow: Flow, motion: Motion, parts: int, gains: Array | None) -> Array:
     """Errors at the end of the replay with feedback, shape (nv,); NaN without one."""
-    nv = motion.vs.shape[1]
     if gains is None or not gains.size:
-        return np.full(nv, np.nan)
+        return np.full(motion.vs.shape[1], np.nan)
     qs, _ = flow.tracked((motion.qs, motion.vs), motion.us, motion.dts, parts, gains)
+    return _missed(flow, qs, motion)
+
+
+def _missed(flow: Flow, qs: Array, motion: Motion) -> Array:
+    """What a replay misses the end of the motion by, shape (nv,); infinite where it leaves all bounds."""
     if not np.isfinite(qs[-1]).all():
-        return np.full(nv, np.inf)
+        return np.full(motion.vs.shape[1], np.inf)
     missed: Array = np.abs(flow.differences(qs[-1:], motion.qs[-1:])[0])
     return missed
 
