@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import casadi as ca
@@ -25,12 +25,11 @@ from mbocp.formulation.joint import (
     stage_costs,
     tangent_duals,
 )
+from mbocp.formulation.joint_states import positions_and_speeds, states_and_controls
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.moved_start import moved_start, with_moves
-from mbocp.formulation.progress import with_paces
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
-from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
+from mbocp.formulation.step_lengths import start_of_lengths
 from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
@@ -123,36 +122,28 @@ class ExplicitFormulation:
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Where speeds are fewer than velocities, those nearest to them; multipliers are no unknowns."""
-        at, robot = self.layout, self.problem.robot
-        xs = np.zeros((len(motion.qs), at.nx))
-        xs[:, at.z] = self.space.coordinates(motion.qs)
+        at, robot, speeds = self.layout, self.problem.robot, motion.vs
         if robot.drives:
             # The columns of V are unit vectors on different components: V' takes the nearest speeds.
-            xs[:, at.s] = np.einsum("nij,ni->nj", speed_maps(robot, motion.qs), motion.vs)
-        else:
-            xs[:, at.s] = motion.vs
-        us = with_paces(self.problem, at, motion.us, motion.qs)
-        us = with_moves(self.problem, at, us, motion.qs[0], motion.vs[0])
-        xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
-        xs[0] = self.programme.x_start
+            speeds = np.einsum("nij,ni->nj", speed_maps(robot, motion.qs), motion.vs)
+        start = self.programme.x_start
+        xs, us = states_and_controls(self.problem, at, self.space, motion, speeds, start)
         xs = with_memory(self.problem, at, xs, us)
         return zero_multipliers(self.programme, xs, np.zeros((len(us), 0)), us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
-        at, robot = self.layout, self.problem.robot
-        us, dts = without_lengths(at, iterate.us), solved_lengths(self.problem, at, iterate)
-        zs, speeds = iterate.xs[:, at.z], iterate.xs[:, at.s]
-        qs = self.space.configurations(zs) if at.is_flat or at.nz != robot.nq else zs
-        if at.num_moves:
-            qs, speeds = np.array(qs), np.array(speeds)
-            qs[0], speeds[0] = moved_start(self.problem, at, iterate.us)
+        robot, motion = (
+            self.problem.robot,
+            positions_and_speeds(self.problem, self.layout, self.space, iterate),
+        )
         if not robot.drives:
-            return Motion(qs, speeds, us, dts)
+            return motion
         # Velocities that a control prescribes are the ones after the node.
+        qs, speeds, us = motion.qs, motion.vs, motion.us
         prescribed = np.einsum("nij,nj->ni", control_velocity_maps(robot, qs), np.vstack([us, us[-1:]]))
         velocities: Array = np.einsum("nij,nj->ni", speed_maps(robot, qs), speeds) + prescribed
-        return Motion(qs, velocities, us, dts)
+        return replace(motion, vs=velocities)
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """With drives the adjoints are duals of (q, v): there is no momentum that belongs to all of them."""

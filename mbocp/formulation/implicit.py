@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,13 +22,12 @@ from mbocp.formulation.joint import (
     stage_costs,
     tangent_duals,
 )
+from mbocp.formulation.joint_states import positions_and_speeds, states_and_controls
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.moved_start import moved_start, with_moves
-from mbocp.formulation.progress import with_paces
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
-from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
+from mbocp.formulation.step_lengths import start_of_lengths
 from mbocp.formulation.switches import (
     acting,
     filled_impulses,
@@ -127,13 +126,8 @@ class ImplicitFormulation:
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion; adjoints are zero."""
-        at = self.layout
-        xs = np.zeros((len(motion.qs), at.nx))
-        xs[:, at.z], xs[:, at.s] = self.space.coordinates(motion.qs), motion.vs
-        us = with_paces(self.problem, at, motion.us, motion.qs)
-        us = with_moves(self.problem, at, us, motion.qs[0], motion.vs[0])
-        xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
-        xs[0] = self.programme.x_start
+        at, start = self.layout, self.programme.x_start
+        xs, us = states_and_controls(self.problem, at, self.space, motion, motion.vs, start)
         held = with_held(self.problem, lams)
         xs = with_memory(self.problem, at, xs, us, held)
         dts = filled_impulses(self.problem, motion.dts)
@@ -141,16 +135,8 @@ class ImplicitFormulation:
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
-        at = self.layout
-        zs = iterate.xs[:, at.z]
-        qs = self.space.configurations(zs) if at.is_flat else zs
-        dts = solved_lengths(self.problem, at, iterate)
-        us = repeated(without_lengths(at, iterate.us), impacts_of(self.problem))
-        vs = iterate.xs[:, at.s]
-        if at.num_moves:
-            qs, vs = np.array(qs), np.array(vs)
-            qs[0], vs[0] = moved_start(self.problem, at, iterate.us)
-        return Motion(qs, vs, us, dts)
+        motion = positions_and_speeds(self.problem, self.layout, self.space, iterate)
+        return replace(motion, us=repeated(motion.us, impacts_of(self.problem)))
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""

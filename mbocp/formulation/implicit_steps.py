@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import casadi as ca
 
 from mbocp.formulation.accelerations import mean_acceleration
-from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import TAU, State, evaluation_point, step_rows
 from mbocp.integrators.switched import switched_point, switched_rows
 from mbocp.mechanics import JointMechanics, Mechanics
@@ -21,33 +20,11 @@ _OPERATIONS = 525  # of "complete" by nv^2, with arms and chains
 
 
 @dataclass(frozen=True)
-class ImplicitSteps:
+class ImplicitSteps(EquationSteps):
     """Equations between two states in joint coordinates; see `Steps`."""
 
-    scheme: str
-
-    rows_are_gaps = False
+    coordinates = "joint"
     remedy = 'Take coordinates = "natural", or lock joints'
-
-    @property
-    def state_key(self) -> Mapping[str, str]:
-        """What tells the states apart."""
-        return {"coordinates": "joint", "rotations": "quaternion"}
-
-    @property
-    def stage_key(self) -> Mapping[str, str | int]:
-        """What else the functions of a step depend on."""
-        return {"scheme": self.scheme, "lie": "", "substeps": 1}
-
-    @property
-    def end_key(self) -> Mapping[str, str]:
-        """What else the functions of the end depend on."""
-        return {"scheme": "implicit"}
-
-    @property
-    def parameters(self) -> Mapping[str, int]:
-        """None of their own."""
-        return {}
 
     @property
     def tau(self) -> float:

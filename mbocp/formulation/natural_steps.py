@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mbocp.formulation.implicit_steps import implicit_derivatives
-from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import TAU
 from mbocp.mechanics import Mechanics, natural_mechanics
 from mbocp.robot import Robot
@@ -17,33 +16,11 @@ _OPERATIONS = 400  # of "complete" by coordinate: they grow with the number of b
 
 
 @dataclass(frozen=True)
-class NaturalSteps:
+class NaturalSteps(EquationSteps):
     """Equations between two states of the bodies; see `Steps`."""
 
-    scheme: str
-
-    rows_are_gaps = False
+    coordinates = "natural"
     remedy = "Lock joints"
-
-    @property
-    def state_key(self) -> Mapping[str, str]:
-        """What tells the states apart."""
-        return {"coordinates": "natural", "rotations": "quaternion"}
-
-    @property
-    def stage_key(self) -> Mapping[str, str | int]:
-        """What else the functions of a step depend on."""
-        return {"scheme": self.scheme, "lie": "", "substeps": 1}
-
-    @property
-    def end_key(self) -> Mapping[str, str]:
-        """What else the functions of the end depend on."""
-        return {"scheme": "implicit"}
-
-    @property
-    def parameters(self) -> Mapping[str, int]:
-        """None of their own."""
-        return {}
 
     @property
     def tau(self) -> float:

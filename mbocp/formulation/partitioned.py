@@ -21,13 +21,12 @@ from mbocp.formulation.joint import (
     momenta_of_symmetries,
     tangent_duals,
 )
+from mbocp.formulation.joint_states import positions_and_speeds, states_and_controls
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.moved_start import moved_start, with_moves
 from mbocp.formulation.partitioned_steps import PartitionedSteps
-from mbocp.formulation.progress import with_paces
 from mbocp.formulation.remembered import with_memory
 from mbocp.formulation.rows import RowLabels
-from mbocp.formulation.step_lengths import solved_lengths, start_of_lengths, with_lengths, without_lengths
+from mbocp.formulation.step_lengths import start_of_lengths
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import PAIRS, Pair, evaluation_points
 from mbocp.lie import ConfigurationSpace
@@ -118,13 +117,8 @@ class PartitionedFormulation:
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion, with rates of stages of the cubic through both nodes; adjoints are zero."""
-        at, dts = self.layout, motion.dts[:, None]
-        xs = np.zeros((len(motion.qs), at.nx))
-        xs[:, at.z], xs[:, at.s] = self.space.coordinates(motion.qs), motion.vs
-        us = with_paces(self.problem, at, motion.us, motion.qs)
-        us = with_moves(self.problem, at, us, motion.qs[0], motion.vs[0])
-        xs, us = with_lengths(self.problem, at, xs, us, motion.dts)
-        xs[0] = self.programme.x_start
+        at, start, dts = self.layout, self.programme.x_start, motion.dts[:, None]
+        xs, us = states_and_controls(self.problem, at, self.space, motion, motion.vs, start)
         xs = with_memory(self.problem, at, xs, us, lams)
         rates = self._rates(motion)
         ys = np.hstack([*rates, *[dts * lams] * self.pair.num_stages])
@@ -141,14 +135,7 @@ class PartitionedFormulation:
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
-        at = self.layout
-        zs, vs = iterate.xs[:, at.z], iterate.xs[:, at.s]
-        qs = self.space.configurations(zs) if at.is_flat else zs
-        dts = solved_lengths(self.problem, at, iterate)
-        if at.num_moves:
-            qs, vs = np.array(qs), np.array(vs)
-            qs[0], vs[0] = moved_start(self.problem, at, iterate.us)
-        return Motion(qs, vs, without_lengths(at, iterate.us), dts)
+        return positions_and_speeds(self.problem, self.layout, self.space, iterate)
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import casadi as ca
 
 from mbocp.formulation.accelerations import mean_acceleration
-from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import PAIRS, State
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.partitioned import Node, PartitionedRows, PartitionedStep, Stage
@@ -22,34 +21,12 @@ _OPERATIONS = 1500  # of "complete" by nv^2 and stage of the method, with arms a
 
 
 @dataclass(frozen=True)
-class PartitionedSteps:
+class PartitionedSteps(EquationSteps):
     """Equations between two states in joint coordinates, with stages between them; see `Steps`."""
 
-    scheme: str
-
-    rows_are_gaps = False
+    coordinates = "joint"
     tau = 0.5
     remedy = "Take a scheme of fewer stages, or lock joints"
-
-    @property
-    def state_key(self) -> Mapping[str, str]:
-        """What tells the states apart."""
-        return {"coordinates": "joint", "rotations": "quaternion"}
-
-    @property
-    def stage_key(self) -> Mapping[str, str | int]:
-        """What else the functions of a step depend on."""
-        return {"scheme": self.scheme, "lie": "", "substeps": 1}
-
-    @property
-    def end_key(self) -> Mapping[str, str]:
-        """What else the functions of the end depend on."""
-        return {"scheme": "implicit"}
-
-    @property
-    def parameters(self) -> Mapping[str, int]:
-        """None of their own."""
-        return {}
 
     def operations(self, nv: int) -> float:
         """Second derivatives of a tree are dense, and those of each stage are its own."""

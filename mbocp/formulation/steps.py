@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 
@@ -21,7 +21,7 @@ from mbocp.integrators.switched import Switched
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
-__all__ = ["RunningCost", "StepDerivatives", "StepSymbols", "Steps"]
+__all__ = ["EquationSteps", "RunningCost", "StepDerivatives", "StepSymbols", "Steps"]
 
 
 class RunningCost(Protocol):
@@ -203,3 +203,33 @@ class Steps(Protocol):
 
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
         """Rows and cost of a step, with exact first and second derivatives."""
+
+
+@dataclass(frozen=True)
+class EquationSteps:
+    """Steps that are equations between two states, with quaternions: what all of them have in common."""
+
+    scheme: str
+
+    coordinates: ClassVar[str]
+    rows_are_gaps = False
+
+    @property
+    def state_key(self) -> Mapping[str, str]:
+        """What tells the states apart."""
+        return {"coordinates": self.coordinates, "rotations": "quaternion"}
+
+    @property
+    def stage_key(self) -> Mapping[str, str | int]:
+        """What else the functions of a step depend on."""
+        return {"scheme": self.scheme, "lie": "", "substeps": 1}
+
+    @property
+    def end_key(self) -> Mapping[str, str]:
+        """What else the functions of the end depend on."""
+        return {"scheme": "implicit"}
+
+    @property
+    def parameters(self) -> Mapping[str, int]:
+        """None of their own."""
+        return {}
