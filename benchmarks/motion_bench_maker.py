@@ -47,7 +47,7 @@ from mbocp.robot import Robot
 
 __all__ = ["Line", "archive", "names", "problem_of", "scene_of", "table_of"]
 
-_PACKAGE = "vamp-planner==0.6.4"
+_NAME, _VERSION = "vamp-planner", "0.6.4"
 _JOINTS = tuple(f"panda_joint{k}" for k in range(1, 8))
 _JERK = (750.0, 375.0, 500.0, 625.0, 750.0, 1000.0, 1000.0)  # [rad/s^3], a tenth of the maker's
 _FOLDER = Path.home() / ".cache" / "mbocp-benchmarks"
@@ -62,11 +62,11 @@ _CORNER = 1e-3  # [rad] from a line: what is no corner
 def archive() -> Path:
     """Folder of the unpacked archive, downloaded the first time by pip."""
     folder = _FOLDER
-    found = folder / "vamp_planner-0.6.4" / "resources" / "panda"
+    found = folder / f"{_NAME.replace('-', '_')}-{_VERSION}" / "resources" / "panda"
     if not (found / "problems").is_dir():
         folder.mkdir(parents=True, exist_ok=True)
-        command = [sys.executable, "-m", "pip", "download", "--no-binary", ":all:", "--no-deps"]
-        subprocess.run([*command, "--dest", str(folder), _PACKAGE], check=True)
+        command = [sys.executable, "-m", "pip", "download", "--no-binary", _NAME, "--no-deps", "--dest"]
+        subprocess.run([*command, str(folder), f"{_NAME}=={_VERSION}"], check=True)
         with tarfile.open(next(folder.glob("vamp*.tar.gz"))) as packed:
             packed.extractall(folder, filter="data")
         with tarfile.open(found / "problems.tar.bz2") as packed:
