@@ -13,7 +13,7 @@ import numpy as np
 
 import mbocp
 from benchmarks.machine import header, one_core
-from benchmarks.newton import EXAMPLES
+from benchmarks.newton import EXAMPLES, SE1
 from benchmarks.tables import Table, put_into, show
 from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
@@ -44,6 +44,10 @@ def reference_task(robot: str, start: Sequence[float], goal: Sequence[float], st
     )
 
 
+def _arm(name: str, steps: int) -> Problem:
+    return mbocp.load_problem(EXAMPLES / "arms" / f"{name}.toml", SE1).with_(num_steps=steps)
+
+
 def _tasks() -> Iterator[tuple[str, Any]]:
     yield "double_pendulum", lambda n: reference_task("double_pendulum", (0, 0), (0.8, -0.6), n)
     arm = ((0, np.pi / 2, 0, 0, 0, 0), (0.5, 1.2, 0.5, -0.3, 0.4, 0.2))
@@ -51,7 +55,9 @@ def _tasks() -> Iterator[tuple[str, Any]]:
     for name in ("ur5_reach", "panda_reach"):
         yield (
             name,
-            lambda n, name=name: mbocp.load_problem(EXAMPLES / "arms" / f"{name}.toml").with_(num_steps=n),
+            lambda n, name=name: mbocp.load_problem(EXAMPLES / "arms" / f"{name}.toml", SE1).with_(
+                num_steps=n
+            ),
         )
 
 

@@ -17,16 +17,16 @@ from itertools import pairwise
 
 import mbocp
 from benchmarks.machine import one_core
-from benchmarks.newton import Case, load, newton, warm_guess
+from benchmarks.newton import SE1, Case, load, newton, warm_guess
 from benchmarks.tables import Table, show
 from mbocp.programme.processor import number_of_lanes
 
 __all__ = ["LanesTime", "lanes_table"]
 
 _CASES = (
-    Case("UR5", "arms/ur5_reach.toml"),
+    Case("UR5", "arms/ur5_reach.toml", SE1),
     Case("UR5, limits", "arms/ur5_limits.toml"),
-    Case("Panda", "arms/panda_reach.toml"),
+    Case("Panda", "arms/panda_reach.toml", SE1),
     Case("unicycle", "so3/unicycle_pendulum.toml"),
     Case("drone", "free_flyer/drone_flip.toml"),
     Case("drone, limits", "free_flyer/drone_flip.toml", ("limits.effort=8",)),

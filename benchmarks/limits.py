@@ -14,7 +14,7 @@ import numpy as np
 
 import mbocp
 from benchmarks.machine import header, one_core
-from benchmarks.newton import EXAMPLES
+from benchmarks.newton import EXAMPLES, SE1
 from benchmarks.tables import Table, present
 from mbocp.problem import Problem
 from mbocp.study.rows import solver_seconds
@@ -45,7 +45,7 @@ _UNICYCLE = "so3/unicycle_pendulum.toml"
 CASES = (
     _Case("UR5 within its limits", "arms/ur5_limits.toml"),
     _Case("UR5 before a wall, tool below 2.5 m/s", "arms/ur5_limits.toml", ("limits={}", _WALL)),
-    _Case("Panda within its limits, in 1.1 s", "arms/panda_reach.toml", (_ALL, "horizon.duration=1.1")),
+    _Case("Panda within its limits, in 1.1 s", "arms/panda_reach.toml", (*SE1, _ALL, "horizon.duration=1.1")),
     _Case("drone, thrust and climb limited", "free_flyer/drone_flip.toml", (_BOX,)),
     _Case("unicycle, Q RK", _UNICYCLE, ("integrator.lie=plain",)),
     _Case("unicycle, Q RK-MK", _UNICYCLE),

@@ -20,6 +20,7 @@ from mbocp.solvers import GlobalisedNewton, Iterate, NewtonState, SolverResult, 
 
 __all__ = [
     "CASES",
+    "SE1",
     "Case",
     "StepTime",
     "Stepper",
@@ -47,9 +48,13 @@ class Case:
     settings: tuple[str, ...] = ()
 
 
+SE1 = (
+    "integrator.scheme=se1",
+    "horizon.steps=100",
+)  # as in the tables of docs/performance.md
 CASES = (
-    Case("ur5_reach", "arms/ur5_reach.toml"),
-    Case("panda_reach", "arms/panda_reach.toml"),
+    Case("ur5_reach", "arms/ur5_reach.toml", SE1),
+    Case("panda_reach", "arms/panda_reach.toml", SE1),
     Case("kinova_reach", "arms/kinova_reach.toml"),
     Case("drone_flip", "free_flyer/drone_flip.toml"),
     Case("elastic_pendulum", "paper/elastic_pendulum.toml"),

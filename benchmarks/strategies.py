@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import mbocp
-from benchmarks.newton import Case, exponent, load, median_time
+from benchmarks.newton import SE1, Case, exponent, load, median_time
 from benchmarks.tables import Table
 from mbocp.formulation import formulate
 from mbocp.guesses import iterate_from_solution
@@ -28,11 +28,11 @@ GROWTH = (
     Case("rigid_pendulum", "paper/rigid_pendulum.toml"),
     Case("cart_pendulum_rigid", "paper/cart_pendulum_rigid.toml"),
     Case("cart_pendulum_elastic", "paper/cart_pendulum_elastic.toml"),
-    Case("ur5_reach", "arms/ur5_reach.toml"),
+    Case("ur5_reach", "arms/ur5_reach.toml", SE1),
 )
 ROBOTS = (
-    Case("ur5_reach", "arms/ur5_reach.toml"),
-    Case("panda_reach", "arms/panda_reach.toml"),
+    Case("ur5_reach", "arms/ur5_reach.toml", SE1),
+    Case("panda_reach", "arms/panda_reach.toml", SE1),
     Case("kinova_reach", "arms/kinova_reach.toml"),
     Case("drone_flip", "free_flyer/drone_flip.toml"),
 )

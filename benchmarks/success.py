@@ -13,7 +13,7 @@ import pinocchio as pin
 
 import mbocp
 from benchmarks.machine import header, one_core
-from benchmarks.newton import EXAMPLES
+from benchmarks.newton import EXAMPLES, SE1
 from benchmarks.random_tasks import rest_to_rest
 from benchmarks.strategies import METHODS, seconds_of
 from benchmarks.tables import Table, show
@@ -39,7 +39,8 @@ def tasks(number: int = 12) -> Iterator[tuple[str, str, mbocp.Problem]]:
             path = EXAMPLES / "paper" / f"{name}.toml"
             yield "paper", f"{name} {steps}", mbocp.load_problem(path, [*form, f"horizon.steps={steps}"])
     for name in _ROBOTS:
-        yield "examples", name, mbocp.load_problem(EXAMPLES / f"{name}.toml")
+        settings = SE1 if name.startswith("arms") else ()
+        yield "examples", name, mbocp.load_problem(EXAMPLES / f"{name}.toml", settings)
     rng, drone = np.random.default_rng(7), mbocp.load_problem(EXAMPLES / "free_flyer/drone_flip.toml").robot
     arm, pendulum = (mbocp.load_robot(name, damping=False) for name in ("ur5", "double_pendulum"))
     for velocity in (1.0, 0.0):

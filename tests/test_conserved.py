@@ -41,7 +41,8 @@ ARMS = (("arms/ur5_reach", "shoulder_pan_joint"), ("arms/panda_reach", "panda_jo
 
 
 def load(name: str, *settings: str) -> Problem:
-    return mbocp.load_problem(EXAMPLES / f"{name}.toml", settings)
+    scheme = ("integrator.scheme=se1", "horizon.steps=100") if name.startswith("arms") else ()
+    return mbocp.load_problem(EXAMPLES / f"{name}.toml", [*scheme, *settings])
 
 
 @cache

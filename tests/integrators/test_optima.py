@@ -28,7 +28,9 @@ SYSTEMS = (
 
 
 def load(name: str, scheme: str, *settings: str) -> Problem:
-    return mbocp.load_problem(EXAMPLES / f"{name}.toml", [f'integrator.scheme="{scheme}"', *settings])
+    steps = ["horizon.steps=100"] if name.startswith("arms") else []
+    path = EXAMPLES / f"{name}.toml"
+    return mbocp.load_problem(path, [f'integrator.scheme="{scheme}"', *steps, *settings])
 
 
 @cache

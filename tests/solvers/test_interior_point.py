@@ -37,7 +37,7 @@ CASES = {
     "drone": ("free_flyer/drone_flip", "horizon.steps=20"),
     "drone, midpoint": ("free_flyer/drone_flip", "horizon.steps=20", "integrator.scheme=midpoint"),
     "drone, rk4": ("free_flyer/drone_flip", "horizon.steps=20", "integrator.scheme=rk4"),
-    "arm": ("arms/ur5_reach", "horizon.steps=20"),
+    "arm": ("arms/ur5_reach", "horizon.steps=20", "integrator.scheme=se1"),
 }  # fmt: skip
 SLOW = ("drone, midpoint", "drone, rk4", "cart and elastic pendulum, rkf5", "rigid pendulum, se2")
 

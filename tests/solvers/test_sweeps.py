@@ -29,7 +29,7 @@ class Held:
 
     def __init__(self, name: str, steps: int, *settings: str, disturbance: float = 1e-3) -> None:
         if name.startswith("arms"):  # few steps, but no longer ones
-            settings = (f"horizon.duration={0.02 * steps}", *settings)
+            settings = (f"horizon.duration={0.02 * steps}", "integrator.scheme=se1", *settings)
         problem = mbocp.load_problem(EXAMPLES / f"{name}.toml", [f"horizon.steps={steps}", *settings])
         formulation = formulate(problem)
         self.programme = formulation.programme

@@ -55,7 +55,7 @@ def test_other_guesses_get_what_is_left(method: str) -> None:
     """The first guess runs into its limit of iterations; the second has no time."""
     problem = mbocp.load_problem(
         EXAMPLES / "arms" / "ur5_reach.toml",
-        ["horizon.steps=20", "solver.max_iterations=3", "solver.time_limit=0.4"],
+        ["integrator.scheme=se1", "horizon.steps=20", "solver.max_iterations=3", "solver.time_limit=0.4"],
     )
     build(problem)
     s = mbocp.solve(problem, solver=method, callback=wait_at(3, 0.6))

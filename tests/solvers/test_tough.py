@@ -97,6 +97,7 @@ def rod() -> Problem:
 
 def arm() -> Problem:
     settings = [
+        "integrator.scheme=se1",
         "horizon.steps=20",
         "horizon.duration=1.0",
         "start.q=[0, 0]",
