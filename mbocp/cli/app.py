@@ -96,7 +96,14 @@ def new(
 @app.command()
 @reporting
 def solve(
-    file: ProblemFile,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Problem file (TOML), or a result whose problem is solved again.",
+            show_default=False,
+        ),
+    ],
     settings: Settings = None,
     solver: Annotated[
         str | None,
@@ -114,6 +121,14 @@ def solve(
         Path | None, typer.Option("--replay", metavar="FILE.html", help="Write a replay page.")
     ] = None,
     plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Write plots.")] = None,
+    meshes: Annotated[
+        bool | None,
+        typer.Option(
+            "--meshes/--no-meshes",
+            help="Whether -o keeps the robot's meshes, too; by default up to 64 MB.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     accuracy: Annotated[
@@ -131,7 +146,7 @@ def solve(
     """
     from mbocp.cli.solve import Outputs, run
 
-    outputs = Outputs(result=output, replay=replay, plot=plot)
+    outputs = Outputs(result=output, replay=replay, plot=plot, meshes=meshes)
     status = run(file, settings or [], solver, outputs, as_json=as_json, quiet=quiet, accuracy=accuracy)
     raise typer.Exit(status)
 

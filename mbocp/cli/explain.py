@@ -49,12 +49,10 @@ def _problem(file: Path, settings: Sequence[str]) -> tuple[Problem, str]:
 
     if file.suffix.lower() not in RESULTS:
         return load_problem(file, settings), ""
-    from mbocp.problem.file.load import parse_problem
     from mbocp.solution import Solution
 
     solution = Solution.load(file)
-    problem = parse_problem(solution.problem_text, settings, source=file)
-    return problem, f"{solution.status}: {solution.advice}"
+    return solution.load_problem(settings), f"{solution.status}: {solution.advice}"
 
 
 def _print(name: str, status: str, found: Explanation, *, searched: bool) -> None:

@@ -99,26 +99,28 @@ def print_info(result: Path, *, as_json: bool) -> None:
     robot = robot_words(solution.robot_name, solution.nv, solution.nu, nc)
     rows = solution_rows(solution, robot)
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
-    print_rows(solution.problem_name or result.stem, [*rows, ("made with", versions or "not recorded")])
+    rows += [("holds", _held(solution)), ("made with", versions or "not recorded")]
+    print_rows(solution.problem_name or result.stem, rows)
+
+
+def _held(solution: Solution) -> str:
+    """What a result has of its robot."""
+    files = solution.robot_files
+    if files is None:
+        return "no robot: it can be shown and solved again where its robot is"
+    left_out = len(files.left_out)
+    words = f"its robot: {len(files.files) - left_out} files, {files.size / 1e6:.2g} MB"
+    return f"{words}; {left_out} meshes were left out" if left_out else words
 
 
 def _load(result: Path) -> tuple[Solution, Robot]:
-    from mbocp.robot import robot_from_spec
     from mbocp.solution import Solution
 
     solution = Solution.load(result)
     if not solution.robot_spec:
         raise ResultFileError(result, "does not say which robot it is about, which this needs")
     with _named(result, "its robot cannot be loaded"):
-        robot = robot_from_spec(solution.robot_spec)
-    has, needed = (robot.nq, robot.nv), (solution.qs.shape[1], solution.nv)
-    if has != needed:
-        raise ResultFileError(
-            result,
-            f"is about another robot {solution.robot_name!r} than there is now: it has nq = {needed[0]} and "
-            f"nv = {needed[1]}, the robot nq = {has[0]} and nv = {has[1]}; solve again, or bring it back",
-        )
-    return solution, robot
+        return solution, solution.load_robot()
 
 
 @contextmanager

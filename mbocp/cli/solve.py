@@ -31,15 +31,16 @@ _MAX_NAME_BYTES = 255  # bytes, of a file: what Linux takes
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files to write, each optional."""
+    """Files to write, each optional; and whether the robot's meshes go into the result, see `save`."""
 
     result: Path | None = None
     replay: Path | None = None
     plot: Path | None = None
+    meshes: bool | None = None
 
     def check(self, source: Path) -> None:
         """Refuse what could not be written, before any work is done."""
-        seen = {source.resolve(): "the problem file"}
+        seen = {source.resolve(): "what is solved"}
         for option, path, suffixes in self._entries():
             check_output(path, option, suffixes)
             taken = seen.setdefault(path.resolve(), option)
@@ -89,7 +90,7 @@ def run(
     Parameters
     ----------
     file : Path
-        Problem file.
+        Problem file, or a result, whose problem is solved again.
     settings : sequence of str
         Overrides ``key.path=value``.
     solver : str, optional
@@ -110,13 +111,12 @@ def run(
     outputs.check(file)
     _import(outputs)
     from mbocp.cli.progress import Progress
-    from mbocp.problem import load_problem
 
     signals.leave_in_order()
     chosen = [*settings, f'solver.method="{solver}"'] if solver is not None else list(settings)
     with Progress(title=file.stem, quiet=quiet or as_json) as progress:
         progress.say("loading the robot")
-        problem = load_problem(file, chosen)
+        problem = _problem(file, chosen)
         progress.say("compiling, then guessing (slow the first time)")
         solution = _solve(problem, progress, accuracy)
     written = _write(solution, problem, outputs)
@@ -148,6 +148,17 @@ def _exit_status(solution: Solution) -> int:
     return 0 if solution.converged else 1
 
 
+def _problem(file: Path, settings: Sequence[str]) -> Problem:
+    """The problem of a problem file, or of a result."""
+    if file.suffix.lower() in RESULTS:
+        from mbocp.solution import Solution
+
+        return Solution.load(file).load_problem(settings)
+    from mbocp.problem import load_problem
+
+    return load_problem(file, settings)
+
+
 def _solve(problem: Problem, progress: Progress, accuracy: bool | None) -> Solution:
     import mbocp
 
@@ -158,7 +169,7 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
     """Write the files; the result first, so that it is there whatever happens to the pictures."""
     written = []
     if outputs.result is not None:
-        written.append(("result", solution.save(outputs.result)))
+        written.append(("result", solution.save(outputs.result, meshes=outputs.meshes)))
     if outputs.replay is not None:
         from mbocp.view.marks import marks_of
         from mbocp.view.replay import write_replay

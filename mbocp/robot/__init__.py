@@ -9,6 +9,7 @@ from __future__ import annotations
 from mbocp.robot.collision.source import CollisionSphere
 from mbocp.robot.collision.spheres import LinkSpheres
 from mbocp.robot.describe import describe
+from mbocp.robot.gathering import gather, load_stored
 from mbocp.robot.loading.checks import SingularMassMatrix
 from mbocp.robot.loading.load import load_robot, robot_from_spec
 from mbocp.robot.loading.sources import RobotEntry, list_robots
@@ -33,6 +34,7 @@ from mbocp.robot.poses.inverse_kinematics import InverseKinematics
 from mbocp.robot.poses.target import FrameTarget
 from mbocp.robot.resistance import JointResistance
 from mbocp.robot.robot import Robot
+from mbocp.robot.stored import RobotFiles
 from mbocp.robot.warnings import (
     IgnoredKeysWarning,
     ImpossibleInertiaWarning,
@@ -40,6 +42,8 @@ from mbocp.robot.warnings import (
     MissingMeshWarning,
     NormalisationWarning,
     NotModelledWarning,
+    RobotChangedWarning,
+    RobotNotStoredWarning,
 )
 
 __all__ = [
@@ -71,16 +75,21 @@ __all__ = [
     "PointOnPlane",
     "QuarticSpring",
     "Robot",
+    "RobotChangedWarning",
     "RobotEntry",
+    "RobotFiles",
+    "RobotNotStoredWarning",
     "Rod",
     "SingularMassMatrix",
     "SpringDamper",
     "Weld",
     "constraint_rows",
     "describe",
+    "gather",
     "list_robots",
     "load_parts",
     "load_robot",
+    "load_stored",
     "robot_from_spec",
     "singular_closure",
 ]

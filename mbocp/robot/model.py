@@ -20,6 +20,7 @@ from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, Quarti
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import JointResistance
+from mbocp.robot.stored import RobotFiles
 
 __all__ = ["RobotModel"]
 
@@ -75,6 +76,8 @@ class RobotModel:
         URDFs whose shapes it collides with.
     given_spheres : tuple of CollisionSphere
         What stands for the shapes of some frames, see `Robot.collision_spheres`.
+    stored : RobotFiles, optional
+        The files it was loaded from, if they came with a result; they keep their temporary folder.
     """
 
     name: str
@@ -97,6 +100,7 @@ class RobotModel:
     parts: tuple[PlacedRobot, ...] = ()
     collision: tuple[CollisionSource, ...] = ()
     given_spheres: tuple[CollisionSphere, ...] = ()
+    stored: RobotFiles | None = None
 
     def __post_init__(self) -> None:
         if self.rotations not in _ROTATIONS:

@@ -9,6 +9,8 @@ __all__ = [
     "MissingMeshWarning",
     "NormalisationWarning",
     "NotModelledWarning",
+    "RobotChangedWarning",
+    "RobotNotStoredWarning",
 ]
 
 
@@ -34,3 +36,11 @@ class ImpossibleInertiaWarning(UserWarning):
 
 class NotModelledWarning(UserWarning):
     """A URDF has tags about forces or motions that mbocp does not know; they are left out."""
+
+
+class RobotChangedWarning(UserWarning):
+    """Files of a robot are others on this machine than in a result, whose own are used."""
+
+
+class RobotNotStoredWarning(UserWarning):
+    """A result is written without its robot, or without the robot's meshes."""

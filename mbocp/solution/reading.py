@@ -23,7 +23,7 @@ from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.approach import Approach, nearest_approach
 from mbocp.problem.file.write import problem_to_toml
-from mbocp.robot import Robot, singular_closure
+from mbocp.robot import Robot, RobotFiles, singular_closure
 from mbocp.solution.records import Labels, StartRecord
 from mbocp.solution.solution import Solution
 from mbocp.solvers import Outcome, Phase, SolverResult, Status
@@ -98,6 +98,7 @@ def read_solution(
         problem_name=problem.name,
         robot_name=problem.robot.name,
         robot_spec=dict(problem.robot.spec),
+        robot_files=_files(problem.robot),
         problem_text=problem_to_toml(problem if asked is None else asked),
         guess_used=guess_used,
         starts=starts,
@@ -108,6 +109,11 @@ def read_solution(
         gains=gains,
         **trajectory.fields(),
     )
+
+
+def _files(robot: Robot) -> RobotFiles | None:
+    """Files of a robot that came with a result."""
+    return None if robot.stored is None else robot.stored.with_spec(robot.spec)
 
 
 def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ResultFileError
+from mbocp.problem import Problem
+from mbocp.robot import Robot
 from mbocp.solution._values import same
 from mbocp.solution.data import SolutionData
 from mbocp.solution.export import solution_dict, write_csv
 from mbocp.solution.files import read_content, write_content
 from mbocp.solution.formats import export_motion
+from mbocp.solution.its_robot import files_to_store, problem_of, robot_of
 from mbocp.solution.limits import ActiveLimit, active_limits
 from mbocp.solution.stored import content_of, fields_of
+from mbocp.terms import OwnTerm
 
 __all__ = ["Solution"]
 
@@ -112,7 +117,9 @@ class Solution(SolutionData):
         Name of each column of `lam_path`.
     problem_name, robot_name : str
     robot_spec : dict
-        Arguments with which `load_robot` loads the robot again.
+        Arguments with which `mbocp.load_robot` loads the robot again.
+    robot_files : RobotFiles, optional
+        The robot's files, of a solution that was read from a result which holds them.
     problem_text : str
         The problem file (TOML) as it was solved.
     options, versions : dict
@@ -141,10 +148,14 @@ class Solution(SolutionData):
         )
 
     def equals(self, other: object) -> bool:
-        """Whether `other` is a solution with exactly the same content; NaN equals NaN."""
+        """Whether `other` is a solution with exactly the same content; NaN equals NaN.
+
+        The files of the robot do not count, but what loads it does.
+        """
         if not isinstance(other, Solution):
             return False
-        return all(same(getattr(self, f.name), getattr(other, f.name)) for f in dataclasses.fields(self))
+        compared = [f.name for f in dataclasses.fields(self) if f.compare]
+        return all(same(getattr(self, name), getattr(other, name)) for name in compared)
 
     def __eq__(self, other: object) -> bool:
         return self.equals(other) if isinstance(other, Solution) else NotImplemented
@@ -167,15 +178,63 @@ class Solution(SolutionData):
         """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`."""
         return export_motion(self, path, kind=kind, rate=rate)
 
-    def save(self, path: str | Path) -> Path:
+    def save(self, path: str | Path, *, meshes: bool | None = None) -> Path:
         """Write everything into one self-describing HDF5 file; an interrupted save leaves the old file whole.
+
+        Parameters
+        ----------
+        path : str or Path
+        meshes : bool, optional
+            Whether the meshes of the robot go into it, beside its other files. Default: if they have 64 MB
+            at most.
 
         Raises
         ------
         ResultFileError
             If the file cannot be written.
+
+        Warns
+        -----
+        RobotNotStoredWarning
+            If the robot cannot be put into it, or its meshes are left out for their size.
         """
-        return write_content(path, content_of(self))
+        return write_content(path, content_of(self, files_to_store(self, meshes)))
+
+    def load_robot(self) -> Robot:
+        """Load the robot as it was when the result was written; where it holds none, from where it was.
+
+        Raises
+        ------
+        InvalidValue
+            If the solution does not say which robot it is about.
+        RobotError
+            If the robot cannot be loaded, or is another one by now.
+
+        Warns
+        -----
+        RobotChangedWarning
+            If files of the robot are others on this machine by now; those that the result holds are used.
+        """
+        return robot_of(self)
+
+    def load_problem(
+        self, overrides: Mapping[str, Any] | Sequence[str] = (), *, terms: Sequence[OwnTerm] = ()
+    ) -> Problem:
+        """The problem that was solved, with the robot that the result holds.
+
+        Parameters
+        ----------
+        overrides, terms
+            As of `mbocp.load_problem`.
+
+        Raises
+        ------
+        InvalidValue, RobotError
+            As `load_robot`.
+        ProblemFileError
+            If the problem's text or an override is wrong, or a term of one's own is missing.
+        """
+        return problem_of(self, overrides, terms)
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:

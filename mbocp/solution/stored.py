@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbocp.robot.stored import RobotFiles
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_records
 from mbocp.solution.data import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, SolutionData
@@ -19,8 +20,8 @@ _STRUCTURES = ("phases", "history", "robot_spec", "options", "versions")
 _LABELLED = ("q", "v", "p", "u", "lam", "mu", "zeta")
 
 
-def content_of(solution: SolutionData) -> FileContent:
-    """What a result file of `solution` holds."""
+def content_of(solution: SolutionData, robot: RobotFiles | None = None) -> FileContent:
+    """What a result file of `solution` holds, beside the files of its robot."""
     summary = {name: getattr(solution, name) for name in (*WORDS, *COUNTS, *NUMBERS)}
     summary["status"] = str(solution.status)
     structures = {name: getattr(solution, name) for name in _STRUCTURES}
@@ -40,6 +41,8 @@ def content_of(solution: SolutionData) -> FileContent:
         structures=structures,
         texts={"problem_text": solution.problem_text},
         meanings={"control_momenta": solution.control_momentum_meanings},
+        robot_list=None if robot is None else robot.listed,
+        robot_contents={} if robot is None else robot.contents,
     )
 
 
@@ -62,6 +65,8 @@ def fields_of(content: FileContent) -> dict[str, Any]:
     fields["control_momentum_names"] = tuple(name for name, _ in content.columns["control_momenta"])
     fields["control_momentum_meanings"] = content.meanings.get("control_momenta", ())
     fields["path_names"] = tuple(name for name, _ in content.columns.get("lam_path", ()))
+    if content.robot_list is not None:
+        fields["robot_files"] = RobotFiles(content.robot_list, content.robot_contents)
     return fields
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from mbocp._arrays import Array
@@ -51,8 +52,8 @@ OPTIONAL_ENTRIES: dict[str, Entry] = {
 class FileContent(NamedTuple):
     """What goes into a result file and comes back.
 
-    Arrays; names and units of their columns; values, structures, texts; and for some arrays a line on each
-    column.
+    Arrays; names and units of their columns; values, structures, texts; for some arrays a line on each
+    column; and what is said of a robot's files, with their compressed contents by digest.
     """
 
     arrays: Mapping[str, Array]
@@ -61,3 +62,5 @@ class FileContent(NamedTuple):
     structures: Mapping[str, Any]
     texts: Mapping[str, str]
     meanings: Mapping[str, tuple[str, ...]]
+    robot_list: Mapping[str, Any] | None = None
+    robot_contents: Mapping[str, bytes] = MappingProxyType({})

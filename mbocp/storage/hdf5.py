@@ -27,6 +27,7 @@ from mbocp.storage.seal import FORMAT_VERSION, LARGEST, SEAL_SIZE, newer_words
 __all__ = ["FORMAT", "content_of", "image_of"]
 
 FORMAT = "mbocp solution"
+_ROBOT, _LIST, _CONTENTS = "robot", "list", "contents"  # group of the robot's files, and what is in it
 
 # What h5py raises where an image is damaged or somebody else's.
 _FOREIGN = (
@@ -67,6 +68,17 @@ def _write(file: h5py.File, content: FileContent, format_version: int) -> None:
         _write_text(text, name, json.dumps(_pack(structure), allow_nan=False), "JSON")
     for name, words in content.texts.items():
         _write_text(text, name, words, "plain text")
+    if content.robot_list is not None:
+        _write_robot(file.create_group(_ROBOT), content.robot_list, content.robot_contents)
+
+
+def _write_robot(group: h5py.Group, listed: Mapping[str, Any], contents: Mapping[str, bytes]) -> None:
+    """The robot's files, each content once, by the SHA-256 of what it unfolds to."""
+    group.attrs["description"] = "files of the robot: what they are, and their contents, zlib by SHA-256"
+    _write_text(group, _LIST, json.dumps(_pack(listed), allow_nan=False), "JSON")
+    files = group.create_group(_CONTENTS)
+    for digest, content in contents.items():
+        files.create_dataset(digest, data=np.frombuffer(content, dtype=np.uint8))
 
 
 def _write_text(group: h5py.Group, name: str, words: str, kind: str) -> None:
@@ -90,7 +102,7 @@ def content_of(path: str | Path, image: bytes | memoryview, *, is_sealed: bool =
         Without the user block.
     is_sealed : bool
         Whether it stood behind a digest, as all do since format 3. What mbocp wrote unfolds to no more bytes
-        than it has, for nothing is compressed; what had no digest may have been packed since.
+        than it has, for HDF5 compresses nothing in it; what had no digest may have been packed since.
 
     Raises
     ------
@@ -129,10 +141,12 @@ def _read(path: str | Path, file: h5py.File, largest: int) -> FileContent:
     names = (*ENTRIES, *(name for name in OPTIONAL_ENTRIES if name in group))
     data = {name: _dataset(group, name, np.float64) for name in names}
     words = {name: _dataset(text, name, np.uint8) for name in text}
-    declared = sum(dataset.nbytes for dataset in (*data.values(), *words.values()))
+    robot, contents = _robot_of(file)
+    every = [*data.items(), *words.items(), *robot.items(), *contents.items()]
+    declared = sum(dataset.nbytes for _, dataset in every)
     if declared > largest:
         raise ResultFileError(path, f"is damaged: it declares {declared} bytes, and {largest} are possible")
-    for name, dataset in (*data.items(), *words.items()):
+    for name, dataset in every:
         _check_written(name, dataset)
     structures: dict[str, Any] = {}
     texts: dict[str, str] = {}
@@ -157,7 +171,28 @@ def _read(path: str | Path, file: h5py.File, largest: int) -> FileContent:
             name: _texts(dataset, "meanings") if "meanings" in dataset.attrs else ()
             for name, dataset in data.items()
         },
+        robot_list=_listed(robot[_LIST]) if robot else None,
+        robot_contents={name: dataset[()].tobytes() for name, dataset in contents.items()},
     )
+
+
+def _robot_of(file: h5py.File) -> tuple[dict[str, h5py.Dataset], dict[str, h5py.Dataset]]:
+    """The list of the robot's files, and their contents; nothing in files that do not hold a robot."""
+    if _ROBOT not in file:
+        return {}, {}
+    group = _member(file, _ROBOT, h5py.Group)
+    files = _member(group, _CONTENTS, h5py.Group)
+    return (
+        {_LIST: _dataset(group, _LIST, np.uint8)},
+        {name: _dataset(files, name, np.uint8) for name in files},
+    )
+
+
+def _listed(dataset: h5py.Dataset) -> dict[str, Any]:
+    listed = _unpack(json.loads(dataset[()].tobytes().decode()))
+    if not isinstance(listed, dict):
+        raise ValueError("the list of the robot's files is no table")
+    return listed
 
 
 def _member(group: h5py.Group, name: str, kind: type) -> Any:

@@ -59,6 +59,7 @@ def test_a_motion_that_is_none_cannot_be_drawn(folder: Path, run: Run, command: 
     assert [path.suffix for path in folder.iterdir() if "diverged" in path.name] == [".h5"]
 
 
+@pytest.mark.filterwarnings("ignore::mbocp.robot.RobotNotStoredWarning")
 @pytest.mark.parametrize("command", ["plot", "replay"])
 def test_a_robot_that_is_gone(folder: Path, run: Run, command: str) -> None:
     pendulum(robot_spec={"name": "elsewhere/robot.toml"}).save(folder / "lonely.h5")
@@ -73,7 +74,7 @@ def test_a_full_disk(folder: Path, run: Run, result: Path) -> None:
         with full_disk(1000):
             done = run(command, str(result))
         assert (done.exit_code, done.stdout) == (2, "")
-        assert "cannot be written: File too large" in " ".join(done.stderr.split())
+        assert "File too large" in " ".join(done.stderr.split())
         assert done.stderr.count("error: ") == 1
         assert name.read_text() == "old"
         name.unlink()

@@ -11,10 +11,10 @@ import pytest
 
 from mbocp.meshes import parts
 from mbocp.meshes.formats import check_single_file
+from mbocp.meshes.pictures import read_picture
 from mbocp.meshes.stl import binary_stl, read_stl
 from mbocp.robot import load_robot
 from mbocp.view.meshcat import visuals
-from mbocp.view.pictures import read_picture
 from mbocp.view.replay import write_replay
 from tests.view.pages import OBJ, Page, angles, read_page, stl, write_arm
 

@@ -55,7 +55,9 @@ def make_body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs:
     """Read a source; options are those of `load_robot`, None where they say nothing."""
     follow = _MIMIC[source.kind] if mimic is None else mimic
     if source.kind == "example":
-        example = load_example(source.name, free_flyer=free_flyer, mimic=follow, packages=list(dirs))
+        example = load_example(
+            source.name, free_flyer=free_flyer, mimic=follow, packages=list(dirs), facts=source.example
+        )
         return Body(
             example.model,
             example.visuals,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -24,7 +25,7 @@ from mbocp.robot.loading.mimic import Follower, followers
 from mbocp.robot.loading.urdf import build_model, captured_stderr, read_urdf
 from mbocp.robot.loading.visuals import build_visuals
 
-__all__ = ["Example", "description", "load_example", "names"]
+__all__ = ["Example", "ExampleFacts", "description", "example_facts", "load_example", "names"]
 
 # Upstream, "ur3" loads the UR5; and the other loader's own code only edits collision shapes, unused here.
 _CORRECTED = {"ur3": "UR3Loader"}
@@ -44,6 +45,44 @@ class Example:
     collision: tuple[CollisionSource, ...] = ()
 
 
+@dataclass(frozen=True)
+class ExampleFacts:
+    """What example-robot-data says of a robot beside its URDF.
+
+    Attributes
+    ----------
+    path : Path
+        URDF.
+    free_flyer : bool
+    srdf : Path or None
+    has_rotors : bool
+        Whether the SRDF has inertias and gear ratios of motors.
+    posture : str or None
+        Name of the SRDF's configuration to begin in.
+    packages : tuple of Path
+        Folders to search for meshes.
+    """
+
+    path: Path
+    free_flyer: bool
+    srdf: Path | None
+    has_rotors: bool
+    posture: str | None
+    packages: tuple[Path, ...] = ()
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any], root: Path) -> ExampleFacts:
+        """From a table whose paths are relative to `root`; packages do not matter there."""
+        srdf = table["srdf"]
+        return cls(
+            path=root / table["path"],
+            free_flyer=bool(table["free_flyer"]),
+            srdf=None if srdf is None else root / srdf,
+            has_rotors=bool(table["has_rotors"]),
+            posture=table["posture"],
+        )
+
+
 def names() -> list[str]:
     """Names that example-robot-data has; empty if it is not installed."""
     return sorted(_loaders())
@@ -57,7 +96,14 @@ def description(name: str) -> str:
     return f"{loader.urdf_filename}, {'free-flying' if loader.free_flyer else 'fixed'} base"
 
 
-def load_example(name: str, *, free_flyer: bool | None, mimic: bool, packages: list[Path]) -> Example:
+def load_example(
+    name: str,
+    *,
+    free_flyer: bool | None,
+    mimic: bool,
+    packages: list[Path],
+    facts: ExampleFacts | None = None,
+) -> Example:
     """Load a robot by its name in example-robot-data.
 
     Parameters
@@ -70,7 +116,45 @@ def load_example(name: str, *, free_flyer: bool | None, mimic: bool, packages: l
         Whether mimic joints follow their leader (upstream: False).
     packages : list of Path
         Folders to search for meshes before the loader's own.
+    facts : ExampleFacts, optional
+        What was stored of it; then example-robot-data itself is not asked.
     """
+    if facts is None:
+        facts = _readable_facts(name)
+        loader = _loaders()[name]
+        if _has_own_code(loader):
+            meant = free_flyer is None or free_flyer == facts.free_flyer
+            if not meant or mimic:
+                raise UnsupportedRobot(
+                    f"robot {name!r} is built by code of example-robot-data: free_flyer and mimic cannot be "
+                    f"changed; load its URDF instead: {facts.path}"
+                )
+            return _call_loader(loader, facts.path)
+    base = facts.free_flyer if free_flyer is None else free_flyer
+    urdf = read_urdf(facts.path)
+    model = build_model(urdf, free_flyer=base, mimic=mimic)
+    folders = (*packages, *facts.packages)
+    visuals = build_visuals(urdf, model, folders)
+    tied = followers(urdf.path, urdf.root) if mimic else ()
+    pose = _reference_pose(facts, model)
+    return Example(model, visuals, pose, facts.path, base, tied, (CollisionSource(urdf, folders),))
+
+
+def example_facts(name: str) -> ExampleFacts:
+    """What is said of a robot, where files and these facts are all that it is made of.
+
+    Raises
+    ------
+    UnsupportedRobot
+        If it is built by code, or is no URDF.
+    """
+    facts = _readable_facts(name)
+    if _has_own_code(_loaders()[name]):
+        raise UnsupportedRobot(f"robot {name!r} is built by code of example-robot-data, not from files alone")
+    return facts
+
+
+def _readable_facts(name: str) -> ExampleFacts:
     loader = _loaders()[name]
     if not loader.urdf_filename:
         raise UnsupportedRobot(
@@ -79,22 +163,15 @@ def load_example(name: str, *, free_flyer: bool | None, mimic: bool, packages: l
     root = Path(
         loader.model_path or _model_path(f"{loader.path}/{loader.urdf_subpath}/{loader.urdf_filename}")
     )
-    path = (root / loader.path / loader.urdf_subpath / loader.urdf_filename).resolve()
-    base = bool(loader.free_flyer) if free_flyer is None else free_flyer
-    if _has_own_code(loader):
-        if base != bool(loader.free_flyer) or mimic:
-            raise UnsupportedRobot(
-                f"robot {name!r} is built by code of example-robot-data: free_flyer and mimic cannot be "
-                f"changed; load its URDF instead: {path}"
-            )
-        return _call_loader(loader, path)
-    urdf = read_urdf(path)
-    model = build_model(urdf, free_flyer=base, mimic=mimic)
-    visuals = build_visuals(urdf, model, [*packages, root.parent.parent])
-    tied = followers(urdf.path, urdf.root) if mimic else ()
-    pose = _reference_pose(loader, root, model)
-    collision = (CollisionSource(urdf, (*packages, root.parent.parent)),)
-    return Example(model, visuals, pose, path, base, tied, collision)
+    srdf = root / loader.path / loader.srdf_subpath / loader.srdf_filename if loader.srdf_filename else None
+    return ExampleFacts(
+        path=(root / loader.path / loader.urdf_subpath / loader.urdf_filename).resolve(),
+        free_flyer=bool(loader.free_flyer),
+        srdf=srdf,
+        has_rotors=bool(loader.has_rotor_parameters),
+        posture=loader.ref_posture,
+        packages=(root.parent.parent,),
+    )
 
 
 @cache
@@ -133,19 +210,18 @@ def _call_loader(loader: Any, path: Path) -> Example:
     return Example(robot.model, robot.visual_model, np.array(robot.q0), path, bool(loader.free_flyer))
 
 
-def _reference_pose(loader: Any, root: Path, model: pin.Model) -> Array:
+def _reference_pose(facts: ExampleFacts, model: pin.Model) -> Array:
     """Initial pose of the SRDF, and its rotor inertias into the model, as the loaders do."""
     neutral: Array = pin.neutral(model)
-    if not loader.srdf_filename:
+    if facts.srdf is None:
         return neutral
-    srdf = str(root / loader.path / loader.srdf_subpath / loader.srdf_filename)
     with captured_stderr([]):
-        if loader.has_rotor_parameters:
-            pin.loadRotorParameters(model, srdf, False)
+        if facts.has_rotors:
+            pin.loadRotorParameters(model, str(facts.srdf), False)
             model.armature = model.rotorInertia * model.rotorGearRatio**2
-        pin.loadReferenceConfigurations(model, srdf, False)
+        pin.loadReferenceConfigurations(model, str(facts.srdf), False)
     poses = model.referenceConfigurations
-    if loader.ref_posture is None or loader.ref_posture not in poses:
+    if facts.posture is None or facts.posture not in poses:
         return neutral
-    pose: Array = pin.normalize(model, np.array(poses[loader.ref_posture]))
+    pose: Array = pin.normalize(model, np.array(poses[facts.posture]))
     return pose

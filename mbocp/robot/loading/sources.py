@@ -25,6 +25,7 @@ from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
 from mbocp.robot.loading import chain, examples
 from mbocp.robot.loading.schema import read_robot_toml
+from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
 __all__ = ["RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
 
@@ -41,7 +42,8 @@ _FILES: dict[_Kind, str] = {"toml": TOML, "yaml": YAML}  # the first of them in 
 class Source:
     """Source of a robot: a file, a chain, or a loader of example-robot-data.
 
-    `address` is the name or absolute path that leads here again from any folder.
+    `address` is the name or absolute path that leads here again from any folder; `example` is what
+    example-robot-data says of it, where that was stored.
     """
 
     kind: _Kind
@@ -49,6 +51,7 @@ class Source:
     address: str
     path: Path
     package_dirs: tuple[Path, ...] = ()
+    example: examples.ExampleFacts | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,9 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
     base : Path, optional
         Folder that relative paths start from; the working directory if None.
     """
+    root = unpacked_root(base)
+    if root is not None and base is not None:
+        return _from_unpacked(root, str(spec), base)
     if isinstance(spec, Path) or _looks_like_path(spec):
         path = path_of(spec)
         return _from_path(path if base is None else base / path)
@@ -156,6 +162,17 @@ def _from_path(path: Path) -> Source:
     if path.suffix in (".toml", ".yaml"):
         return Source("toml" if path.suffix == ".toml" else "yaml", path.parent.name, str(path), path)
     return Source("urdf", path.stem, str(path), path)
+
+
+def _from_unpacked(root: Path, spec: str, base: Path) -> Source:
+    """The source that a stored robot meant; it is called as it was there."""
+    row = unpacked_source(root, spec, base)
+    if row is None:
+        raise RobotFileError(spec, "is not among the files of the stored robot")
+    facts = row.get("example")
+    example = None if facts is None else examples.ExampleFacts.of_table(facts, root)
+    path = root / row["path"] if row["path"] else Path()
+    return Source(row["kind"], row["name"], row["address"], path, example=example)
 
 
 def _from_robot_descriptions(name: str) -> Source | None:

@@ -19,6 +19,7 @@ from mbocp._arrays import Array
 from mbocp._files import is_file, is_folder
 from mbocp._text import shortened, shown
 from mbocp.exceptions import RobotFileError
+from mbocp.robot.loading.unpacked import unpacked_file, unpacked_root
 from mbocp.robot.loading.urdf import Urdf
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 from mbocp.robot.warnings import MissingMeshWarning
@@ -68,13 +69,16 @@ def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
     """File that a URDF's `uri` means: package://, model://, file://, absolute, or relative to `base`.
 
     A package is looked for in `package_dirs`, in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and in the folders
-    above the URDF.
+    above the URDF. What was unpacked with a stored robot is where its list says.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file; the text says what was looked for.
     """
+    root = unpacked_root(base)
+    if root is not None:
+        return unpacked_file(root, uri, base)
     for scheme in _SCHEMES:
         if uri.startswith(scheme):
             package, _, rest = uri.removeprefix(scheme).partition("/")

@@ -23,11 +23,11 @@ from mbocp._files import MEGABYTE
 from mbocp._text import shortened
 from mbocp.exceptions import ReplayError, Unreadable
 from mbocp.meshes.parts import MeshPart, Surface, checked
+from mbocp.meshes.pictures import Picture, picture_folders, read_picture
 from mbocp.meshes.read import READERS, UNREADABLE, load_by_coal
 from mbocp.meshes.stl import binary_stl
 from mbocp.view.meshcat.commands import colour_number, shape_object
 from mbocp.view.meshcat.viewer import load_mesh, load_primitive, mg, pack_array
-from mbocp.view.pictures import Picture, picture_folders, read_picture
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -112,7 +112,7 @@ class MeshLibrary:
             return part
         if image not in self._refused:
             try:
-                picture = read_picture(image, picture_folders(self._robot, Path(mesh)))
+                picture = read_picture(image, picture_folders(self._robot.sources, Path(mesh)))
                 self._count(len(picture.content))
                 self._pictures[image] = picture
                 return part

@@ -6,18 +6,15 @@ followed only to a picture, and only below the folders that belong to the robot.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mbocp._files import MEGABYTE, is_file, read_bytes
 from mbocp._text import shortened
 from mbocp.exceptions import Unreadable
 
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
-
-__all__ = ["PICTURE_LIMIT", "Picture", "picture_folders", "read_picture"]
+__all__ = ["PACKAGE", "PICTURE_LIMIT", "Picture", "picture_folders", "read_picture"]
 
 PICTURE_LIMIT = 32 * MEGABYTE  # of one picture [bytes]
 _MAGIC = (  # first bytes, and what browsers call the kind
@@ -27,7 +24,7 @@ _MAGIC = (  # first bytes, and what browsers call the kind
     (b"GIF89a", "gif"),
 )
 _URDF_FOLDERS = ("urdf", "urdfs")  # by custom beside meshes/ and textures/
-_PACKAGE = "package.xml"
+PACKAGE = "package.xml"
 
 
 @dataclass(frozen=True)
@@ -38,22 +35,21 @@ class Picture:
     content: bytes
 
 
-def picture_folders(robot: Robot, mesh: Path) -> tuple[Path, ...]:
+def picture_folders(urdfs: Iterable[Path], mesh: Path) -> tuple[Path, ...]:
     """Folders that the pictures of a mesh may come from.
 
-    They are the URDF's own folder (if it is called urdf, the one above, too) and the packages, marked by a
-    package.xml, that the URDF and the mesh belong to. What robot.toml or a problem file say does not count,
-    for they may be foreign, too.
+    They are the folders of the robot's URDFs (if one is called urdf, the one above, too) and the packages,
+    marked by a package.xml, that a URDF and the mesh belong to. What robot.toml or a problem file say does
+    not count, for they may be foreign, too.
     """
     folders, files = [], [mesh.resolve()]
-    for source in robot.sources:
-        urdf = source.resolve()
+    for urdf in (path.resolve() for path in urdfs):
         files.append(urdf)
         folders.append(urdf.parent)
         if urdf.parent.name in _URDF_FOLDERS:
             folders.append(urdf.parent.parent)
     for file in files:
-        package = next((folder for folder in file.parents if is_file(folder / _PACKAGE)), None)
+        package = next((folder for folder in file.parents if is_file(folder / PACKAGE)), None)
         folders += [] if package is None else [package]
     return tuple(dict.fromkeys(folder.resolve() for folder in folders))
 

@@ -1,0 +1,253 @@
+"""From what a robot is loaded by to all files that it is made of, and back."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from mbocp._files import MEGABYTE, path_of, read_bytes
+from mbocp.exceptions import MbocpError, RobotFileError, Unreadable
+from mbocp.meshes.companions import MATERIALS, companions
+from mbocp.meshes.parts import MESH_LIMIT
+from mbocp.meshes.pictures import PACKAGE, picture_folders, read_picture
+from mbocp.robot.collision.self_pairs import find_srdf
+from mbocp.robot.loading.examples import ExampleFacts, example_facts
+from mbocp.robot.loading.load import robot_from_spec
+from mbocp.robot.loading.part_table import part_of
+from mbocp.robot.loading.schema import read_robot_toml
+from mbocp.robot.loading.sources import Source, find_source
+from mbocp.robot.loading.urdf import read_urdf
+from mbocp.robot.loading.visuals import resolve
+from mbocp.robot.robot import Robot
+from mbocp.robot.stored import RobotFiles, StoredFile, digest_of, packed
+
+__all__ = ["gather", "load_stored"]
+
+_TOP = "."  # the folder of the list, from which the robot itself is asked for
+_FILES = "files"  # and below it the folder of all files
+_LIMIT = 16 * MEGABYTE  # of a URDF, SRDF, robot.toml
+_MESHES = (".stl", ".dae", ".obj", ".ply", ".off", ".3ds", ".fbx", ".glb")
+
+
+def gather(spec: Mapping[str, Any]) -> RobotFiles:
+    """All files of the robot that `spec` loads now: URDF, robot.toml or robot.yaml, SRDF, meshes, pictures.
+
+    Parameters
+    ----------
+    spec : mapping
+        `Robot.spec`, with absolute paths.
+
+    Raises
+    ------
+    RobotError
+        If the robot is not there, or is not made of files alone.
+    """
+    found = _Gathering()
+    if spec.get("part"):
+        for number, entry in enumerate(spec["part"]):
+            _of_part(found, entry, number, None, ())
+    else:
+        _of_name(found, str(spec["name"]), None, _absolute(spec.get("package_dirs", ()), None))
+    return found.files(spec)
+
+
+@dataclass(eq=False)
+class _Gathering:
+    """What was found so far."""
+
+    contents: dict[Path, bytes] = field(default_factory=dict)
+    meshes: set[Path] = field(default_factory=set)
+    sources: list[tuple[str, Path | None, Source, ExampleFacts | None]] = field(default_factory=list)
+    addresses: list[tuple[str, Path, Path]] = field(default_factory=list)
+
+    def add(self, path: Path, limit: int = _LIMIT) -> bytes:
+        """Read a file, if that is not done yet."""
+        plain = _plain(path)
+        if plain not in self.contents:
+            try:
+                self.contents[plain] = read_bytes(path, limit=limit)
+            except Unreadable as error:
+                raise RobotFileError(path, error.reason) from error
+        return self.contents[plain]
+
+    def files(self, spec: Mapping[str, Any]) -> RobotFiles:
+        """All of it, below the folder that all files have in common."""
+        folders = [str(path.parent) for path in self.contents]
+        top = Path(os.path.commonpath(folders)) if folders else Path("/")
+
+        def placed(path: Path) -> str:
+            return f"{_FILES}/{_plain(path).relative_to(top).as_posix()}"
+
+        def within(folder: Path | None) -> str:
+            return _TOP if folder is None else str(Path(placed(folder)))
+
+        sources = [
+            {
+                "asked": asked,
+                "within": within(folder),
+                "kind": source.kind,
+                "name": source.name,
+                "address": source.address,
+                "path": placed(source.path) if source.kind in ("toml", "yaml", "urdf") else "",
+                "example": None if facts is None else _table(facts, placed),
+            }
+            for asked, folder, source, facts in self.sources
+        ]
+        addresses = [
+            {"asked": asked, "within": within(folder), "path": placed(path)}
+            for asked, folder, path in self.addresses
+        ]
+        files = [
+            StoredFile(
+                path=placed(path),
+                digest=digest_of(content),
+                size=len(content),
+                origin=str(path),
+                is_mesh=path in self.meshes,
+            ).model_dump()
+            for path, content in self.contents.items()
+        ]
+        listed = {"spec": dict(spec), "sources": sources, "addresses": addresses, "files": files}
+        return RobotFiles(json.loads(json.dumps(listed)), packed(list(self.contents.values())))
+
+
+def _of_part(found: _Gathering, entry: Any, number: int, base: Path | None, dirs: Sequence[Path]) -> None:
+    table = part_of(entry, number)
+    if table.robot is not None:
+        _of_name(found, table.robot, base, (*_absolute(table.package_dirs, base), *dirs))
+
+
+def _of_name(found: _Gathering, name: str, base: Path | None, dirs: Sequence[Path]) -> None:
+    """Follow what a name or a path leads to, as `mbocp.robot.loading.whole` does."""
+    source = find_source(name, base)
+    facts = example_facts(source.name) if source.kind == "example" else None
+    row = (name, base, source, facts)
+    if any(seen[:2] == row[:2] for seen in found.sources):
+        return
+    found.sources.append(row)
+    if facts is not None:
+        if facts.srdf is not None:
+            found.add(facts.srdf)
+        _of_urdf(found, facts.path, (*dirs, *facts.packages))
+    elif source.kind != "chain":
+        _of_file(found, source, (*dirs, *source.package_dirs))
+
+
+def _of_file(found: _Gathering, source: Source, dirs: Sequence[Path]) -> None:
+    folder = source.path.parent
+    found.add(source.path)
+    if source.kind == "urdf":
+        _of_urdf(found, source.path, dirs)
+    elif source.kind == "yaml":
+        held = sorted(folder.glob("*.urdf"))
+        _of_urdf(found, folder / "robot.urdf" if len(held) != 1 else held[0], dirs)
+    else:
+        table = read_robot_toml(source.path)
+        for number, part in enumerate(table.parts):
+            _of_part(found, part, number, folder, dirs)
+        if not table.parts:
+            dirs = (*dirs, *(folder / d for d in table.package_dirs))
+            try:
+                path = resolve(table.urdf, folder, dirs)
+            except FileNotFoundError as error:
+                raise RobotFileError(source.path, str(error), "urdf") from error
+            found.addresses.append((table.urdf, folder, path))
+            _of_urdf(found, path, dirs)
+
+
+def _of_urdf(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
+    found.add(path)
+    if (srdf := find_srdf(path)) is not None:
+        found.add(srdf)
+    _add_package(found, path)
+    root = read_urdf(path).root
+    for address in dict.fromkeys(mesh.get("filename", "") for mesh in _mesh_elements(root)):
+        try:
+            mesh = resolve(address, path.parent, dirs)
+        except FileNotFoundError:  # whoever loads the robot warns of it
+            continue
+        if mesh.suffix.lower() in _MESHES:
+            found.addresses.append((address, path.parent, mesh))
+            _of_mesh(found, mesh, path)
+
+
+def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:
+    kinds = ("visual", "collision")
+    return [mesh for kind in kinds for mesh in root.iterfind(f"link/{kind}/geometry/mesh")]
+
+
+def _of_mesh(found: _Gathering, mesh: Path, urdf: Path) -> None:
+    """A mesh, its material files, and those pictures that a page would show."""
+    if _plain(mesh) in found.meshes:
+        return
+    try:
+        content = found.add(mesh, MESH_LIMIT)
+    except RobotFileError:  # whoever draws it warns of it
+        return
+    found.meshes.add(_plain(mesh))
+    _add_package(found, mesh)
+    for named in companions(mesh, content):
+        try:
+            if named.suffix.lower() == MATERIALS:
+                found.add(named)
+            else:
+                found.contents[_plain(named)] = read_picture(named, picture_folders([urdf], mesh)).content
+        except MbocpError:  # as above
+            continue
+        found.meshes.add(_plain(named))
+
+
+def _add_package(found: _Gathering, path: Path) -> None:
+    """The nearest package.xml above a file: it says which pictures belong to the robot."""
+    above = (folder / PACKAGE for folder in path.resolve().parents)
+    package = next((file for file in above if file.is_file()), None)
+    if package is not None and path.is_relative_to(package.parent):
+        found.add(package)
+
+
+def _table(facts: ExampleFacts, placed: Any) -> dict[str, Any]:
+    return {
+        "path": placed(facts.path),
+        "free_flyer": facts.free_flyer,
+        "srdf": None if facts.srdf is None else placed(facts.srdf),
+        "has_rotors": facts.has_rotors,
+        "posture": facts.posture,
+    }
+
+
+def _absolute(folders: Sequence[str | Path], base: Path | None) -> tuple[Path, ...]:
+    expanded = [path_of(folder) for folder in folders]
+    return tuple((folder if base is None else base / folder).resolve() for folder in expanded)
+
+
+def _plain(path: Path) -> Path:
+    """Absolute, without `..`; links are not followed, for addresses are relative to where a file seems."""
+    return Path(os.path.abspath(path))  # noqa: PTH100  # Path.absolute keeps ..
+
+
+def load_stored(files: RobotFiles, spec: Mapping[str, Any] | None = None) -> Robot:
+    """Load the robot that `files` are of, from them and nothing else.
+
+    Parameters
+    ----------
+    files : RobotFiles
+    spec : mapping, optional
+        The same robot with other options; by default those that the files came with.
+
+    Raises
+    ------
+    RobotError
+        If they are damaged, or not all that the robot needs.
+
+    Warns
+    -----
+    MissingMeshWarning
+        If meshes were left out.
+    """
+    robot = robot_from_spec(files.spec if spec is None else spec, base=files.folder)
+    return replace(robot, stored=files)
