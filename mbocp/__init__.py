@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from mbocp.robot import load_robot as load_robot
     from mbocp.solution import Solution as Solution
     from mbocp.solving import solve as solve
+    from mbocp.view.of_solution import replay_solution as replay_solution
+    from mbocp.view.plots import plot_solution as plot_solution
 
 __version__ = "0.1.0"
 
@@ -29,10 +31,22 @@ _HOME = {
     "Solution": "mbocp.solution",
     "load_problem": "mbocp.problem",
     "load_robot": "mbocp.robot",
+    "plot_solution": "mbocp.view.plots",
+    "replay_solution": "mbocp.view.of_solution",
     "solve": "mbocp.solving",
 }
 
-__all__ = ["Problem", "Robot", "Solution", "__version__", "load_problem", "load_robot", "solve"]
+__all__ = [
+    "Problem",
+    "Robot",
+    "Solution",
+    "__version__",
+    "load_problem",
+    "load_robot",
+    "plot_solution",
+    "replay_solution",
+    "solve",
+]
 
 
 def __getattr__(name: str) -> Any:

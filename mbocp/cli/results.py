@@ -35,37 +35,17 @@ def replay_result(
     path = output if output is not None or live else result.with_suffix(".html")
     if path is not None:
         check_output(path, "-o", PAGES)
-    from mbocp.robot.kinematics import WORLD
-    from mbocp.solution.problem_text import goal_targets_of, other_goal_targets_of
-    from mbocp.view.marks import marks_of_result
-    from mbocp.view.replay import open_replay, write_replay
+    from mbocp.view.of_solution import replay_solution
 
     signals.leave_in_order()
     solution, robot = _load(result)
-    for frame in trace or ():
-        robot.frame_id(frame)
-    t, qs, title = solution.t, solution.qs, solution.problem_name or robot.name
-    known = {WORLD, *robot.frame_names}
-    text, place = solution.problem_text, solution.goal_place
-    goals, others = (
-        [goal for goal in found(text, place) if {goal.name, goal.relative_to} <= known]
-        for found in (goal_targets_of, other_goal_targets_of)
-    )
-    drawn: dict[str, Any] = {
-        "trace": trace,
-        "goals": goals,
-        "other_goals": others,
-        "marks": marks_of_result(solution, robot),
-        "title": title,
-        "speed": speed,
-    }
-    if path is not None:
-        with _named(result, "cannot be drawn"):
-            write_replay(robot, t, qs, path, **drawn)
-        _tell(f"replay: {path}", quiet)
-    if live:
-        with _named(result, "cannot be drawn"):
-            open_replay(robot, t, qs, **drawn)
+    options: dict[str, Any] = {"robot": robot, "trace": trace, "speed": speed}
+    with _named(result, "cannot be drawn"):
+        if path is not None:
+            replay_solution(solution, path, **options)
+            _tell(f"replay: {path}", quiet)
+        if live:
+            replay_solution(solution, **options)
 
 
 def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:

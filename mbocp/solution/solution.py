@@ -7,8 +7,9 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ResultFileError
 from mbocp.problem import Problem
 from mbocp.robot import Robot
@@ -18,9 +19,13 @@ from mbocp.solution.export import solution_dict, write_csv
 from mbocp.solution.files import read_content, write_content
 from mbocp.solution.formats import export_motion
 from mbocp.solution.its_robot import files_to_store, problem_of, robot_of
+from mbocp.solution.labelled import dataset_of
 from mbocp.solution.limits import ActiveLimit, active_limits
 from mbocp.solution.stored import content_of, fields_of
 from mbocp.terms import OwnTerm
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["Solution"]
 
@@ -177,6 +182,42 @@ class Solution(SolutionData):
     def export(self, path: str | Path, *, kind: str | None = None, rate: float | None = None) -> Path:
         """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`."""
         return export_motion(self, path, kind=kind, rate=rate)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""
+        return dataset_of(self)
+
+    def plot(self, path: str | Path, *, robot: Robot | None = None) -> Path:
+        """Write an overview on one page, as PNG, PDF or SVG by the suffix of `path`.
+
+        Parameters
+        ----------
+        path : str or Path
+        robot : Robot, optional
+            Default: the one of the solution, see `load_robot`.
+
+        Raises
+        ------
+        ResultFileError
+            If the suffix is none of the three, or the file cannot be written.
+        InvalidValue, RobotError
+            As `load_robot`.
+        """
+        return mbocp.plot_solution(self, path, robot=self.load_robot() if robot is None else robot)
+
+    def replay(
+        self,
+        path: str | Path | None = None,
+        *,
+        robot: Robot | None = None,
+        trace: Sequence[str] | None = None,
+        speed: float = 1.0,
+    ) -> Path | None:
+        """Write the motion as a page that works offline, or show it live if no `path` is given.
+
+        Parameters and errors are those of `mbocp.view.of_solution.replay_solution`.
+        """
+        return mbocp.replay_solution(self, path, robot=robot, trace=trace, speed=speed)
 
     def save(self, path: str | Path, *, meshes: bool | None = None) -> Path:
         """Write everything into one self-describing HDF5 file; an interrupted save leaves the old file whole.

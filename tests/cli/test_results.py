@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mbocp
-import mbocp.view.replay
+import mbocp.view.of_solution
 from mbocp.solution import Solution
 from tests.solution.fabricated import humanoid, limited, pendulum
 from tests.solution.test_atomic import full_disk
@@ -135,7 +135,7 @@ def test_replay_beside_the_result(result: Path, run: Run) -> None:
 
 def test_replay_live(result: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    monkeypatch.setattr(mbocp.view.replay, "open_replay", lambda *a, **k: calls.append(k))
+    monkeypatch.setattr(mbocp.view.of_solution, "open_replay", lambda *a, **k: calls.append(k))
     done = run("replay", str(result), "--open", "--trace", "tool0", "--speed", "0.5")
     assert done.exit_code == 0
     marks = calls[0].pop("marks")

@@ -351,3 +351,36 @@ def test_pictures_and_material_files_travel(place: Path, tmp_path: Path) -> None
     (meshes / "upper.mtl").write_text("newmtl a\nmap_Kd ../../../own.png\n")
     names = {Path(file.path).name for file in gather(load_robot(place / "robots").spec).files}
     assert "own.png" not in names
+
+
+def test_a_solution_shows_itself(solved: tuple[Solution, Path], tmp_path: Path) -> None:
+    solution = Solution.load(solved[1])
+    assert solution.plot(tmp_path / "a.png").stat().st_size > 1000
+    page = solution.replay(tmp_path / "a.html", trace=["lower"], speed=0.5)
+    assert page is not None
+    assert "my arm" in page.read_text()
+    assert solution.export(tmp_path / "a.csv", rate=20.0).exists()
+
+
+def test_with_takes_the_words_of_create(solved: tuple[Solution, Path]) -> None:
+    problem = Solution.load(solved[1]).load_problem()
+    changed = problem.with_(
+        start={"q": {"elbow": 0.5}}, goal={"q": {"shoulder": -0.2}}, cost={"velocity": 2.0}, steps=12
+    )
+    np.testing.assert_allclose(changed.q_start, [0.0, 0.5])
+    assert changed.goal.q[0] == -0.2
+    assert changed.num_steps == 12
+    assert mbocp.solve(changed).converged
+
+
+def test_xarray(solved: tuple[Solution, Path]) -> None:
+    pytest.importorskip("xarray")
+    solution = solved[0]
+    data = solution.to_xarray()
+    np.testing.assert_array_equal(data.q.sel(q_name="elbow"), solution.qs[:, 1])
+    np.testing.assert_array_equal(data.u.sel(u_name="shoulder"), solution.us[:, 0])
+    assert data.u.dims == ("step", "u_name")
+    assert str(data.v_unit.sel(v_name="elbow").values) == "rad/s"
+    assert data.mu.shape == solution.mus.shape
+    assert (data.attrs["robot"], data.attrs["cost"]) == ("my arm", solution.cost)
+    assert float(data.v.interp(t=0.5 * data.t[-1]).sel(v_name="elbow")) == pytest.approx(solution.vs[5, 1])

@@ -1,0 +1,76 @@
+"""A solution as an `xarray.Dataset`: every number by time and by the name of its joint or motor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbocp.exceptions import InvalidValue
+from mbocp.solution.data import SolutionData
+from mbocp.solution.records import Column
+from mbocp.storage.content import ENTRIES
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["dataset_of"]
+
+# Dimension of the rows, and name of the labels, of each array.
+_AT_NODES = {"qs": "q", "vs": "v", "ps": "p", "mus": "mu"}
+_IN_STEPS = {"us": "u", "lams": "lam", "zetas": "zeta"}
+
+
+def dataset_of(solution: SolutionData) -> xarray.Dataset:
+    """Trajectories with dimensions ``t`` (nodes, [s]) and ``step`` (begin of each step, [s]).
+
+    Variables are ``q``, ``v``, ``p``, ``mu`` at the nodes, ``u``, ``lam``, ``zeta`` and
+    ``control_hamiltonian`` in the steps. The second dimension of each is called after it, ``v_name`` for one,
+    and has the names of joints and motors; their units are a coordinate beside it, ``v_unit``.
+
+    Raises
+    ------
+    InvalidValue
+        If xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        raise InvalidValue(
+            "to_xarray", "no xarray", "it to be installed: pip install mbocp[xarray]"
+        ) from error
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {
+        "t": ("t", solution.t, {"units": "s"}),
+        "step": ("step", solution.t[:-1], {"units": "s", "description": "begin of the step"}),
+    }
+    for rows, arrays in (("t", _AT_NODES), ("step", _IN_STEPS)):
+        for key, letter in arrays.items():
+            columns: tuple[Column, ...] = getattr(solution.labels, letter)
+            if not columns:
+                continue
+            entry, names = ENTRIES[key], f"{letter}_name"
+            words = {"symbol": entry.symbol, "description": entry.description}
+            variables[letter] = ((rows, names), getattr(solution, key), words)
+            coordinates[names] = (names, _distinct(columns))
+            coordinates[f"{letter}_unit"] = (names, [column.unit for column in columns])
+    if np.isfinite(solution.control_hamiltonians).any():
+        entry = ENTRIES["control_hamiltonians"]
+        words = {"symbol": entry.symbol, "description": entry.description, "units": "cost/s"}
+        variables["control_hamiltonian"] = ("step", solution.control_hamiltonians, words)
+    facts = {
+        "problem": solution.problem_name,
+        "robot": solution.robot_name,
+        "status": str(solution.status),
+        "cost": solution.cost,
+    }
+    return xarray.Dataset(variables, coordinates, facts)
+
+
+def _distinct(columns: tuple[Column, ...]) -> list[str]:
+    """Names by which a column can be selected; adjoints have those of q, then those of p."""
+    names = [column.name for column in columns]
+    half = len(names) // 2
+    if len(set(names)) == len(names):
+        return names
+    return [f"{'q' if i < half else 'p'}:{name}" for i, name in enumerate(names)]
