@@ -122,8 +122,11 @@ def scene_of(scene: str, number: int) -> tuple[list[dict[str, Any]], Array, Arra
 
 def problem_of(scene: str, number: int, starts: int = 1, steps: int = _STEPS) -> Problem:
     """Minimum time from rest to rest."""
-    robot = _robot()
-    obstacles, q0, q1 = scene_of(scene, number)
+    return _problem(scene_of(scene, number), starts, steps)
+
+
+def _problem(scene: tuple[list[dict[str, Any]], Array, Array], starts: int, steps: int) -> Problem:
+    robot, (obstacles, q0, q1) = _robot(), scene
     alone = float(np.max(np.abs(q1 - q0) / robot.limits.velocity))
     return Problem.create(
         robot,
@@ -177,9 +180,10 @@ class Line:
 def measure(task: tuple[str, int, int, int]) -> Line:
     """Solve one problem."""
     scene, number, starts, steps = task
+    read, _ = scene_of(scene, number), _robot()
     begun, processor = time.perf_counter(), time.process_time()
     try:
-        problem = problem_of(scene, number, starts, steps)
+        problem = _problem(read, starts, steps)
     except mbocp.MbocpError as error:
         return Line(scene, number, starts, "refused", words=str(error))
     solution = mbocp.solve(problem)

@@ -11,17 +11,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
 
-from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.accuracy import follows_fast, with_accuracy
+from mbocp.clearing import Attempt, solve_clear
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Formulation, formulate
-from mbocp.guesses.around import near_the_way
 from mbocp.guesses.attempts import solve_from_guesses
+from mbocp.guesses.carried import Carried
 from mbocp.guesses.several import solve_from_starts
+from mbocp.guesses.starts import Warm
 from mbocp.problem import Problem, load_problem
-from mbocp.problem.reserves import largest_reserve, with_rows_and_room
 from mbocp.solution import Solution
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord
@@ -30,10 +29,6 @@ from mbocp.solvers.reachability import dependent_end_rows
 from mbocp.solvers.records import timed
 
 __all__ = ["solve"]
-
-Work: TypeAlias = Callable[..., Solution]  # `_solved` with what all solves of a problem share
-
-_ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 
 
 def solve(
@@ -85,12 +80,10 @@ def solve(
         problem = problem.with_(solver=replace(problem.solver, method=solver))
     limit = problem.solver.time_limit
     deadline = math.inf if limit is None else time.perf_counter() + limit
-    near = near_the_way(problem, None if warm_start is None else warm_start.qs)
     accuracy = follows_fast(problem) if accuracy is None else accuracy
-    work = partial(_solved, callback=callback, deadline=deadline, with_gains=gains or accuracy)
-    solution = work(near, warm_start, asked=problem)
-    if not problem.goals:
-        solution = _cleared(problem, near, solution, work, deadline)
+    attempt = partial(_attempted, callback=callback, deadline=deadline)
+    read = partial(_read, asked=problem, with_gains=gains or accuracy)
+    solution = solve_clear(problem, warm_start, attempt, read, deadline)
     if accuracy:
         solution = with_accuracy(problem, solution, deadline)
     if check and not solution.converged:
@@ -98,16 +91,15 @@ def solve(
     return solution
 
 
-def _solved(
+def _attempted(
     problem: Problem,
-    warm_start: Solution | None,
+    start: Warm,
+    rough: float = 0.0,
     *,
     callback: Callable[[IterationRecord], object] | None,
     deadline: float,
-    asked: Problem,
-    with_gains: bool,
-) -> Solution:
-    """Solution of a problem; `asked` is what it is said to solve."""
+) -> Attempt:
+    """What a solver comes to."""
     begun = time.perf_counter()
     phases: list[Phase] = []
     with timed(phases, "compile"):
@@ -117,73 +109,29 @@ def _solved(
         ]
         formulation = formulated[0][1]
     starts: tuple[StartRecord, ...] = ()
-    if problem.solver.starts == 1 and not problem.goals:
-        outcome, guess_used = solve_from_guesses(formulation, warm_start, callback, phases, deadline)
+    if rough or isinstance(start, Carried) or (problem.solver.starts == 1 and not problem.goals):
+        outcome, guess_used = solve_from_guesses(formulation, start, callback, phases, deadline, rough)
     else:
         members = [(place, member) for place, member, _ in formulated]
         formulation, outcome, guess_used, starts = solve_from_starts(
-            members, warm_start, callback, phases, deadline
+            members, start, callback, phases, deadline
         )
     left_out = next(words for _, member, words in formulated if member is formulation)
+    return Attempt(formulation, outcome, tuple(phases), guess_used, left_out, begun, starts)
+
+
+def _read(attempt: Attempt, *, asked: Problem, with_gains: bool) -> Solution:
+    """Solution of what was asked for from what a solver came to."""
     return read_solution(
-        formulation,
-        outcome,
-        phases,
-        guess_used=guess_used,
-        left_out=left_out,
-        begun=begun,
-        starts=starts,
+        attempt.formulation,
+        attempt.outcome,
+        list(attempt.phases),
+        guess_used=attempt.guess_used,
+        left_out=attempt.left_out,
+        begun=attempt.begun,
+        starts=attempt.starts,
         asked=asked,
         with_gains=with_gains,
-    )
-
-
-def _after(before: Solution, again: Solution, name: str, words: str = "") -> Solution:
-    """A solution that was found from another; what both took."""
-    spent = before.wall_time_s
-    return replace(
-        again,
-        advice=again.advice + words,
-        guess_used=before.guess_used,
-        starts=before.starts,
-        phases=(Phase(name, 0, spent), *again.phases),
-        wall_time_s=spent + again.wall_time_s,
-    )
-
-
-def _cleared(
-    problem: Problem,
-    near: Problem,
-    solution: Solution,
-    work: Work,
-    deadline: float,
-) -> Solution:
-    """The solution, or one with rows and room at the nodes for what it touches, there or between them."""
-    solution = replace(solution, advice=solution.advice + _of_room(near))
-    for _ in range(_ROUNDS):
-        if not solution.is_stationary or time.perf_counter() > deadline:
-            break
-        is_touching = solution.clearance < -BOUND_TOLERANCE
-        lacks = -solution.clearance if is_touching else 0.0
-        found = with_rows_and_room(near, solution.t, solution.qs, lacks, solution.clearance_between)
-        if found is None:
-            break
-        larger, has_more_rows = found
-        again = work(larger, solution, asked=problem)
-        if has_more_rows and not again.is_stationary:  # from the guess, with all that is known
-            again = work(larger, None, asked=problem)
-        if not has_more_rows and not (again.is_stationary and again.clearance > solution.clearance):
-            break
-        near, name = larger, "fewer rows" if has_more_rows else "smaller margins"
-        solution = _after(solution, again, name, _of_room(near))
-    return solution
-
-
-def _of_room(problem: Problem) -> str:
-    """What is said of room beyond the margins."""
-    raised = 1e3 * largest_reserve(problem)
-    return (
-        f"; margins at nodes were raised by {raised:.3g} mm in all to be clear between them" if raised else ""
     )
 
 

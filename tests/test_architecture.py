@@ -40,6 +40,7 @@ LAYERS = (
     "accuracy",
     "view",
     "guesses",
+    "clearing",
     "solving",
     "explaining",
     "study",

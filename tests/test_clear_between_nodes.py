@@ -115,7 +115,7 @@ def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
     monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
     monkeypatch.setattr("mbocp.guesses.around.near_pairs", lambda clearance, qs: ())
     monkeypatch.setattr("mbocp.guesses.around.with_first_reserve", lambda problem, qs: problem)
-    monkeypatch.setattr("mbocp.problem.reserves.missing_pairs", missing)
+    monkeypatch.setattr("mbocp.clearing.missing_pairs", missing)
     solution = mbocp.solve(problem)
     assert solution.converged
     assert any(asked)

@@ -139,6 +139,7 @@ class Programme:
         path_lower: Array,
         path_upper: Array,
         path: StageFunction | None,
+        path_values: StageFunction | None,
         num_guards: int,
         guard: StageFunction | None,
     ) -> None: ...

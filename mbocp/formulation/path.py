@@ -17,13 +17,12 @@ from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepSymbols
 from mbocp.terms import ClearanceTerm, Point
 
-__all__ = ["build_path"]
+__all__ = ["build_path", "build_path_values"]
 
 
 def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
     """(x1, m, u, theta) -> h, dh_dx1, upper Hessian of m'h in x1; only flat programmes have it."""
-    clearances = {k: term for k, term in enumerate(signature.path) if isinstance(term, ClearanceTerm)}
-    others = [k for k in range(len(signature.path)) if k not in clearances]
+    clearances, others = _kinds(signature)
     if not clearances:
         return _written_out(at, signature, others)
     nx, ends = at.x1.numel(), np.cumsum([0, *(term.rows for term in signature.path)]).tolist()
@@ -48,11 +47,42 @@ def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
     return ca.Function("path", [x, m, u, theta], [*outputs, ca.triu(hessian)])
 
 
+def build_path_values(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
+    """(x1, u, theta) -> h, the values of `build_path` alone, for trial steps."""
+    clearances, others = _kinds(signature)
+    inputs, values = [at.x1, at.inputs, at.theta], ca.cse([_expressions(at, signature, others)])
+    written = ca.Function("path_values", inputs, values)
+    if not clearances:
+        return written
+    x, u = ca.MX.sym("x1", at.x1.numel()), ca.MX.sym("u", at.inputs.numel())
+    theta = ca.MX.sym("theta", at.theta.numel())
+    rows = {k: ca.MX(0, 1) for k in range(len(signature.path))}
+    if others:
+        ends = np.cumsum([0, *(signature.path[k].rows for k in others)]).tolist()
+        rows |= dict(zip(others, ca.vertsplit(written(x, u, theta), ends), strict=True))
+    given = pieces(theta, parameter_layout(signature, Sizes.of(at.mechanics)).theta)
+    for k, term in clearances.items():
+        numbers = [given[path_parameters(k, name)] for name in term.sizes]
+        (rows[k],) = term.values(_place_of(at)).call([x[at.space.layout.z], *numbers])
+    return ca.Function("path_values", [x, u, theta], [ca.vertcat(*rows.values())])
+
+
+def _kinds(signature: FunctionSignature) -> tuple[dict[int, ClearanceTerm], list[int]]:
+    """Clearances by their numbers, and the numbers of the other constraints."""
+    clearances = {k: term for k, term in enumerate(signature.path) if isinstance(term, ClearanceTerm)}
+    return clearances, [k for k in range(len(signature.path)) if k not in clearances]
+
+
+def _place_of(at: StepSymbols) -> Point:
+    """A configuration of symbols, at rest."""
+    z = at.space.layout.z
+    return Point(at.mechanics, ca.SX.sym("q", z.stop - z.start), ca.SX.zeros(at.mechanics.nv))
+
+
 def _of_clearance(at: StepSymbols, term: ClearanceTerm) -> ca.Function:
     """The function of a clearance, of the whole state."""
     z, nx = at.space.layout.z, at.x1.numel()
-    q = ca.SX.sym("q", z.stop - z.start)
-    of_q = term.function(Point(at.mechanics, q, ca.SX.zeros(at.mechanics.nv)))
+    of_q = term.function(_place_of(at))
     x, m = ca.MX.sym("x1", nx), ca.MX.sym("m", term.rows)
     numbers = [ca.MX.sym(name, size) for name, size in term.sizes.items()]
     h, dh, upper = of_q.call([x[z], m, *numbers])
@@ -63,7 +93,16 @@ def _of_clearance(at: StepSymbols, term: ClearanceTerm) -> ca.Function:
 
 
 def _written_out(at: StepSymbols, signature: FunctionSignature, chosen: Sequence[int]) -> ca.Function:
-    """Constraints by their expressions, one after the other."""
+    """Constraints by their expressions, one after the other, with derivatives."""
+    h = _expressions(at, signature, chosen)
+    m = ca.SX.sym("m", h.numel())
+    hessian, _ = ca.hessian(ca.dot(m, h), at.x1)
+    outputs = [h, ca.jacobian(h, at.x1), ca.triu(hessian)]
+    return ca.Function("path", [at.x1, m, at.inputs, at.theta], ca.cse(outputs))
+
+
+def _expressions(at: StepSymbols, signature: FunctionSignature, chosen: Sequence[int]) -> ca.SX:
+    """Rows of some constraints, one after the other."""
     mechanics, layout, rows = at.mechanics, at.space.layout, []
     q, s = at.x1[layout.z], at.x1[layout.s]
     node = Point(mechanics, q, mechanics.velocity(q, s, at.controls))
@@ -78,11 +117,7 @@ def _written_out(at: StepSymbols, signature: FunctionSignature, chosen: Sequence
         term = signature.path[k]
         assert not isinstance(term, ClearanceTerm)
         rows.append(term.expression(node, {n: at.given[path_parameters(k, n)] for n in term.sizes}))
-    h = ca.densify(ca.vertcat(*rows))
-    m = ca.SX.sym("m", h.numel())
-    hessian, _ = ca.hessian(ca.dot(m, h), at.x1)
-    outputs = [h, ca.jacobian(h, at.x1), ca.triu(hessian)]
-    return ca.Function("path", [at.x1, m, at.inputs, at.theta], ca.cse(outputs))
+    return ca.densify(ca.vertcat(ca.SX.zeros(0, 1), *rows))
 
 
 def _unit(at: StepSymbols, name: str) -> ca.SX:

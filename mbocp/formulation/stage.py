@@ -13,6 +13,7 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - jacobian  (x0, x1, y, u, theta, rho)      -> c, l, dc_dz, dl_dz
 - complete  (x0, x1, y, u, m, theta, rho)   -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
 - path      (x1, m, u, theta)               -> h, dh_dx1, upper Hessian of m'h in x1; with path constraints
+- path_values (x1, u, theta)                -> h; likewise
 - lengthening (x0, x1, y, u, m, theta, rho) -> derivative of l + m'c in log(dt); of some schemes
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
@@ -40,7 +41,7 @@ from mbocp.formulation.parameters import (
     pieces,
     share_of,
 )
-from mbocp.formulation.path import build_path
+from mbocp.formulation.path import build_path, build_path_values
 from mbocp.formulation.reaction_terms import reaction_places
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
@@ -51,7 +52,7 @@ from mbocp.terms import Point
 __all__ = ["AT_EVERY_STEP", "build_functions", "state_space"]
 
 # Functions that are asked at all steps at once; the others follow a motion step by step.
-AT_EVERY_STEP = ("values", "complete", "path", "retract")
+AT_EVERY_STEP = ("values", "complete", "path", "path_values", "retract")
 
 
 def state_space(mechanics: Mechanics, signature: FunctionSignature) -> StateSpace:
@@ -74,6 +75,7 @@ def build_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[
     functions = _functions(symbols, signature.steps.derivatives(symbols))
     if signature.path:
         functions["path"] = build_path(symbols, signature)
+        functions["path_values"] = build_path_values(symbols, signature)
     nx, ndx = space.layout.nx, space.layout.ndx
     x, dx, moved = ca.SX.sym("x", nx), ca.SX.sym("dx", ndx), ca.SX.sym("x_moved", nx)
     functions["retract"] = ca.Function("retract", [x, dx], [ca.densify(space.retract(x, dx))])

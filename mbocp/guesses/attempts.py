@@ -11,8 +11,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
 from mbocp.guesses.ranking import is_better, with_end
-from mbocp.guesses.starts import guesses_in_turn
-from mbocp.solution import Solution
+from mbocp.guesses.starts import Warm, guesses_in_turn
 from mbocp.solvers import (
     IterationRecord,
     Outcome,
@@ -29,14 +28,19 @@ __all__ = ["interrupted", "solve_from_guesses"]
 
 def solve_from_guesses(
     formulation: Formulation,
-    warm_start: Solution | None,
+    warm_start: Warm,
     callback: Callable[[IterationRecord], object] | None,
     phases: list[Phase],
     deadline: float,
+    rough: float = 0.0,
 ) -> tuple[Outcome, str]:
-    """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails."""
+    """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails.
+
+    `rough`: residual with which Newton's method may end; the first guess is the only one then.
+    """
     problem, programme = formulation.problem, formulation.programme
     settings = SolverSettings.of(problem.solver, programme, has_inequalities=problem.is_bounded)
+    settings = replace(settings, rough=rough)
     best: tuple[Outcome, str] | None = None
     history: list[IterationRecord] = []
     failed: ProblemError | None = None
@@ -62,6 +66,9 @@ def solve_from_guesses(
         )
         limited = replace(settings, time_limit=_time_left(deadline), is_doubtful=is_doubtful)
         outcome = run_strategy(limited, start)
+        if rough:
+            phases += outcome.phases
+            return outcome, words
         if attempt == 0 and kind not in GIVEN_SOLUTIONS:
             remaining = replace(limited, time_limit=_time_left(deadline))
             outcome = better_of_eased(formulation, remaining, start, outcome)

@@ -20,8 +20,7 @@ from mbocp.formulation import Formulation
 from mbocp.guesses.attempts import interrupted
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
-from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
-from mbocp.solution import Solution
+from mbocp.guesses.starts import StartGuess, Warm, further_kinds, start_guesses
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.elsewhere import Elsewhere, ElsewhereError
@@ -36,7 +35,7 @@ _Callback: TypeAlias = Callable[[IterationRecord], object]
 
 def solve_from_starts(
     members: Sequence[tuple[int | None, Formulation]],
-    warm_start: Solution | None,
+    warm_start: Warm,
     callback: _Callback | None,
     phases: list[Phase],
     deadline: float,

@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, count, islice
+from typing import TypeAlias
 
 import numpy as np
 
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import around
+from mbocp.guesses.carried import Carried
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import guess_candidates
 from mbocp.guesses.line import driven_line, line
@@ -21,12 +23,13 @@ from mbocp.problem import Guess
 from mbocp.programme import Iterate
 from mbocp.solution import Solution
 
-__all__ = ["StartGuess", "further_kinds", "guesses_in_turn", "start_guesses"]
+__all__ = ["StartGuess", "Warm", "further_kinds", "guesses_in_turn", "start_guesses"]
 
 _MAX_BRANCHES = 4  # lines to other configurations at the goal, where one start alone fails
 _MAX_AROUND = 3  # other ways around obstacles, where one start alone fails
 _MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried
 
+Warm: TypeAlias = Solution | Carried | None  # where to start; None: from the guess
 _Maker = Callable[[], tuple[Iterate, str]]
 
 
@@ -47,7 +50,7 @@ class StartGuess:
     iterate: Iterate
 
 
-def start_guesses(formulation: Formulation, warm_start: Solution | None) -> list[StartGuess]:
+def start_guesses(formulation: Formulation, warm_start: Warm) -> list[StartGuess]:
     """As many guesses as the problem asks for, `solver.starts`, or as can be made.
 
     First the warm start or the problem's own guess, then lines to other configurations with frames at the
@@ -90,7 +93,7 @@ def further_kinds(formulation: Formulation, tried: list[StartGuess]) -> Iterator
             yield StartGuess(kind, words, iterate)
 
 
-def guesses_in_turn(formulation: Formulation, warm_start: Solution | None) -> Iterator[tuple[str, _Maker]]:
+def guesses_in_turn(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _Maker]]:
     """What to call each guess, and what makes it, of those to try until one leads to a solution.
 
     The warm start alone, or the problem's own kind of guess. Where that was left to mbocp, lines to other
@@ -111,7 +114,7 @@ def guesses_in_turn(formulation: Formulation, warm_start: Solution | None) -> It
         yield kind, partial(make_guess, kind, formulation)
 
 
-def _makers(formulation: Formulation, warm_start: Solution | None) -> Iterator[tuple[str, _Maker]]:
+def _makers(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _Maker]]:
     if warm_start is not None:
         yield "warm start", partial(_warm, formulation, warm_start)
     own, *others = _kinds(formulation)
@@ -126,7 +129,9 @@ def _makers(formulation: Formulation, warm_start: Solution | None) -> Iterator[t
         yield "", partial(_along, formulation, words, way)
 
 
-def _warm(formulation: Formulation, solution: Solution) -> tuple[Iterate, str]:
+def _warm(formulation: Formulation, solution: Solution | Carried) -> tuple[Iterate, str]:
+    if isinstance(solution, Carried):
+        return solution.into(formulation.programme), "what came before"
     return iterate_from_solution(solution, formulation), "warm start from a solution"
 
 

@@ -57,7 +57,7 @@ def with_pairs(problem: Problem, chosen: Collection[int]) -> Problem:
     if rows is None:
         return problem
     found = copy.copy(problem)
-    path = tuple(rows.of_pairs(tuple(chosen)) if c is rows else c for c in problem.path)
+    path = tuple(rows.of_pairs(tuple(chosen), rows.reserve) if c is rows else c for c in problem.path)
     object.__setattr__(found, "path", path)
     return found
 

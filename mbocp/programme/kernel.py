@@ -133,6 +133,7 @@ def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False)
         made.set_limits(
             **_sides(bounds),
             path=function("path") if bounds.nh else None,
+            path_values=function("path_values") if bounds.nh else None,
             num_guards=programme.num_guards,
             guard=_stage_function(native, programme.end_functions, "guard") if programme.num_guards else None,
         )

@@ -145,6 +145,8 @@ class GlobalisedNewton:
         Whether it begins near a solution, with the last barrier and the iterate's own multipliers.
     is_careful : bool
         Whether it begins where many steps have led along a valley, see `mbocp.solvers.shift`.
+    rough : float
+        Residual with which it ends, whatever the increment; 0: it is to converge.
     """
 
     tolerance: float = SOLVER_TOLERANCE
@@ -153,6 +155,7 @@ class GlobalisedNewton:
     name: str = "monolithic (Newton, inertia correction, filter line search)"
     is_polish: bool = False
     is_careful: bool = False
+    rough: float = 0.0
 
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         """State at an iterate."""
@@ -233,6 +236,7 @@ class GlobalisedNewton:
             _is_noise(state, self.tolerance)
             or _is_resolved(state, self.tolerance)
             or _is_centred(state, self.tolerance)
+            or state.evaluation.residual <= self.rough
         )
         return Status.CONVERGED if is_there and state.failure is None else status
 

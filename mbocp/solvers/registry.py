@@ -30,6 +30,7 @@ def _monolithic(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
         options.newton_iterations,
         control_weight=settings.control_weight,
         is_careful=settings.is_careful,
+        rough=settings.rough,
         name=f"monolithic (Newton, {words}inertia correction, filter line search)",
     )
 

@@ -31,6 +31,8 @@ class SolverSettings:
         What is left of the options' [s].
     is_careful : bool
         Whether Newton's method is to change its shift by small factors, see `mbocp.solvers.shift`.
+    rough : float
+        Residual with which Newton's method may end, whatever the increment; 0: it is to converge.
     """
 
     options: Options
@@ -39,6 +41,7 @@ class SolverSettings:
     is_doubtful: bool = False
     time_limit: float | None = None
     is_careful: bool = False
+    rough: float = 0.0
 
     @classmethod
     def of(

@@ -30,10 +30,10 @@ _FAR = 10.0  # [m]
 
 
 def clearance_slots(count: int, least: int = 0) -> int:
-    """How many rows there are where some are needed: 16, 64, 256, ..., so that few have to be compiled."""
+    """How many rows there are where some are needed: 16, 64, 128, 256, ..., so that few are compiled."""
     slots = _LEAST_SLOTS
     while slots < max(count, least):
-        slots *= 4
+        slots *= 4 if slots == _LEAST_SLOTS else 2
     return slots if max(count, least) else 0
 
 
@@ -153,17 +153,35 @@ class ClearanceTerm:
         outputs = [ca.vertcat(*h), ca.vertcat(*dh), upper]
         return ca.Function("clearance", [q, m, *given.values()], outputs)
 
+    def values(self, at: Point) -> ca.Function:
+        """(q, still, moving) -> h, as in `function`."""
+        q = ca.MX.sym("q", at.q.numel())
+        given = {name: ca.MX.sym(name, size) for name, size in self.sizes.items()}
+        placed = ca.Function("placed", [at.q], [ca.densify(ca.horzcat(*_columns(at, self.frames)))])(q)
+        h = [ca.MX(0, 1)]
+        for name, count, carriers in (("still", self.still, 1), ("moving", self.moving, 2)):
+            if count:
+                table = ca.reshape(given[name], carriers + _NUMBERS, count)
+                arguments = [placed[:, table[k, :]] for k in range(carriers)]
+                h.append(_distance(carriers).map(count)(*arguments, table[carriers:, :]).T)
+        return ca.Function("clearances", [q, *given.values()], [ca.vertcat(*h)])
+
+
+def _columns(at: Point, frames: tuple[int, ...]) -> list[ca.SX]:
+    """Axes and origin of each place, the world first."""
+    columns = [ca.vertcat(ca.vec(ca.densify(ca.SX.eye(3))), ca.SX.zeros(3))]
+    for frame in frames:
+        rotation = ca.densify(at.mechanics.frame_rotation(frame, at.q))
+        columns.append(ca.vertcat(ca.vec(rotation), at.mechanics.frame_position(frame, at.q)))
+    return columns
+
 
 def _places(at: Point, frames: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
     """Placements with their derivatives, a column for each place; and what their curvature adds.
 
     q -> (placement, its Jacobian by columns); (q, weights) -> upper Hessian of the weighted placements.
     """
-    world = ca.vertcat(ca.vec(ca.densify(ca.SX.eye(3))), ca.SX.zeros(3))
-    columns = [world]
-    for frame in frames:
-        rotation = ca.densify(at.mechanics.frame_rotation(frame, at.q))
-        columns.append(ca.vertcat(ca.vec(rotation), at.mechanics.frame_position(frame, at.q)))
+    columns = _columns(at, frames)
     with_slopes = [ca.vertcat(c, ca.vec(ca.densify(ca.jacobian(c, at.q)))) for c in columns]
     weights = ca.SX.sym("weights", _PLACE, len(columns))
     hessian, _ = ca.hessian(ca.dot(weights, ca.horzcat(*columns)), at.q)
@@ -204,6 +222,13 @@ def _row(nq: int, carriers: int) -> ca.Function:
     upper = ca.densify(hessian)[ca.Sparsity.upper(nq)]
     outputs = [h, ca.densify(J.T @ slope), upper.nz[:], *shares]
     return ca.Function("row", [*given, numbers, m], ca.cse(outputs))
+
+
+def _distance(carriers: int) -> ca.Function:
+    """(place..., numbers) -> h."""
+    here, numbers = [ca.SX.sym(f"place{k}", _PLACE) for k in range(carriers)], ca.SX.sym("numbers", _NUMBERS)
+    h = distance_from_core(_point(here, numbers), numbers[_CORE])
+    return ca.Function("row_value", [*here, numbers], ca.cse([h]))
 
 
 def _point(places: list[ca.SX], numbers: ca.SX) -> ca.SX:

@@ -164,7 +164,7 @@ def test_the_kernel_refuses_what_is_no_limit() -> None:
     native = kernel_programme(programme)
     bounds = programme.bounds
     sides = {name: getattr(bounds, name)[0] for name in bounds.__dataclass_fields__}
-    rest = {"path": None, "num_guards": 0, "guard": None}
+    rest = {"path": None, "path_values": None, "num_guards": 0, "guard": None}
     with pytest.raises(ValueError, match="wrong length"):
         native.set_limits(**{**sides, "u_lower": bounds.u_lower[0, :1]}, **rest)
     with pytest.raises(ValueError, match="no room"):

@@ -36,8 +36,8 @@ struct LogBarrier {
 
 }  // namespace
 
-void Barrier::set_limits(const Bounds& bounds, Function path, Function guard) {
-    limits_.set(bounds, std::move(path), std::move(guard));
+void Barrier::set_limits(const Bounds& bounds, Function path, Function path_values, Function guard) {
+    limits_.set(bounds, std::move(path), std::move(path_values), std::move(guard));
     for (Numbers* v :
          {&slack, &z_lower, &z_upper, &h_, &defect_, &sigma_, &force_, &ds_, &dz_lower_, &dz_upper_, &slack_moved_})
         v->assign(static_cast<std::size_t>(num_rows()), 0.0);

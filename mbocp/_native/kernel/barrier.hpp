@@ -21,7 +21,7 @@ class Barrier {
 public:
     explicit Barrier(const Problem& problem) : limits_(problem) {}
 
-    void set_limits(const Bounds& bounds, Function path, Function guard);
+    void set_limits(const Bounds& bounds, Function path, Function path_values, Function guard);
     const Limits& limits() const { return limits_; }
     bool empty() const { return limits_.empty(); }
     int num_rows() const { return limits_.num_rows(); }

@@ -34,13 +34,19 @@ void check_length(const Numbers& lower, const Numbers& upper, int N, int size, c
         throw std::invalid_argument("limits of " + name + ": wrong length");
 }
 
+// The values h that a function has just returned in a lane, its first output.
+void read_values(const StageFunction& f, int lane, double* h) {
+    const auto& rows = f.outputs[0];
+    for (int k = 0; k < rows.nnz(); ++k) h[rows.row[k]] = f.values(0)[k * f.num_lanes + lane];
+}
+
 // What a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h has just returned in a lane: values into h, and,
 // where J and H are not null, derivatives into J and added to H, both with leading dimension px.
 void read_rows(const StageFunction& f, int lane, int px, double* h, double* J, double* H) {
-    const auto &rows = f.outputs[0], &slopes = f.outputs[1], &curvature = f.outputs[2];
-    const auto value = [&](int output, int k) { return f.values(output)[k * f.num_lanes + lane]; };
-    for (int k = 0; k < rows.nnz(); ++k) h[rows.row[k]] = value(0, k);
+    read_values(f, lane, h);
     if (!J) return;
+    const auto &slopes = f.outputs[1], &curvature = f.outputs[2];
+    const auto value = [&](int output, int k) { return f.values(output)[k * f.num_lanes + lane]; };
     for (int k = 0; k < slopes.nnz(); ++k) J[slopes.row[k] * px + slopes.column[k]] = value(1, k);
     for (int k = 0; k < curvature.nnz(); ++k) {
         const int i = curvature.row[k], j = curvature.column[k];
@@ -52,18 +58,19 @@ void read_rows(const StageFunction& f, int lane, int px, double* h, double* J, d
 
 }  // namespace
 
-void Limits::set(const Bounds& bounds, Function path, Function guard) {
+void Limits::set(const Bounds& bounds, Function path, Function path_values, Function guard) {
     const int N = problem_.N, nx = problem_.nx, nu = problem_.kinds()[0].nu;
     if (nx != problem_.ndx) throw std::invalid_argument("limits: states must be plain vectors");
     for (const auto& kind : problem_.kinds())
         if (kind.nu != nu) throw std::invalid_argument("limits: kinds differ in the number of controls");
-    if (!bounds.path_lower.empty() && !path) throw std::invalid_argument("limits: the path functions are missing");
+    if (!bounds.path_lower.empty() && !(path && path_values))
+        throw std::invalid_argument("limits: the path functions are missing");
     if (bounds.num_guards && !guard) throw std::invalid_argument("limits: the guards are missing");
     nh_ = path ? path->outputs[0].rows : 0, num_guards_ = bounds.num_guards;
     check_length(bounds.x_lower, bounds.x_upper, N, nx, "states");
     check_length(bounds.u_lower, bounds.u_upper, N, nu, "controls");
     check_length(bounds.path_lower, bounds.path_upper, N, nh_, "path functions");
-    path_ = std::move(path), guard_ = std::move(guard);
+    path_ = std::move(path), path_values_ = std::move(path_values), guard_ = std::move(guard);
 
     lower.clear(), upper.clear(), equations.clear(), of_equation_.clear(), stages_.clear(), entry_.clear();
     with_path_.clear();
@@ -158,14 +165,26 @@ double Limits::reach(std::size_t equation, const Point& at) const {
     return std::sqrt(squared_slope(equation)) * dense::largest(problem_.nx, at.x.data() + problem_.x_offset(n + 1));
 }
 
-bool Limits::call_path(std::size_t first, const Point& at) {
-    const double *x[most_lanes], *lambda[most_lanes];
-    for (int lane = 0; lane < path_->num_lanes; ++lane) {
+void Limits::set_states(StageFunction& function, std::size_t first, const Point& at) const {
+    const double* x[most_lanes];
+    for (int lane = 0; lane < function.num_lanes; ++lane) {
         const std::size_t own = std::min(first + lane, with_path_.size() - 1);
         x[lane] = at.x.data() + problem_.x_offset(with_path_[own] + 1);
-        lambda[lane] = lambda_.data() + static_cast<std::size_t>(lane) * nh_;
     }
-    path_->set(0, x), path_->set(1, lambda);
+    function.set(0, x);
+}
+
+bool Limits::call_path_values(std::size_t first, const Point& at) {
+    set_states(*path_values_, first, at);
+    if (first == 0) path_values_->share(1, nullptr), path_values_->share(2, problem_.theta.data());
+    return path_values_->call_in_lanes();
+}
+
+bool Limits::call_path(std::size_t first, const Point& at) {
+    const double* lambda[most_lanes];
+    for (int lane = 0; lane < path_->num_lanes; ++lane)
+        lambda[lane] = lambda_.data() + static_cast<std::size_t>(lane) * nh_;
+    set_states(*path_, first, at), path_->set(1, lambda);
     if (first == 0) path_->share(2, nullptr);  // zeros: what of a velocity a control prescribes is not limited
     if (first == 0) path_->share(3, problem_.theta.data());
     return path_->call_in_lanes();
@@ -191,12 +210,12 @@ void Limits::copy_values(int n, const Point& at, double* h) const {
 bool Limits::values(const Point& at, Numbers& h) {
     bool ok = true;
     for (int n = 0; n < problem_.N; ++n) copy_values(n, at, h.data());
-    const auto num_lanes = static_cast<std::size_t>(path_ ? path_->num_lanes : 1);
+    const auto num_lanes = static_cast<std::size_t>(path_values_ ? path_values_->num_lanes : 1);
     for (std::size_t first = 0; first < with_path_.size(); first += num_lanes) {
-        ok = call_path(first, at) && ok;
+        ok = call_path_values(first, at) && ok;
         for (std::size_t k = first; k < std::min(first + num_lanes, with_path_.size()); ++k) {
             const Rows rows = of_stage(with_path_[k]);
-            read_rows(*path_, static_cast<int>(k - first), 0, h_.data(), nullptr, nullptr);
+            read_values(*path_values_, static_cast<int>(k - first), h_.data());
             for (int i = rows.path; i < rows.end; ++i) h[i] = h_[entry(i)];
         }
     }

@@ -33,9 +33,9 @@ public:
 
     explicit Limits(const Problem& problem) : problem_(problem) {}
 
-    // `path` is (x, m, u, theta) -> h, dh_dx, upper Hessian of m'h, at the end of a step; `guard` likewise of (x_N, m,
-    // rho_terminal).
-    void set(const Bounds& bounds, Function path, Function guard);
+    // `path` is (x, m, u, theta) -> h, dh_dx, upper Hessian of m'h, at the end of a step; `path_values` is
+    // (x, u, theta) -> h; `guard` like `path` of (x_N, m, rho_terminal).
+    void set(const Bounds& bounds, Function path, Function path_values, Function guard);
 
     Rows of_stage(int n) const { return stages_[static_cast<std::size_t>(n)]; }
     int first_guard() const { return static_cast<int>(entry_.size()); }
@@ -72,8 +72,10 @@ public:
 
 private:
     void add_rows(int n, const std::vector<int>& found, const Numbers& lower_side, const Numbers& upper_side, int size);
-    // Path functions at the nodes of as many stages as they have lanes, with `lambda_` of each of them.
+    // Path functions at the nodes of as many stages as they have lanes, with `lambda_` of each of them; their values.
     bool call_path(std::size_t first, const Point& at);
+    bool call_path_values(std::size_t first, const Point& at);
+    void set_states(StageFunction& function, std::size_t first, const Point& at) const;
     bool call_guard(const Point& at, double* h, double* J, double* H);
     void copy_values(int n, const Point& at, double* h) const;
     bool has_path(int n) const { return at_node_[static_cast<std::size_t>(n)] >= 0; }
@@ -90,7 +92,7 @@ private:
     std::vector<int> at_node_;                       // place of a stage's node among those with path functions, or -1
     std::vector<int> first_equation_, of_equation_;  // of each stage; stage of each
     int nh_ = 0, num_guards_ = 0;
-    Function path_, guard_;
+    Function path_, path_values_, guard_;
     Numbers h_;                        // of all path functions at a node
     Numbers lambda_;                   // of them at the nodes of the lanes, or of the guards
     Numbers gradient_x_, gradient_u_;  // of lambda'h

@@ -195,14 +195,15 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "set_limits",
             [](Programme& p, const Input& x_lower, const Input& x_upper, const Input& u_lower, const Input& u_upper,
-               const Input& path_lower, const Input& path_upper, Function path, int num_guards, Function guard) {
+               const Input& path_lower, const Input& path_upper, Function path, Function path_values, int num_guards,
+               Function guard) {
                 p.barrier.set_limits({to_numbers(x_lower), to_numbers(x_upper), to_numbers(u_lower),
                                       to_numbers(u_upper), to_numbers(path_lower), to_numbers(path_upper), num_guards},
-                                     std::move(path), std::move(guard));
+                                     std::move(path), std::move(path_values), std::move(guard));
             },
             nb::kw_only(), nb::arg("x_lower"), nb::arg("x_upper"), nb::arg("u_lower"), nb::arg("u_upper"),
-            nb::arg("path_lower"), nb::arg("path_upper"), nb::arg("path").none(), nb::arg("num_guards"),
-            nb::arg("guard").none())
+            nb::arg("path_lower"), nb::arg("path_upper"), nb::arg("path").none(), nb::arg("path_values").none(),
+            nb::arg("num_guards"), nb::arg("guard").none())
         .def(
             "start_limits",
             [](Programme& p, double barrier, double inside) { p.barrier.start(p.iterate, barrier, inside); },

@@ -1,0 +1,187 @@
+"""Solving around obstacles: rows for what a motion comes near, and room for what it does between nodes.
+
+Which pairs of things need rows, and how much room the nodes have to leave, is known from a motion alone. So
+the problem is solved roughly first, until no row is missing, and then to the end. What touches something all
+the same is solved again from where it is.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp.formulation import Formulation
+from mbocp.guesses.around import near_the_way
+from mbocp.guesses.carried import Carried
+from mbocp.problem import Problem
+from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
+from mbocp.problem.reserves import largest_reserve, with_rows_and_room
+from mbocp.solution import Solution
+from mbocp.solution.records import StartRecord
+from mbocp.solvers import Outcome, Phase, Status
+
+__all__ = ["Attempt", "solve_clear"]
+
+_ROUNDS = 8  # of solving again with rows that were missing, and larger margins
+_ROUGH = 2e-2  # residual of a motion that shows what it comes near
+_DEEP = 0.01  # [m]: what is so deep in something does not come out of it by itself
+_METHODS = ("auto", "monolithic")  # those that can end there
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What a solver came to, before anything is read from it.
+
+    Attributes
+    ----------
+    formulation : Formulation
+    outcome : Outcome
+    phases : tuple of Phase
+    guess_used, left_out : str
+        Words for the guess, and for end conditions that were left out.
+    begun : float
+        Time of `time.perf_counter` at which it began.
+    starts : tuple of StartRecord
+        What each start came to, where there were several.
+    """
+
+    formulation: Formulation
+    outcome: Outcome
+    phases: tuple[Phase, ...]
+    guess_used: str
+    left_out: str
+    begun: float
+    starts: tuple[StartRecord, ...] = ()
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether the solver says so."""
+        return self.outcome.result.status is Status.CONVERGED
+
+    @property
+    def carried(self) -> Carried:
+        """Where a problem of other path constraints may begin."""
+        return Carried.of(self.outcome.result.iterate, self.formulation.programme)
+
+
+Try = Callable[..., Attempt]  # of a problem, a start, and the residual of a rough solve
+Read = Callable[[Attempt], Solution]
+
+
+def solve_clear(
+    problem: Problem, warm_start: Solution | None, attempt: Try, read: Read, deadline: float
+) -> Solution:
+    """Solution of a problem; one that touches nothing, if that can be had.
+
+    Parameters
+    ----------
+    problem : Problem
+    warm_start : Solution, optional
+    attempt : callable
+        Solves a problem from a start; roughly, where a third argument is the residual that will do.
+    read : callable
+        Makes a solution of what `attempt` returns.
+    deadline : float
+        Time of `time.perf_counter` after which nothing is solved again.
+    """
+    near = near_the_way(problem, None if warm_start is None else warm_start.qs)
+    before: list[Attempt] = []
+    if warm_start is None and near.solver.starts == 1 and _may_be_rough(near):
+        near = _roughly(near, attempt, before, deadline)
+    start = before[-1].carried if before and before[-1].is_converged else warm_start
+    found = attempt(near, start)
+    if before and start is not None and not found.is_converged:
+        before.append(found)
+        found = attempt(near, None)
+    solution = _after(before, read(found))
+    return solution if problem.goals else _cleared(near, solution, found, attempt, read, deadline)
+
+
+def _may_be_rough(near: Problem) -> bool:
+    """Whether rows have been chosen, and the solver may end early."""
+    rows, solver = rows_of(near), near.solver
+    is_left_to_us = solver.method in _METHODS and solver.globalisation == "default"
+    return rows is not None and rows.chosen is not None and is_left_to_us and solver.max_iterations is None
+
+
+def _roughly(near: Problem, attempt: Try, before: list[Attempt], deadline: float) -> Problem:
+    """The problem with the rows that rough solutions ask for; these are added to `before`.
+
+    Each begins at the guess: what is deep in something has come there on a way that is no good any more.
+    """
+    for _ in range(_ROUNDS):
+        before.append(attempt(near, None, _ROUGH))
+        if not before[-1].is_converged or time.perf_counter() > deadline:
+            break
+        motion = before[-1].formulation.motion_of(before[-1].outcome.result.iterate)
+        missing = missing_pairs(near, motion.qs)
+        rows = rows_of(near)
+        if not missing or rows is None or rows.chosen is None:
+            break
+        near = with_pairs(near, {*rows.chosen, *missing})
+    return near
+
+
+def _after(before: list[Attempt], solution: Solution) -> Solution:
+    """A solution that counts what came before."""
+    if not before:
+        return solution
+    taken = sum(attempt.outcome.iterations for attempt in before)
+    spent = sum(phase.wall_time_s for attempt in before for phase in attempt.phases)
+    return replace(
+        solution,
+        guess_used=before[0].guess_used,
+        iterations=taken + solution.iterations,
+        phases=(Phase("rows and room", taken, spent), *solution.phases),
+        wall_time_s=spent + solution.wall_time_s,
+    )
+
+
+def _cleared(
+    near: Problem, solution: Solution, found: Attempt, attempt: Try, read: Read, deadline: float
+) -> Solution:
+    """The solution, or one with rows and room at the nodes for what it touches, there or between them."""
+    solution = replace(solution, advice=solution.advice + _of_room(near))
+    for _ in range(_ROUNDS):
+        if not solution.is_stationary or time.perf_counter() > deadline:
+            break
+        lacks = -solution.clearance if solution.clearance < -BOUND_TOLERANCE else 0.0
+        wider = with_rows_and_room(near, solution.t, solution.qs, lacks, solution.clearance_between)
+        if wider is None:
+            break
+        larger, has_more_rows = wider
+        is_deep = has_more_rows and lacks > _DEEP
+        tried = attempt(larger, None if is_deep else found.carried)
+        again = read(tried)
+        is_lost = has_more_rows and not again.is_stationary
+        if is_lost and not is_deep:  # from the guess, with all that is known
+            tried = attempt(larger, None)
+            again = read(tried)
+        if not has_more_rows and not (again.is_stationary and again.clearance > solution.clearance):
+            break
+        near, found, name = larger, tried, "fewer rows" if has_more_rows else "smaller margins"
+        solution = _found_from(solution, again, name, _of_room(near))
+    return solution
+
+
+def _found_from(before: Solution, again: Solution, name: str, words: str = "") -> Solution:
+    """A solution that was found from another; what both took."""
+    spent = before.wall_time_s
+    return replace(
+        again,
+        advice=again.advice + words,
+        guess_used=before.guess_used,
+        starts=before.starts,
+        phases=(Phase(name, 0, spent), *again.phases),
+        wall_time_s=spent + again.wall_time_s,
+    )
+
+
+def _of_room(problem: Problem) -> str:
+    """What is said of room beyond the margins."""
+    raised = 1e3 * largest_reserve(problem)
+    return (
+        f"; margins at nodes were raised by {raised:.3g} mm in all to be clear between them" if raised else ""
+    )
