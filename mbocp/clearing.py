@@ -17,7 +17,7 @@ from mbocp.guesses.around import near_the_way
 from mbocp.guesses.carried import Carried
 from mbocp.problem import Problem
 from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
-from mbocp.problem.reserves import largest_reserve, with_rows_and_room
+from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_rows_and_room
 from mbocp.solution import Solution
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase, Status
@@ -119,7 +119,7 @@ def _roughly(near: Problem, attempt: Try, before: list[Attempt], deadline: float
         missing = missing_pairs(near, motion.qs)
         rows = rows_of(near)
         if not missing or rows is None or rows.chosen is None:
-            break
+            return with_first_reserve(near, motion.qs)
         near = with_pairs(near, {*rows.chosen, *missing})
     return near
 
