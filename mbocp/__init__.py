@@ -14,6 +14,8 @@ TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all t
 if TYPE_CHECKING:
     from typing import Any
 
+    from mbocp.exceptions import MbocpError as MbocpError
+    from mbocp.exceptions import NotConverged as NotConverged
     from mbocp.problem import Problem as Problem
     from mbocp.problem import load_problem as load_problem
     from mbocp.robot import Robot as Robot
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
+    "MbocpError": "mbocp.exceptions",
+    "NotConverged": "mbocp.exceptions",
     "Problem": "mbocp.problem",
     "Robot": "mbocp.robot",
     "Solution": "mbocp.solution",
@@ -37,6 +41,8 @@ _HOME = {
 }
 
 __all__ = [
+    "MbocpError",
+    "NotConverged",
     "Problem",
     "Robot",
     "Solution",

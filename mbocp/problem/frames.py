@@ -148,21 +148,28 @@ def _near(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Array | N
         return None
 
 
-def goal_branches(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> InverseKinematics:
-    """Configurations at the poses of a goal's frames, the nearest to the start first.
+def goal_branches(
+    robot: Robot,
+    goal: Goal,
+    q_start: Array,
+    limits: Bounds,
+    most: int = _BRANCHES,
+    restarts: int = _RESTARTS,
+) -> InverseKinematics:
+    """Configurations at the poses of a goal's frames, `most` of them, the nearest to the start first.
 
     Within the position limits of the problem; where it has none, within the robot's if that is possible.
     """
     targets, start, fixed = _asked(robot, goal, q_start)
     found: InverseKinematics | None = None
     for choice in _limit_choices(limits):
-        for seed, (branches, restarts) in enumerate(((_BRANCHES, _RESTARTS), (1, _many(robot)))):
+        for seed, (branches, tries) in enumerate(((most, restarts), (1, _many(robot)))):
             found_now = robot.inverse_kinematics(
                 targets,
                 start,
                 fixed=fixed,
                 branches=branches,
-                restarts=_affordable(restarts, robot.nv),
+                restarts=_affordable(tries, robot.nv),
                 within_limits=choice,
                 seed=seed,
             )

@@ -12,6 +12,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.problem._checks import ProblemWarning, check_choice, check_integer
+from mbocp.problem.clear_goal import clear_configuration
 from mbocp.problem.clearance import Clearance, SelfCollision
 from mbocp.problem.clearance_pairs import clearance_of
 from mbocp.problem.completion import (
@@ -545,6 +546,8 @@ class Problem:
         if self.obstacle or own is not None:
             found = clearance_of(self.robot, self.obstacle, own, self.limits)
             self._set(clearance=found, path=(*self.path, found) if found.rows else self.path)
+            ends = (self.q_start, self.limits_of_ends[1])
+            self._set(goal=clear_configuration(self.robot, self.goal, *ends, found))
 
     def _check_coordinates(self) -> None:
         """Refuse what these coordinates do not take."""
