@@ -237,6 +237,22 @@ def plot(
 
 @app.command()
 @reporting
+def report(
+    result: ResultFile,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="PAGE.html", help="Page to write. [default: RESULT.html]"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write all about a result as one page: replay, plots tied to its time, limits, problem, versions."""
+    from mbocp.cli.results import report_result
+
+    report_result(result, output, quiet=quiet)
+
+
+@app.command()
+@reporting
 def info(result: ResultFile, as_json: Json = False) -> None:
     """Say what a result is and how good it is."""
     from mbocp.cli.results import print_info

@@ -14,10 +14,12 @@ from mbocp.cli.solve import IMAGES, PAGES, check_output
 from mbocp.exceptions import InvalidValue, ReplayError, ResultFileError, RobotError
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["plot_result", "print_info", "replay_result"]
+__all__ = ["plot_result", "print_info", "replay_result", "report_result"]
 
 
 def replay_result(
@@ -61,26 +63,45 @@ def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
     _tell(f"plot: {path}", quiet)
 
 
+def report_result(result: Path, output: Path | None, *, quiet: bool) -> None:
+    """Write a report."""
+    path = output if output is not None else result.with_suffix(".html")
+    check_output(path, "-o", PAGES)
+    from mbocp.view.report import write_report
+
+    signals.leave_in_order()
+    solution, robot = _load(result)
+    with _named(result, "cannot be drawn"):
+        write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in _rows(solution)])
+    _tell(f"report: {path}", quiet)
+
+
 def print_info(result: Path, *, as_json: bool) -> None:
     """Print what a result is."""
-    from mbocp.cli.summary import print_rows, robot_words, solution_rows
-    from mbocp.problem.coordinates import COORDINATES
     from mbocp.solution import Solution
-    from mbocp.solution.problem_text import held_by_phases
 
     solution = Solution.load(result)
     if as_json:
         typer.echo(solution.to_json(indent=2))
         return
+    from mbocp.cli.summary import print_rows
+
+    versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
+    rows = [*_rows(solution), ("holds", _held(solution)), ("made with", versions or "not recorded")]
+    print_rows(solution.problem_name or result.stem, rows)
+
+
+def _rows(solution: Solution) -> list[tuple[str, str | Text]]:
+    """What a result says of itself."""
+    from mbocp.cli.summary import robot_words, solution_rows
+    from mbocp.problem.coordinates import COORDINATES
+    from mbocp.solution.problem_text import held_by_phases
+
     known = COORDINATES.get(solution.coordinates)  # where others have multipliers of rigid bodies, too
     held = held_by_phases(solution.problem_text)
     own = [label for label in solution.labels.lam if label.name.rpartition(".")[0] not in held]
     nc = len(own) if known is not None and known.has_robot_multipliers else 0
-    robot = robot_words(solution.robot_name, solution.nv, solution.nu, nc)
-    rows = solution_rows(solution, robot)
-    versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
-    rows += [("holds", _held(solution)), ("made with", versions or "not recorded")]
-    print_rows(solution.problem_name or result.stem, rows)
+    return solution_rows(solution, robot_words(solution.robot_name, solution.nv, solution.nu, nc))
 
 
 def _held(solution: Solution) -> str:

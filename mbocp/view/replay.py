@@ -13,14 +13,14 @@ from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_file
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.live import LiveReplay, ends_gently
-from mbocp.view.meshcat.page import render_page
+from mbocp.view.meshcat.page import Below, render_page
 from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion import Motion, sample_motion
 
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
-__all__ = ["open_replay", "write_replay"]
+__all__ = ["open_replay", "replay_page", "write_replay"]
 
 
 def write_replay(
@@ -79,17 +79,52 @@ def write_replay(
     UnknownFrame
         If a traced frame does not exist.
     """
-    motion = _motion(robot, t, qs, speed, samples_per_second)
-    scene = build_scene(
-        robot, motion, trace=trace, goals=goals, other_goals=other_goals, marks=marks, spheres=spheres
-    )
-    page = render_page(
-        scene, title=title or robot.name, subtitle=_subtitle(robot, motion, title), speed=speed
+    page = replay_page(
+        robot,
+        t,
+        qs,
+        trace=trace,
+        goals=goals,
+        other_goals=other_goals,
+        marks=marks,
+        spheres=spheres,
+        title=title,
+        speed=speed,
+        samples_per_second=samples_per_second,
     )
     try:
         return replace_file(path, page.encode("utf-8", errors="replace"))  # names of files may be no text
     except MbocpError as error:
         raise ReplayError(f"replay {error}") from error
+
+
+def replay_page(
+    robot: Robot,
+    t: ArrayLike,
+    qs: ArrayLike,
+    *,
+    trace: Sequence[str] | None = None,
+    goals: Sequence[FrameTarget] = (),
+    other_goals: Sequence[FrameTarget] = (),
+    marks: Marks | None = None,
+    spheres: Sequence[LinkSpheres] = (),
+    title: str = "",
+    speed: float = 1.0,
+    samples_per_second: float = 60.0,
+    below: Below | None = None,
+) -> str:
+    """The page that `write_replay` writes, as text; `below` is what stands under the picture."""
+    motion = _motion(robot, t, qs, speed, samples_per_second)
+    scene = build_scene(
+        robot, motion, trace=trace, goals=goals, other_goals=other_goals, marks=marks, spheres=spheres
+    )
+    return render_page(
+        scene,
+        title=title or robot.name,
+        subtitle=_subtitle(robot, motion, title),
+        speed=speed,
+        below=below,
+    )
 
 
 def open_replay(

@@ -14,6 +14,7 @@ import html
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from mbocp.exceptions import ReplayError
 from mbocp.view.meshcat.scene import Scene
 from mbocp.view.meshcat.viewer import Ext, meshcat
 
-__all__ = ["render_page"]
+__all__ = ["Below", "render_page"]
 
 _MIN_SHARED_TEXT = 512  # characters; shorter strings stay in the JSON
 _MIN_SHARED_LIST = 16  # numbers; a matrix stays in the JSON
@@ -70,7 +71,22 @@ class _Store:
         return text
 
 
-def render_page(scene: Scene, *, title: str, subtitle: str = "", speed: float = 1.0) -> str:
+@dataclass(frozen=True)
+class Below:
+    """What stands below the picture: HTML, more rules of style, and a script that runs after the player.
+
+    The player tells its time by the event ``replaytime`` of the document, and follows ``replayjump``; both
+    have the seconds since the motion's begin as their detail.
+    """
+
+    content: str
+    style: str
+    script: str
+
+
+def render_page(
+    scene: Scene, *, title: str, subtitle: str = "", speed: float = 1.0, below: Below | None = None
+) -> str:
     """The whole page as text.
 
     Parameters
@@ -80,6 +96,8 @@ def render_page(scene: Scene, *, title: str, subtitle: str = "", speed: float = 
         Shown above the picture.
     speed : float
         Seconds of motion per second at which the page starts to play.
+    below : Below, optional
+        What makes a report of it.
     """
     store = _Store()
     camera = scene.camera
@@ -101,6 +119,9 @@ def render_page(scene: Scene, *, title: str, subtitle: str = "", speed: float = 
         "@SCENE@": json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),
         "@BLOBS@": "\n".join(store.blobs),
         "@PLAYER@": _resource("player.js"),
+        "@STYLE@": below.style if below else "",
+        "@BELOW@": f'<main id="below">{below.content}</main>' if below else "",
+        "@SCRIPT@": f"<script>\n{below.script}</script>" if below else "",
     }
     page = _resource("page.html")
     pieces = re.split("(@[A-Z]+@)", page)

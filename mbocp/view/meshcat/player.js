@@ -29,7 +29,7 @@
 
   function fitView(viewer, camera) {
     // The camera was placed for one shape of window; in a narrower one it steps back.
-    const aspect = window.innerWidth / window.innerHeight;
+    const aspect = at("pane").clientWidth / at("pane").clientHeight;
     const narrower = Math.max(1, camera.aspect / aspect);
     const away = Math.hypot(...camera.offset) || 1;
     const back = narrower + ((narrower - 1) * camera.behind) / away; // for the points behind the target, too
@@ -51,9 +51,14 @@
     }
     seek.max = duration;
     let shown = null;
+    let told = null;
     const show = () => {
       const now = Math.min(animator.time, duration);
       seek.value = now;
+      if (told !== now) {
+        told = now;
+        document.dispatchEvent(new CustomEvent("replaytime", { detail: now }));
+      }
       at("time").textContent = `${now.toFixed(digits)} / ${duration.toFixed(digits)} s`;
       if (shown !== animator.playing) {
         shown = animator.playing;
@@ -66,11 +71,13 @@
     at("play").onclick = toggle;
     seek.oninput = () => jump(Number(seek.value));
     at("speed").onchange = (event) => { animator.mixer.timeScale = Number(event.target.value); };
+    document.addEventListener("replayjump", (event) => jump(event.detail));
     at("fit").onclick = () => fitView(viewer, scene.camera);
     document.addEventListener("keydown", (event) => {
       if (event.code === "Space" && !["BUTTON", "SELECT"].includes(event.target.tagName)) { event.preventDefault(); toggle(); }
     });
     at("bar").hidden = false;
+    viewer.set_3d_pane_size(); // the bar may take room from the picture
     animator.mixer.timeScale = scene.speed;
     const start = location.hash.match(/t=([\d.]+)/);
     if (start) { jump(Number(start[1])); }
@@ -90,6 +97,9 @@
   let viewer;
   try {
     viewer = new MeshCat.Viewer(at("pane"));
+    const resize = viewer.set_3d_pane_size.bind(viewer); // which by itself takes the height of the window
+    viewer.set_3d_pane_size = () => resize(at("pane").clientWidth, at("pane").clientHeight);
+    viewer.set_3d_pane_size();
   } catch (error) {
     return fail("This browser shows no 3-D graphics (WebGL is switched off or missing).");
   }
@@ -105,11 +115,11 @@
         problems += 1;
       }
     }
-    fitView(viewer, scene.camera);
     if (scene.animation) {
       viewer.handle_command(scene.animation);
       runBar(viewer, scene);
     }
+    fitView(viewer, scene.camera);
     window.viewer = viewer; // for the curious, and for tests
     let meshes = 0;
     viewer.scene.traverse((node) => { meshes += node.isMesh ? 1 : 0; });

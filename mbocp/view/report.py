@@ -1,0 +1,109 @@
+"""A report: one page that works offline, with the replay as its upper half and all else below."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mbocp.exceptions import MbocpError, ReplayError
+from mbocp.solution.atomic import replace_file
+from mbocp.view.meshcat.page import Below
+from mbocp.view.of_solution import drawn_of
+from mbocp.view.replay import replay_page
+from mbocp.view.reports.plots import other_figures, tied_figures
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+    from mbocp.solution import ActiveLimit, Solution
+
+__all__ = ["write_report"]
+
+_RESOURCES = Path(__file__).parent / "reports"
+
+
+def write_report(
+    solution: Solution,
+    path: str | Path,
+    *,
+    robot: Robot | None = None,
+    facts: Sequence[tuple[str, str]] = (),
+) -> Path:
+    """Write a solution as one self-contained page.
+
+    Parameters
+    ----------
+    solution : Solution
+    path : str or Path
+        The file; an old one is replaced only when the new one is complete.
+    robot : Robot, optional
+        Default: the one of the solution, see `Solution.load_robot`.
+    facts : sequence of (str, str)
+        Rows of the first table: what is known of the solution, name and words. Default: status and cost.
+
+    Raises
+    ------
+    ReplayError
+        If the motion does not fit the robot, or the file cannot be written.
+    InvalidValue, RobotError
+        As `Solution.load_robot`.
+    """
+    shown = solution.load_robot() if robot is None else robot
+    below = Below(
+        content=_content(solution, shown, facts or _facts(solution)),
+        style=(_RESOURCES / "below.css").read_text(encoding="utf-8"),
+        script=(_RESOURCES / "below.js").read_text(encoding="utf-8"),
+    )
+    page = replay_page(shown, solution.t, solution.qs, below=below, **drawn_of(solution, shown))
+    try:
+        return replace_file(path, page.encode("utf-8", errors="replace"))
+    except MbocpError as error:
+        raise ReplayError(f"report {error}") from error
+
+
+def _content(solution: Solution, robot: Robot, facts: Iterable[tuple[str, str]]) -> str:
+    sections = [
+        ("Over time", f'<div class="plots">{"".join(tied_figures(solution, robot))}</div>'),
+        ("What came out", _table(facts)),
+        ("Active limits", _limits(solution.active_limits)),
+        (
+            "Convergence and diagnostics",
+            f'<div class="plots">{"".join(other_figures(solution, robot))}</div>',
+        ),
+        ("Problem file", f"<pre>{html.escape(solution.problem_text or 'not recorded')}</pre>"),
+        ("Made with", _table(_versions(solution.versions))),
+    ]
+    return "\n".join(f"<h2>{title}</h2>\n{body}" for title, body in sections)
+
+
+def _facts(solution: Solution) -> list[tuple[str, str]]:
+    status = f"{solution.status}: {solution.advice}" if solution.advice else str(solution.status)
+    return [("status", status), ("cost", f"{solution.cost:.10g}"), ("solver", solution.solver)]
+
+
+def _versions(versions: Mapping[str, str]) -> Iterable[tuple[str, str]]:
+    return versions.items() or [("versions", "not recorded")]
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> str:
+    body = "".join(
+        f"<tr><th>{html.escape(name)}</th><td>{html.escape(words)}</td></tr>" for name, words in rows
+    )
+    return f'<table class="facts">{body}</table>'
+
+
+def _limits(limits: Sequence[ActiveLimit]) -> str:
+    if not limits:
+        return "<p>The motion touches none of its limits.</p>"
+    head = "".join(f"<th>{word}</th>" for word in ("kind", "name", "side", "bound", "where"))
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(limit)) + "</tr>"
+        for limit in limits
+    )
+    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _cells(limit: ActiveLimit) -> tuple[str, ...]:
+    bound = f"{limit.bound:.5g} {limit.unit}".strip() if limit.bound == limit.bound else "-"
+    return limit.kind, limit.name, limit.side, bound, f"{limit.count} of {limit.total}"

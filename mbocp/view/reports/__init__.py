@@ -1,0 +1,1 @@
+"""What stands below the replay in a report: plots tied to its time, tables, texts."""

@@ -1,0 +1,113 @@
+"""Panels of a solution as vector pictures, with what ties those over time to a replay."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+import re
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.view.figures import panels
+from mbocp.view.figures.lines import LinePanel
+from mbocp.view.figures.style import house_style, line_style, mark_phases, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from mbocp.robot import Robot
+    from mbocp.solution import Solution
+
+__all__ = ["other_figures", "tied_figures"]
+
+_SIZE = (5.2, 2.7)  # [inch]
+_DIGITS = 5  # of the numbers under a plot
+_MAX_NAMES = 30  # curves whose numbers stand under a plot
+
+
+def tied_figures(solution: Solution, robot: Robot) -> Iterator[str]:
+    """Plots over time as HTML; a cursor stands at the replay's time, and moves it."""
+    tiles: Sequence[LinePanel] = [
+        *panels.state_panels(solution),
+        *panels.rate_panels(solution, "v"),
+        *panels.control_panels(solution, robot.limits.effort),
+        *panels.rate_limit_panels(solution, robot),
+        *panels.multiplier_panels(solution),
+    ]
+    for tile in tiles:
+        with house_style():
+            figure = new_figure(*_SIZE)
+            axes = figure.add_subplot()
+            styles = [line_style(i) for i in range(len(tile.names))]
+            tile.draw(axes, styles)
+            mark_phases(axes, solution.phase_times, float(solution.t[0]))
+            picture = _picture(figure)
+            box = axes.get_position()
+        shown = tile.names[:_MAX_NAMES]
+        curves = {
+            "t": _rounded(tile.t),
+            "values": [_rounded(tile.values[:, i]) for i in range(len(shown))],
+            "step": tile.step,
+            "box": [box.x0, box.x1, 1.0 - box.y1, 1.0 - box.y0],
+            "from": axes.get_xlim()[0],
+            "to": axes.get_xlim()[1],
+            "start": float(solution.t[0]),
+            "duration": solution.duration,
+        }
+        legend = "".join(
+            f'<span><i style="border-color:{style.color}"></i>{html.escape(_plain(name))} <b></b></span>'
+            for name, style in zip(shown, styles, strict=False)
+        )
+        yield _figure(picture, tile.title, html.escape(json.dumps(curves, separators=(",", ":"))), legend)
+
+
+def other_figures(solution: Solution, robot: Robot) -> Iterator[str]:
+    """Convergence, Hamiltonian and drifts as HTML."""
+    tiles: list[tuple[str, panels.Panel | LinePanel]] = [
+        ("convergence", panels.convergence_panel(solution)),
+        ("cost of the iterates", panels.cost_panel(solution)),
+        ("control Hamiltonian", panels.hamiltonian_panel(solution)),
+    ]
+    if solution.control_momenta.size or solution.nc or not solution.is_vector_space:
+        violation = None
+        if solution.nc:
+            violation = np.array([robot.constraint_residual(q) for q in solution.qs])
+        tiles.append(("drift of what is conserved", panels.drift_panel(solution, violation)))
+    for title, tile in tiles:
+        with house_style():
+            figure = new_figure(*_SIZE)
+            axes = figure.add_subplot()
+            if isinstance(tile, LinePanel):
+                tile.draw(axes, [line_style(i) for i in range(len(tile.names))])
+            else:
+                tile.draw(axes)
+            picture = _picture(figure)
+        yield _figure(picture, title, "", "")
+
+
+def _figure(picture: str, title: str, curves: str, legend: str) -> str:
+    data, tied = (f' data-curves="{curves}"', " tied") if curves else ("", "")
+    caption = f"<figcaption>{legend}</figcaption>" if legend else ""
+    image = f'<img alt="{html.escape(_plain(title))}" src="data:image/svg+xml;base64,{picture}">'
+    return f'<figure{data}><div class="picture{tied}">{image}</div>{caption}</figure>'
+
+
+def _picture(figure: Figure) -> str:
+    """A figure as SVG in base64; afterwards its axes have their final places."""
+    content = io.BytesIO()
+    figure.savefig(content, format="svg", metadata={"Date": None})
+    return base64.b64encode(content.getvalue()).decode("ascii")
+
+
+def _rounded(values: Array) -> list[float | None]:
+    return [float(f"{x:.{_DIGITS}g}") if np.isfinite(x) else None for x in values]
+
+
+def _plain(words: str) -> Any:
+    """A label without what matplotlib reads as mathematics."""
+    return re.sub(r"\$|\\Delta |\\mathrm|[{}\\]", "", words).strip()
