@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from mbocp.accuracy import follows_fast, with_accuracy
+from mbocp.accuracy import follows_fast, refined, with_accuracy
 from mbocp.clearing import Attempt, solve_clear
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Formulation, formulate
@@ -82,9 +82,14 @@ def solve(
     deadline = math.inf if limit is None else time.perf_counter() + limit
     accuracy = follows_fast(problem) if accuracy is None else accuracy
     attempt = partial(_attempted, callback=callback, deadline=deadline)
-    read = partial(_read, asked=problem, with_gains=gains or accuracy)
-    solution = solve_clear(problem, warm_start, attempt, read, deadline)
-    if accuracy:
+    has_gains = gains or accuracy or problem.accuracy is not None
+    read = partial(_read, asked=problem, with_gains=has_gains)
+    work = partial(solve_clear, attempt=attempt, read=read, deadline=deadline)
+    if problem.accuracy is not None:
+        solution = refined(problem, warm_start, work, deadline)
+    else:
+        solution = work(problem, warm_start)
+    if accuracy and problem.accuracy is None:
         solution = with_accuracy(problem, solution, deadline)
     if check and not solution.converged:
         raise NotConverged(solution)

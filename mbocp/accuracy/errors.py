@@ -25,7 +25,7 @@ from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.solution import Accuracy
 
-__all__ = ["accuracy_of"]
+__all__ = ["accuracy_of", "local_errors"]
 
 _MOST_PARTS = 64  # of a step: stiffer ones are not followed
 _RESOLVED = 0.01  # of the local errors: what the flow itself may be wrong by
@@ -86,6 +86,25 @@ def accuracy_of(
         energy_range=float(max(np.ptp(energies), kinetic.max())),
         own_error=own,
     )
+
+
+def local_errors(robot: Robot, motion: Motion, *, deadline: float = math.inf) -> Array:
+    """Largest local error of each step [rad, m], shape (N,); infinite where the robot is too stiff to follow.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    deadline : float
+        Time of `time.perf_counter` at which compiling is given up.
+    """
+    flow = Flow.of(robot, deadline=deadline)
+    vs = flow.consistent(motion.qs, motion.vs)
+    followed = _followed(flow, motion, _speeds(robot, motion.qs, vs))
+    if followed is None:
+        return np.full(len(motion.us), np.inf)
+    found: Array = np.abs(flow.differences(followed[0], motion.qs[1:])).max(axis=1)
+    return found
 
 
 def _followed(flow: Flow, motion: Motion, speeds: Array) -> tuple[Array, Array, int, float] | None:

@@ -135,6 +135,7 @@ def _accuracy(solution: Solution) -> _Rows:
 
     missed = size(found.replay_error, found.replay_joint)
     lines = [
+        *_asked(solution),
         f"a step is wrong by {size(found.local_error, found.local_joint)} at most, to t = "
         f"{found.local_time:.4g} s; all of them by {_percent(found.share)} of the way of {found.way_joint}",
         f"the controls alone, without feedback, miss the end by {missed}",
@@ -143,6 +144,19 @@ def _accuracy(solution: Solution) -> _Rows:
         f"{found.energy_range:.3g} J",
     ]
     return [("accuracy", "\n".join(lines))]
+
+
+def _asked(solution: Solution) -> list[str]:
+    """What was asked for, and how many steps it took."""
+    found = solution.accuracy
+    if math.isnan(found.asked):
+        return []
+    rounds = "1 round" if found.rounds == 1 else f"{found.rounds} rounds"
+    lengths = np.diff(solution.t)
+    return [
+        f"{found.asked:g} was asked for: {solution.num_steps} steps of {lengths.min():.3g} to "
+        f"{lengths.max():.3g} s, found in {rounds}; the cost is wrong by {found.cost_error:.1g} of it"
+    ]
 
 
 def _starts(solution: Solution) -> _Rows:

@@ -19,6 +19,8 @@ class SchemeData:
 
     Attributes
     ----------
+    order : int
+        Of convergence with smooth controls.
     options : frozenset of str
         Keys of a problem file that say more of it; it would pass over others in silence.
     solves_constraints : bool
@@ -40,6 +42,7 @@ class SchemeData:
         Whether a step has one force for each constraint, which path constraints can bound.
     """
 
+    order: int
     options: frozenset[str]
     solves_constraints: bool
     takes_drives: bool
@@ -56,6 +59,7 @@ class SchemeData:
 
 
 _TAU_FAMILY = SchemeData(
+    1,
     frozenset(),
     solves_constraints=True,
     takes_drives=False,
@@ -64,9 +68,10 @@ _TAU_FAMILY = SchemeData(
     has_forces=True,
 )
 _PARTITIONED = SchemeData(
-    frozenset(), solves_constraints=True, takes_drives=False, takes_matrices=False, alternates=True
+    2, frozenset(), solves_constraints=True, takes_drives=False, takes_matrices=False, alternates=True
 )
 _RUNGE_KUTTA = SchemeData(
+    1,
     frozenset(
         (
             "integrator.lie",
@@ -84,9 +89,18 @@ _RUNGE_KUTTA = SchemeData(
 )
 
 SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
-    {name: replace(_TAU_FAMILY, alternates=tau == 0.5, takes_holds=tau > 0.0) for name, tau in TAU.items()}
-    | {name: replace(_PARTITIONED, takes_loops=pair.holds_constraints) for name, pair in PAIRS.items()}
-    | {name: replace(_RUNGE_KUTTA, alternates=tableau.num_stages > 1) for name, tableau in TABLEAUX.items()}
+    {
+        name: replace(_TAU_FAMILY, order=1 + (tau == 0.5), alternates=tau == 0.5, takes_holds=tau > 0.0)
+        for name, tau in TAU.items()
+    }
+    | {
+        name: replace(_PARTITIONED, order=pair.order, takes_loops=pair.holds_constraints)
+        for name, pair in PAIRS.items()
+    }
+    | {
+        name: replace(_RUNGE_KUTTA, order=tableau.order, alternates=tableau.num_stages > 1)
+        for name, tableau in TABLEAUX.items()
+    }
 )
 
 

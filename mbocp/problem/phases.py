@@ -194,11 +194,15 @@ class Horizon(Protocol):
     def impacts(self) -> tuple[int, ...]: ...
     @property
     def phase(self) -> tuple[NamedPhase, ...]: ...
+    @property
+    def lengths(self) -> Array | None: ...
     # fmt: on
 
 
 def step_lengths(problem: Horizon) -> Array:
     """Lengths of the steps [s], or their guess, shape (N,)."""
+    if problem.lengths is not None:
+        return np.array(problem.lengths)
     lengths = np.full(problem.num_steps, problem.dt)
     if len(problem.phases) > 1:
         for phase in problem.phases:
@@ -211,7 +215,8 @@ def step_lengths(problem: Horizon) -> Array:
 
 def node_times(problem: Horizon) -> Array:
     """Times of the nodes [s], or their guess, shape (N + 1,)."""
-    if len(problem.phases) < 2 and are_alike(problem.phase) and not problem.impacts:
+    is_even = problem.lengths is None and len(problem.phases) < 2 and are_alike(problem.phase)
+    if is_even and not problem.impacts:
         return np.arange(problem.num_steps + 1.0) * problem.dt
     return np.append(0.0, np.cumsum(step_lengths(problem)))
 

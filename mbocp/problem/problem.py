@@ -51,6 +51,7 @@ from mbocp.problem.phase_limits import limits_along, limits_of_phases, widest_li
 from mbocp.problem.phases import Phase, free_phases
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.step_table import check_accuracy, check_lengths, check_takes_steps
 from mbocp.problem.switches import SwitchTable, switch_table
 from mbocp.problem.together import (
     check_guess,
@@ -112,7 +113,12 @@ class Problem:
         duration, and more where times of via points are free, too, or durations of `phase`. Follows from the
         others.
     num_steps : int
-        N, impacts included.
+        N, impacts included; with `accuracy` the number with which the search begins.
+    lengths : ndarray, shape (N,), optional
+        Lengths of the steps [s], where they differ and are given.
+    accuracy : float, optional
+        What errors of steps [rad, m], and that of the cost as a share of it, are to stay below: steps are
+        found that do, see `mbocp.accuracy.refining`.
     holds : tuple of Hold
         Constraints that are taken on and let go along the horizon, see `mbocp.problem.hold`. Where phases
         hold or release something, this and the next two follow from them.
@@ -187,6 +193,8 @@ class Problem:
     duration: float
     duration_range: tuple[float, float] | None = None
     num_steps: int
+    lengths: Array | None = None
+    accuracy: float | None = None
     holds: tuple[Hold, ...] = ()
     releases: tuple[Release, ...] = ()
     impacts: tuple[int, ...] = ()
@@ -239,6 +247,7 @@ class Problem:
         self._place_via(nodes)
         self._take_obstacles()
         self._check_free_start()
+        check_takes_steps(self)
         self._check_cost()
         self._check_inequalities()
         check_guess(self.guess, self.robot, self.coordinates)
@@ -266,7 +275,7 @@ class Problem:
     @property
     def has_unequal_lengths(self) -> bool:
         """Whether lengths of steps are given, and differ."""
-        return not self.phases and not are_alike(self.phase)
+        return self.lengths is not None or (not self.phases and not are_alike(self.phase))
 
     @property
     def _num_lengths(self) -> int:
@@ -378,6 +387,7 @@ class Problem:
         duration: float | Mapping[str, float] | None = None,
         steps: int | None = None,
         *,
+        accuracy: float | None = None,
         phase: Sequence[Mapping[str, Any]] | None = None,
         start: Mapping[str, Any] | None = None,
         goal: Mapping[str, Any] | None = None,
@@ -405,7 +415,9 @@ class Problem:
             [s]; with `min`, `max` and, if you like, `guess`: free between the two. Left out with `phase`:
             what phases sum up to.
         steps : int
-            Left out with `phase`.
+            Left out with `phase`, and with `accuracy`.
+        accuracy : float, optional
+            Of the motion, in place of the number of steps.
         phase : sequence of mapping, optional
             The tables `[[phase]]`.
         start, goal, cost, limits, guess, integrator, solver : mapping, optional
@@ -424,7 +436,7 @@ class Problem:
         >>> goal = {"q": [0.5, -1, 1, 0, 0.5, 0], "v": [0] * 6}
         >>> problem = Problem.create("ur5", 1.0, 100, goal=goal)  # doctest: +SKIP
         """
-        horizon = {"duration": duration, "steps": steps}
+        horizon = {"duration": duration, "steps": steps, "accuracy": accuracy}
         tables = {
             "phase": phase,
             "start": start,
@@ -478,6 +490,8 @@ class Problem:
         """Check duration and steps."""
         duration, duration_range = check_duration(self.duration, self.duration_range)
         steps = check_integer("horizon.steps", self.num_steps, minimum=1)
+        self._set(accuracy=check_accuracy(self.accuracy))
+        self._set(lengths=check_lengths(self.lengths, steps, duration))
         impacts = tuple(sorted({int(step) for step in self.impacts}))
         self._set(duration=duration, duration_range=duration_range, num_steps=steps, impacts=impacts)
 

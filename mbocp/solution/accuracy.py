@@ -41,6 +41,13 @@ class Accuracy:
         that is more [J].
     own_error : float
         What the local errors are wrong by, as far as it can tell [rad, m].
+    asked : float
+        What `horizon.accuracy` asked for; NaN where the number of steps was given.
+    cost_error : float
+        Error of the cost against that of steps of no length, as a share of it: an estimate of the rounds in
+        which the steps were found.
+    rounds : int
+        Number of these.
     """
 
     local_error: float = math.nan
@@ -56,6 +63,9 @@ class Accuracy:
     made_energy: float = math.nan
     energy_range: float = math.nan
     own_error: float = math.nan
+    asked: float = math.nan
+    cost_error: float = math.nan
+    rounds: int = 0
 
     @property
     def is_known(self) -> bool:

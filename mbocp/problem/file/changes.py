@@ -21,6 +21,7 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.named_phase import horizon_of
 from mbocp.problem.phase_holds import takes_switches
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.step_table import FIRST_STEPS, scaled_lengths
 
 __all__ = ["changed"]
 
@@ -49,6 +50,9 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
         values = {**duration_from(written), **values}
         if tables:  # at once: what they ask for may need it
             tables["horizon"] = {"duration": written}
+    if values.get("accuracy") is not None:
+        values.setdefault("num_steps", FIRST_STEPS)
+    values = {**_new_lengths(problem, values), **values}
     if values.get("phase"):
         whole = horizon_of(values["phase"])
         values = {
@@ -72,6 +76,15 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
                 f"{name}: a problem has no such field: {suggest(name, dict.fromkeys(words), 40)}"
             )
     return replace(_with_tables(problem, tables) if tables else problem, **values)
+
+
+def _new_lengths(problem: ProblemFields, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Lengths of steps where their number or the duration changes."""
+    if problem.lengths is None or not values.keys() & {"num_steps", "duration", "accuracy", "phase"}:
+        return {}
+    if values.keys() & {"num_steps", "accuracy", "phase"} or values.get("duration_range") is not None:
+        return {"lengths": None}
+    return {"lengths": scaled_lengths(problem.lengths, float(values["duration"]))}
 
 
 def _is_table(name: str, value: Any) -> bool:

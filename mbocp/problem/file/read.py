@@ -140,6 +140,8 @@ def _fields(
         "phase": tuple(weighed),
         **horizon,
         "num_steps": num_steps,
+        "lengths": table.horizon.lengths,
+        "accuracy": table.horizon.accuracy,
         "robot": robot,
         "coordinates": table.coordinates,
         "scheme": table.integrator.scheme,

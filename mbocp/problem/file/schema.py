@@ -225,6 +225,8 @@ class HorizonTable(Table):
 
     duration: Duration = None
     steps: int | None = None
+    accuracy: Finite | None = None
+    lengths: list[Finite] | None = None
 
 
 class FramePoseTable(Table):

@@ -63,6 +63,10 @@ class ProblemFields(Protocol):
     @property
     def num_steps(self) -> int: ...  # noqa: D102
     @property
+    def lengths(self) -> Array | None: ...  # noqa: D102
+    @property
+    def accuracy(self) -> float | None: ...  # noqa: D102
+    @property
     def phase(self) -> tuple[NamedPhase, ...]: ...  # noqa: D102
     @property
     def robot(self) -> Robot: ...  # noqa: D102
@@ -127,7 +131,7 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
         "robot": dict(robot.spec),
         "horizon": {
             "duration": written_duration(problem.duration, problem.duration_range),
-            "steps": problem.num_steps,
+            **_steps(problem),
         },
         "start": {
             "q": problem.q_start,
@@ -143,6 +147,13 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
         "integrator": _integrator(problem),
         "solver": asdict(problem.solver),
     }
+
+
+def _steps(problem: ProblemFields) -> dict[str, Any]:
+    """What says which steps there are."""
+    if problem.accuracy is not None:
+        return {"accuracy": problem.accuracy}
+    return {"steps": problem.num_steps} if problem.lengths is None else {"lengths": problem.lengths}
 
 
 def to_toml(document: Mapping[str, Any]) -> str:

@@ -1,0 +1,161 @@
+r"""`python -m benchmarks.references`: optimal costs in continuous time, by two schemes that agree on them.
+
+A problem is solved with N, 2 N, 4 N, ... equal steps. With controls that are constant in each step, and with
+schemes that are symmetric in time, costs have an expansion in even powers of the step,
+
+.. math:: J_h = J + a_1 h^2 + a_2 h^4 + \ldots,
+
+where the optimum is smooth; so Romberg's table takes a power of h^2 away in each column. Schemes of no
+symmetry take powers one by one from the second on. The last entries of its diagonal tell how many
+digits it has; two schemes, which agree in nothing but the limit, tell whether to believe it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import mbocp
+from benchmarks.machine import header, one_core
+from benchmarks.newton import EXAMPLES
+from benchmarks.tables import Table, present
+from mbocp.integrators import PAIRS
+
+__all__ = ["CASES", "Reference", "ReferenceCase", "limit_of", "reference_of", "reference_table"]
+
+_ROOT = Path(__file__).parent.parent
+_DOCS = _ROOT / "docs" / "optima.md"
+_BEGIN = "<!-- tables: python -m benchmarks.references --docs -->"
+_DATA = _ROOT / "tests" / "data" / "reference_costs.json"
+
+
+@dataclass(frozen=True)
+class ReferenceCase:
+    """A problem file with changes, and how its limit is found.
+
+    Attributes
+    ----------
+    name : str
+        In the table, and in the data of the tests.
+    file : str
+    schemes : tuple of str
+        Two, of which the first is believed.
+    steps : int
+        With which the tables begin.
+    levels : int
+        Rows of the tables.
+    settings : tuple of str
+    """
+
+    name: str
+    file: str
+    schemes: tuple[str, str]
+    steps: int
+    levels: int = 5
+    settings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Limits of two schemes, and what each believes to be wrong by."""
+
+    costs: tuple[float, float]
+    errors: tuple[float, float]
+
+    @property
+    def cost(self) -> float:
+        """The limit of the scheme that is surer."""
+        return self.costs[self.errors.index(min(self.errors))]
+
+    @property
+    def error(self) -> float:
+        """Share of the cost by which they differ, or are unsure."""
+        between = abs(self.costs[0] - self.costs[1])
+        return max(between, min(self.errors)) / abs(self.cost)
+
+
+_GAUSS, _LOBATTO = ("gauss3", "gauss2"), ("lobatto3", "lobatto2")
+CASES = (
+    ReferenceCase("elastic_pendulum", "paper/elastic_pendulum", _GAUSS, 40),
+    ReferenceCase("rigid_pendulum", "paper/rigid_pendulum", _LOBATTO, 20),
+    ReferenceCase("cart_pendulum_rigid", "paper/cart_pendulum_rigid", _LOBATTO, 80),
+    ReferenceCase("cart_pendulum_elastic", "paper/cart_pendulum_elastic", _GAUSS, 80),
+    ReferenceCase("unicycle_pendulum", "so3/unicycle_pendulum", ("rkf5", "rk4"), 50),
+    ReferenceCase("cart_pole", "optima/cart_pole", _GAUSS, 80),
+    ReferenceCase("two_carts", "optima/two_carts", _GAUSS, 20),
+    ReferenceCase("drone_flip", "free_flyer/drone_flip", ("midpoint", "rk4"), 40),
+    ReferenceCase("ur5_reach", "arms/ur5_reach", ("gauss2", "midpoint"), 200, 4),
+    ReferenceCase("panda_reach", "arms/panda_reach", ("gauss2", "midpoint"), 200, 4),
+    ReferenceCase("payload", "arms/payload", ("gauss2", "midpoint"), 100, 4),
+)
+
+
+def limit_of(costs: Sequence[float], *, is_symmetric: bool) -> tuple[float, float]:
+    """Limit of costs with N, 2 N, 4 N, ... steps, and what it may be wrong by."""
+    diagonal, row = [costs[0]], [costs[0]]
+    for k, cost in enumerate(costs[1:], start=1):
+        new = [cost]
+        for j in range(1, k + 1):
+            factor = 2.0 ** (2 * j if is_symmetric else j + 1) - 1.0
+            new.append(new[j - 1] + (new[j - 1] - row[j - 1]) / factor)
+        row = new
+        diagonal.append(row[-1])
+    changes = [abs(b - a) for a, b in pairwise(diagonal)]
+    best = min(range(len(changes)), key=changes.__getitem__)
+    return diagonal[best + 1], changes[best]
+
+
+def reference_of(case: ReferenceCase) -> Reference:
+    """Limits by both schemes."""
+    found = [
+        limit_of(list(_costs(case, scheme)), is_symmetric=scheme == "midpoint" or scheme in PAIRS)
+        for scheme in case.schemes
+    ]
+    return Reference((found[0][0], found[1][0]), (found[0][1], found[1][1]))
+
+
+def _costs(case: ReferenceCase, scheme: str) -> Iterator[float]:
+    before = None
+    settings = (*case.settings, f"integrator.scheme={scheme}")
+    problem = mbocp.load_problem(EXAMPLES / f"{case.file}.toml", settings)
+    for level in range(case.levels):
+        before = mbocp.solve(problem.with_(num_steps=case.steps * 2**level), warm_start=before, check=True)
+        yield before.cost
+
+
+def reference_table(cases: Sequence[ReferenceCase] = CASES) -> tuple[Table, dict[str, dict[str, float]]]:
+    """Table of all, and the numbers as data."""
+    rows, data = [], {}
+    for case in cases:
+        found = reference_of(case)
+        data[case.name] = {"cost": found.cost, "error": found.error}
+        rows.append(
+            (case.name, *case.schemes, *(f"{cost:.12g}" for cost in found.costs), f"{found.error:.1e}")
+        )
+    columns = ("system", "scheme", "and", "limit of the costs", "of the other", "differ by")
+    return Table("Optimal costs in continuous time", columns, rows), data
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table, put it into the documentation, or write the data of the tests."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.references", description=__doc__.split("\n")[0]
+    )
+    parser.add_argument("--docs", action="store_true", help=f"write the table into docs/{_DOCS.name}")
+    parser.add_argument("--data", action="store_true", help=f"write the numbers into tests/data/{_DATA.name}")
+    parser.add_argument("names", nargs="*", help="of the systems; all, if there are none")
+    options = parser.parse_args(arguments)
+    one_core()
+    cases = [case for case in CASES if not options.names or case.name in options.names]
+    table, data = reference_table(cases)
+    present([header(), table], _DOCS, _BEGIN, into_page=options.docs)
+    if options.data:
+        _DATA.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,192 @@
+r"""Steps that an accuracy asks for: solve, estimate, refine where it is needed.
+
+Each round solves with some steps, and again with each of them halved. The difference of the costs tells the
+error of the finer, by Richardson: :math:`|J_h - J_{h/2}| / (2^q - 1)`; with controls that are constant in
+each step q is two, and one for schemes of order one. For schemes of order four and more it is taken to be at
+least what the ramps of the controls say, see `mbocp.accuracy.mesh`: differences of costs may cancel. Local
+errors are those of `mbocp.accuracy.errors`. Where either is too large, `mbocp.accuracy.mesh` says which steps
+would do, and the next round begins from the interpolated motion. Lengths of steps are parameters, and
+functions are those of one step: after the first solve nothing is compiled.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.accuracy.errors import local_errors
+from mbocp.accuracy.mesh import Wanted, control_shares, halved, lengths_for
+from mbocp.accuracy.of_solution import with_accuracy
+from mbocp.formulation import Motion
+from mbocp.integrators import SCHEMES
+from mbocp.problem import Problem
+from mbocp.solution import Phase, Solution
+from mbocp.solvers import Status
+
+__all__ = ["refined"]
+
+Work: TypeAlias = Callable[[Problem, Solution | None], Solution]
+
+_ROUNDS = 8
+_MOST_STEPS = 20_000
+_MORE = 4  # times as many steps where the first do not lead to a motion
+_AIM_STEP, _AIM_COST = 0.5, 0.6  # of what is asked: errors of the next round are not known exactly
+_SURE = 1.2  # what the estimate of the cost's error may be wrong by
+_CALIBRATED = 20.0  # times what the shares say, where differences of costs say more
+
+
+def refined(
+    problem: Problem, warm_start: Solution | None, work: Work, deadline: float = math.inf
+) -> Solution:
+    """Solution with as many steps as the accuracy of a problem asks for.
+
+    Parameters
+    ----------
+    problem : Problem
+        With `accuracy`.
+    warm_start : Solution, optional
+    work : callable
+        Solves a problem, from a solution or from the problem's guess.
+    deadline : float
+        Time of `time.perf_counter` after which no round begins.
+
+    Returns
+    -------
+    Solution
+        `Solution.accuracy` has what was asked for and what was reached. Where it was not reached within the
+        rounds, the time or the most steps, the status is `under_resolved`.
+    """
+    begun, rounds, failed, taken = time.perf_counter(), list[_Round](), None, 0
+    lengths, before = _even(problem, problem.num_steps), warm_start
+    for _ in range(_ROUNDS):
+        pair = _pair(problem, lengths, before, work)
+        taken += sum(solution.iterations for solution in pair)
+        if pair[-1].is_stationary:
+            rounds.append(_Round.of(problem, *pair, deadline=deadline))
+            if rounds[-1].is_enough(problem):
+                break
+            lengths, before = rounds[-1].next_lengths(problem), rounds[-1].solution
+        else:
+            failed = pair[-1]
+            if rounds or failed.status in (Status.INTERRUPTED, Status.TIME_LIMIT):
+                break
+            lengths, before = _even(problem, _MORE * len(lengths)), None
+        if 2 * len(lengths) > _MOST_STEPS or time.perf_counter() > deadline:
+            break
+    if not rounds and failed is not None:
+        return failed
+    solution = _told(problem, rounds, failed, deadline)
+    more, spent = taken - solution.iterations, time.perf_counter() - begun - solution.wall_time_s
+    phases = (Phase("coarser steps", more, spent), *solution.phases)
+    wall_time_s = solution.wall_time_s + spent
+    return replace(solution, iterations=taken, phases=phases, wall_time_s=wall_time_s)
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """A solution, its local errors (N,) [rad, m], and the error of its cost as a share of it."""
+
+    solution: Solution
+    errors: Array
+    cost_error: float
+    guess_used: str
+
+    @classmethod
+    def of(cls, problem: Problem, coarse: Solution, fine: Solution, *, deadline: float) -> _Round:
+        motion = Motion(fine.qs, fine.vs, fine.us, np.diff(fine.t))
+        errors = local_errors(problem.robot, motion, deadline=deadline)
+        away = abs(coarse.cost - fine.cost) / (2.0 ** _cost_order(problem) - 1.0)
+        if _sums_up(problem):
+            away = max(away, float(_shares(problem, fine, errors).sum()))
+        share = away / abs(fine.cost) if fine.cost else (math.inf if away else 0.0)
+        return cls(fine, errors, share, coarse.guess_used)
+
+    def is_enough(self, problem: Problem) -> bool:
+        asked = _asked(problem)
+        return bool(self.errors.max() <= asked and _SURE * self.cost_error <= asked)
+
+    def next_lengths(self, problem: Problem) -> Array:
+        """Lengths of the coarser steps of the next round."""
+        asked, fine, dts = _asked(problem), self.solution, np.diff(self.solution.t)
+        shares, error = _shares(problem, fine, self.errors), self.cost_error * abs(fine.cost)
+        told = float(shares.sum())
+        if told > 0.0 and math.isfinite(error):
+            most = _CALIBRATED if _sums_up(problem) else math.inf
+            shares = shares * min(error / told, most)
+        wanted = Wanted(
+            _AIM_STEP * asked,
+            SCHEMES[problem.scheme].order,
+            _AIM_COST * asked * abs(fine.cost),
+            _cost_order(problem),
+        )
+        return lengths_for(dts, self.errors, shares, wanted, most=_MOST_STEPS + 2)
+
+
+def _asked(problem: Problem) -> float:
+    return math.nan if problem.accuracy is None else problem.accuracy
+
+
+def _cost_order(problem: Problem) -> int:
+    return min(SCHEMES[problem.scheme].order, 2)
+
+
+def _sums_up(problem: Problem) -> bool:
+    """Whether the shares of the steps are the error of the cost, to leading order."""
+    return SCHEMES[problem.scheme].order >= 4 and not problem.inequalities
+
+
+def _shares(problem: Problem, solution: Solution, errors: Array) -> Array:
+    """Shares of the steps in the error of the cost; what the steps make where these are of order one."""
+    if _cost_order(problem) == 1:
+        return np.where(np.isfinite(errors), errors, 1.0)
+    effort = np.broadcast_to(problem.cost.effort, solution.us.shape[1:])
+    weights = np.where(effort > 0.0, effort, 0.0) if np.any(effort) else np.ones(effort.shape)
+    return control_shares(solution.us, np.diff(solution.t), weights)
+
+
+def _even(problem: Problem, count: int) -> Array:
+    return np.full(count, problem.duration / count)
+
+
+def _pair(problem: Problem, lengths: Array, before: Solution | None, work: Work) -> list[Solution]:
+    """Solutions with steps and with their halves; the first alone if it fails."""
+    pair: list[Solution] = []
+    for dts in (lengths, halved(lengths)):
+        stepped = problem.with_(accuracy=None, num_steps=len(dts), lengths=dts)
+        found = work(stepped, before)
+        if not found.is_stationary and before is not None and found.status is not Status.INTERRUPTED:
+            found = work(stepped, None)
+        pair.append(found)
+        before = found
+        if not found.is_stationary:
+            break
+    return pair
+
+
+def _told(problem: Problem, rounds: list[_Round], failed: Solution | None, deadline: float) -> Solution:
+    """The last solution with what is known of it."""
+    last, asked = rounds[-1], _asked(problem)
+    solution = with_accuracy(problem, last.solution, deadline)
+    accuracy = replace(solution.accuracy, asked=asked, cost_error=last.cost_error, rounds=len(rounds))
+    solution = replace(solution, accuracy=accuracy, guess_used=rounds[0].guess_used)
+    if last.is_enough(problem):
+        return solution
+    why = (
+        f"with finer ones: {failed.advice}"
+        if failed is not None
+        else "there are no more rounds, steps or time"
+    )
+    status = (
+        failed.status if failed is not None and failed.status is Status.INTERRUPTED else Status.UNDER_RESOLVED
+    )
+    words = (
+        f"horizon.accuracy = {asked:g} is not reached: with {solution.num_steps} steps one is wrong by "
+        f"{last.errors.max():.2g} at most, the cost by {last.cost_error:.2g} of it; {why}"
+    )
+    return replace(solution, status=status, advice=f"{words}; {solution.advice}")

@@ -1,0 +1,162 @@
+"""An accuracy in place of a number of steps: reached, told, and with fewer steps than equal ones."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import mbocp
+from mbocp.cli.app import app
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.formulation import formulate
+from mbocp.problem.file.load import parse_problem
+from mbocp.problem.file.write import problem_to_toml
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+COSTS = json.loads((Path(__file__).parents[1] / "data/reference_costs.json").read_text())
+SYSTEMS = {"cart_pendulum_rigid": "lobatto3", "cart_pendulum_elastic": "gauss2"}
+
+
+def problem(name: str, **changes: Any) -> mbocp.Problem:
+    return mbocp.load_problem(EXAMPLES / f"paper/{name}.toml").with_(**changes)
+
+
+def true_error(solution: mbocp.Solution, name: str) -> float:
+    return float(abs(solution.cost / COSTS[name]["cost"] - 1.0))
+
+
+@pytest.mark.parametrize("asked", [1e-4, 1e-6])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_error_of_the_cost_is_below_what_was_asked_for(name: str, asked: float) -> None:
+    """Against the limit that two other schemes agree on; equal steps need more for the same."""
+    case = problem(name, scheme=SYSTEMS[name])
+    s = mbocp.solve(case.with_(accuracy=asked))
+    assert s.converged, s.advice
+    assert s.accuracy.asked == asked
+    assert s.accuracy.local_error <= asked
+    assert s.accuracy.rounds >= 1
+    assert true_error(s, name) <= asked
+    assert s.accuracy.cost_error >= 0.8 * true_error(s, name)
+    if asked < 1e-5:  # steps are short enough for the leading order
+        assert s.accuracy.cost_error == pytest.approx(true_error(s, name), rel=0.5)
+    equal = mbocp.solve(case.with_(num_steps=s.num_steps), warm_start=s)
+    assert equal.converged
+    assert true_error(equal, name) > 1.5 * true_error(s, name)
+    lengths = np.diff(s.t)
+    assert lengths.max() > 2.0 * lengths.min()
+    assert lengths.sum() == pytest.approx(case.duration, rel=1e-12)
+
+
+def test_steps_of_any_number_and_length_share_functions() -> None:
+    case = problem("elastic_pendulum", scheme="gauss2")
+    libraries = {
+        formulate(case.with_(num_steps=len(lengths), lengths=lengths)).programme.functions.library
+        for lengths in (np.full(20, 0.25), np.full(40, 0.125), np.linspace(0.04, 0.16, 50))
+    }
+    assert len(libraries) == 1
+
+
+def test_lengths_that_are_equal_change_nothing() -> None:
+    case = problem("elastic_pendulum", num_steps=25)
+    plain, given = mbocp.solve(case), mbocp.solve(case.with_(lengths=np.full(25, 0.2)))
+    assert case.duration == 5.0
+    np.testing.assert_allclose(given.us, plain.us, atol=1e-9)
+    assert given.cost == pytest.approx(plain.cost, rel=1e-12)
+
+
+def test_what_is_not_reached_is_told() -> None:
+    s = mbocp.solve(problem("elastic_pendulum", accuracy=1e-6, scheme="se1"))
+    assert s.status == "under_resolved"
+    assert not s.converged
+    assert s.is_stationary
+    assert s.advice.startswith("horizon.accuracy = 1e-06 is not reached: with ")
+    assert s.accuracy.cost_error > 1e-6
+
+
+def test_no_round_begins_after_the_time_limit() -> None:
+    case = problem("elastic_pendulum", accuracy=1e-6, scheme="se1", solver={"time_limit": 1.0})
+    formulate(case.with_(accuracy=None, lengths=np.full(case.num_steps, case.dt)))
+
+    def wait(record: object) -> None:
+        time.sleep(0.4)
+
+    s = mbocp.solve(case, callback=wait)
+    assert not s.converged
+
+
+def test_result_file_json_and_summary_say_it(tmp_path: Path) -> None:
+    run = CliRunner(env={"COLUMNS": "200", "TERM": "dumb"})
+    path = str(EXAMPLES / "paper/cart_pendulum_rigid.toml")
+    document = Path(path).read_text()
+    assert "steps = " in document
+    file = tmp_path / "swing.toml"
+    lines = [line for line in document.splitlines() if not line.startswith("steps")]
+    at = lines.index("[horizon]") + 1
+    file.write_text("\n".join([*lines[:at], "accuracy = 1e-3", *lines[at:]]))
+    saved = tmp_path / "swing.h5"
+    done = run.invoke(app, ["solve", str(file), "--set", "integrator.scheme=lobatto3", "-o", str(saved)])
+    assert done.exit_code == 0, done.output
+    assert "0.001 was asked for: " in done.stdout
+    loaded = mbocp.Solution.load(saved)
+    assert loaded.accuracy.asked == 1e-3
+    assert loaded.accuracy.cost_error < 1e-3
+    assert "accuracy = 0.001" in loaded.problem_text
+    again = run.invoke(app, ["solve", str(file), "--set", "integrator.scheme=lobatto3", "--json"])
+    told = json.loads(again.stdout)["accuracy"]
+    assert told["asked"] == 1e-3
+    assert told["cost_error"] == pytest.approx(loaded.accuracy.cost_error)
+    assert told["rounds"] == loaded.accuracy.rounds
+
+
+def test_problem_files_keep_accuracy_and_lengths() -> None:
+    case = problem("elastic_pendulum")
+    assert parse_problem(problem_to_toml(case.with_(accuracy=1e-5))).accuracy == 1e-5
+    lengths = np.linspace(0.01, 0.03, 125)
+    lengths *= case.duration / lengths.sum()
+    given = case.with_(num_steps=125, lengths=lengths)
+    again = parse_problem(problem_to_toml(given))
+    np.testing.assert_array_equal(again.lengths, given.lengths)
+    np.testing.assert_allclose(given.with_(cost={"effort": 2.0}).lengths, lengths)
+    np.testing.assert_allclose(given.with_(duration=10.0).lengths, 2.0 * lengths)
+    assert given.with_(num_steps=30).lengths is None
+    assert given.with_(accuracy=1e-3).lengths is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"via": [{"time": 1.0, "q": [0.0, 0.0, -5.0]}]}, r"\[\[via\]\]"),
+        ({"duration": {"min": 1.0, "max": 3.0}}, r"free horizon\.duration"),
+        (
+            {"path": [{"kind": "speed", "frame": "bob", "max": 99.0, "until": 1.0}]},
+            r"from and until of \[\[path\]\]",
+        ),
+    ],
+)
+def test_what_accuracy_does_not_go_with_is_refused_by_name(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ProblemError, match=rf"horizon\.accuracy: does not go with .*{words}"):
+        problem("elastic_pendulum", accuracy=1e-4).with_(**changes)
+
+
+def test_obstacles_are_refused_by_name() -> None:
+    with pytest.raises(ProblemError, match=r"horizon\.accuracy: does not go with \[\[obstacle\]\]"):
+        mbocp.load_problem(EXAMPLES / "arms/slalom.toml").with_(accuracy=1e-3)
+
+
+def test_numbers_that_make_no_sense_are_refused() -> None:
+    case = problem("elastic_pendulum")
+    for accuracy in (0.0, -1.0, 1e-14, 0.5, float("nan")):
+        with pytest.raises(InvalidValue, match=r"horizon\.accuracy"):
+            case.with_(accuracy=accuracy)
+    with pytest.raises(InvalidValue, match=r"horizon\.lengths\[3\]"):
+        case.with_(num_steps=4, lengths=[0.5, 1.0, 1.0, 0.0])
+    with pytest.raises(ProblemError, match=r"horizon\.lengths: they take 2 s"):
+        case.with_(num_steps=4, lengths=[0.5, 0.5, 0.5, 0.5])
+    with pytest.raises(ProblemError, match="steps and accuracy both say which steps there are"):
+        mbocp.load_problem(EXAMPLES / "paper/elastic_pendulum.toml", ["horizon.accuracy=1e-4"])
