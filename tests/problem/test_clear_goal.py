@@ -32,7 +32,7 @@ def pose(robot) -> dict:
 def ball_at(robot, q) -> dict:
     """A ball above the elbow."""
     elbow = robot.frame_placement("forearm_link", q).translation
-    return {"name": "ball", "shape": "sphere", "radius": 0.03, "position": elbow + [0.0, 0.0, 0.06]}
+    return {"name": "ball", "shape": "sphere", "radius": 0.03, "position": elbow + np.array([0.0, 0.0, 0.06])}
 
 
 def test_another_configuration_is_taken_where_the_nearest_touches_something(arm):
