@@ -10,19 +10,19 @@ Kuffner, LaValle, "RRT-Connect: an efficient approach to single-query path plann
 
 from __future__ import annotations
 
-from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.guesses.ways import Way, position_limits
+from mbocp.guesses.ways import Way, given_way, position_limits, straight, through
 from mbocp.problem import Problem
 from mbocp.problem.clearance import Clearance
 from mbocp.problem.near_pairs import MANY, near_pairs, with_pairs
 from mbocp.problem.pair_clearances import WaySize
 from mbocp.problem.reserves import with_first_reserve
+from mbocp.robot import Robot
 from mbocp.robot.joints import configuration_slice, joint_kind
 
 __all__ = ["around", "near_the_way"]
@@ -50,11 +50,8 @@ def near_the_way(problem: Problem, qs: Array | None = None) -> Problem:
         return with_pairs(problem, near_pairs(clearance, qs))
     shares = np.linspace(0.0, 1.0, problem.num_steps + 1)
     shares, q_start = shares**3 * (10 - 15 * shares + 6 * shares**2), np.asarray(problem.q_start)
-    way = around(problem)
-    if way is None:
-        found = _on_lines(robot.model, [q_start, *_stops(problem), np.asarray(problem.goal.q)], shares)
-    else:
-        found = way(q_start, shares)
+    corners = [*_stops(problem), np.asarray(problem.goal.q)]
+    found = (given_way(problem) or around(problem) or through(robot, corners))(q_start, shares)
     return with_first_reserve(with_pairs(problem, near_pairs(clearance, found)), found)
 
 
@@ -85,7 +82,7 @@ def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
     for reserve in dict.fromkeys(min(wanted, at_ends) for wanted in _RESERVES):
         path = clearance.way(ends, ranges, reserve, seed, _SIZE)
         if path is not None:
-            return _way(problem, _rounded(problem.robot.model, clearance, list(path), reserve))
+            return through(problem.robot, _rounded(problem.robot, clearance, path, reserve)[1:])
     return None
 
 
@@ -93,7 +90,7 @@ def _is_free(problem: Problem, clearance: Clearance, ends: Array) -> bool:
     """Whether the line keeps all margins."""
     length = float(np.linalg.norm(problem.robot.difference(*ends)))
     shares = np.linspace(0.0, 1.0, 2 + int(length / _SIZE.resolution))
-    return bool(clearance.least(_on_lines(problem.robot.model, list(ends), shares), _NEAR).min() >= 0.0)
+    return bool(clearance.least(straight(problem)(ends[0], shares), _NEAR).min() >= 0.0)
 
 
 def _ranges(problem: Problem) -> Array:
@@ -111,9 +108,9 @@ def _ranges(problem: Problem) -> Array:
     return found
 
 
-def _rounded(model: pin.Model, clearance: Clearance, path: list[Array], reserve: float) -> list[Array]:
+def _rounded(robot: Robot, clearance: Clearance, path: Array, reserve: float) -> Array:
     """The way as many places, each drawn to the middle of its neighbours as long as all stay clear."""
-    places = _on_lines(model, path, np.linspace(0.0, 1.0, _PLACES))
+    model, places = robot.model, through(robot, path[1:])(path[0], np.linspace(0.0, 1.0, _PLACES))
     known = float(clearance.least(places, reserve + _NEAR).min())
     for _ in range(_ROUNDS):
         inner = [
@@ -125,23 +122,4 @@ def _rounded(model: pin.Model, clearance: Clearance, path: list[Array], reserve:
         if least < min(reserve, known):
             break
         places, known = moved, least
-    return list(places)
-
-
-def _way(problem: Problem, path: list[Array]) -> Way:
-    """Configurations by the share of the length; it begins where it is told."""
-    model = problem.robot.model
-    return lambda q_start, shares: _on_lines(model, [np.asarray(q_start), *path[1:]], shares)
-
-
-def _on_lines(model: pin.Model, corners: list[Array], shares: Array) -> Array:
-    """Configurations by their share of the length of a way of lines."""
-    legs = list(pairwise(corners))
-    lengths = [float(np.linalg.norm(pin.difference(model, a, b))) for a, b in legs]
-    at = np.concatenate([[0.0], np.cumsum(lengths)]) / max(sum(lengths), 1e-300)
-    found = []
-    for share in shares:
-        leg = int(np.clip(np.searchsorted(at, share, side="right") - 1, 0, len(legs) - 1))
-        part = (share - at[leg]) / max(float(at[leg + 1] - at[leg]), 1e-300)
-        found.append(pin.interpolate(model, *legs[leg], float(np.clip(part, 0.0, 1.0))))
-    return np.array(found)
+    return places

@@ -10,6 +10,7 @@ from mbocp.guesses.around import around
 from mbocp.guesses.hold import can_hold, hold
 from mbocp.guesses.line import at_rest, driven_line, is_whole, line
 from mbocp.guesses.simulated import simulated
+from mbocp.guesses.ways import given_way
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
@@ -35,7 +36,7 @@ def guess_candidates(problem: Problem) -> tuple[str, ...]:
 
 
 def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
-    """Iterate of one of the kinds "control", "line", "at_rest", "hold", and words that say what was taken.
+    """Iterate of "control", "line", "way", "at_rest" or "hold", and words that say what was taken.
 
     Raises
     ------
@@ -50,8 +51,10 @@ def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
         return at_rest(formulation), "straight line in the configuration space, nothing moves"
     if kind == "hold":
         return hold(formulation), "hold the start, gravity compensated"
-    way = around(problem)
+    given = given_way(problem)
+    way = given or around(problem)
     words = "straight line in the configuration space" if way is None else "a way around obstacles"
+    words = words if given is None else "straight lines through the configurations of guess.q"
     if problem.robot.drives:
         return driven_line(formulation, way), words
     return line(formulation, way), f"{words}, inverse dynamics"

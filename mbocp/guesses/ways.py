@@ -6,7 +6,8 @@ step goes where the start velocity says, and the way begins there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -25,10 +26,12 @@ from mbocp.robot.poses.bounds import inside, joint_bounds
 __all__ = [
     "Way",
     "branch_ways",
+    "given_way",
     "position_limits",
     "random_way",
     "straight",
     "straight_to",
+    "through",
     "turned_ways",
 ]
 
@@ -37,6 +40,7 @@ Way: TypeAlias = Callable[[Array, Array], Array]
 _FULL_TURN = 2.0 * np.pi
 _MIN_ANGLE = 1e-6  # [rad] a smaller rotation has no axis to turn about the other way
 _LEG = 0.5  # share of the way at which a way of two legs is in its third place
+_NO_LENGTH = 1e-300  # of a way that stays where it is
 _SAME_PLACE = 1e-6  # [rad, m] between configurations
 _CHECKED = 21  # configurations of a way along which loops have to stay closed
 _MAX_TRIES = 6  # to get to a third place with closed loops, each half as far as the one before
@@ -51,6 +55,34 @@ def straight(problem: Problem) -> Way:
 def straight_to(problem: Problem, q_goal: Array) -> Way:
     """The straight line to a configuration, or as near to it as closed loops allow."""
     return lambda q_start, shares: _on_the_way(problem.robot, q_start, q_goal, shares)
+
+
+def given_way(problem: Problem) -> Way | None:
+    """Straight lines through the configurations of `guess.q`, at a steady rate; None where it has none."""
+    if problem.guess.q is None:
+        return None
+    return through(problem.robot, [*problem.guess.q, np.asarray(problem.goal.q)])
+
+
+def through(robot: Robot, corners: Iterable[Array]) -> Way:
+    """Straight lines from where it begins through other configurations, by the share of their length.
+
+    Where loops are closed, as near to the lines as these allow.
+    """
+    places = list(corners)
+
+    def way(q_start: Array, shares: Array) -> Array:
+        legs = list(pairwise([np.asarray(q_start), *places]))
+        lengths = [float(np.linalg.norm(robot.difference(a, b))) for a, b in legs]
+        at = np.concatenate([[0.0], np.cumsum(lengths)]) / max(sum(lengths), _NO_LENGTH)
+        which = np.clip(np.searchsorted(at, shares, side="right") - 1, 0, len(legs) - 1)
+        parts = np.clip((shares - at[which]) / np.maximum(at[which + 1] - at[which], _NO_LENGTH), 0.0, 1.0)
+        found = [
+            _on_the_way(robot, *leg, parts[which == k]) for k, leg in enumerate(legs) if (which == k).any()
+        ]
+        return np.vstack([np.zeros((0, robot.nq)), *found])
+
+    return way
 
 
 def branch_ways(problem: Problem) -> Iterator[tuple[str, Way]]:

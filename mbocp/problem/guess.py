@@ -12,9 +12,9 @@ from mbocp.problem._checks import check_choice, check_finite
 
 __all__ = ["GUESSES", "Guess", "GuessKind"]
 
-GuessKind = Literal["auto", "control", "line", "at_rest", "hold", "joint", "solution"]
+GuessKind = Literal["auto", "control", "line", "way", "at_rest", "hold", "joint", "solution"]
 
-GUESSES: tuple[GuessKind, ...] = ("auto", "control", "line", "at_rest", "hold", "joint", "solution")
+GUESSES: tuple[GuessKind, ...] = ("auto", "control", "line", "way", "at_rest", "hold", "joint", "solution")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,9 +23,10 @@ class Guess:
 
     Attributes
     ----------
-    kind : {"auto", "control", "line", "at_rest", "hold", "joint", "solution"}
+    kind : {"auto", "control", "line", "way", "at_rest", "hold", "joint", "solution"}
         ``control``: a constant control and the forward simulation with it (the paper's);
         ``line``: a straight line in the configuration space with inverse dynamics;
+        ``way``: straight lines through given configurations, as a path planner finds them;
         ``at_rest``: the same line with all velocities and controls zero, which no dynamics agree with;
         ``hold``: stay at the start with gravity compensated;
         ``joint``: the optimum in joint coordinates, for natural coordinates only;
@@ -35,11 +36,14 @@ class Guess:
         The constant control, for ``control`` only [N, N m].
     path : Path, optional
         The saved solution, for ``solution`` only.
+    q : ndarray, shape (n, nq), optional
+        Configurations between start and goal, for ``way`` only.
     """
 
     kind: GuessKind = "auto"
     u: Array | None = None
     path: Path | None = None
+    q: Array | None = None
 
     def __post_init__(self) -> None:
         check_choice("guess.kind", self.kind, GUESSES)
@@ -47,9 +51,13 @@ class Guess:
             u = frozen_array(self.u, shape=(None,), name="guess.u")
             check_finite("guess.u", u)
             object.__setattr__(self, "u", u)
+        if self.q is not None:
+            q = frozen_array(self.q, shape=(None, None), name="guess.q")
+            check_finite("guess.q", q)
+            object.__setattr__(self, "q", q)
         if self.path is not None:
             object.__setattr__(self, "path", Path(self.path))
-        for key, file_key, owner in (("u", "u", "control"), ("path", "file", "solution")):
+        for key, file_key, owner in (("u", "u", "control"), ("q", "q", "way"), ("path", "file", "solution")):
             given = getattr(self, key) is not None
             if self.kind == owner and not given:
                 raise ProblemError(f'guess: kind = "{owner}" needs the key {file_key!r}')
@@ -58,7 +66,9 @@ class Guess:
                     f'guess.{file_key}: only used with kind = "{owner}", got kind = "{self.kind}"'
                 )
 
-    def check_dimensions(self, nu: int) -> None:
-        """Refuse a control that does not fit a robot with `nu` actuators."""
+    def check_dimensions(self, nq: int, nu: int) -> None:
+        """Refuse what does not fit a robot of `nq` coordinates with `nu` actuators."""
         if self.u is not None and self.u.shape != (nu,):
             raise DimensionMismatch("guess.u", self.u.shape, (nu,))
+        if self.q is not None and self.q.shape[1:] != (nq,):
+            raise DimensionMismatch("guess.q", self.q.shape, (None, nq))

@@ -51,7 +51,7 @@ def check_guess(guess: Guess, robot: Robot, coordinates: str) -> None:
     ------
     DimensionMismatch, ProblemError
     """
-    guess.check_dimensions(robot.nu)
+    guess.check_dimensions(robot.nq, robot.nu)
     if guess.kind == "joint" and not COORDINATES[coordinates].takes_joint_guess:
         raise ProblemError('guess.kind: "joint" is for coordinates = "natural"; take another, or "auto"')
 

@@ -159,7 +159,7 @@ def _fields(
         "q_start": q_start,
         "v_start": v_start,
         "start_free": free_from(robot, table.start.free),
-        "guess": _guess(table.guess, robot, folder),
+        "guess": _guess(table.guess, robot, q_start, folder),
         "solver": SolverOptions(**table.solver.model_dump()),
         "source": source,
         "name": name,
@@ -399,13 +399,23 @@ def _check_targets(robot: Robot, weights: Array, given: BoolArray, key: str, sou
         raise ProblemError(f"{key}: all weights are 0, expected at least one above 0")
 
 
-def _guess(table: GuessTable, robot: Robot, folder: Path) -> Guess:
+def _guess(table: GuessTable, robot: Robot, q_start: Array, folder: Path) -> Guess:
     """Make the guess; a `kind` that is written leaves the other kinds' keys unused (`--set guess.kind=`)."""
     kind = table.kind
     if kind is None:
-        kind = "control" if table.u is not None else "solution" if table.file is not None else "auto"
+        given = {"control": table.u, "way": table.q, "solution": table.file}
+        kind = next((name for name, value in given.items() if value is not None), "auto")
     u = control_from(robot, table.u, "guess.u") if table.u is not None and kind == "control" else None
     path = folder / table.file if table.file is not None and kind == "solution" else None
     if path is not None and not is_file(path):
         raise ProblemError(f"guess.file: no such file {shown(str(path))}")
-    return Guess(kind=kind, u=u, path=path)  # type: ignore[arg-type]  # checked by the class
+    q = _corners(table.q, robot, q_start) if table.q is not None and kind == "way" else None
+    return Guess(kind=kind, u=u, path=path, q=q)  # type: ignore[arg-type]  # checked by the class
+
+
+def _corners(written: Sequence[Any], robot: Robot, q_start: Array) -> Array:
+    """Configurations of a guess, shape (n, nq); joints that one does not name are where they start."""
+    if not written:
+        raise ProblemError("guess.q: expected at least one configuration between start and goal")
+    found = [configuration_from(robot, row, q_start, "guess.q")[0] for row in written]
+    return np.array([robot.normalise(q, name="guess.q") for q in found])

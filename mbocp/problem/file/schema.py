@@ -419,6 +419,7 @@ class GuessTable(Table):
 
     kind: str | None = None
     u: Control = None
+    q: list[VectorOrNamed] | None = None
     file: str | None = None
 
 

@@ -201,7 +201,8 @@ def _integrator(problem: ProblemFields) -> dict[str, Any]:
 
 
 def _guess(guess: Guess) -> dict[str, Any]:
-    return {"kind": guess.kind, "u": guess.u, "file": str(guess.path.resolve()) if guess.path else None}
+    file = str(guess.path.resolve()) if guess.path else None
+    return {"kind": guess.kind, "u": guess.u, "q": guess.q, "file": file}
 
 
 def _key(name: str) -> str:

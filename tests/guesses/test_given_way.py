@@ -1,0 +1,71 @@
+"""A guess through configurations that are given, as a path planner finds them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mbocp
+from mbocp.formulation import formulate
+from mbocp.guesses.make import make_guess
+from mbocp.guesses.ways import through
+from mbocp.problem import Problem, parse_problem
+
+ANGLES = st.floats(-2.0, 2.0)
+PLACES = st.lists(st.tuples(ANGLES, ANGLES), min_size=1, max_size=4).map(np.array)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return mbocp.load_robot("double_pendulum", damping=False)
+
+
+def problem(robot, **changes) -> Problem:
+    rest = {"start": {"q": [0.0, 0.0]}, "goal": {"q": [1.0, 0.5], "v": 0}, "cost": {"effort": 1.0}}
+    return Problem.create(robot, 1.0, 40, **rest, **changes)
+
+
+@given(PLACES, st.integers(5, 60))
+def test_a_way_goes_through_its_corners_at_a_steady_rate(arm, corners, count):
+    start = np.zeros(2)
+    way = through(arm, list(corners))
+    lengths = np.linalg.norm(np.diff(np.vstack([start, corners]), axis=0), axis=1)
+    at = np.cumsum(lengths) / max(lengths.sum(), 1e-300)
+    np.testing.assert_allclose(way(start, at[:-1]), corners[:-1], atol=1e-9)
+    found = way(start, np.linspace(0.0, 1.0, count))
+    np.testing.assert_array_equal(found[0], start)
+    if lengths.sum() > 1e-6:
+        np.testing.assert_allclose(found[-1], corners[-1], atol=1e-12)
+    assert np.linalg.norm(np.diff(found, axis=0), axis=1).max() <= lengths.sum() / (count - 1) + 1e-12
+
+
+def test_the_guess_goes_through_them(arm):
+    asked = problem(arm, guess={"q": [[-1.0, 0.4], {"joint2": -0.7}]})
+    assert asked.guess.kind == "way"
+    np.testing.assert_array_equal(asked.guess.q, [[-1.0, 0.4], [0.0, -0.7]])
+    iterate, words = make_guess("way", formulate(asked))
+    assert "guess.q" in words
+    qs = formulate(asked).motion_of(iterate).qs
+    for corner in asked.guess.q:
+        assert np.linalg.norm(qs - corner, axis=1).min() < 0.1
+    solution = mbocp.solve(asked)
+    assert solution.converged
+    again = parse_problem(solution.problem_text)
+    np.testing.assert_array_equal(again.guess.q, asked.guess.q)
+
+
+@pytest.mark.parametrize(
+    ("guess", "words"),
+    [
+        ({"q": []}, "at least one configuration"),
+        ({"q": [[0.0, 1.0, 2.0]]}, "guess.q"),
+        ({"q": [[0.0, float("nan")]]}, "guess.q"),
+        ({"kind": "way"}, "needs the key 'q'"),
+        ({"q": [{"no_joint": 1.0}]}, "no_joint"),
+    ],
+)
+def test_what_is_no_way_is_refused(arm, guess, words):
+    with pytest.raises(mbocp.MbocpError, match=words):
+        problem(arm, guess=guess)
