@@ -16,9 +16,11 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp.problem.cause import Cause
 from mbocp.problem.first_motion import holding_controls
 from mbocp.problem.least_time import least_time
 from mbocp.problem.phases import node_times
+from mbocp.problem.place_causes import place_causes
 from mbocp.problem.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
@@ -29,31 +31,6 @@ _MARGIN = 1e-6  # relative: what differs by less is the same
 _SURE = 2.0  # of an estimate, before it is told
 _COARSE = 1.0  # [rad] that a joint turns in a step at most
 _SAMPLES = 5  # poses of a way at which accelerations are estimated
-
-
-@dataclass(frozen=True)
-class Cause:
-    """Why there is no solution.
-
-    Parameters
-    ----------
-    kind : str
-        "speed", "acceleration", "jerk", "torque", "weight", "frame_speed", "fall" or "steps".
-    where : str
-        Joint, control, path constraint or frame.
-    words : str
-        One line for a person.
-    is_certain : bool
-        Whether it is a proof; else an estimate.
-    excess : float
-        How many times more is asked than there is.
-    """
-
-    kind: str
-    where: str
-    words: str
-    is_certain: bool
-    excess: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +63,7 @@ def causes_of(problem: Problem) -> tuple[Cause, ...]:
     """
     member = problem.members[0][1]
     found = [cause for leg in _legs(member) for cause in _of_leg(member, leg)]
-    found += [*_weights(member), *_falls(member)]
+    found += [*_weights(member), *_falls(member), *place_causes(member)]
     worst: dict[tuple[str, str], Cause] = {}
     for cause in sorted(found, key=lambda c: (not c.is_certain, -c.excess)):
         worst.setdefault((cause.kind, cause.where), cause)

@@ -1,0 +1,33 @@
+"""One reason why a problem cannot be solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["Cause"]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why there is no solution.
+
+    Parameters
+    ----------
+    kind : str
+        "speed", "acceleration", "jerk", "torque", "weight", "frame_speed", "fall" or "steps"; "reach", "via"
+        or "contradiction" of path constraints and obstacles.
+    where : str
+        Joint, control, path constraint, frame or via point.
+    words : str
+        One line for a person.
+    is_certain : bool
+        Whether it is a proof; else an estimate.
+    excess : float
+        How many times more is asked than there is.
+    """
+
+    kind: str
+    where: str
+    words: str
+    is_certain: bool
+    excess: float
