@@ -84,7 +84,6 @@ CASES = (
     ReferenceCase("rigid_pendulum", "paper/rigid_pendulum", _LOBATTO, 20),
     ReferenceCase("cart_pendulum_rigid", "paper/cart_pendulum_rigid", _LOBATTO, 80),
     ReferenceCase("cart_pendulum_elastic", "paper/cart_pendulum_elastic", _GAUSS, 80),
-    ReferenceCase("unicycle_pendulum", "so3/unicycle_pendulum", ("rkf5", "rk4"), 50),
     ReferenceCase("cart_pole", "optima/cart_pole", _GAUSS, 80),
     ReferenceCase("two_carts", "optima/two_carts", _GAUSS, 20),
     ReferenceCase("drone_flip", "free_flyer/drone_flip", ("midpoint", "rk4"), 40),
