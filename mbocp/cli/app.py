@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from mbocp.cli import signals
+from mbocp.cli.examples import examples
 from mbocp.cli.report import reporting
 from mbocp.cli.robot_options import RobotOptions
 
@@ -17,7 +18,6 @@ app = typer.Typer(
     name="mbocp",
     help="Optimal control of multibody systems: from a URDF to a solved, replayed motion.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -73,7 +73,7 @@ def _options(
     return RobotOptions(tuple(package_dirs or ()), free_flyer, tuple(locks or ()))
 
 
-@app.command()
+@app.command(epilog=examples("new"))
 @reporting
 def new(
     name: Robot,
@@ -93,7 +93,7 @@ def new(
     write_new(name, output, _options(package_dir, free_flyer, lock), force=force, quiet=quiet)
 
 
-@app.command()
+@app.command(epilog=examples("solve"))
 @reporting
 def solve(
     file: Annotated[
@@ -151,7 +151,7 @@ def solve(
     raise typer.Exit(status)
 
 
-@app.command()
+@app.command(epilog=examples("check"))
 @reporting
 def check(
     file: ProblemFile,
@@ -168,7 +168,7 @@ def check(
     check_file(file, settings or [], output, quiet=quiet)
 
 
-@app.command()
+@app.command(epilog=examples("explain"))
 @reporting
 def explain(
     file: Annotated[
@@ -195,7 +195,7 @@ def explain(
     explain_file(file, settings or [], search=search, as_json=as_json, quiet=quiet)
 
 
-@app.command()
+@app.command(epilog=examples("replay"))
 @reporting
 def replay(
     result: ResultFile,
@@ -219,7 +219,7 @@ def replay(
     replay_result(result, output, live=live, trace=trace, speed=speed, quiet=quiet)
 
 
-@app.command()
+@app.command(epilog=examples("plot"))
 @reporting
 def plot(
     result: ResultFile,
@@ -235,7 +235,7 @@ def plot(
     plot_result(result, output, quiet=quiet)
 
 
-@app.command()
+@app.command(epilog=examples("report"))
 @reporting
 def report(
     result: ResultFile,
@@ -251,7 +251,7 @@ def report(
     report_result(result, output, quiet=quiet)
 
 
-@app.command()
+@app.command(epilog=examples("info"))
 @reporting
 def info(result: ResultFile, as_json: Json = False) -> None:
     """Say what a result is and how good it is."""
@@ -260,7 +260,7 @@ def info(result: ResultFile, as_json: Json = False) -> None:
     print_info(result, as_json=as_json)
 
 
-@app.command()
+@app.command(epilog=examples("export"))
 @reporting
 def export(
     result: ResultFile,
@@ -284,7 +284,7 @@ def export(
     export_result(result, output, kind, rate, quiet=quiet)
 
 
-@app.command()
+@app.command(epilog=examples("robots"))
 @reporting
 def robots(
     name: Annotated[str | None, typer.Argument(help="Robot to describe, by name or path.")] = None,
@@ -302,7 +302,7 @@ def robots(
         print_robot(name, _options(package_dir, free_flyer, lock), as_json=as_json)
 
 
-@app.command()
+@app.command(epilog=examples("spheres"))
 @reporting
 def spheres(
     name: Robot,
@@ -322,7 +322,7 @@ def spheres(
     print_spheres(name, replay, _options(package_dir, free_flyer, lock), as_json=as_json)
 
 
-@app.command()
+@app.command(epilog=examples("paper"))
 @reporting
 def paper(
     which: Annotated[
@@ -396,7 +396,7 @@ def paper(
         first.print_overview()
 
 
-@app.command()
+@app.command(epilog=examples("study"))
 @reporting
 def study(
     file: Annotated[
@@ -446,7 +446,7 @@ def study(
         raise StudyError("give a study file to run or --summary FILE.jsonl to sum up, one of the two")
 
 
-@app.command()
+@app.command(epilog=examples("doctor"))
 @reporting
 def doctor(as_json: Json = False) -> None:
     """Say what works on this machine, and what to do about what does not.

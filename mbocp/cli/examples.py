@@ -1,0 +1,35 @@
+"""Examples at the end of each command's help."""
+
+from __future__ import annotations
+
+__all__ = ["EXAMPLES", "examples"]
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "new": ("mbocp new ur5", "mbocp new my_robot.urdf --package-dir ~/ros/src -o reach.toml"),
+    "solve": (
+        "mbocp solve reach.toml -o reach.h5 --replay reach.html",
+        "mbocp solve reach.toml --set horizon.duration=1.5 --set limits.velocity=true",
+        "mbocp solve reach.h5 --set horizon.steps=200 -o finer.h5",
+    ),
+    "check": ("mbocp check reach.toml -o reach.html",),
+    "explain": ("mbocp explain reach.toml", "mbocp explain failed.h5 --no-search"),
+    "replay": ("mbocp replay reach.h5", "mbocp replay reach.h5 --open --trace tool0 --speed 0.5"),
+    "plot": ("mbocp plot reach.h5", "mbocp plot reach.h5 -o reach.pdf"),
+    "report": ("mbocp report reach.h5 -o reach.html",),
+    "info": ("mbocp info reach.h5", "mbocp info reach.h5 --json"),
+    "export": ("mbocp export reach.h5 -o reach.csv --rate 125", "mbocp export reach.h5 -o reach.script"),
+    "robots": ("mbocp robots", "mbocp robots ur5", "mbocp robots my_robot.urdf --free-flyer"),
+    "spheres": ("mbocp spheres ur5 --replay ur5.html",),
+    "paper": ("mbocp paper --table 1", "mbocp paper --paper so3 --figure 3"),
+    "study": (
+        "mbocp study steps.toml -o steps.jsonl --workers 2",
+        "mbocp study --summary steps.jsonl --plot steps.png",
+    ),
+    "doctor": ("mbocp doctor",),
+}
+
+
+def examples(command: str) -> str:
+    """The end of a command's help: a line for each example."""
+    lines = "\n".join(f"  {line}" for line in EXAMPLES[command])
+    return f"\b\nExamples:\n{lines}"  # \b: click leaves the lines as they are

@@ -1,0 +1,56 @@
+"""What `--help` says, and completion in a shell."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+import typer
+
+from mbocp.cli.app import app
+from mbocp.cli.examples import EXAMPLES
+
+from .conftest import Run
+
+
+def commands() -> dict[str, Any]:
+    group: Any = typer.main.get_command(app)
+    return dict(group.commands)
+
+
+def test_every_command_has_examples() -> None:
+    assert set(EXAMPLES) == set(commands())
+
+
+@pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
+def test_examples_are_commands_with_their_options(line: str) -> None:
+    program, name, *words = shlex.split(line)
+    assert program == "mbocp"
+    assert line in EXAMPLES[name]
+    with commands()[name].make_context(name, words, resilient_parsing=False) as context:
+        assert context.params
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_help_shows_the_examples_as_they_are(run: Run, name: str) -> None:
+    shown = run(name, "--help").stdout
+    for line in EXAMPLES[name]:
+        assert re.search(rf"^ +{re.escape(line)}$", shown, re.MULTILINE)
+
+
+def test_a_shell_completes_commands() -> None:
+    asked = {"_MBOCP_COMPLETE": "complete_bash", "COMP_WORDS": "mbocp re", "COMP_CWORD": "1"}
+    script = "import sys; sys.argv[0] = 'mbocp'; from mbocp.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, **asked},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == ["replay", "report"]
