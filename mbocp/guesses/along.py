@@ -12,13 +12,13 @@ from mbocp.problem import PathConstraint, Problem
 from mbocp.robot import FrameTarget
 from mbocp.robot.poses.along import along_poses
 
-__all__ = ["follows_path", "usual_way"]
+__all__ = ["follows_path", "is_led", "usual_way"]
 
 
 def usual_way(problem: Problem) -> Way:
     """Along the lines and paths that frames keep to all the time; without any, straight to the goal."""
     kept = _kept(problem)
-    if not any(c.term.leads for c in kept):
+    if not is_led(problem):
         return straight(problem)
 
     def way(q_start: Array, shares: Array) -> Array:
@@ -26,6 +26,11 @@ def usual_way(problem: Problem) -> Way:
         return straight(problem)(q_start, shares) if found is None else found
 
     return way
+
+
+def is_led(problem: Problem) -> bool:
+    """Whether a frame keeps to a line or a path all the time, which leads it to its goal."""
+    return any(c.term.leads for c in _kept(problem))
 
 
 def follows_path(problem: Problem) -> bool:

@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.mechanisms.closed_path import constraint_jacobians
+from mbocp.problem.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
 
@@ -19,9 +20,18 @@ def required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     return force - robot.force_elements(q, v) if robot.has_forces else force
 
 
-def balances(robot: Robot, qs: Array, vs: Array, accelerations: Array) -> tuple[Array, Array]:
-    """Controls and multipliers that balance the inverse dynamics best along a motion."""
+def balances(
+    robot: Robot, qs: Array, vs: Array, accelerations: Array, table: SwitchTable | None = None
+) -> tuple[Array, Array]:
+    """Controls and multipliers that balance the inverse dynamics best along a motion.
+
+    With a table the multipliers of what is held follow those of the robot; those of impacts are zero.
+    """
     motion = zip(qs, vs, accelerations, strict=True)
+    if table is not None:
+        rows = table.along(qs, constraint_jacobians(robot, qs)) * ~table.is_impact[:, None, None]
+        balanced = [balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
+        return np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
     if robot.nc or robot.has_forces or robot.actuation.frame_actuators:
         rows = constraint_jacobians(robot, qs)
         balanced = [balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]

@@ -8,10 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.formulation.switches import filled_lengths, impacts_of, repeated
-from mbocp.guesses.along import usual_way
+from mbocp.guesses.along import is_led, usual_way
 from mbocp.guesses.balance import balances
+from mbocp.guesses.held import carried, carried_rate
 from mbocp.guesses.through import guessed_times, line_of
 from mbocp.guesses.ways import Way
 from mbocp.mechanisms.consistency import tangent_space
@@ -33,11 +36,18 @@ def is_whole(problem: Problem) -> bool:
         return True
     if active.all() or not active.any():
         return bool(active.all())
-    allowed = tangent_space(problem.robot, problem.goal.q)
+    allowed = _allowed(problem)
     singular = np.linalg.svd(allowed[active], compute_uv=False)
     return len(singular) >= allowed.shape[1] and bool(
         singular[: allowed.shape[1]].min(initial=1.0) > _SAYS_ENOUGH
     )
+
+
+def _allowed(problem: Problem) -> Array:
+    """Basis of the motions that constraints, and what is held, allow at the goal, shape (nv, any)."""
+    if problem.switches is None:
+        return tangent_space(problem.robot, problem.goal.q)
+    return null_space(problem.switches.at_end(problem.goal.q, of_rates=False), RANK_TOLERANCE)
 
 
 def line(formulation: Formulation, way: Way | None = None) -> Iterate:
@@ -46,7 +56,8 @@ def line(formulation: Formulation, way: Way | None = None) -> Iterate:
     qs, vs = _line_states(formulation, way)
     dts = given_lengths(problem)
     accelerations = np.diff(vs, axis=0) / filled_lengths(problem, dts)[:, None]
-    us, lams = balances(problem.robot, *formulation.evaluation_points(qs, vs, dts), accelerations)
+    points = formulation.evaluation_points(qs, vs, dts)
+    us, lams = balances(problem.robot, *points, accelerations, problem.switches)
     return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
 
 
@@ -82,9 +93,14 @@ def at_rest(formulation: Formulation) -> Iterate:
 def _evenly(problem: Problem, way: Way | None = None) -> Array:
     """Configurations on a way, or on straight lines through the via points, at a steady rate."""
     times = guessed_times(problem)
-    if problem.waypoints and way is None:
-        return line_of(problem, problem.q_start, _end(problem)).evenly(times)
-    return (way or usual_way(problem))(problem.q_start, times / problem.num_timed_steps)
+    if _has_stops(problem) and way is None:
+        return carried(problem, line_of(problem, problem.q_start, _end(problem)).evenly(times))
+    return carried(problem, (way or usual_way(problem))(problem.q_start, times / problem.num_timed_steps))
+
+
+def _has_stops(problem: Problem) -> bool:
+    """Whether a line goes through more than the start and the end."""
+    return bool(problem.waypoints) or (problem.switches is not None and not is_led(problem))
 
 
 def _end(problem: Problem) -> Array:
@@ -107,20 +123,33 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
         s = np.append(0.0, (times[1:] - times[1]) / (N - times[1]) if N > 1 else 1.0)
         q_start = pin.integrate(model, q_start, dts[0] * v_start)
     blend = s**3 * (10 - 15 * s + 6 * s**2)  # from rest to rest, with zero acceleration at the ends
-    if problem.waypoints and way is None:
+    if _has_stops(problem) and way is None:
         first = int(tau == 0.0 and N > 1)
         qs = line_of(problem, q_start, _end(problem), first).smoothly(np.maximum(times, times[first]))
     else:
         qs = (way or usual_way(problem))(q_start, blend)
     qs[0] = problem.q_start
+    qs = carried(problem, qs)
     steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dts[n] for n in range(N)])
     steps = repeated(steps, is_impact)
     if tau == 1.0:
-        return qs, np.vstack([v_start, steps])
+        vs = np.vstack([v_start, steps])
+        for step in problem.impacts:
+            vs[step + 1] = carried_rate(problem, qs[step + 1], vs[step], step)
+        return qs, vs
     if tau == 0.0:
         return qs, np.vstack([v_start, steps[1:], np.zeros(robot.nv)])
     vs = np.zeros((N + 1, robot.nv))
     for n in range(N):  # from rest: beginning with the start velocity they would swing about the line's
-        vs[n + 1] = vs[n] if is_impact[n] else 2 * steps[n] - vs[n]
+        vs[n + 1] = _after(problem, qs, steps, n) if is_impact[n] else 2 * steps[n] - vs[n]
     vs[0] = v_start
     return qs, vs
+
+
+def _after(problem: Problem, qs: Array, steps: Array, n: int) -> Array:
+    """Velocity after an impact: that of the steps which follow, at their beginning, along what is held."""
+    timed = [k for k in range(n + 1, len(steps)) if not impacts_of(problem)[k]][:2]
+    if not timed:
+        return carried_rate(problem, qs[n + 1], steps[n], n)
+    ahead = steps[timed[0]] + (steps[timed[0]] - steps[timed[-1]]) / 2.0
+    return carried_rate(problem, qs[n + 1], ahead, n)

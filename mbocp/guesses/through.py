@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
+from mbocp.guesses.held import Stop, held_stops
 from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
@@ -30,12 +32,15 @@ class Line:
     qs : ndarray, shape (k, nq)
     vs : ndarray, shape (k, nv)
         In units of a tangent vector per mean step; zero at both ends.
+    has_loops : ndarray of bool, shape (k - 1,)
+        Whether all loops of the robot are closed from one to the next.
     """
 
     robot: Robot
     times: Array
     qs: Array
     vs: Array
+    has_loops: BoolArray
 
     def evenly(self, at: Array) -> Array:
         """Configurations on straight lines from one to the next, at times, shape (m, nq)."""
@@ -61,16 +66,17 @@ class Line:
 
     def _leg(self, leg: int, s: Array, is_smooth: bool) -> Array:
         robot, (q0, q1) = self.robot, self.qs[leg : leg + 2]
+        has_loops = bool(self.has_loops[leg])
         blend = s**3 * (10 - 15 * s + 6 * s**2) if is_smooth else s
         every = np.arange(robot.nv)
-        if robot.nc:
+        if has_loops:
             way = closed_path(robot, project_on_constraints(robot, q0, every), q1, blend)
             if way is not None:
                 return way
-        moves = is_smooth and not robot.nc and self.vs[leg : leg + 2].any()
+        moves = is_smooth and not has_loops and self.vs[leg : leg + 2].any()
         if not moves:
             qs = np.array([pin.interpolate(robot.model, q0, q1, x) for x in blend])
-            return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs
+            return np.array([project_on_constraints(robot, q, every) for q in qs]) if has_loops else qs
         v0, v1 = (self.times[leg + 1] - self.times[leg]) * self.vs[leg : leg + 2]
         steps = np.array([0.0, 0.2, 0.4])
         corners = [robot.integrate(q0, a * v0) for a in steps]
@@ -79,21 +85,35 @@ class Line:
 
 
 def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> Line:
-    """From a configuration at the node `first` through the via points to the end."""
+    """From a configuration at the node `first` through the via points to the end.
+
+    Where something is held, it is held at all of them, see `mbocp.guesses.held`.
+    """
     robot, N = problem.robot, problem.num_steps
     points = [point for point in problem.waypoints if first < point.node < N]
     clock = guessed_times(problem)
-    times = clock[[first, *(point.node for point in points), N]]
-    qs = np.array([q_first, *(point.via.goal.q for point in points), q_end])
+    between = [Stop(point.node, point.via.goal.q, point.via.goal) for point in points]
+    stops = held_stops(problem, [Stop(first, q_first), *between, Stop(N, q_end, problem.goal)], clock)
+    nodes = [stop.node for stop in stops]
+    times, qs = clock[nodes], np.array([stop.q for stop in stops])
     vs = np.zeros((len(times), robot.nv))
-    for k, point in enumerate(points, start=1):
+    for k, stop in enumerate(stops[1:-1], start=1):
         before, after = times[k] - times[k - 1], times[k + 1] - times[k]
         rate_before = -pin.difference(robot.model, qs[k], qs[k - 1]) / before
         rate_after = pin.difference(robot.model, qs[k], qs[k + 1]) / after
         vs[k] = (after * rate_before + before * rate_after) / (before + after)
-        asked = point.via.goal.rate_active
-        vs[k][asked] = problem.dt * point.via.goal.value[asked]
-    return Line(robot, times, qs, vs)
+        if stop.goal is not None:
+            asked = stop.goal.rate_active
+            vs[k][asked] = problem.dt * stop.goal.value[asked]
+    return Line(robot, times, qs, vs, _has_loops(problem, nodes))
+
+
+def _has_loops(problem: Problem, nodes: Sequence[int]) -> BoolArray:
+    """Whether all loops of the robot are closed between a node and the next."""
+    table = problem.switches
+    legs = pairwise(nodes)
+    acts = [table is None or bool(table.own[first:last].all()) for first, last in legs]
+    return np.array(acts, dtype=np.bool_) & (problem.robot.nc > 0)
 
 
 def guessed_times(problem: Problem) -> Array:

@@ -99,9 +99,26 @@ class SwitchTable:
         An impact at the end ties velocities; positions are tied by what acted before it.
         """
         timed = np.flatnonzero(~self.is_impact)
-        step = len(self.rows) - 1 if of_rates else int(timed[-1])
+        return self.in_step(q, len(self.rows) - 1 if of_rates else int(timed[-1]))
+
+    def in_step(self, q: Array, step: int) -> Array:
+        """Derivatives of all rows that act in a step, at a configuration, shape (any, nv)."""
         own = self.robot.constraint_jacobian(q)[self.own[step]]
         return np.vstack([own, self.jacobians(q[None])[0][self.rows[step]]])
+
+    def along(self, qs: Array, own: Array) -> Array:
+        """Derivatives of all rows, zero where they do not act, shape (N, nc + rows, nv).
+
+        Parameters
+        ----------
+        qs : ndarray, shape (N, nq)
+            A configuration of each step.
+        own : ndarray, shape (N, nc, nv)
+            Derivatives of the robot's own rows there.
+        """
+        acts = np.hstack([self.own, self.rows])
+        found: Array = np.concatenate([own, self.jacobians(qs)], axis=1) * acts[:, :, None]
+        return found
 
 
 def switch_table(

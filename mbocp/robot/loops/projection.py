@@ -31,6 +31,7 @@ __all__ = [
     "components",
     "follow",
     "gauss_newton",
+    "reduced",
     "violations",
 ]
 
@@ -143,13 +144,29 @@ def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequ
     the weld vanish at half turns, too.
     """
     if any(angle > _MAX_WELD_ANGLE for _, angle in _turns(robot, q)):
-        q = _reduced(robot, q, free, rows, closure_by_angle)
-    return _reduced(robot, q, free, rows, _by_rows)
+        q = reduced(robot, q, free, rows, closure_by_angle)
+    return reduced(robot, q, free, rows, _by_rows)
 
 
-def _reduced(
+def reduced(
     robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequence[int], what: _Residual
 ) -> Array:
+    """Reduce some rows of a residual as far as possible, by the free velocity components.
+
+    Parameters
+    ----------
+    q : ndarray, shape (nq,)
+    free : ndarray of bool, shape (nv,)
+    rows : sequence of int
+    what : callable
+        From the mechanism and q to the residual and a function that computes its derivative, with columns in
+        tangent coordinates.
+
+    Returns
+    -------
+    q : ndarray, shape (nq,)
+        Moved by steps that are the shortest in the norm of the mass matrix.
+    """
     chosen, damping, stalled = list(rows), 0.0, 0
     residual = what(robot, q)[0][chosen]
     for _ in range(_MAX_ITERATIONS):

@@ -82,11 +82,15 @@ class PoseRows:
 
     def residual(self, q: Array) -> Array:
         """All rows, those of the closed loops last and weighted."""
+        rows = self.pose_residual(q)
+        if not self.robot.constraints:
+            return rows
+        return np.concatenate([rows, CLOSURE_WEIGHT * closure_by_angle(self.robot, q)[0]])
+
+    def pose_residual(self, q: Array) -> Array:
+        """The targets' rows alone."""
         pin.framesForwardKinematics(self.model, self._data, q)
-        rows = [row for part in self._parts for row in self._rows(part)]
-        if self.robot.constraints:
-            rows.append(CLOSURE_WEIGHT * closure_by_angle(self.robot, q)[0])
-        return np.concatenate(rows)
+        return np.concatenate([np.zeros(0), *(row for part in self._parts for row in self._rows(part))])
 
     def jacobian(self, q: Array) -> Array:
         """Derivative of the rows in tangent coordinates; call `residual` at the same q before."""

@@ -9,14 +9,15 @@ those at a bound that the gradient pushes outwards take no part in the step (a p
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.robot.poses.bounds import JointBounds
-from mbocp.robot.poses.rows import PoseRows
 
-__all__ = ["reach"]
+__all__ = ["ReachRows", "reach"]
 
 _MAX_ITERATIONS = 80  # six to fifteen are typical
 _MAX_STEP = 1.0  # [rad, m] of one joint
@@ -26,14 +27,28 @@ _MAX_STALLED, _STALL_RATIO = 6, 0.98  # iterations in a row that leave more than
 _MIN_GRADIENT = 1e-9  # [m, rad] by [rad, m]: at a local minimum, relative to the residual
 
 
+class ReachRows(Protocol):
+    """What is to vanish, see `mbocp.robot.poses.rows.PoseRows`."""
+
+    @property
+    def model(self) -> pin.Model:
+        """Tree of joints."""
+
+    def residual(self, q: Array) -> Array:
+        """All rows at a configuration."""
+
+    def jacobian(self, q: Array) -> Array:
+        """Their derivative in tangent coordinates; `residual` has been called at the same q."""
+
+
 def reach(
-    rows: PoseRows, q: Array, bounds: JointBounds, held: BoolArray, tolerance: float
+    rows: ReachRows, q: Array, bounds: JointBounds, held: BoolArray, tolerance: float
 ) -> tuple[Array, bool]:
     """Return the configuration that the steps from `q` lead to, and whether all rows vanish there.
 
     Parameters
     ----------
-    rows : PoseRows
+    rows : ReachRows
     q : ndarray, shape (nq,)
         Within the bounds.
     bounds : JointBounds
@@ -67,7 +82,7 @@ def reach(
 
 
 def _step(
-    rows: PoseRows, q: Array, J: Array, gradient: Array, free: BoolArray, mu: float, bounds: JointBounds
+    rows: ReachRows, q: Array, J: Array, gradient: Array, free: BoolArray, mu: float, bounds: JointBounds
 ) -> Array:
     step = np.zeros(gradient.size)
     columns = J if free.all() else J[:, free]

@@ -1,0 +1,377 @@
+r"""Guesses in which what is held stays held, and goes on from where it was let go.
+
+First the *stops* are made to fit, one after the other: the nodes of via points, those where something is
+taken on, and the end. There the joints that were written and the poses that are asked for hold, what is held
+is where it was when its hold began, and frames that are to coincide do,
+
+.. math:: g(q_k) = 0, \qquad \Phi(q_k; q_a) = 0, \qquad a \text{ the node where the hold began},
+
+so that the arm goes where the box is wanted that it holds. What nobody asks for stays where it was at the
+stop before. Then lines join the stops, and the nodes on them are put on the holds: by joints without motors
+first, so that a free body follows the frame that holds it, and by the shortest step of all joints in the norm
+of the mass matrix where these do not suffice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.guesses.ways import position_limits
+from mbocp.problem import Goal, Problem
+from mbocp.problem.switches import SwitchTable
+from mbocp.robot import Robot
+from mbocp.robot.joints import unit_groups
+from mbocp.robot.kinematics import frame_jacobian
+from mbocp.robot.loops.constraints import Weld
+from mbocp.robot.loops.projection import closure_by_angle, components, reduced
+from mbocp.robot.poses.bounds import joint_bounds
+from mbocp.robot.poses.rows import CLOSURE_WEIGHT, PoseRows, placement_of
+from mbocp.robot.poses.search import reach
+
+__all__ = ["Stop", "carried", "carried_rate", "held_stops"]
+
+_TOLERANCE = 1e-9  # [m, rad]
+_RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there
+_QUATERNION = 4  # numbers; pairs of cosine and sine have one sign
+_DECIDED = 1e-6  # part of a joint in the motions that are left when motors stand still
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A node that a line goes through.
+
+    Attributes
+    ----------
+    node : int
+        Of those that an instant has the first: impacts take no time.
+    q : ndarray, shape (nq,)
+    goal : Goal, optional
+        What is asked for there.
+    """
+
+    node: int
+    q: Array
+    goal: Goal | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Ties:
+    """What holds at an instant."""
+
+    table: SwitchTable
+    own: BoolArray
+    rows: BoolArray
+    anchors: IntArray
+
+    @classmethod
+    def at(cls, table: SwitchTable, node: int) -> _Ties:
+        """Of the step to a node, and what is to coincide because it is taken on before the next one."""
+        last = len(table.rows)
+        after = next((n for n in range(node, last) if not table.is_impact[n]), last - 1)
+        own: BoolArray = np.asarray(table.own[node - 1 : after + 1].any(axis=0))
+        rows = table.rows[node - 1].copy()
+        for begin in table.begins:
+            if node <= begin.step <= after and not begin.frame.is_anchored and begin.frame in table.held:
+                rows |= _rows_of(table, begin.frame) & table.rows[begin.step]
+        return cls(table, own, rows, np.where(table.rows[node - 1], table.anchors[node - 1], -1))
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return int(self.own.sum() + self.rows.sum())
+
+    def residual(self, q: Array, qs: Array) -> Array:
+        """Rows at a configuration, held from nodes whose configurations are known, shape (count,).
+
+        Those of welds are rotation vectors, as their equations vanish at half turns, too.
+        """
+        robot, found = self.table.robot, np.zeros(len(self.rows))
+        for anchor in np.unique(self.anchors[self.rows]):
+            mine = self.rows & (self.anchors == anchor)
+            known = q if anchor < 0 else qs[anchor]
+            found[mine] = self.table.residuals(q[None], known[None])[0][mine]
+        for weld, at in self._welds:
+            turn = _turn(robot, weld, q)
+            if self.anchors[at.start] >= 0:
+                turn = _turn(robot, weld, qs[self.anchors[at.start]]).T @ turn
+            found[at] = pin.log3(turn)
+        own = closure_by_angle(robot, q)[0][self._kept]
+        return np.concatenate([own, found[self.rows]])
+
+    def jacobian(self, q: Array) -> Array:
+        """Their derivative, of rotation vectors the angular velocity, shape (count, nv)."""
+        robot = self.table.robot
+        found = self.table.jacobians(q[None])[0]
+        for weld, at in self._welds:
+            in_a, in_b = (
+                frame_jacobian(robot.model, q, frame, pin.LOCAL)[3:] for frame in (weld.frame_a, weld.frame_b)
+            )
+            found[at] = in_a - _turn(robot, weld, q).T @ in_b
+        own = closure_by_angle(robot, q)[1]()[self._kept]
+        return np.vstack([own, found[self.rows]])
+
+    @cached_property
+    def _kept(self) -> IntArray:
+        """Rows of the robot's own constraints that act, among all of them."""
+        return np.array(self.table.robot.kept_rows, dtype=np.intp)[self.own]
+
+    @cached_property
+    def _welds(self) -> list[tuple[Weld, slice]]:
+        """What is welded, and the rows of its rotation."""
+        found, first = [], 0
+        for frame in self.table.held:
+            at = slice(first + 3, first + 6)
+            if isinstance(frame.constraint, Weld) and self.rows[at].any():
+                found.append((frame.constraint, at))
+            first += len(frame.rows)
+        return found
+
+    def fitted(self, q: Array, qs: Array) -> Array:
+        """The configuration moved so that the rows hold, shape (nq,)."""
+        robot, rows = self.table.robot, range(self.count)
+
+        def what(_: object, at: Array) -> tuple[Array, Callable[[], Array]]:
+            return self.residual(at, qs), lambda: self.jacobian(at)
+
+        follows, J = ~_has_motor(robot), self.jacobian(q)
+        if np.linalg.matrix_rank(J[:, follows], RANK_TOLERANCE) == np.linalg.matrix_rank(J, RANK_TOLERANCE):
+            q = reduced(robot, q, follows, rows, what)
+        return reduced(robot, q, np.ones(robot.nv, dtype=np.bool_), rows, what)
+
+    def led(self, q: Array, before: Array) -> Array:
+        """The configuration, with joints that motors decide by what holds where they were before.
+
+        They are near there; on the line, a body may be half a turn away from the frame that holds it, where
+        rows of a weld vanish, too.
+        """
+        robot, follows = self.table.robot, ~_has_motor(self.table.robot)
+        open_ways = null_space(self.jacobian(before)[:, follows], RANK_TOLERANCE)
+        decided = np.zeros(robot.nv, dtype=np.bool_)
+        decided[follows] = np.abs(open_ways).max(axis=1, initial=0.0) < _DECIDED
+        names = [name for name in robot.joint_names if decided[robot.velocity_indices(name)].all()]
+        return _with(robot, q, before, names)
+
+    def apart(self, q: Array, qs: Array) -> float:
+        """The largest residual [m, rad]."""
+        return float(np.abs(self.residual(q, qs)).max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _StopRows:
+    """What is asked for at a stop, with what holds there, see `mbocp.robot.poses.search.ReachRows`."""
+
+    poses: PoseRows
+    ties: _Ties
+    qs: Array
+
+    @property
+    def model(self) -> pin.Model:
+        """Tree of joints."""
+        return self.poses.model
+
+    def residual(self, q: Array) -> Array:
+        """Rows of the poses, and weighted ones of what holds."""
+        return np.append(self.poses.pose_residual(q), CLOSURE_WEIGHT * self.ties.residual(q, self.qs))
+
+    def jacobian(self, q: Array) -> Array:
+        """Their derivative."""
+        return np.vstack([self.poses.pose_jacobian(q), CLOSURE_WEIGHT * self.ties.jacobian(q)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Stops:
+    """Stops of a problem, made to fit one after the other."""
+
+    problem: Problem
+    table: SwitchTable
+
+    @cached_property
+    def _limits(self) -> tuple[Array, Array]:
+        return position_limits(self.problem)
+
+    def fitted(self, raw: Sequence[Stop]) -> list[Stop]:
+        """Stops that fit, from what via points and goal have without holds; the first is taken as it is."""
+        problem, robot = self.problem, self.problem.robot
+        qs = np.tile(raw[0].q, (problem.num_steps + 1, 1))
+        found, before = [raw[0]], raw[0].q
+        for stop in raw[1:]:
+            q, before = _going_on(robot, found[-1].q, before, stop), stop.q
+            ties = _Ties.at(self.table, stop.node)
+            if ties.count:
+                q = self._settled(ties, q, found[-1].q, stop.goal, qs)
+            qs[_instant(self.table, stop.node)] = q
+            found.append(Stop(stop.node, q, stop.goal))
+        return found
+
+    def _settled(self, ties: _Ties, q: Array, before: Array, goal: Goal | None, qs: Array) -> Array:
+        """A configuration that fits, at what is asked for where that can be."""
+        robot = self.problem.robot
+        if goal is None or not (goal.q_active.any() or goal.poses):
+            return ties.fitted(q, qs)
+        targets = [frame.target for frame in goal.poses]
+        frames = [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in targets]
+        rows, written = _StopRows(PoseRows(robot, targets, frames), ties, qs), _written(robot, goal)
+        bounds = joint_bounds(robot.model, *self._limits, frozenset())
+        best: Array | None = None
+        for start in self._starts(q, before, written):
+            there, has_arrived = reach(
+                rows, bounds.clipped(start), bounds, components(robot, written), _TOLERANCE
+            )
+            if best is None or has_arrived:
+                best = there
+            if has_arrived:
+                break
+        if best is not None:
+            q = _with(robot, bounds.unwound(best, before), q, written)
+        return ties.fitted(q, qs)
+
+    def _starts(self, q: Array, before: Array, written: Sequence[str]) -> Iterator[Array]:
+        """The line's configuration, the stop before, random ones; with the joints that are written."""
+        robot, rng = self.problem.robot, np.random.default_rng(0)
+        bounds = joint_bounds(robot.model, *self._limits, frozenset())
+        yield q
+        yield _with(robot, before, q, written)
+        for _ in range(_RESTARTS):
+            yield _with(robot, bounds.random(robot.model, before, rng), q, written)
+
+
+def held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop]:
+    """Stops at which what is held fits, with those beside them where something is taken on.
+
+    Parameters
+    ----------
+    problem : Problem
+        With holds, releases or impacts.
+    raw : sequence of Stop
+        The start, via points and the end, as they are without holds.
+    clock : ndarray, shape (N + 1,)
+        Times of the nodes, in any unit.
+    """
+    table = problem.switches
+    if table is None:
+        return list(raw)
+    first, last = raw[0].node, raw[-1].node
+    named = {_first_of(table, stop.node): stop for stop in raw}
+    begun = {_first_of(table, begin.step) for begin in table.begins}
+    for node in sorted(begun - set(named)):
+        if first < node < last:
+            named[node] = Stop(node, _between(problem, raw, clock, node))
+    found = [Stop(node, stop.q, stop.goal) for node, stop in sorted(named.items())]
+    return _Stops(problem, table).fitted(found)
+
+
+def carried(problem: Problem, qs: Array) -> Array:
+    """Configurations of the nodes, moved so that what is held stays held, shape (N + 1, nq)."""
+    table = problem.switches
+    if table is None:
+        return qs
+    found = np.array(qs)
+    for node in range(1, len(qs)):
+        if table.is_impact[node - 1]:
+            found[node] = found[node - 1]
+            continue
+        ties = _Ties.at(table, node)
+        if ties.count and ties.apart(qs[node], found) > _TOLERANCE:
+            found[node] = ties.fitted(ties.led(qs[node], found[node - 1]), found)
+        found[node] = _with_signs(problem.robot, found[node], found[node - 1])
+    return found
+
+
+def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
+    """The velocity after an impact at which a motion would arrive with `v`, shape (nv,).
+
+    .. math:: v^+ = v - M^{-1} J^T (J M^{-1} J^T)^+ J v
+    """
+    table = problem.switches
+    J = np.zeros((0, len(v))) if table is None else table.in_step(q, step)
+    if not len(J):
+        return v
+    root = np.linalg.cholesky(problem.robot.mass_matrix(q))
+    scaled = np.linalg.solve(root, J.T).T  # J L^-T
+    leap = np.linalg.lstsq(scaled, J @ v, rcond=1e-10)[0]
+    found: Array = v - np.linalg.solve(root.T, leap)
+    return found
+
+
+def _turn(robot: Robot, weld: Weld, q: Array) -> Array:
+    """Axes of the first frame of a weld in those of the second, shape (3, 3)."""
+    found: Array = placement_of(robot.model, q, weld.frame_a, weld.frame_b).rotation
+    return found
+
+
+def _going_on(robot: Robot, now: Array, before: Array, stop: Stop) -> Array:
+    """The configuration of a stop, with the joints that nobody asks for where they are now."""
+    moved = np.abs(robot.difference(before, stop.q)) > 0.0
+    goal = stop.goal
+    if goal is not None and not goal.poses:
+        moved = np.array(goal.q_active)
+    names = [name for name in robot.joint_names if moved[robot.velocity_indices(name)].any()]
+    return _with(robot, now, stop.q, names)
+
+
+def _with(robot: Robot, q: Array, other: Array, joints: Sequence[str]) -> Array:
+    """A configuration with some joints as in another."""
+    found = np.array(q)
+    for name in joints:
+        at = robot.configuration_indices(name)
+        found[at] = other[at]
+    return found
+
+
+def _written(robot: Robot, goal: Goal) -> list[str]:
+    """Joints that a goal gives."""
+    return [name for name in robot.joint_names if goal.q_active[robot.velocity_indices(name)].any()]
+
+
+def _with_signs(robot: Robot, q: Array, before: Array) -> Array:
+    """The configuration, with quaternions of the sign that is near the one before: steps compare numbers."""
+    found = np.array(q)
+    for _, at in unit_groups(robot.model):
+        if at.stop - at.start == _QUATERNION and found[at] @ before[at] < 0.0:
+            found[at] = -found[at]
+    return found
+
+
+def _has_motor(robot: Robot) -> BoolArray:
+    """Velocity components that a motor or a drive moves, shape (nv,)."""
+    found: BoolArray = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
+    found[list(robot.driven)] = True
+    return found
+
+
+def _rows_of(table: SwitchTable, frame: object) -> BoolArray:
+    """Rows of one of the held frames."""
+    owners = [held for held in table.held for _ in held.rows]
+    return np.array([owner is frame for owner in owners], dtype=np.bool_)
+
+
+def _first_of(table: SwitchTable, node: int) -> int:
+    """The first node of an instant."""
+    while node and table.is_impact[node - 1]:
+        node -= 1
+    return node
+
+
+def _instant(table: SwitchTable, node: int) -> slice:
+    """All nodes of an instant, from its first."""
+    last = node
+    while last < len(table.is_impact) and table.is_impact[last]:
+        last += 1
+    return slice(node, last + 1)
+
+
+def _between(problem: Problem, raw: Sequence[Stop], clock: Array, node: int) -> Array:
+    """The configuration of a node on the straight line between its neighbours."""
+    after = next(k for k, stop in enumerate(raw) if stop.node > node)
+    a, b = raw[after - 1], raw[after]
+    share = (clock[node] - clock[a.node]) / (clock[b.node] - clock[a.node])
+    found: Array = np.array(pin.interpolate(problem.robot.model, a.q, b.q, share))
+    return found

@@ -1,0 +1,5 @@
+"""Fixtures that others have, too."""
+
+from tests.integrators.conftest import interpreted
+
+__all__ = ["interpreted"]
