@@ -104,14 +104,17 @@ def _at_nodes(
     holds = path_nodes(problem)
     if not holds.all():
         lower, upper = np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)
-    if not problem.has_limits_of_phases:
+    if not (problem.has_limits_of_phases or problem.impacts):
         return lower, upper
     lower, upper = np.array(lower), np.array(upper)
     along, first = problem.limits_along(), 0
     for constraint in problem.inequalities:
         columns = slice(first, first + constraint.rows)
         first += constraint.rows
-        if isinstance(constraint, RateLimit):
+        if isinstance(constraint, ContactBounds) and constraint.hits is not None:
+            hits = np.flatnonzero(constraint.hits & constraint.span.nodes(problem.num_steps, problem.dt))
+            lower[hits, columns], upper[hits, columns] = constraint.bounds_of_impulses(is_inner=is_inner)
+        if problem.has_limits_of_phases and isinstance(constraint, RateLimit):
             scale = constraint.scale if is_inner else 1.0
             low, high = along[RATE_TERMS[constraint.key].letter]
             lower[:, columns] = low[:, constraint.columns] / scale
@@ -126,8 +129,8 @@ def path_nodes(problem: Problem) -> BoolArray:
     for constraint, holds in zip(problem.inequalities, columns, strict=True):
         if isinstance(constraint, PathConstraint):
             holds[: np.flatnonzero(holds[:, 0])[-1], list(constraint.term.rows_at_end)] = False
-        elif isinstance(constraint, ContactBounds) and constraint.source.acts is not None:
-            holds[~constraint.source.acts] = False
+        elif isinstance(constraint, ContactBounds) and constraint.steps is not None:
+            holds[~constraint.steps] = False
     return np.hstack(columns) if columns else np.ones((N, 0), dtype=np.bool_)
 
 

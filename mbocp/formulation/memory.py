@@ -106,6 +106,8 @@ class Block:
         Whether its rule looks at `Passage.has_before`.
     adds_up : bool
         Whether its rule adds something to what was before.
+    has_impacts : bool
+        Whether impacts, steps of no duration, have a value, too; else they leave what is remembered.
     """
 
     of: str
@@ -114,6 +116,7 @@ class Block:
     needs: tuple[str, ...] = ()
     asks_for_first: bool = False
     adds_up: bool = False
+    has_impacts: bool = False
 
 
 def _control(at: Passage) -> Any:
@@ -153,7 +156,7 @@ MEMORY: Mapping[str, Block] = MappingProxyType(
         "acceleration": Block("s", _acceleration),
         "jerk": Block("s", _jerk, needs=("acceleration",)),
         "progress": Block("path", _progress, has_unit=False, adds_up=True),
-        "reaction": Block("reaction", _reaction),
+        "reaction": Block("reaction", _reaction, has_impacts=True),
         "start": Block("start", _start, has_unit=False, asks_for_first=True, adds_up=True),
     }
 )
@@ -194,15 +197,17 @@ def memory_along(
     paces : tuple of ndarray, shapes (N, paths), optional
         Paces, and what they are multiplied by.
     is_impact : ndarray of bool, shape (N,), optional
-        Steps that take no time, and leave what is remembered; their lengths are not looked at.
+        Steps that take no time, and leave what is remembered, but for reactions; their lengths are not looked
+        at.
     reactions : ndarray, shape (N, rows), optional
-        Forces of constraints.
+        Forces of constraints; of impacts their impulses by the length of a step.
     moves : ndarray, shape (N, moves), optional
         Moves of the start.
     """
     none = np.zeros((len(us), 0))
     w, e = (none, none) if paces is None else paces
     forces, moved = (none if given is None else given for given in (reactions, moves))
+    of_all = np.vstack([np.zeros(forces.shape[1]), forces])
     timed = np.ones(len(us), dtype=np.bool_) if is_impact is None else ~is_impact
     nodes = np.cumsum(np.append(0, timed))  # for each its place among those after steps that take time
     starts, speeds = speeds[:-1][timed], speeds[1:][timed]
@@ -217,4 +222,8 @@ def memory_along(
         after = MEMORY[name].following(at)
         after = np.cumsum(after, axis=0) if MEMORY[name].adds_up else after
         found[name] = np.vstack([np.zeros(after.shape[1]), after])
-    return {name: values[nodes] for name, values in found.items()}
+    at_nodes = {name: values[nodes] for name, values in found.items()}
+    return {
+        name: of_all / units[name] if MEMORY[name].has_impacts else values
+        for name, values in at_nodes.items()
+    }

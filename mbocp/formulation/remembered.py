@@ -42,6 +42,8 @@ def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array, lams: A
     names = tuple(at.remembered)
     paces = (us[:, nu : nu + at.num_paces], advances(problem))
     forces = None if lams is None else lams[:, list(reaction_rows(problem))]
+    if forces is not None:
+        forces = np.where(impacts_of(problem)[:, None], forces / problem.dt, forces)
     first = nu + at.num_paces
     moves = us[:, first : first + at.num_moves]
     given = (memory_units(problem), paces, impacts_of(problem), forces, moves)

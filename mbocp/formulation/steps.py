@@ -138,7 +138,8 @@ class StepSymbols:
         passage, leap = self.remembering(self.at0[at.s], self.at1[at.s], before), self.switched.is_impact
         after = {name: MEMORY[name].following(passage) for name in before}
         if self.switches.has_impacts:  # they take no time, and leave it
-            after = {name: (1 - leap) * value + leap * before[name] for name, value in after.items()}
+            left = [name for name in before if not MEMORY[name].has_impacts]
+            after |= {name: (1 - leap) * after[name] + leap * before[name] for name in left}
         rows = [after[name] - self.at1[where] for name, where in at.remembered.items()]
         return ca.vertcat(ca.SX.zeros(0, 1), *rows)
 

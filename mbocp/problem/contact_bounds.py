@@ -21,6 +21,7 @@ from mbocp.terms import ContactTerm, Span
 
 __all__ = ["ContactBounds", "ForceSource", "contact_bounds", "force_sources"]
 
+_ROOM = 1e-2  # of the weight in a mean step: what arrives at rest has no impulse, and cones no inside there
 _GRAVITY = 9.81  # [m/s^2] of the size of forces, also where there is none
 
 
@@ -37,12 +38,15 @@ class ForceSource:
         Of these rows among all that have forces: those of the robot, then those of what is held.
     acts : ndarray of bool, shape (N,), optional
         Steps that take time and in which it acts; None: all.
+    hits : ndarray of bool, shape (N,), optional
+        Impacts in which it acts; no partings. None: there are none.
     """
 
     constraint: Constraint
     rows: tuple[int, ...]
     places: tuple[int, ...]
     acts: BoolArray | None = None
+    hits: BoolArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +143,28 @@ class ContactBounds:
         return found
 
     @property
+    def hits(self) -> BoolArray | None:
+        """Impacts whose impulses are bounded, shape (N,); None where nothing begins or ends along the way."""
+        hits = self.source.hits
+        return hits if hits is None or self.contact.impulses else np.zeros_like(hits)
+
+    @property
+    def steps(self) -> BoolArray | None:
+        """Steps whose force or impulse is bounded, shape (N,); None: all."""
+        acts, hits = self.source.acts, self.hits
+        return acts if acts is None or hits is None else acts | hits
+
+    def bounds_of_impulses(self, *, is_inner: bool) -> tuple[Array, Array]:
+        """Bounds of the values in impacts, or of the expression: cones and signs, with room for none.
+
+        What is a number of newtons bounds no impulse.
+        """
+        room = np.full(self.rows, _ROOM if is_inner else _ROOM * self.scale)
+        if is_inner and self.term.has_cone:
+            room[1] = _ROOM**2
+        return np.where(self.lower >= 0.0, -room, -np.inf), np.full(self.rows, np.inf)
+
+    @property
     def _size_row(self) -> int:
         return 1 + (1 if self.term.has_cone else self.term.facets)
 
@@ -233,8 +259,8 @@ def force_sources(robot: Robot, table: SwitchTable | None) -> dict[str, ForceSou
     for constraint in robot.constraints:
         rows = tuple(i for i in range(len(constraint.rows)) if first + i in places)
         own = tuple(places[first + i] for i in rows)
-        acts = None if table is None else _acts(table, table.own[:, list(own)])
-        found[constraint.name] = ForceSource(constraint, rows, own, acts)
+        both = (None, None) if table is None else _acts(table, table.own[:, list(own)])
+        found[constraint.name] = ForceSource(constraint, rows, own, *both)
         first += len(constraint.rows)
     return found if table is None else found | _held(table, robot.nc)
 
@@ -246,15 +272,16 @@ def _held(table: SwitchTable, nc: int) -> dict[str, ForceSource]:
         acting = table.rows[:, first : first + len(frame.rows)]
         rows = tuple(int(i) for i in np.flatnonzero(acting.any(axis=0)))
         own = tuple(nc + first + i for i in rows)
-        found[frame.constraint.name] = ForceSource(frame.constraint, rows, own, _acts(table, acting))
+        found[frame.constraint.name] = ForceSource(frame.constraint, rows, own, *_acts(table, acting))
         first += len(frame.rows)
     return found
 
 
-def _acts(table: SwitchTable, rows: BoolArray) -> BoolArray:
-    """Steps that take time and in which a constraint of these rows acts."""
-    found: BoolArray = rows.any(axis=1) & ~table.is_impact
-    return found
+def _acts(table: SwitchTable, rows: BoolArray) -> tuple[BoolArray, BoolArray]:
+    """Steps that take time and in which a constraint of these rows acts, and impacts in which it does."""
+    acts: BoolArray = np.asarray(rows.any(axis=1))
+    begins = np.isin(np.arange(len(acts)), [begin.step for begin in table.begins])
+    return acts & ~table.is_impact, acts & table.is_impact & begins
 
 
 def contact_bounds(

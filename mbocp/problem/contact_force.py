@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.problem._checks import check_integer, check_number, check_positive
+from mbocp.problem._checks import check_bool, check_integer, check_number, check_positive
 from mbocp.robot.loops.constraints import (
     Axis,
     Constraint,
@@ -58,6 +58,8 @@ class ContactForce:
         x and y for the normal z.
     yaw_friction : float, optional
         Bound of the torque about the normal by the normal force [m].
+    impulses : bool
+        Whether impulses of impacts in which the constraint acts stay in the cones, and push, too.
     span : Span
         When it holds.
     """
@@ -72,6 +74,7 @@ class ContactForce:
     max: float | None = None
     pressure: tuple[float, float] | None = None
     yaw_friction: float | None = None
+    impulses: bool = True
     span: Span = field(default_factory=Span)
 
     def __post_init__(self) -> None:
@@ -90,6 +93,7 @@ class ContactForce:
             if len(sides) != 2:
                 raise InvalidValue(f"{key}: pressure", list(sides), "two lengths")
             object.__setattr__(self, "pressure", sides)
+        check_bool(f"{key}: impulses", self.impulses)
         self._check_facets()
         self._check_bounds()
         self.span.check(key)
@@ -180,4 +184,5 @@ class ContactForce:
         for name in ("friction", "facets", "min_normal", "max_normal", "max", "yaw_friction"):
             value = getattr(self, name)
             table |= {} if value is None else {name: value}
+        table |= {} if self.impulses else {"impulses": False}
         return {**table, **self.span.write()}

@@ -159,3 +159,12 @@ class ContactKeys(Table):
         Finite | None,
         Key("number > 0", "m", "none", "of a weld: torque about the normal by the normal force, at most"),
     ] = None
+    impulses: Annotated[
+        bool | None,
+        Key(
+            "boolean",
+            "",
+            "true",
+            "whether [impulses of impacts](contact.md#impacts) stay in the cones of a contact force, too",
+        ),
+    ] = None

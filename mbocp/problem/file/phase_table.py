@@ -142,7 +142,8 @@ def with_paths(path: Iterable[Any], tables: Sequence[PhaseTable]) -> list[Any]:
         own: list[Any] = list(table.path)
         for constraint in own:
             ends = {key: _within(getattr(constraint, key), key, table.name) for key in SPAN}
-            name = constraint.name or f"{constraint.kind} of {constraint.frame} in {table.name}"
+            what = constraint.frame or getattr(constraint, "constraint", None)
+            name = constraint.name or f"{constraint.kind} of {what} in {table.name}"
             found.append(constraint.model_copy(update={"name": name, **ends}))
     return found
 

@@ -1,0 +1,86 @@
+"""Cones that bind impulses: where a constraint is taken on with an impact, the ground can only push."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp import Problem, Solution
+from mbocp._arrays import Array
+from mbocp.problem.file.load import parse_problem
+from mbocp.problem.file.write import problem_to_toml
+from tests.holds.cases import pendulum
+from tests.integrators.conftest import interpreted
+
+__all__ = ["interpreted"]
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+PENDULUM: dict[str, Any] = {"name": "double_pendulum", "payload": pendulum().robot.spec["payload"]}
+MU = 0.2
+
+
+def lands(**contact: Any) -> Problem:
+    """The tip of a double pendulum swings onto a point, and rests there on what pushes along y."""
+    hold = {"name": "tip", "frame": "tip", "kind": "point"}
+    path = {"kind": "contact_force", "constraint": "tip", "normal": [0, 1, 0], "friction": MU, **contact}
+    y, z = pendulum().robot.frame_placement("tip", [-0.2, 0.9]).translation[1:]
+    there = {"frame": {"name": "tip", "y": float(y), "z": float(z)}}
+    phases = [
+        {"name": "fall", "steps": 6, "duration": 0.3, "via": [there]},
+        {"name": "rest", "steps": 3, "duration": 0.1, "hold": [hold], "path": [path]},
+        {"name": "off", "steps": 3, "duration": 0.2},
+    ]
+    goal = {"q": [-0.5, 0.7]}
+    return Problem.create(PENDULUM, phase=phases, start={"q": [0.3, 0.4]}, goal=goal, scheme="midpoint")
+
+
+def impulse(problem: Problem, solution: Solution) -> Array:
+    """Along the normal and two tangents, by the velocities: M (v+ - v-) = J' Lambda [N s]."""
+    step = problem.impacts[0]
+    table = problem.switches
+    assert table is not None
+    J = table.jacobians(solution.qs[[step]])[0]
+    leap = problem.robot.mass_matrix(solution.qs[step]) @ (solution.vs[step + 1] - solution.vs[step])
+    x, y, z = np.linalg.lstsq(J.T, leap, rcond=None)[0]
+    return np.array([y, x, z])
+
+
+def test_an_impulse_stays_in_the_cone() -> None:
+    problem = lands()
+    room = 0.01 * problem.contacts[0].scale * problem.dt  # [N s] counts as none
+    free, bound = (mbocp.solve(lands(impulses=on), check=True) for on in (False, True))
+    for solution, is_inside in ((free, False), (bound, True)):
+        normal, *across = impulse(problem, solution)
+        in_cone = np.linalg.norm(across) <= np.hypot(MU * normal, room) + 1e-7
+        assert bool(normal >= -room - 1e-7 and in_cone) is is_inside
+    assert bound.cost > free.cost
+    assert bound.limit_violation < 1e-6
+
+
+def test_newtons_bound_no_impulse() -> None:
+    problem = lands(max=1.0, min_normal=0.5, friction=None, facets=None)
+    (contact,) = problem.contacts
+    lower, upper = contact.bounds_of_impulses(is_inner=False)
+    assert lower.tolist() == [-0.01 * contact.scale, -np.inf]
+    assert upper.tolist() == [np.inf, np.inf]
+
+
+def test_partings_are_not_bounded() -> None:
+    problem = lands()
+    assert problem.impacts == (6, 10)
+    (contact,) = problem.contacts
+    assert contact.hits is not None
+    assert contact.steps is not None
+    assert np.flatnonzero(contact.hits).tolist() == [6]
+    assert np.flatnonzero(contact.steps).tolist() == [6, 7, 8, 9]
+
+
+def test_the_key_is_written_and_read() -> None:
+    text = problem_to_toml(lands(impulses=False))
+    assert "impulses = false" in text
+    assert not parse_problem(text).contacts[0].contact.impulses
+    assert "impulses" not in problem_to_toml(lands())
