@@ -22,10 +22,18 @@ from pathlib import Path
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
-from benchmarks.tables import Table, present
+from benchmarks.tables import Table, present, show
 from mbocp.integrators import PAIRS
 
-__all__ = ["CASES", "Reference", "ReferenceCase", "limit_of", "reference_of", "reference_table"]
+__all__ = [
+    "CASES",
+    "Reference",
+    "ReferenceCase",
+    "accuracy_table",
+    "limit_of",
+    "reference_of",
+    "reference_table",
+]
 
 _ROOT = Path(__file__).parent.parent
 _DOCS = _ROOT / "docs" / "optima.md"
@@ -86,9 +94,9 @@ CASES = (
     ReferenceCase("cart_pendulum_elastic", "paper/cart_pendulum_elastic", _GAUSS, 80),
     ReferenceCase("cart_pole", "optima/cart_pole", _GAUSS, 80),
     ReferenceCase("two_carts", "optima/two_carts", _GAUSS, 20),
-    ReferenceCase("drone_flip", "free_flyer/drone_flip", ("midpoint", "rk4"), 40),
+    ReferenceCase("drone_flip", "free_flyer/drone_flip", ("midpoint", "rk4"), 80),
     ReferenceCase("ur5_reach", "arms/ur5_reach", ("gauss2", "midpoint"), 200, 4),
-    ReferenceCase("panda_reach", "arms/panda_reach", ("gauss2", "midpoint"), 200, 4),
+    ReferenceCase("panda_reach", "arms/panda_reach", ("gauss2", "midpoint"), 800, 4),
     ReferenceCase("payload", "arms/payload", ("gauss2", "midpoint"), 100, 4),
 )
 
@@ -139,6 +147,33 @@ def reference_table(cases: Sequence[ReferenceCase] = CASES) -> tuple[Table, dict
     return Table("Optimal costs in continuous time", columns, rows), data
 
 
+def accuracy_table(asked: float, cases: Sequence[ReferenceCase] = CASES) -> Table:
+    """What `horizon.accuracy` comes to, and how many equal steps have the same error of the cost."""
+    known, rows = json.loads(_DATA.read_text(encoding="utf-8")), []
+    for case in cases:
+        scheme, limit = case.schemes[0], known[case.name]["cost"]
+        settings = (*case.settings, f"integrator.scheme={scheme}")
+        problem = mbocp.load_problem(EXAMPLES / f"{case.file}.toml", settings)
+        if problem.has_free_duration:
+            continue
+        found = mbocp.solve(problem.with_(accuracy=asked), check=True)
+        equal = mbocp.solve(problem.with_(num_steps=found.num_steps), warm_start=found, check=True)
+        error, of_equal = (abs(s.cost / limit - 1.0) for s in (found, equal))
+        rows.append(
+            (
+                case.name,
+                scheme,
+                f"{found.num_steps}",
+                f"{found.accuracy.cost_error:.1e}",
+                f"{error:.1e}",
+                f"{found.num_steps * (of_equal / error) ** 0.5:.0f}",
+                f"{found.accuracy.local_error:.0e}",
+            )
+        )
+    columns = ("system", "scheme", "steps", "estimate", "true error", "equal steps", "local error")
+    return Table(f"horizon.accuracy = {asked:g}", columns, rows)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, put it into the documentation, or write the data of the tests."""
     parser = argparse.ArgumentParser(
@@ -146,10 +181,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--docs", action="store_true", help=f"write the table into docs/{_DOCS.name}")
     parser.add_argument("--data", action="store_true", help=f"write the numbers into tests/data/{_DATA.name}")
+    parser.add_argument("--accuracy", type=float, help="how many steps it takes to have costs so accurate")
     parser.add_argument("names", nargs="*", help="of the systems; all, if there are none")
     options = parser.parse_args(arguments)
     one_core()
     cases = [case for case in CASES if not options.names or case.name in options.names]
+    if options.accuracy is not None:
+        show(accuracy_table(options.accuracy, cases), markdown=True)
+        return
     table, data = reference_table(cases)
     present([header(), table], _DOCS, _BEGIN, into_page=options.docs)
     if options.data:
