@@ -26,6 +26,7 @@ from mbocp.terms.spline import curve_through
 
 __all__ = [
     "PathRow",
+    "contacts_of",
     "duration_range_of",
     "goal_targets_of",
     "held_by_phases",
@@ -308,6 +309,20 @@ def held_by_phases(problem_text: str) -> frozenset[str]:
     """
     problem = _parsed(problem_text)
     return hold_names(problem.phase) if problem is not None else frozenset()
+
+
+def contacts_of(problem_text: str) -> frozenset[str]:
+    """Names of the constraints whose forces a problem bounds.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    tables = [] if problem is None else [problem.path, *(phase.get("path") for phase in problem.phase)]
+    rows = (row for table in tables if isinstance(table, list) for row in table if isinstance(row, dict))
+    return frozenset(str(row.get("constraint", "")) for row in rows if row.get("kind") == "contact_force")
 
 
 def limits_along_of(problem_text: str, key: str, whole: Array) -> Array | None:

@@ -13,9 +13,10 @@ from mbocp._arrays import Array
 from mbocp.mechanics.rates import rates_along
 from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
-from mbocp.solution.problem_text import rate_bounds_of
+from mbocp.solution.problem_text import held_by_phases, rate_bounds_of
 from mbocp.solution.records import dual_columns
 from mbocp.terms import RATE_TERMS
+from mbocp.view.figures.forces import force_panels
 from mbocp.view.figures.lines import LinePanel, line_panels
 from mbocp.view.figures.style import (
     GREY,
@@ -128,7 +129,7 @@ def rate_limit_panels(
 
 
 def multiplier_panels(solution: Solution) -> list[LinePanel]:
-    """Return adjoints mu of q and p, lambda, zeta, and the multipliers of active limits, one panel each."""
+    """Return forces, adjoints mu of q and p, lambda, zeta, multipliers of active limits, a panel each."""
     labels, nv, t = solution.labels, solution.nv, solution.t
     blocks = [
         ("Adjoint of the configuration", r"$\mu^q$", labels.mu[:nv], solution.mus[:, :nv], False),
@@ -142,7 +143,7 @@ def multiplier_panels(solution: Solution) -> list[LinePanel]:
         if values.shape[1]
         for panel in line_panels(title, symbol, columns, t, values, step=step)
     ]
-    return found + _limit_panels(solution)
+    return [*force_panels(solution), *found, *_limit_panels(solution)]
 
 
 def _limit_panels(solution: Solution) -> list[LinePanel]:
@@ -258,8 +259,10 @@ def _violations(solution: Solution, violation: Array) -> list[tuple[str, Array]]
     count = violation.shape[1]
     if count > _MAX_CONSTRAINTS:
         return [(f"worst of {count}", np.abs(violation).max(axis=1))]
-    # Natural coordinates have more constraints; those of the robot are the last.
-    names = [column.name for column in solution.labels.lam[-count:]]
+    # Natural coordinates have more constraints; those of the robot are the last, but for what phases hold.
+    held = held_by_phases(solution.problem_text)
+    own = [c.name for c in solution.labels.lam if not {c.name, c.name.rpartition(".")[0]} & held]
+    names = own[-count:]
     return [(name, np.abs(violation[:, i])) for i, name in enumerate(names)]
 
 

@@ -1,0 +1,44 @@
+"""Forces of what is held, and of constraints whose forces are bounded: the size of each over time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.solution import Solution
+from mbocp.solution.problem_text import contacts_of, held_by_phases
+from mbocp.view.figures.lines import LinePanel
+from mbocp.view.figures.style import plain_text
+
+__all__ = ["force_panels"]
+
+_FORCE = "J/m"  # unit of multipliers of positions: newtons
+
+
+def force_panels(solution: Solution) -> list[LinePanel]:
+    """Return one panel with the size of each force [N]; none where nothing is held, and no force is bounded.
+
+    Impulses are no forces: in steps of no duration the force of the step before goes on.
+    """
+    asked = held_by_phases(solution.problem_text) | contacts_of(solution.problem_text)
+    columns: dict[str, list[int]] = {}
+    for k, column in enumerate(solution.labels.lam):
+        owner = column.name if column.name in asked else column.name.rpartition(".")[0]
+        if owner in asked and column.unit == _FORCE:
+            columns.setdefault(owner, []).append(k)
+    if not columns:
+        return []
+    sizes = [np.linalg.norm(solution.lams[:, found], axis=1) for found in columns.values()]
+    values = _in_time(np.column_stack(sizes), np.diff(solution.t))
+    names = tuple(plain_text(name) for name in columns)
+    return [LinePanel("Forces of constraints", "$|f|$ [N]", names, solution.t, values, step=True)]
+
+
+def _in_time(values: Array, dts: Array) -> Array:
+    """Values of the steps, those of no duration as before."""
+    timed = np.flatnonzero(dts > 0.0)
+    if not timed.size:
+        return values
+    before = np.maximum(np.searchsorted(timed, np.arange(len(dts)), side="right") - 1, 0)
+    found: Array = values[timed[before]]
+    return found
