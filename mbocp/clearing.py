@@ -7,15 +7,18 @@ the same is solved again from where it is.
 
 from __future__ import annotations
 
+import copy
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation
-from mbocp.guesses.around import near_the_way
+from mbocp.guesses.around import around, near_the_way
 from mbocp.guesses.carried import Carried
-from mbocp.problem import Problem
+from mbocp.problem import Guess, Problem
 from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_rows_and_room
 from mbocp.solution import Solution
@@ -27,6 +30,8 @@ __all__ = ["Attempt", "solve_clear"]
 _ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 _ROUGH = 2e-2  # residual of a motion that shows what it comes near
 _DEEP = 0.01  # [m]: what is so deep in something does not come out of it by itself
+_OTHER_WAYS, _CORNERS = 3, 60  # tried where one comes to nothing; configurations that say one
+_STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)
 _METHODS = ("auto", "monolithic")  # those that can end there
 
 
@@ -86,6 +91,45 @@ def solve_clear(
     deadline : float
         Time of `time.perf_counter` after which nothing is solved again.
     """
+    solution = _solved(problem, warm_start, attempt, read, deadline)
+    if warm_start is not None or not _may_be_on_the_wrong_side(problem, solution):
+        return solution
+    for number, other in enumerate(_with_other_ways(problem), start=2):
+        if time.perf_counter() > deadline:
+            break
+        again = _solved(other, None, attempt, read, deadline)
+        words = f"way {number} around obstacles, inverse dynamics"
+        if again.converged:
+            return _found_from(solution, again, "other ways", guess_used=words)
+        solution = replace(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
+        if again.status in _STOPPED:
+            break
+    return solution
+
+
+def _may_be_on_the_wrong_side(problem: Problem, solution: Solution) -> bool:
+    """Whether a solve that has come to nothing may come to something on another way."""
+    is_ours = problem.clearance is not None and not problem.goals and problem.guess.kind == "auto"
+    is_over = solution.converged or solution.status in _STOPPED
+    return is_ours and problem.solver.starts == 1 and not is_over and problem.solver.max_iterations is None
+
+
+def _with_other_ways(problem: Problem) -> Iterator[Problem]:
+    """The problem with guesses that other random numbers lead to."""
+    for seed in range(1, 1 + _OTHER_WAYS):
+        way = around(problem, seed)
+        if way is None:
+            return
+        corners = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))[1:-1]
+        found = copy.copy(problem)
+        object.__setattr__(found, "guess", Guess(kind="way", q=corners))
+        yield found
+
+
+def _solved(
+    problem: Problem, warm_start: Solution | None, attempt: Try, read: Read, deadline: float
+) -> Solution:
+    """Solution from one guess, with the rows and the room that it asks for."""
     near = near_the_way(problem, None if warm_start is None else warm_start.qs)
     before: list[Attempt] = []
     if warm_start is None and near.solver.starts == 1 and _may_be_rough(near):
@@ -166,13 +210,15 @@ def _cleared(
     return solution
 
 
-def _found_from(before: Solution, again: Solution, name: str, words: str = "") -> Solution:
-    """A solution that was found from another; what both took."""
+def _found_from(
+    before: Solution, again: Solution, name: str, words: str = "", guess_used: str | None = None
+) -> Solution:
+    """A solution that was found after another; what both took."""
     spent = before.wall_time_s
     return replace(
         again,
         advice=again.advice + words,
-        guess_used=before.guess_used,
+        guess_used=before.guess_used if guess_used is None else guess_used,
         starts=before.starts,
         phases=(Phase(name, 0, spent), *again.phases),
         wall_time_s=spent + again.wall_time_s,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +12,9 @@ import pinocchio as pin
 import pytest
 
 import mbocp
+from mbocp import clearing
 from mbocp.guesses.around import near_the_way
+from mbocp.guesses.ways import straight
 from mbocp.problem import Problem
 from mbocp.problem.near_pairs import missing_pairs
 from mbocp.problem.reserves import largest_reserve
@@ -134,3 +137,29 @@ def test_a_first_reserve_is_what_the_way_cuts_off(around_a_post, monkeypatch):
     assert solution.converged
     assert solution.clearance >= 0.0
     assert "margins at nodes were raised by" in solution.advice
+
+
+def test_other_ways_are_tried_where_the_first_comes_to_nothing(around_a_post, monkeypatch):
+    """The first solve ends inside the post; the second, on another way, does not."""
+    problem, seeds = around_a_post(30), []
+    way = straight(problem)
+
+    def other(problem, seed=0):
+        if seed:
+            seeds.append(seed)
+        return way if seed else None
+
+    def touching(near, *arguments):
+        found = solved(near, *arguments)
+        is_first = near.guess.q is None
+        return replace(found, status=Status.UNDER_RESOLVED) if is_first else found
+
+    solved = clearing._solved
+    monkeypatch.setattr("mbocp.clearing.around", other)
+    monkeypatch.setattr("mbocp.clearing._solved", touching)
+    solution = mbocp.solve(problem)
+    assert seeds == [1]
+    assert solution.converged
+    assert solution.guess_used.startswith("way 2 around obstacles")
+    assert "other ways" in [phase.name for phase in solution.phases]
+    assert mbocp.solve(problem.with_(guess={"kind": "line"})).status is Status.UNDER_RESOLVED
