@@ -23,7 +23,6 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from scipy.integrate import DOP853
 
 from mbocp._arrays import Array
 from mbocp.formulation.sources import sources_digest
@@ -172,6 +171,8 @@ def _functions(robot: Robot) -> dict[str, ca.Function]:
 @lru_cache(maxsize=64)
 def _step(rate: ca.Function) -> ca.Function:
     """One step of the method, (x, u, h) -> x."""
+    from scipy.integrate import DOP853  # slow to import, and wanted only where accuracy is asked for
+
     nq, ns, nu = (rate.numel_in(i) for i in range(3))
     x, u, h = ca.MX.sym("x", nq + ns), ca.MX.sym("u", nu), ca.MX.sym("h")
     slopes: list[ca.MX] = []

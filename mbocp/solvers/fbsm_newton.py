@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.linalg
 
 from mbocp._arrays import Array
 from mbocp.exceptions import SolverError
@@ -146,6 +145,8 @@ class FBSMNewton:
         native = state.native
         if self.hessian == "structured":
             return np.concatenate([native.deta, native.du])
+        from scipy.linalg import solve  # slow to import, and wanted only for the dense system
+
         size = len(native.eta) + len(native.u)
         K = native.reduced_hessian(shift).reshape(size, size)
         native.gradient()  # the right-hand side is the open loop's, whichever multipliers the Hessian has
@@ -156,7 +157,7 @@ class FBSMNewton:
         if not np.isfinite(K).all():
             return None
         try:
-            step: Array = -scipy.linalg.solve(K, rhs)
+            step: Array = -solve(K, rhs)
         except np.linalg.LinAlgError:
             return None
         return step

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from mbocp._arrays import Array
 
@@ -99,6 +98,8 @@ def curve_through(points: Array, *, is_closed: bool) -> Curve:
     points : ndarray, shape (n, d)
         At least two, of a closed curve at least three, the first of which it also ends at.
     """
+    from scipy.interpolate import CubicSpline  # slow to import, and wanted only for curves
+
     through = np.vstack([points, points[:1]]) if is_closed else points
     lengths = np.linalg.norm(np.diff(through[:, :3], axis=0), axis=1)
     knots = np.append(0.0, np.cumsum(lengths) / lengths.sum())

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import cKDTree
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.meshes.parts import Indices
 from mbocp.robot.collision.geometry import triangles_of
 from mbocp.robot.collision.samples import surface_points
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 __all__ = ["Solid"]
 
@@ -48,6 +51,8 @@ class Solid:
     @classmethod
     def of(cls, shapes: Sequence[pin.GeometryObject]) -> Solid:
         """Fill the grid."""
+        from scipy.spatial import cKDTree  # slow to import, and wanted only where spheres are fitted
+
         share = max(_SURFACE // len(shapes), 500)
         surface = np.vstack([surface_points(shape, share) for shape in shapes])
         low, high = surface.min(axis=0), surface.max(axis=0)

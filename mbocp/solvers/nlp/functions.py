@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
@@ -294,6 +293,8 @@ def calm_or_none(jacobian: ca.MX, layout: NlpLayout) -> ca.MX:
 
 def _places(sparsity: ca.Sparsity, rows: Index, columns: Index) -> Index:
     """Numbers of the nonzeros at some places, from one on; zero where there is none."""
+    from scipy import sparse  # slow to import, and wanted only by solvers of others
+
     numbers = sparse.csc_matrix(
         (np.arange(1, sparsity.nnz() + 1), np.array(sparsity.row()), np.array(sparsity.colind())),
         shape=sparsity.shape,
