@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,8 @@ import mbocp
 import mbocp.cli.doctor as doctor_module
 
 from .conftest import Run
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_robots(run: Run) -> None:
@@ -85,3 +88,14 @@ def test_help_is_quick_and_light() -> None:
     assert time.perf_counter() - clock < 5.0  # [s] with a wide margin for a busy machine
     for command in ("solve", "replay", "plot", "info", "robots", "doctor"):
         assert command in done.stdout
+
+
+def test_problems_are_loaded_without_scipy() -> None:
+    """Its parts take as long to import as Pinocchio; those that are wanted are imported where they are."""
+    code = (
+        "import sys, mbocp\n"
+        f"mbocp.load_problem({str(EXAMPLES / 'arms' / 'ur5_reach.toml')!r})\n"
+        "assert 'scipy' not in sys.modules, sorted(n for n in sys.modules if n.startswith('scipy'))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
