@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "small_ldl.hpp"
+
 namespace mbocp {
 using dense::padded;
 
@@ -54,14 +56,76 @@ void EndMultiplier::solve(const Numbers& r, Numbers& eta) const {
 
 Controls::Controls(const Problem& problem, Data& data, const Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), barrier_(barrier), eta_(eta),
-      diagonal_(static_cast<std::size_t>(problem.max_nu), 0.0) {}
+      diagonal_(static_cast<std::size_t>(problem.max_nu), 0.0) {
+    work_.allocate(2 * static_cast<std::size_t>(problem.max_nu) * (padded(problem.ng) + padded(problem.nd)) + 32);
+}
+
+bool Controls::eliminate(int n, const Form& form, Factorisation& result) {
+    const int nu = data_[n].kind->nu, first = padded(problem_.ng) + problem_.nd;
+    barrier_.add_to_controls(n, form.at + problem_.nd * form.ld + first, form.ld);
+    bool is_done = false;
+    switch (nu) {
+        case 1: is_done = eliminate_few<1>(n, form, result); break;
+        case 2: is_done = eliminate_few<2>(n, form, result); break;
+        case 3: is_done = eliminate_few<3>(n, form, result); break;
+        case 4: is_done = eliminate_few<4>(n, form, result); break;
+        case 5: is_done = eliminate_few<5>(n, form, result); break;
+        case 6: is_done = eliminate_few<6>(n, form, result); break;
+        case 7: is_done = eliminate_few<7>(n, form, result); break;
+        case 8: is_done = eliminate_few<8>(n, form, result); break;
+    }
+    return is_done || eliminate_any(n, form, result);
+}
+
+// By factors that stay in registers. False, with nothing changed that counts, where these cannot be trusted.
+template <int Nu>
+bool Controls::eliminate_few(int n, const Form& form, Factorisation& result) {
+    Stage& s = data_[n];
+    const int nd = problem_.nd, ng = problem_.ng, px = padded(nd), pg = padded(ng), ld = form.ld, ldz = pg + px;
+    const double* U = form.at + nd * ld;
+    dense::SmallLdl<Nu> factors;
+    if (!factors.factor(U + pg + nd, ld)) return false;
+    factors.keep(s.Quu, padded(Nu));
+    s.factors = ControlFactors::ldl;
+    Space space(work_.data());
+    double *Z = space.take(Nu, ldz), *signed_Z = Z;
+    factors.solve(U, ld, s.Keta, pg, Z, ldz, pg / 4);
+    factors.solve(U + pg, ld, s.K, px, Z + pg, ldz, px / 4);
+    if (factors.negative()) {
+        result.negative += factors.negative();
+        factors.sign(Z, signed_Z = space.take(Nu, ldz), ldz);
+    }
+    if (n > 0) {
+        const Stage& before = data_[n - 1];
+        dense::subtract_tn<Nu>(nd, px, signed_Z + pg, ldz, Z + pg, ldz, form.at + pg, ld, before.P, px);
+        if (ng) dense::subtract_tn<Nu>(nd, pg, signed_Z + pg, ldz, Z, ldz, form.at, ld, before.S, pg);
+    }
+    if (ng) dense::subtract_tn<Nu>(ng, pg, signed_Z, ldz, Z, ldz, eta_.matrix(), pg, eta_.matrix(), pg);
+    return true;
+}
+
+// By Cholesky's factors, or by LU where Quu is not definite.
+bool Controls::eliminate_any(int n, const Form& form, Factorisation& result) {
+    Stage& s = data_[n];
+    const int nu = s.kind->nu, nd = problem_.nd, ng = problem_.ng, pu = padded(nu), px = padded(nd), pg = padded(ng);
+    // K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
+    for (int i = 0; i < nu; ++i) {
+        const double* row = form.at + (nd + i) * form.ld;
+        for (int j = 0; j < nu; ++j) s.Quu[i * pu + j] = row[pg + nd + j];
+        for (int j = 0; j < nd; ++j) s.K[i * px + j] = -row[pg + j];
+        for (int g = 0; g < ng; ++g) s.Keta[i * pg + g] = -row[g];
+    }
+    if (!factorise(s, result)) return false;
+    pass_on(n, form);
+    return true;
+}
 
 // Factors of Quu, and with them the gains.
 bool Controls::factorise(Stage& s, Factorisation& result) {
     const int nu = s.kind->nu, ng = problem_.ng, pu = padded(nu), px = padded(problem_.nd), pg = padded(ng);
     for (int i = 0; i < nu; ++i) diagonal_[i] = s.Quu[i * pu + i];
-    s.definite = dense::cholesky(nu, s.Quu, pu);
-    if (s.definite) {
+    if (dense::cholesky(nu, s.Quu, pu)) {
+        s.factors = ControlFactors::cholesky;
         dense::cholesky_solve(nu, s.Quu, pu, s.K, px, px);
         if (ng) dense::cholesky_solve(nu, s.Quu, pu, s.Keta, pg, pg);
         return true;
@@ -77,18 +141,21 @@ bool Controls::factorise(Stage& s, Factorisation& result) {
     if (negative < 0) return false;
     result.negative += negative;
     if (dense::lu_factor(nu, s.Quu, pu, s.control_pivot) == 0.0) return false;
+    s.factors = ControlFactors::lu;
     dense::lu_solve(nu, s.Quu, pu, s.control_pivot, s.K, px, px);
     if (ng) dense::lu_solve(nu, s.Quu, pu, s.control_pivot, s.Keta, pg, pg);
     return true;
 }
 
 // What is left of the quadratic form and of the columns without the controls.
-void Controls::pass_on(int n, const double* QS, const double* kept) {
+void Controls::pass_on(int n, const Form& form) {
     const Stage& s = data_[n];
-    const int nu = s.kind->nu, nd = problem_.nd, ng = problem_.ng, px = padded(nd), pg = padded(ng);
+    const int nu = s.kind->nu, nd = problem_.nd, ng = problem_.ng, px = padded(nd), pg = padded(ng), ld = form.ld;
+    const double* U = form.at + nd * ld;
     if (n > 0) {
         double* P = data_[n - 1].P;
-        dense::gemm_tn(nd, nd, nu, kept, px, s.K, px, P, px);
+        for (int i = 0; i < nd; ++i) dense::copy(form.at + i * ld + pg, P + i * px, px);
+        dense::gemm_tn(nd, nd, nu, U + pg, ld, s.K, px, P, px);
         for (int i = 0; i < nd; ++i)
             for (int j = 0; j < i; ++j) {
                 const double mean = 0.5 * (P[i * px + j] + P[j * px + i]);
@@ -98,18 +165,26 @@ void Controls::pass_on(int n, const double* QS, const double* kept) {
     if (!ng) return;
     if (n > 0) {
         double* S = data_[n - 1].S;
-        dense::copy(QS, S, nd * pg);
-        dense::gemm_tn(nd, ng, nu, kept, px, s.Keta, pg, S, pg);
+        for (int i = 0; i < nd; ++i) dense::copy(form.at + i * ld, S + i * pg, pg);
+        dense::gemm_tn(nd, ng, nu, U + pg, ld, s.Keta, pg, S, pg);
     }
-    dense::gemm_tn(ng, ng, nu, QS + nd * pg, pg, s.Keta, pg, eta_.matrix(), pg);
+    dense::gemm_tn(ng, ng, nu, U, ld, s.Keta, pg, eta_.matrix(), pg);
 }
 
 void Controls::solve(const Stage& s, double* k) const {
     const int nu = s.kind->nu, pu = padded(nu);
-    if (s.definite)
-        dense::cholesky_solve_vector(nu, s.Quu, pu, k);
-    else
-        dense::lu_solve_vector(nu, s.Quu, pu, s.control_pivot, k);
+    if (s.factors == ControlFactors::cholesky) return dense::cholesky_solve_vector(nu, s.Quu, pu, k);
+    if (s.factors == ControlFactors::lu) return dense::lu_solve_vector(nu, s.Quu, pu, s.control_pivot, k);
+    switch (nu) {
+        case 1: return dense::ldl_solve_vector<1>(s.Quu, pu, k);
+        case 2: return dense::ldl_solve_vector<2>(s.Quu, pu, k);
+        case 3: return dense::ldl_solve_vector<3>(s.Quu, pu, k);
+        case 4: return dense::ldl_solve_vector<4>(s.Quu, pu, k);
+        case 5: return dense::ldl_solve_vector<5>(s.Quu, pu, k);
+        case 6: return dense::ldl_solve_vector<6>(s.Quu, pu, k);
+        case 7: return dense::ldl_solve_vector<7>(s.Quu, pu, k);
+        case 8: return dense::ldl_solve_vector<8>(s.Quu, pu, k);
+    }
 }
 
 }  // namespace mbocp

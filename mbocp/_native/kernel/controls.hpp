@@ -25,50 +25,35 @@ private:
     Numbers R_, inverse_;
 };
 
-// A stage's quadratic form q(i, j) over (state before, controls) with its columns of eta.
+// A stage's quadratic form over (state before, controls), rows and columns, with the columns of eta in front of the
+// latter: rows of (S, padded(ng) | state before, nd | controls, nu | padding), of length ld.
+struct Form {
+    double* at;
+    int ld;
+};
+
 class Controls {
 public:
     Controls(const Problem& problem, Data& data, const Barrier& barrier, EndMultiplier& eta);
 
     // Eliminates the controls of stage n: its gains, the remainder to the node before, and its share of eta's matrix.
-    // `QS` holds the columns; `kept` is workspace of nu rows.
-    template <class Quadratic>
-    bool eliminate(int n, Quadratic q, const double* QS, double* kept, Factorisation& result);
+    bool eliminate(int n, const Form& form, Factorisation& result);
     // k <- Quu^{-1} k
     void solve(const Stage& s, double* k) const;
 
 private:
+    template <int Nu>
+    bool eliminate_few(int n, const Form& form, Factorisation& result);
+    bool eliminate_any(int n, const Form& form, Factorisation& result);
     bool factorise(Stage& s, Factorisation& result);
-    void pass_on(int n, const double* QS, const double* kept);
+    void pass_on(int n, const Form& form);
 
     const Problem& problem_;
     Data& data_;
     const Barrier& barrier_;
     EndMultiplier& eta_;
     Numbers diagonal_;
+    Pool work_;
 };
-
-template <class Quadratic>
-bool Controls::eliminate(int n, Quadratic q, const double* QS, double* kept, Factorisation& result) {
-    using dense::padded;
-    Stage& s = data_[n];
-    const int nu = s.kind->nu, nd = problem_.nd, ng = problem_.ng, pu = padded(nu), px = padded(nd), pg = padded(ng);
-
-    // K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
-    for (int i = 0; i < nu; ++i) {
-        for (int j = 0; j < nu; ++j) s.Quu[i * pu + j] = q(nd + i, nd + j);
-        for (int j = 0; j < nd; ++j) s.K[i * px + j] = -q(nd + i, j);
-        for (int g = 0; g < ng; ++g) s.Keta[i * pg + g] = -QS[(nd + i) * pg + g];
-    }
-    barrier_.add_to_controls(n, s.Quu, pu);
-    double* P_before = n > 0 ? data_[n - 1].P : nullptr;
-    if (P_before)
-        for (int i = 0; i < nd; ++i)
-            for (int j = 0; j < nd; ++j) P_before[i * px + j] = q(i, j);
-    for (int i = 0; i < nu * px; ++i) kept[i] = -s.K[i];
-    if (!factorise(s, result)) return false;
-    pass_on(n, QS, kept);
-    return true;
-}
 
 }  // namespace mbocp

@@ -56,7 +56,7 @@ Data::Data(const Problem& problem) : end(problem), ndx_(problem.ndx) {
     for (int n = 0; n < problem.N; ++n) {
         const Kind& k = problem.kind(n);
         Stage s{};
-        s.kind = &k, s.definite = true;
+        s.kind = &k, s.factors = ControlFactors::cholesky;
         s.control_pivot = at, s.pivot = s.chosen = at + k.nu;
         base += lay_out(problem, k, base, at + k.nu + problem.nd, s);
         at += num_ints(k);

@@ -9,6 +9,9 @@
 
 namespace mbocp {
 
+// How a stage's Quu has been factorised: definite or not, without pivoting; definite; with pivoting.
+enum class ControlFactors { ldl, cholesky, lu };
+
 // Blocks of one stage. With w = (x, y) and s = (state before, u), matrices are row-major, rows padded to whole vectors.
 struct Stage {
     const Kind* kind;
@@ -32,7 +35,7 @@ struct Stage {
     double *T, *Quu, *K, *Keta, *P, *S;
     double *t0, *k, *p;
     int* control_pivot;
-    bool definite;
+    ControlFactors factors;
 };
 
 // The end of the horizon at the last state.

@@ -62,6 +62,31 @@ inline void gemm_tn_columns(int m, int k, const double* A, int lda, const double
     }
 }
 
+// Rows and columns of a block of four by four, the other way round.
+inline void transpose(Vec& a, Vec& b, Vec& c, Vec& d) {
+    const Vec p = {a[0], b[0], c[0], d[0]}, q = {a[1], b[1], c[1], d[1]};
+    const Vec r = {a[2], b[2], c[2], d[2]}, s = {a[3], b[3], c[3], d[3]};
+    a = p, b = q, c = r, d = s;
+}
+
+// A <- A + A' + H, H symmetric or null; n is rounded up to whole vectors.
+inline void symmetrise(int n, double* A, int lda, const double* H, int ldh) {
+    for (int i = 0; i < n; i += 4)
+        for (int j = i; j < n; j += 4) {
+            double *upper = A + i * lda + j, *lower = A + j * lda + i;
+            Vec rows[4], other[4];
+            for (int r = 0; r < 4; ++r) other[r] = load(lower + r * lda);
+            transpose(other[0], other[1], other[2], other[3]);
+            for (int r = 0; r < 4; ++r) rows[r] = load(upper + r * lda) + other[r];
+            if (H)
+                for (int r = 0; r < 4; ++r) rows[r] += load(H + (i + r) * ldh + j);
+            for (int r = 0; r < 4; ++r) store(upper + r * lda, rows[r]);
+            if (i == j) continue;
+            transpose(rows[0], rows[1], rows[2], rows[3]);
+            for (int r = 0; r < 4; ++r) store(lower + r * lda, rows[r]);
+        }
+}
+
 // Splits `vectors` columns of vectors into tiles of three, two and one of them: tile(std::integral_constant, first).
 template <class Tile>
 inline void for_tiles(int vectors, Tile tile) {

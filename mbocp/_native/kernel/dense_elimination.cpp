@@ -16,7 +16,7 @@ std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data
 DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), step_(step), barrier_(barrier), controls_(problem, data, barrier, eta) {
     const std::size_t pw = padded(problem.max_nw), ps = padded(problem.max_ns), pg = padded(problem.ng);
-    work_.allocate(std::max(pw * pw + pw * ps + ps * ps + ps * pg, pw + ps) + 32);
+    work_.allocate(std::max(pw * pw + (pw + ps) * (pg + ps), pw + ps) + 32);
 }
 
 bool DenseElimination::start(const Residual&, Factorisation&) {
@@ -39,25 +39,24 @@ bool DenseElimination::condense(int n, const Weights& weights, Factorisation& re
     if (!barrier_.empty()) barrier_.add_to_value(n, s.P);
     if (barrier_.has_equations()) barrier_.learn(n, s.T, s.Hss, ps, nd);
 
-    // Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term.
+    // Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term, and T'S beside it.
+    const int ld = pg + ps;
     Space space(work_.data());
-    double *Hhat = space.take(pw, pw), *M = space.take(pw, ps), *half = space.take(ps, ps), *QS = space.take(ps, pg);
+    double *Hhat = space.take(nw, pw), *M = space.take(pw, ld), *Q = space.take(ps, ld);
     for (int i = 0; i < nw * pw; ++i) Hhat[i] = 0.5 * s.Hww[i];
     for (int i = 0; i < nd; ++i) {
-        for (int j = 0; j < nd; ++j) Hhat[i * pw + j] += 0.5 * s.P[i * px + j];
+        dense::axpy(nd, 0.5, s.P + i * px, Hhat + i * pw);
         Hhat[i * pw + i] += 0.5 * weights.shift;
     }
-    dense::copy(s.Hws, M, pw * ps);
-    dense::gemm_tn(nw, ns, nw, Hhat, pw, s.T, ps, M, ps);
-    dense::zero(half, ps * ps);
-    dense::gemm_tn(ns, ns, nw, s.T, ps, M, ps, half, ps);
-    const auto q = [&](int i, int j) { return s.Hss[i * ps + j] + half[i * ps + j] + half[j * ps + i]; };
-    if (ng) {
-        dense::zero(QS, ps * pg);
-        dense::gemm_tn(ns, ng, nd, s.T, ps, s.S, pg, QS, pg);
+    for (int i = 0; i < nw; ++i) {
+        i < nd ? dense::copy(s.S + i * pg, M + i * ld, pg) : dense::zero(M + i * ld, pg);
+        dense::copy(s.Hws + i * ps, M + i * ld + pg, ps);
     }
-    double* kept = half;  // free once q is no longer asked
-    return controls_.eliminate(n, q, QS, kept, result);
+    dense::gemm_tn(nw, ns, nw, Hhat, pw, s.T, ps, M + pg, ld);
+    dense::zero(Q, ps * ld);
+    dense::gemm_tn(ns, ld, nw, s.T, ps, M, ld, Q, ld);
+    dense::symmetrise(ns, Q + pg, ld, s.Hss, ps);
+    return controls_.eliminate(n, {Q, ld}, result);
 }
 
 void DenseElimination::start_backward(const Residual& rhs, const Weights& weights, Numbers& r) {

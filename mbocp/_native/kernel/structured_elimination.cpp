@@ -18,7 +18,7 @@ std::size_t StructuredElimination::work_size(const Kind& k) const {
     const std::size_t ndx = problem_.ndx, px = padded(problem_.nd), pm = padded(problem_.nd + k.nu), pd = padded(t.d);
     const std::size_t pu = padded(k.nu), pg = padded(problem_.ng);
     const std::size_t hessian = t.nq * (pm + pd) + pd * (pm + pd) + (ndx + pu + 2 * px) * px + px * pm + t.ny * pd;
-    return std::max({hessian, (px + pu) * px + (px + pm) * pm + pm * pg, 2 * ndx * px + ndx + px});
+    return std::max({hessian, px * px + (px + pm) * (pg + pm), 2 * ndx * px + ndx + px});
 }
 
 bool StructuredElimination::start(const Residual& rhs, Factorisation& result) {
@@ -181,20 +181,17 @@ void StructuredElimination::start_backward(const Residual& rhs, const Weights& w
 bool StructuredElimination::condense(int n, const Weights& weights, Factorisation& result) {
     Stage& s = data_[n];
     const int nd = problem_.nd, nu = s.kind->nu, px = padded(nd), pm = padded(nd + nu), pg = padded(problem_.ng);
+    const int ld = pg + pm;
     Space space(work_.data());
-    double *P = space.zeros(px, px), *PT = space.zeros(px, pm), *W = space.take(pm, pm), *QS = space.take(pm, pg);
-    double* kept = space.take(padded(nu), px);
+    double *P = space.zeros(px, px), *M = space.zeros(px, ld), *Q = space.zeros(pm, ld);
     if (weights.shift != 0.0) s.kind->structure->gram(s.step, P, px);
     for (int i = 0; i < px * px; ++i) P[i] = 0.5 * (weights.shift * P[i] + s.P[i]);
-    dense::gemm_nn(nd, pm, nd, P, px, s.T, pm, PT, pm);
-    dense::copy(s.Q, W, pm * pm);
-    dense::gemm_tn(nd + nu, pm, nd, s.T, pm, PT, pm, W, pm);
-    if (problem_.ng) {
-        dense::zero(QS, pm * pg);
-        dense::gemm_tn(nd + nu, problem_.ng, nd, s.T, pm, s.S, pg, QS, pg);
-    }
-    const auto q = [&](int i, int j) { return W[i * pm + j] + W[j * pm + i]; };
-    return controls_.eliminate(n, q, QS, kept, result);
+    for (int i = 0; i < nd; ++i) dense::copy(s.S + i * pg, M + i * ld, pg);
+    dense::gemm_nn(nd, pm, nd, P, px, s.T, pm, M + pg, ld);
+    for (int i = 0; i < nd + nu; ++i) dense::copy(s.Q + i * pm, Q + i * ld + pg, pm);
+    dense::gemm_tn(nd + nu, ld, nd, s.T, pm, M, ld, Q, ld);
+    dense::symmetrise(nd + nu, Q + pg, ld, nullptr, 0);
+    return controls_.eliminate(n, {Q, ld}, result);
 }
 
 void StructuredElimination::backward(int n, const Residual&, const Weights& weights, Numbers& r) {
