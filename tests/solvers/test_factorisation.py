@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from mbocp.programme.kernel import kernel
 
 
-def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng: int, share: float = 0.3):
-    """Stages with random quadratic constraints and costs, of one kind, each with its own parameter."""
+def random_programme(
+    seed: int,
+    num_stages: int,
+    ndx: int,
+    ny: int,
+    nu: int,
+    ng: int,
+    share: float = 0.3,
+    direct: int = 0,
+    slope: float = 0.1,
+    also_before: bool = False,
+    crossed: bool = False,
+):
+    """Stages with random quadratic constraints and costs, of one kind, each with its own parameter.
+
+    The first `direct` rows are x0_i - w_i + slope w_{direct + i}, with w = (x1, y), as where a step adds up
+    speeds; with other entries of the state before and the controls, too, if `also_before`.
+    With `crossed`, rows do not know the controls, and these cost products of two alone.
+    """
     rng = np.random.default_rng(seed)
     nz, nc = 2 * ndx + ny + nu, ndx + ny
     x0, x1, y, u, m = (
@@ -20,10 +41,21 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
     z = ca.vertcat(x1, y, x0, u)
     linear = rng.standard_normal((nc, nz))
     linear[:, : ndx + ny] += 3.0 * np.eye(nc)
+    for i in range(direct):
+        beside = rng.standard_normal(nz) * (rng.random(nz) < 0.2) if also_before else np.zeros(nz)
+        linear[i] = np.where(np.arange(nz) < nc, 0.0, beside)
+        linear[i, [i, direct + i, nc + i]] = -1.0, slope, 1.0
     curvature = [0.1 * rng.standard_normal((nz, nz)) for _ in range(nc)]
-    rows = ca.DM(linear) @ z + ca.vertcat(*[ca.bilin(ca.DM(C), z, z) for C in curvature]) - theta * rho
+    curvature[:direct] = [np.zeros((nz, nz))] * direct
     weight = rng.standard_normal((nz, nz))
-    cost = ca.bilin(ca.DM(weight @ weight.T * share + np.eye(nz)), z, z) / 2 + rho * ca.sum1(z)
+    metric = weight @ weight.T * share + np.eye(nz)
+    if crossed:
+        linear[:, -nu:] = 0.0
+        curvature = [np.zeros((nz, nz))] * nc
+        metric[-nu:, -nu:] = np.fliplr(np.eye(nu))
+    products = ca.vertcat(*[ca.bilin(ca.DM(C), z, z) for C in curvature])
+    rows = ca.sparsify(ca.DM(linear)) @ z + products - theta * rho
+    cost = ca.bilin(ca.DM(metric), z, z) / 2 + rho * ca.sum1(z)
     hessian, _ = ca.hessian(cost + ca.dot(m, rows), z)
     args = [x0, x1, y, u]
     jacobian = ca.jacobian(rows, z)
@@ -136,6 +168,87 @@ def test_newton_direction_equals_the_dense_one(sizes: tuple[int, ...], augment: 
     assert np.allclose(got, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     assert direction.increment == pytest.approx(np.linalg.norm(expected), rel=1e-9)
     assert direction.linear_residual < 1e-11
+
+
+@st.composite
+def shapes(draw: st.DrawFn) -> tuple[tuple[int, ...], dict[str, float]]:
+    """Sizes of a programme, and the options of its rows."""
+    ndx, ny, nu = draw(st.integers(1, 9)), draw(st.integers(0, 3)), draw(st.integers(1, 10))
+    num_stages = draw(st.integers(1, 4))
+    ng = draw(st.integers(0, min(ndx, nu * num_stages)))
+    options = {
+        "share": draw(st.sampled_from([0.0, 0.3])),
+        "direct": draw(st.integers(0, min(ndx, (ndx + ny) // 2))),
+        "slope": draw(st.sampled_from([0.02, -0.7, 3.0])),  # the last: too steep to go without pivoting
+        "also_before": draw(st.booleans()),
+    }
+    return (num_stages, ndx, ny, nu, ng), options
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    shape=shapes(),
+    seed=st.integers(0, 10_000),
+    curvature=st.sampled_from([0.1, 4.0]),
+    augment=st.sampled_from([0.0, 10.0]),
+    shift=st.sampled_from([0.0, 0.5]),
+)
+def test_any_shape_agrees_with_the_dense_matrix(
+    shape: tuple[tuple[int, ...], dict[str, Any]], seed: int, curvature: float, augment: float, shift: float
+) -> None:
+    """Directions and inertia, for sizes with and without kernels of their own, definite and indefinite."""
+    sizes, options = shape
+    held = Held(seed, *sizes, **options)
+    held.programme.m = curvature * np.random.default_rng(seed).standard_normal(held.m.size)
+    held.evaluate()
+    K, r, n_primal = dense_kkt(held, held.functions, *sizes)
+    states = np.arange(sizes[0] * sizes[1])
+    K[states, states] += shift
+    eigenvalues = np.linalg.eigvalsh(K)
+    assume(np.abs(eigenvalues).min() > 1e-6 * np.abs(eigenvalues).max())
+    factorisation = held.factorise(shift, augment)
+    assert factorisation.ok
+    assert factorisation.negative - sizes[-1] == (eigenvalues < 0).sum() - (K.shape[0] - n_primal)
+    held.solve(1)
+    got = np.concatenate([held.dx[sizes[1] :], held.dy, held.du, held.dm, held.deta])
+    assert np.abs(K @ got + r).max() < 1e-9 * np.abs(r).max()
+    assert np.allclose(got, -np.linalg.solve(K, r), rtol=0, atol=1e-8 * np.abs(got).max())
+
+
+@pytest.mark.parametrize("nu", range(1, 10))
+def test_indefinite_controls(nu: int) -> None:
+    """Curvature of both signs, whatever the number of controls."""
+    found = set()
+    for seed in range(6):
+        sizes = (5, 4, 1, nu, 0)
+        held = Held(seed, *sizes, share=0.0, direct=2)
+        held.programme.m = 30.0 * np.random.default_rng(seed).standard_normal(held.m.size)
+        held.evaluate()
+        K, r, n_primal = dense_kkt(held, held.functions, *sizes)
+        factorisation = held.factorise()
+        assert factorisation.ok
+        excess = int((np.linalg.eigvalsh(K) < 0).sum()) - (K.shape[0] - n_primal)
+        assert factorisation.negative - sizes[-1] == excess
+        held.solve()
+        got = np.concatenate([held.dx[4:], held.dy, held.du, held.dm, held.deta])
+        assert np.abs(K @ got + r).max() < 1e-9 * np.abs(r).max()
+        found.add(excess)
+    assert max(found) > 0
+
+
+@pytest.mark.parametrize("nu", [2, 4, 9])
+def test_controls_without_pivots_of_their_own(nu: int) -> None:
+    """Zeros on the diagonal of their Hessian: nothing but pivoting factorises that."""
+    sizes = (3, 4, 1, nu, 0)
+    held = Held(1, *sizes, direct=2, crossed=True)
+    held.evaluate()
+    K, r, n_primal = dense_kkt(held, held.functions, *sizes)
+    factorisation = held.factorise()
+    assert factorisation.ok
+    assert factorisation.negative == int((np.linalg.eigvalsh(K) < 0).sum()) - (K.shape[0] - n_primal)
+    held.solve()
+    got = np.concatenate([held.dx[4:], held.dy, held.du, held.dm, held.deta])
+    assert np.abs(K @ got + r).max() < 1e-9 * np.abs(r).max()
 
 
 def curvature_of(seed: int) -> float:

@@ -65,14 +65,30 @@ bool Controls::eliminate(int n, const Form& form, Factorisation& result) {
     barrier_.add_to_controls(n, form.at + problem_.nd * form.ld + first, form.ld);
     bool is_done = false;
     switch (nu) {
-        case 1: is_done = eliminate_few<1>(n, form, result); break;
-        case 2: is_done = eliminate_few<2>(n, form, result); break;
-        case 3: is_done = eliminate_few<3>(n, form, result); break;
-        case 4: is_done = eliminate_few<4>(n, form, result); break;
-        case 5: is_done = eliminate_few<5>(n, form, result); break;
-        case 6: is_done = eliminate_few<6>(n, form, result); break;
-        case 7: is_done = eliminate_few<7>(n, form, result); break;
-        case 8: is_done = eliminate_few<8>(n, form, result); break;
+    case 1:
+        is_done = eliminate_few<1>(n, form, result);
+        break;
+    case 2:
+        is_done = eliminate_few<2>(n, form, result);
+        break;
+    case 3:
+        is_done = eliminate_few<3>(n, form, result);
+        break;
+    case 4:
+        is_done = eliminate_few<4>(n, form, result);
+        break;
+    case 5:
+        is_done = eliminate_few<5>(n, form, result);
+        break;
+    case 6:
+        is_done = eliminate_few<6>(n, form, result);
+        break;
+    case 7:
+        is_done = eliminate_few<7>(n, form, result);
+        break;
+    case 8:
+        is_done = eliminate_few<8>(n, form, result);
+        break;
     }
     return is_done || eliminate_any(n, form, result);
 }
@@ -176,14 +192,22 @@ void Controls::solve(const Stage& s, double* k) const {
     if (s.factors == ControlFactors::cholesky) return dense::cholesky_solve_vector(nu, s.Quu, pu, k);
     if (s.factors == ControlFactors::lu) return dense::lu_solve_vector(nu, s.Quu, pu, s.control_pivot, k);
     switch (nu) {
-        case 1: return dense::ldl_solve_vector<1>(s.Quu, pu, k);
-        case 2: return dense::ldl_solve_vector<2>(s.Quu, pu, k);
-        case 3: return dense::ldl_solve_vector<3>(s.Quu, pu, k);
-        case 4: return dense::ldl_solve_vector<4>(s.Quu, pu, k);
-        case 5: return dense::ldl_solve_vector<5>(s.Quu, pu, k);
-        case 6: return dense::ldl_solve_vector<6>(s.Quu, pu, k);
-        case 7: return dense::ldl_solve_vector<7>(s.Quu, pu, k);
-        case 8: return dense::ldl_solve_vector<8>(s.Quu, pu, k);
+    case 1:
+        return dense::ldl_solve_vector<1>(s.Quu, pu, k);
+    case 2:
+        return dense::ldl_solve_vector<2>(s.Quu, pu, k);
+    case 3:
+        return dense::ldl_solve_vector<3>(s.Quu, pu, k);
+    case 4:
+        return dense::ldl_solve_vector<4>(s.Quu, pu, k);
+    case 5:
+        return dense::ldl_solve_vector<5>(s.Quu, pu, k);
+    case 6:
+        return dense::ldl_solve_vector<6>(s.Quu, pu, k);
+    case 7:
+        return dense::ldl_solve_vector<7>(s.Quu, pu, k);
+    case 8:
+        return dense::ldl_solve_vector<8>(s.Quu, pu, k);
     }
 }
 

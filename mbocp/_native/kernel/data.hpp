@@ -9,6 +9,9 @@
 
 namespace mbocp {
 
+// What a dense step solves with: Jw's factors; Jw = -1; or those of what is left of Jw without its direct rows.
+enum class StepFactors { whole, none, rest };
+
 // How a stage's Quu has been factorised: definite or not, without pivoting; definite; with pivoting.
 enum class ControlFactors { ldl, cholesky, lu };
 
@@ -18,10 +21,10 @@ struct Stage {
     double *c, *gw, *gs, *lw, *ls;       // residual, Lagrangian gradient, cost gradient
     double* begin() const { return c; }  // of the stage's memory, all of it one block
 
-    // Of a dense step: derivatives, factored Jw or, where that is -1, not.
+    // Of a dense step: derivatives, and factors.
     double *Jw, *Js, *Hww, *Hws, *Hss, *LU;
     int* pivot;
-    bool is_explicit;
+    StepFactors factors_of;
 
     // Of a step with a structure: values of the sparse derivatives; the factored step; half the Hessian Q over (xi
     // before, u) of the stage over reachable states, and g, its gradient in xi and in these; offsets, dx = B xi + b

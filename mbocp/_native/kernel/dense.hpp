@@ -135,6 +135,16 @@ inline void gemm_nn(int m, int n, int k, const double* A, int lda, const double*
     });
 }
 
+// z += x y entry by entry, over whole vectors.
+__attribute__((always_inline)) inline void multiply_add(int n, const double* x, const double* y, double* z) {
+    for (int j = 0; j < n; j += width) store(z + j, load(z + j) + load(x + j) * load(y + j));
+}
+
+// y <- a x, over whole vectors.
+__attribute__((always_inline)) inline void scaled(int n, double a, const double* x, double* y) {
+    for (int j = 0; j < n; j += width) store(y + j, a * load(x + j));
+}
+
 // y += a x, without the alias checks and the unrolling that make short loops long.
 __attribute__((always_inline)) inline void axpy(int n, double a, const double* x, double* y) {
     int j = 0;

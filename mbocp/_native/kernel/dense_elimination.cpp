@@ -16,7 +16,7 @@ std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data
 DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), step_(step), barrier_(barrier), controls_(problem, data, barrier, eta) {
     const std::size_t pw = padded(problem.max_nw), ps = padded(problem.max_ns), pg = padded(problem.ng);
-    work_.allocate(std::max(pw * pw + (pw + ps) * (pg + ps), pw + ps) + 32);
+    work_.allocate(2 * pw * pw + (2 * pw + ps) * (pg + ps) + 2 * pw + 2 * ps + 96);
 }
 
 bool DenseElimination::start(const Residual&, Factorisation&) {
@@ -29,34 +29,89 @@ bool DenseElimination::start(const Residual&, Factorisation&) {
 
 bool DenseElimination::condense(int n, const Weights& weights, Factorisation& result) {
     const Stage& s = data_[n];
-    const int nd = problem_.ndx, ng = problem_.ng, nw = s.kind->nw(), ns = s.kind->ns();
-    const int pw = padded(nw), ps = padded(ns), px = padded(nd), pg = padded(ng);
-
     // dw = T ds + t0 from the linearised step.
     const double pivot = step_.prepare_response(n);
     result.smallest_pivot = std::min(result.smallest_pivot, pivot);
     if (pivot < singular) return false;
+    const int nd = problem_.ndx, ps = padded(s.kind->ns());
     if (!barrier_.empty()) barrier_.add_to_value(n, s.P);
     if (barrier_.has_equations()) barrier_.learn(n, s.T, s.Hss, ps, nd);
+    const Form form = s.factors_of == StepFactors::rest ? form_of_rest(s, weights.shift) : whole_form(s, weights.shift);
+    dense::symmetrise(s.kind->ns(), form.at + padded(problem_.ng), form.ld, s.Hss, ps);
+    return controls_.eliminate(n, form, result);
+}
 
-    // Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term, and T'S beside it.
-    const int ld = pg + ps;
-    Space space(work_.data());
-    double *Hhat = space.take(nw, pw), *M = space.take(pw, ld), *Q = space.take(ps, ld);
-    for (int i = 0; i < nw * pw; ++i) Hhat[i] = 0.5 * s.Hww[i];
+// Half of Hww + P, the latter shifted.
+void DenseElimination::add_up(const Stage& s, double shift, double* H) const {
+    const int nd = problem_.ndx, nw = s.kind->nw(), pw = padded(nw), px = padded(nd);
+    dense::scaled(nw * pw, 0.5, s.Hww, H);
     for (int i = 0; i < nd; ++i) {
-        dense::axpy(nd, 0.5, s.P + i * px, Hhat + i * pw);
-        Hhat[i * pw + i] += 0.5 * weights.shift;
+        dense::axpy(nd, 0.5, s.P + i * px, H + i * pw);
+        H[i * pw + i] += 0.5 * shift;
     }
+}
+
+// Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term, and T'S beside it: half of
+// this, Q - Hss being the sum of the half and its transpose.
+Form DenseElimination::whole_form(const Stage& s, double shift) {
+    const int nd = problem_.ndx, nw = s.kind->nw(), ns = s.kind->ns();
+    const int pw = padded(nw), ps = padded(ns), pg = padded(problem_.ng), ld = pg + ps;
+    Space space(work_.data());
+    double *H = space.take(nw, pw), *M = space.take(pw, ld), *Q = space.zeros(ps, ld);
+    add_up(s, shift, H);
     for (int i = 0; i < nw; ++i) {
         i < nd ? dense::copy(s.S + i * pg, M + i * ld, pg) : dense::zero(M + i * ld, pg);
         dense::copy(s.Hws + i * ps, M + i * ld + pg, ps);
     }
-    dense::gemm_tn(nw, ns, nw, Hhat, pw, s.T, ps, M + pg, ld);
-    dense::zero(Q, ps * ld);
+    dense::gemm_tn(nw, ns, nw, H, pw, s.T, ps, M + pg, ld);
     dense::gemm_tn(ns, ld, nw, s.T, ps, M, ld, Q, ld);
-    dense::symmetrise(ns, Q + pg, ld, s.Hss, ps);
-    return controls_.eliminate(n, {Q, ld}, result);
+    return {Q, ld};
+}
+
+// The same where w = (a, z) with a = D z + J s. With z = V s, L = [D; 1] and halves H of the Hessian:
+//
+//   V'(L'H L V + 2 L'(H J) + L'Hws) + J'(H J + Hws), and V'L'S + J'S
+//
+// up to what its transpose has. J has the identity or little more, so products are as deep as z is long.
+Form DenseElimination::form_of_rest(const Stage& s, double shift) {
+    const Kind& k = *s.kind;
+    const int nd = problem_.ndx, nw = k.nw(), ns = k.ns(), na = k.num_direct, nz = nw - na;
+    const int pw = padded(nw), ps = padded(ns), pg = padded(problem_.ng), pz = padded(nz), ld = pg + ps;
+    Space space(work_.data());
+    double *H = space.take(nw, pw), *M = space.take(pw, ld), *Q = space.zeros(ps, ld);
+    double *B = space.take(pw), *D = space.zeros(pw), *J = space.zeros(ps), *twice_J = space.zeros(ps),
+           *G = space.zeros(pz, pz), *rows = space.take(na, ld);
+    add_up(s, shift, H);
+    for (int i = 0; i < na; ++i) D[i] = s.Jw[i * (pw + 1) + na], J[i] = s.Js[i * (ps + 1)], twice_J[i] = 2.0 * J[i];
+    for (int i = 0; i < nz; ++i) {
+        double* m = M + i * ld;
+        na + i < nd ? dense::copy(s.S + (na + i) * pg, m, pg) : dense::zero(m, pg);
+        dense::copy(s.Hws + (na + i) * ps, m + pg, ps);
+        dense::copy(H + (na + i) * pw, B, pw);  // row i of L'H
+        if (i < na) {
+            dense::axpy(pg, D[i], s.S + i * pg, m);
+            dense::axpy(ps, D[i], s.Hws + i * ps, m + pg);
+            dense::axpy(pw, D[i], H + i * pw, B);
+        }
+        dense::copy(B + na, G + i * pz, nz);
+        dense::multiply_add(na, D, B, G + i * pz);
+        dense::multiply_add(na, twice_J, B, m + pg);
+        for (const auto& [row, column] : k.before) m[pg + column] += 2.0 * s.Js[row * ps + column] * B[row];
+    }
+    dense::gemm_tn(nz, ns, nz, G, pz, s.T + na * ps, ps, M + pg, ld);
+    for (int i = 0; i < na; ++i) {  // of J'(S | H J + Hws): what the identity in J has, and the rest
+        double* q = Q + i * ld;
+        dense::copy(s.S + i * pg, q, pg), dense::copy(s.Hws + i * ps, q + pg, ps);
+        dense::multiply_add(na, J, H + i * pw, q + pg);
+        for (const auto& [row, column] : k.before) q[pg + column] += s.Js[row * ps + column] * H[i * pw + row];
+    }
+    if (!k.before.empty()) dense::copy(Q, rows, na * ld);
+    for (int i = 0; i < na; ++i)
+        if (J[i] != 1.0) dense::scaled(ld, J[i], Q + i * ld, Q + i * ld);
+    for (const auto& [row, column] : k.before)
+        dense::axpy(ld, s.Js[row * ps + column], rows + row * ld, Q + column * ld);
+    dense::gemm_tn(ns, ld, nz, s.T + na * ps, ps, M, ld, Q, ld);
+    return {Q, ld};
 }
 
 void DenseElimination::start_backward(const Residual& rhs, const Weights& weights, Numbers& r) {

@@ -21,6 +21,9 @@ public:
     void feed_back_transposed(int n, const double* du, double* dx) const override;
 
 private:
+    void add_up(const Stage& s, double shift, double* H) const;
+    Form whole_form(const Stage& s, double shift);
+    Form form_of_rest(const Stage& s, double shift);
     void forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out);
 
     const Problem& problem_;

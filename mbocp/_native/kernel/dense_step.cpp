@@ -1,5 +1,7 @@
 #include "dense_step.hpp"
 
+#include <cmath>
+
 #include "structured_step.hpp"
 
 namespace mbocp {
@@ -22,6 +24,14 @@ bool is_minus_identity(const Stage& s) {
     for (int i = 0; i < nc; ++i)
         if (s.Jw[i * (pw + 1)] != -1.0) return false;
     return true;
+}
+
+// Whether the kind's direct rows are a = D z + J s here, with D small enough to lose no digits without pivoting.
+bool has_direct_rows(const Stage& s) {
+    const int na = s.kind->num_direct, pw = padded(s.kind->nw());
+    for (int i = 0; i < na; ++i)
+        if (s.Jw[i * (pw + 1)] != -1.0 || !(std::abs(s.Jw[i * (pw + 1) + na]) <= 1.0)) return false;
+    return na > 0;
 }
 
 }  // namespace
@@ -84,15 +94,30 @@ void DenseStep::copy_state_jacobian(int n, double* F, int ld) const {
 double DenseStep::factor(int n) {
     Stage& s = data_[n];
     const Kind& k = *s.kind;
-    if ((s.is_explicit = is_minus_identity(s))) return 1.0;
+    if (is_minus_identity(s)) return s.factors_of = StepFactors::none, 1.0;
+    if (has_direct_rows(s)) return factor_rest(s);
+    s.factors_of = StepFactors::whole;
     dense::copy(s.Jw, s.LU, k.nc() * padded(k.nw()));
     return dense::lu_factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
+}
+
+double DenseStep::factor_rest(Stage& s) const {
+    const int nw = s.kind->nw(), pw = padded(nw), na = s.kind->num_direct, nz = nw - na, pz = padded(nz);
+    double* D = Space(work_.data()).zeros(na);
+    for (int i = 0; i < na; ++i) D[i] = s.Jw[i * (pw + 1) + na];
+    s.factors_of = StepFactors::rest;
+    for (int i = 0; i < nz; ++i) {
+        const double* row = s.Jw + (na + i) * pw;
+        dense::copy(row + na, s.LU + i * pz, nz);
+        dense::multiply_add(na, row, D, s.LU + i * pz);
+    }
+    return dense::lu_factor(nz, s.LU, pz, s.pivot);
 }
 
 double DenseStep::factor_first(int n, const StageFunction& f) {
     Stage& s = data_[n];
     const Kind& k = *s.kind;
-    s.is_explicit = false;
+    s.factors_of = StepFactors::whole;
     dense::zero(s.LU, k.nc() * padded(k.nw()));
     for (std::size_t i = 0; i < k.to_first_jacobian.size(); ++i)
         if (k.to_first_jacobian[i].block == W) s.LU[k.to_first_jacobian[i].offset] = f.res[2][i];
@@ -101,27 +126,65 @@ double DenseStep::factor_first(int n, const StageFunction& f) {
 
 void DenseStep::solve(int n, double* c) const {
     const Stage& s = data_[n];
-    const int nc = s.kind->nc();
-    if (!s.is_explicit) return dense::lu_solve_vector(nc, s.LU, padded(s.kind->nw()), s.pivot, c);
-    for (int i = 0; i < nc; ++i) c[i] = -c[i];
+    const int nc = s.kind->nc(), pw = padded(s.kind->nw());
+    if (s.factors_of == StepFactors::whole) return dense::lu_solve_vector(nc, s.LU, pw, s.pivot, c);
+    if (s.factors_of == StepFactors::none) {
+        for (int i = 0; i < nc; ++i) c[i] = -c[i];
+        return;
+    }
+    const int na = s.kind->num_direct, nz = nc - na;
+    double* z = c + na;
+    dense::gemv(nz, na, s.Jw + na * pw, pw, c, z);
+    dense::lu_solve_vector(nz, s.LU, padded(nz), s.pivot, z);
+    for (int i = 0; i < na; ++i) c[i] = s.Jw[i * (pw + 1) + na] * z[i] - c[i];
 }
 
 void DenseStep::solve_transposed(int n, double* w) const {
     const Stage& s = data_[n];
-    const int nc = s.kind->nc();
-    if (!s.is_explicit) return dense::lu_solve_transposed(nc, s.LU, padded(s.kind->nw()), s.pivot, w);
-    for (int i = 0; i < nc; ++i) w[i] = -w[i];
+    const int nc = s.kind->nc(), pw = padded(s.kind->nw());
+    if (s.factors_of == StepFactors::whole) return dense::lu_solve_transposed(nc, s.LU, pw, s.pivot, w);
+    for (int i = 0; i < nc && s.factors_of == StepFactors::none; ++i) w[i] = -w[i];
+    if (s.factors_of == StepFactors::none) return;
+    const int na = s.kind->num_direct, nz = nc - na;
+    double* z = w + na;
+    for (int i = 0; i < na; ++i) z[i] += s.Jw[i * (pw + 1) + na] * w[i], w[i] = -w[i];
+    dense::lu_solve_transposed(nz, s.LU, padded(nz), s.pivot, z);
+    dense::gemv_t(nz, na, s.Jw + na * pw, pw, z, w);
 }
 
 double DenseStep::prepare_response(int n) {
     const Stage& s = data_[n];
     const int nc = s.kind->nc(), ps = padded(s.kind->ns());
     const double pivot = factor(n);
+    if (s.factors_of == StepFactors::rest) {
+        if (pivot > 0.0) respond_rest(s);
+        return pivot;
+    }
     dense::copy(s.Js, s.T, nc * ps);
-    if (pivot == 0.0 || s.is_explicit) return pivot;
+    if (pivot == 0.0 || s.factors_of == StepFactors::none) return pivot;
     for (int i = 0; i < nc * ps; ++i) s.T[i] = -s.T[i];
     dense::lu_solve(nc, s.LU, padded(s.kind->nw()), s.pivot, s.T, ps, ps);
     return pivot;
+}
+
+// T, of z first: with a = D z + J s the other rows are (E + A D) z + (B + A J) s = 0.
+void DenseStep::respond_rest(const Stage& s) const {
+    const Kind& k = *s.kind;
+    const int nw = k.nw(), na = k.num_direct, nz = nw - na, pw = padded(nw), ps = padded(k.ns());
+    double *V = s.T + na * ps, *minus_J = Space(work_.data()).zeros(na);
+    for (int i = 0; i < na; ++i) minus_J[i] = -s.Js[i * (ps + 1)];
+    for (int i = 0; i < nz; ++i) {
+        const double* A = s.Jw + (na + i) * pw;
+        double* v = V + i * ps;
+        dense::scaled(ps, -1.0, s.Js + (na + i) * ps, v);
+        dense::multiply_add(na, A, minus_J, v);
+        for (const auto& [row, column] : k.before) v[column] -= A[row] * s.Js[row * ps + column];
+    }
+    dense::lu_solve(nz, s.LU, padded(nz), s.pivot, V, ps, ps);
+    for (int i = 0; i < na; ++i) {
+        dense::copy(s.Js + i * ps, s.T + i * ps, ps);
+        dense::axpy(ps, s.Jw[i * (pw + 1) + na], V + i * ps, s.T + i * ps);
+    }
 }
 
 void DenseStep::respond(int n, const double* ds, double* dw) const {

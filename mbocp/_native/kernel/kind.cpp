@@ -29,6 +29,24 @@ bool has_diagonal(const Pattern& J, int nw) {
     return count == nw;
 }
 
+// Leading rows with w_i and at most the entry of w_{n + i} beside it, n the number of such rows.
+int count_direct(const Pattern& J, int nw) {
+    std::vector<std::vector<int>> rows(static_cast<std::size_t>(J.rows));
+    for (int k = 0; k < J.nnz(); ++k)
+        if (J.column[k] < nw) rows[J.row[k]].push_back(J.column[k]);
+    const auto fits = [&](int n) {
+        for (int i = 0; i < n; ++i) {
+            if (std::count(rows[i].begin(), rows[i].end(), i) != 1) return false;
+            for (const int j : rows[i])
+                if (j != i && j != n + i) return false;
+        }
+        return true;
+    };
+    int n = nw / 2;
+    while (!fits(n)) --n;
+    return n;
+}
+
 Targets jacobian_targets(const Pattern& J, int nw, int ldw, int lds) {
     Targets targets;
     for (int k = 0; k < J.nnz(); ++k) {
@@ -71,6 +89,11 @@ void Kind::prepare() {
     if (!groups.empty()) prepare_structure();
     const auto &all = complete->outputs, &first = jacobian->outputs;
     may_be_explicit = groups.empty() && has_diagonal(all[2], nw()) && has_diagonal(first[2], nw());
+    if (groups.empty() && !may_be_explicit) num_direct = count_direct(all[2], nw());
+    for (int k = 0; k < all[2].nnz(); ++k) {
+        const int i = all[2].row[k], j = all[2].column[k] - nw();
+        if (i < num_direct && j >= 0 && j != i) before.push_back({i, j});
+    }
     const int ldw = padded(nw()), lds = padded(ns());
     to_jacobian = jacobian_targets(all[2], nw(), ldw, lds);
     to_first_jacobian = jacobian_targets(first[2], nw(), ldw, lds);

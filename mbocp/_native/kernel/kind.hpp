@@ -33,6 +33,14 @@ struct Kind {
 
     bool may_be_explicit = false;  // by the pattern of Jw
 
+    // The first unknowns, w_i = d_i w_{num_direct + i} + J_i s for i < num_direct, as far as the pattern says so: the
+    // rows of a step that only add up speeds. `before` has the entries of J off its diagonal.
+    struct Entry {
+        int row, column;
+    };
+    int num_direct = 0;
+    std::vector<Entry> before;
+
     int nw() const { return ndx + ny; }
     int ns() const { return ndx + nu; }
     int nc() const { return ndx + ny; }

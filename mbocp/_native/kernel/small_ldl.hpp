@@ -25,8 +25,8 @@ public:
             is_definite = is_definite && d[k] > 0.0 && d[k] <= std::numeric_limits<double>::max();
             inverse_[k] = 1.0 / d[k];
             MBOCP_UNROLL for (int i = k + 1; i < N; ++i) l_[i][k] = w[i][k] * inverse_[k];
-            MBOCP_UNROLL for (int j = k + 1; j < N; ++j)
-                MBOCP_UNROLL for (int i = j; i < N; ++i) w[i][j] -= l_[i][k] * w[j][k];
+            MBOCP_UNROLL for (int j = k + 1; j < N; ++j) MBOCP_UNROLL for (int i = j; i < N; ++i) w[i][j] -=
+                l_[i][k] * w[j][k];
         }
         negative_ = 0;
         return __builtin_expect(is_definite, 1) || check(A, lda, d);
@@ -76,21 +76,18 @@ private:
     MBOCP_INLINE void columns(const double (&root)[N], const double* B, int ldb, double* X, int ldx, double* Z,
                               int ldz) const {
         Vec b[N][V];
-        MBOCP_UNROLL for (int i = 0; i < N; ++i)
-            MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] = load(B + i * ldb + 4 * v);
-        MBOCP_UNROLL for (int k = 0; k < N; ++k)
-            MBOCP_UNROLL for (int i = k + 1; i < N; ++i)
-                MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] -= l_[i][k] * b[k][v];
-        MBOCP_UNROLL for (int i = 0; i < N; ++i)
-            MBOCP_UNROLL for (int v = 0; v < V; ++v) {
-                store(Z + i * ldz + 4 * v, root[i] * b[i][v]);
-                b[i][v] *= -inverse_[i];
-            }
-        MBOCP_UNROLL for (int k = N - 1; k >= 0; --k)
-            MBOCP_UNROLL for (int i = 0; i < k; ++i)
-                MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] -= l_[k][i] * b[k][v];
-        MBOCP_UNROLL for (int i = 0; i < N; ++i)
-            MBOCP_UNROLL for (int v = 0; v < V; ++v) store(X + i * ldx + 4 * v, b[i][v]);
+        MBOCP_UNROLL for (int i = 0; i < N; ++i) MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] =
+            load(B + i * ldb + 4 * v);
+        MBOCP_UNROLL for (int k = 0; k < N; ++k) MBOCP_UNROLL for (int i = k + 1; i < N; ++i)
+            MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] -= l_[i][k] * b[k][v];
+        MBOCP_UNROLL for (int i = 0; i < N; ++i) MBOCP_UNROLL for (int v = 0; v < V; ++v) {
+            store(Z + i * ldz + 4 * v, root[i] * b[i][v]);
+            b[i][v] *= -inverse_[i];
+        }
+        MBOCP_UNROLL for (int k = N - 1; k >= 0; --k) MBOCP_UNROLL for (int i = 0; i < k; ++i)
+            MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] -= l_[k][i] * b[k][v];
+        MBOCP_UNROLL for (int i = 0; i < N; ++i) MBOCP_UNROLL for (int v = 0; v < V; ++v)
+            store(X + i * ldx + 4 * v, b[i][v]);
     }
 
     static constexpr double most_growth = 100.0;  // of |L||D||L'| over A: two digits at most are lost
@@ -105,23 +102,24 @@ template <int N>
 MBOCP_INLINE void ldl_solve_vector(const double* kept, int ld, double* b) {
     double x[N];
     MBOCP_UNROLL for (int i = 0; i < N; ++i) x[i] = b[i];
-    MBOCP_UNROLL for (int k = 0; k < N; ++k) MBOCP_UNROLL for (int i = k + 1; i < N; ++i) x[i] -= kept[i * ld + k] * x[k];
+    MBOCP_UNROLL for (int k = 0; k < N; ++k) MBOCP_UNROLL for (int i = k + 1; i < N; ++i) x[i] -=
+        kept[i * ld + k] * x[k];
     MBOCP_UNROLL for (int i = 0; i < N; ++i) x[i] *= kept[i * (ld + 1)];
-    MBOCP_UNROLL for (int k = N - 1; k >= 0; --k) MBOCP_UNROLL for (int i = 0; i < k; ++i) x[i] -= kept[k * ld + i] * x[k];
+    MBOCP_UNROLL for (int k = N - 1; k >= 0; --k) MBOCP_UNROLL for (int i = 0; i < k; ++i) x[i] -=
+        kept[k * ld + i] * x[k];
     MBOCP_UNROLL for (int i = 0; i < N; ++i) b[i] = x[i];
 }
 
 template <int K, int V>
-MBOCP_INLINE void subtract_tile(const double* A, int lda, const double* B, int ldb, const double* from, int ldf, double* C,
-                                int ldc) {
+MBOCP_INLINE void subtract_tile(const double* A, int lda, const double* B, int ldb, const double* from, int ldf,
+                                double* C, int ldc) {
     Vec sum[4][V];
-    MBOCP_UNROLL for (int r = 0; r < 4; ++r)
-        MBOCP_UNROLL for (int v = 0; v < V; ++v) sum[r][v] = load(from + r * ldf + 4 * v);
-    MBOCP_UNROLL for (int p = 0; p < K; ++p)
-        MBOCP_UNROLL for (int r = 0; r < 4; ++r)
-            MBOCP_UNROLL for (int v = 0; v < V; ++v) sum[r][v] -= A[p * lda + r] * load(B + p * ldb + 4 * v);
-    MBOCP_UNROLL for (int r = 0; r < 4; ++r)
-        MBOCP_UNROLL for (int v = 0; v < V; ++v) store(C + r * ldc + 4 * v, sum[r][v]);
+    MBOCP_UNROLL for (int r = 0; r < 4; ++r) MBOCP_UNROLL for (int v = 0; v < V; ++v) sum[r][v] =
+        load(from + r * ldf + 4 * v);
+    MBOCP_UNROLL for (int p = 0; p < K; ++p) MBOCP_UNROLL for (int r = 0; r < 4; ++r)
+        MBOCP_UNROLL for (int v = 0; v < V; ++v) sum[r][v] -= A[p * lda + r] * load(B + p * ldb + 4 * v);
+    MBOCP_UNROLL for (int r = 0; r < 4; ++r) MBOCP_UNROLL for (int v = 0; v < V; ++v)
+        store(C + r * ldc + 4 * v, sum[r][v]);
 }
 
 // C (m x n) = from - A'B with A (K x m), B (K x n); m and n are rounded up to whole vectors.
