@@ -29,8 +29,8 @@ bool has_diagonal(const Pattern& J, int nw) {
     return count == nw;
 }
 
-// Leading rows with w_i and at most the entry of w_{n + i} beside it, n the number of such rows.
-int count_direct(const Pattern& J, int nw) {
+// Leading rows of the state with w_i and at most the entry of w_{n + i} beside it, n the number of such rows.
+int count_direct(const Pattern& J, int nw, int ndx) {
     std::vector<std::vector<int>> rows(static_cast<std::size_t>(J.rows));
     for (int k = 0; k < J.nnz(); ++k)
         if (J.column[k] < nw) rows[J.row[k]].push_back(J.column[k]);
@@ -42,7 +42,7 @@ int count_direct(const Pattern& J, int nw) {
         }
         return true;
     };
-    int n = nw / 2;
+    int n = std::min(nw / 2, ndx);
     while (!fits(n)) --n;
     return n;
 }
@@ -89,7 +89,7 @@ void Kind::prepare() {
     if (!groups.empty()) prepare_structure();
     const auto &all = complete->outputs, &first = jacobian->outputs;
     may_be_explicit = groups.empty() && has_diagonal(all[2], nw()) && has_diagonal(first[2], nw());
-    if (groups.empty() && !may_be_explicit) num_direct = count_direct(all[2], nw());
+    if (groups.empty() && !may_be_explicit) num_direct = count_direct(all[2], nw(), ndx);
     for (int k = 0; k < all[2].nnz(); ++k) {
         const int i = all[2].row[k], j = all[2].column[k] - nw();
         if (i < num_direct && j >= 0 && j != i) before.push_back({i, j});
