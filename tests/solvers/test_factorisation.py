@@ -173,7 +173,7 @@ def test_newton_direction_equals_the_dense_one(sizes: tuple[int, ...], augment: 
 @st.composite
 def shapes(draw: st.DrawFn) -> tuple[tuple[int, ...], dict[str, float]]:
     """Sizes of a programme, and the options of its rows."""
-    ndx, ny, nu = draw(st.integers(1, 9)), draw(st.integers(0, 3)), draw(st.integers(1, 10))
+    ndx, ny, nu = draw(st.integers(1, 9)), draw(st.integers(0, 12)), draw(st.integers(1, 10))
     num_stages = draw(st.integers(1, 4))
     ng = draw(st.integers(0, min(ndx, nu * num_stages)))
     options = {
