@@ -98,10 +98,10 @@ def test_one_iteration(name: str, method: str) -> None:
 
 @pytest.mark.parametrize("method", [*METHODS, "auto"])
 def test_a_goal_out_of_reach(method: str) -> None:
-    """No solver finds how the bob is 250 m away, beside the cart, half a millisecond later."""
+    """No solver finds in fifty iterations how the bob is 250 m away, beside the cart, 0.5 ms later."""
     goal = ('goal={q=[250, 250.5, 1], enforce="exact"}', "cost.target={q=[0, 0, 2]}")
     problem = load("cart_pendulum_rigid", "horizon.steps=10", "horizon.duration=5e-4", *goal)
-    options = dataclasses.replace(problem.solver, max_iterations=100)
+    options = dataclasses.replace(problem.solver, max_iterations=50)
     s = mbocp.solve(problem.with_(solver=options), solver=method)
     check_honest(s)
     assert s.status in (Status.LINE_SEARCH_FAILED, Status.MAX_ITERATIONS, Status.STAGNATED, Status.SINGULAR)
