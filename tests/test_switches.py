@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "mbocp"
-CEILING = 1  # less is better: lower it with every switch that goes
+CEILING = 0  # less is better: lower it with every switch that goes
 WORDS_CEILING = 0
 KINDS = re.compile(r"Natural\w+|\w+Mechanics|ConfigurationSpace|\w+Formulation")
 WORDS = re.compile(r"isinstance\([^)]*Natural|is_explicit|EXPLICIT_SCHEMES|is_flat|== \"natural\"")

@@ -121,6 +121,10 @@ class Formulation(Protocol):
     def tau(self) -> float:
         """Where in a step the velocity is that its kinematics take, between 0 and 1."""
 
+    @property
+    def force_tau(self) -> float:
+        """Where in a step its forces are taken; its adjoint belongs to what remains of 1."""
+
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations (N, nq) and velocities (N, nv) at which the forces of each step are taken.
 

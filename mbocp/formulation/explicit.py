@@ -59,7 +59,7 @@ class ExplicitFormulation:
     end_rows_may_depend = True
     counts_turns = True
     keeps_adjoints = False
-    tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
+    tau = force_tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
 
     @classmethod
     def of(

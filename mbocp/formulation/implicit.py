@@ -40,7 +40,7 @@ from mbocp.formulation.switches import (
     with_held,
 )
 from mbocp.formulation.turning import turning_factors
-from mbocp.integrators import TAU, evaluation_points
+from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import dual_of_momentum, duals_of_momenta
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
@@ -118,11 +118,16 @@ class ImplicitFormulation:
     @property
     def tau(self) -> float:
         """Where in a step the velocity is that its kinematics take."""
+        return VELOCITY_TAU[self.problem.scheme]
+
+    @property
+    def force_tau(self) -> float:
+        """Where in a step its forces are taken."""
         return TAU[self.problem.scheme]
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
-        return evaluation_points(self.problem.robot, self.tau, qs, vs, dts)
+        return evaluation_points(self.problem.robot, self.force_tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion; adjoints are zero."""
@@ -174,15 +179,16 @@ class ImplicitFormulation:
         The momentum row's multiplier is mu_p at 1 - tau; c_q is the boundary dual before the step and the
         kinematic row's multiplier after it, before the constraint at the node acts on it.
         """
-        robot, nv, tau = self.problem.robot, self.problem.robot.nv, self.tau
+        robot, nv, tau = self.problem.robot, self.problem.robot.nv, self.force_tau
         dts = filled_lengths(self.problem, motion.dts)
-        q_taus, v_taus = self.evaluation_points(motion.qs, motion.vs, dts)
+        q_taus, _ = self.evaluation_points(motion.qs, motion.vs, dts)
+        velocities = (1.0 - self.tau) * motion.vs[:-1] + self.tau * motion.vs[1:]
         rows = self._row_duals(iterate)
         along = tau * duals.costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
         inertial = momenta_of(robot, q_taus, np.diff(motion.vs, axis=0) / dts[:, None])
         hamiltonians: Array = (
             stage_costs(self.programme, iterate) / dts
-            + np.einsum("ni,ni->n", along, v_taus)
+            + np.einsum("ni,ni->n", along, velocities)
             + np.einsum("ni,ni->n", rows[:, nv:], inertial)
         )
         if robot.nc:

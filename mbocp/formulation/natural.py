@@ -34,7 +34,7 @@ from mbocp.formulation.switches import (
     ties_at_end,
     worse_of,
 )
-from mbocp.integrators import TAU, evaluation_points
+from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
 from mbocp.mechanics.symmetries import find_symmetries
@@ -111,11 +111,16 @@ class NaturalFormulation:
     @property
     def tau(self) -> float:
         """Where in a step the velocity is that its kinematics take."""
+        return VELOCITY_TAU[self.problem.scheme]
+
+    @property
+    def force_tau(self) -> float:
+        """Where in a step its forces are taken."""
         return TAU[self.problem.scheme]
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
-        return evaluation_points(self.problem.robot, self.tau, qs, vs, dts)
+        return evaluation_points(self.problem.robot, self.force_tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """All bodies where the joints put them.
@@ -167,11 +172,12 @@ class NaturalFormulation:
         )
 
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
-        """The mass matrix is constant; the kinematic row's dual is taken at tau, as in joint coordinates."""
+        """The mass matrix is constant; the kinematic row's dual is taken as in joint coordinates."""
         at, dts, tau = self.layout, filled_lengths(self.problem, motion.dts), self.tau
+        before = self.force_tau
         ws, rows = iterate.xs[:, at.s], iterate.ms
         velocity = tau * ws[1:] + (1.0 - tau) * ws[:-1]
-        along = tau * duals.states[:-1, : at.nw] + (1.0 - tau) * rows[:, : at.nw]
+        along = before * duals.states[:-1, : at.nw] + (1.0 - before) * rows[:, : at.nw]
         inertial = np.diff(ws, axis=0) / dts[:, None] @ self.space.mechanics.mass_at(iterate.xs[0, at.z])
         values = stage_costs(self.programme, iterate) / dts + np.einsum("ni,ni->n", along, velocity)
         return repeated(values + np.einsum("ni,ni->n", rows[:, at.ds], inertial), impacts_of(self.problem))
@@ -238,7 +244,7 @@ def _start_state(problem: Problem, space: NaturalSpace, at: StateLayout) -> Arra
     q, v = problem.q_start, consistent_velocity(problem)
     z = space.coordinates(q[None])[0]
     w = space.rates(q[None], v[None])[0]
-    if TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
+    if VELOCITY_TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
         dt = given_lengths(problem)[0]
         w = (space.coordinates(problem.robot.integrate(q, dt * v)[None])[0] - z) / dt
     return np.concatenate([z, w, np.zeros(at.nr)])

@@ -52,7 +52,7 @@ class PartitionedFormulation:
     end_rows_may_depend = False
     counts_turns = True
     keeps_adjoints = False  # rows of stages have multipliers that a solution does not store
-    tau = 0.5
+    tau = force_tau = 0.5
 
     @classmethod
     def of(

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
-from mbocp.integrators import TAU
+from mbocp.integrators import VELOCITY_TAU
 from mbocp.problem import Problem
 from mbocp.problem.phases import step_lengths
 from mbocp.robot import Robot
@@ -37,12 +37,12 @@ def consistent_velocity(problem: Problem) -> Array:
         the steps are free, so that there is none that fits before they are found.
     """
     robot, q, v = problem.robot, problem.q_start, problem.v_start
-    if TAU[problem.scheme] == 0.0 and robot.nc and problem.start_free is not None:
+    if VELOCITY_TAU[problem.scheme] == 0.0 and robot.nc and problem.start_free is not None:
         raise InconsistentStart(
             f"start.free: scheme {problem.scheme} begins with a velocity that fits the constraints of robot "
             f"{robot.name!r} before it is found; take scheme se1 or midpoint, or give the start"
         )
-    if TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
+    if VELOCITY_TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
         if problem.has_free_lengths:
             raise InconsistentStart(
                 f"start.v: scheme {problem.scheme} begins with a velocity that fits the constraints of robot "

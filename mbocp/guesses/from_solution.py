@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.formulation.switches import filled_impulses
-from mbocp.integrators import PAIRS
+from mbocp.integrators import SCHEMES
 from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -128,11 +128,11 @@ def _row_multipliers(saved: Solution, formulation: Formulation, left: Any, share
     The kinematic row's is the dual of q at one end of the step, the momentum row's that of p at 1 - tau (to
     first order in dt where the mass matrix varies, which the first Newton step mends).
     """
-    robot, tau = formulation.problem.robot, formulation.tau
+    robot, tau = formulation.problem.robot, formulation.force_tau
     nv = robot.nv
     duals_q, duals_p = saved.mus[:, :nv].copy(), saved.mus[:, nv:]
-    # SE1 reports multipliers of rows already, but for the last node.
-    for n in range(saved.num_steps + 1) if saved.scheme in ("se2", "midpoint", *PAIRS) else [-1]:
+    is_of_rows = SCHEMES[saved.scheme].has_row_adjoints  # but at the last node
+    for n in [-1] if is_of_rows else range(saved.num_steps + 1):
         duals_q[n] = dual_of_velocity(robot, saved.qs[n], saved.vs[n], saved.mus[n])[:nv]
     duals_q, duals_p = _between(duals_q, left, share), _between(duals_p, left, share)
     along_q = duals_q[:-1] if tau == 1.0 else duals_q[1:]

@@ -1,6 +1,14 @@
 """Time discretisation: one step of the mechanics as equations between two states."""
 
-from mbocp.integrators.euler import EULER_SCHEMES, TAU, State, StepRows, evaluation_point, step_rows
+from mbocp.integrators.euler import (
+    EULER_SCHEMES,
+    TAU,
+    VELOCITY_TAU,
+    State,
+    StepRows,
+    evaluation_point,
+    step_rows,
+)
 from mbocp.integrators.pairs import PAIRS, Pair
 from mbocp.integrators.points import evaluation_points
 from mbocp.integrators.schemes import SCHEMES, SchemeData, schemes_with
@@ -13,6 +21,7 @@ __all__ = [
     "SCHEMES",
     "TABLEAUX",
     "TAU",
+    "VELOCITY_TAU",
     "Pair",
     "SchemeData",
     "State",

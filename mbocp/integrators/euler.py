@@ -1,4 +1,4 @@
-r"""The tau family of one-step schemes: SE1, SE2 and the midpoint rule.
+r"""One-step schemes of one inverse dynamics: SE1, SE2 and the midpoint rule, and semi-implicit Euler.
 
 Forces and running cost are evaluated between the ends of the step (Appendices B and C of [Bijalwan2025]_),
 
@@ -9,11 +9,21 @@ with the control of the step. The discrete optimality conditions then evaluate t
 terms that do not cancel have the factor :math:`1 - \tau_y - \tau_\mu`. So control momenta are kept to
 round-off. SE1 (tau = 1, Box 1) and SE2 (tau = 0) are of first order, the midpoint rule of second.
 
+The semi-implicit Euler method, which robot simulators take, has forces and cost at the start of the step
+(tau = 0), and moves with the velocity at its end,
+
+.. math:: v_n = v_{n-1} + \Delta t\,\mathrm{ABA}(q_{n-1}, v_{n-1}, u_{n-1}), \qquad
+    q_n = q_{n-1} \exp(\Delta t\,v_n),
+
+here as inverse dynamics. It is of first order, and for constant M and forces of positions alone its map of
+the state is symplectic, too ([Hairer2006]_, theorem VI.3.3).
+
 Constraints hold at the nodes, not at :math:`q_\tau` as in Appendix C:
 
-- SE1 and midpoint: :math:`\Phi(q_n) = 0` determines the multiplier. The midpoint rule pushes along the
-  gradient at :math:`q_\tau`, which keeps it symmetric in time. :math:`\Phi(q_\tau) = 0` would let the nodes
-  leave the constraint, and the end q_N with them, by O(dt^2).
+- SE1, semi-implicit Euler and midpoint: :math:`\Phi(q_n) = 0` determines the multiplier. The midpoint rule
+  pushes along the gradient at :math:`q_\tau`, which keeps it symmetric in time. Semi-implicit Euler pushes
+  along that at :math:`q_{n-1}`: for constant M this is SHAKE ([Hairer2006]_, section VII.1.4).
+  :math:`\Phi(q_\tau) = 0` would let the nodes leave the constraint, and the end q_N with them, by O(dt^2).
 - SE2: :math:`q_n` is there before the step's forces act, so that its multiplier :math:`\lambda_n` can only
   answer for the position after, :math:`\Phi(q_n \exp(\Delta t\,v_n)) = \Phi(q_{n+1}) = 0`: the half-explicit
   Euler method for index 3. The start velocity has to agree with that, see `mbocp.formulation.start`.
@@ -29,10 +39,23 @@ import casadi as ca
 
 from mbocp.mechanics import Mechanics
 
-__all__ = ["EULER_SCHEMES", "TAU", "State", "StepRows", "evaluation_point", "step_rows"]
+__all__ = [
+    "EULER_SCHEMES",
+    "TAU",
+    "VELOCITY_TAU",
+    "State",
+    "StepRows",
+    "evaluation_point",
+    "kinematic_velocity",
+    "step_rows",
+]
 
 # Appendix B: where in its step a scheme looks at state and forces.
-TAU: Mapping[str, float] = MappingProxyType({"se1": 1.0, "se2": 0.0, "midpoint": 0.5})
+TAU: Mapping[str, float] = MappingProxyType(
+    {"se1": 1.0, "se2": 0.0, "midpoint": 0.5, "semi_implicit_euler": 0.0}
+)
+# Where in its step the velocity is that the configuration moves with.
+VELOCITY_TAU: Mapping[str, float] = MappingProxyType({**TAU, "semi_implicit_euler": 1.0})
 EULER_SCHEMES = tuple(TAU)
 
 Difference = Callable[[ca.SX, ca.SX], ca.SX]
@@ -52,10 +75,11 @@ class StepRows(NamedTuple):
     system has index 3: constraints by 1/dt, multipliers as impulses. In this scaling the block that has to be
     inverted, in the order (q_n, v_n, impulse), tends to
 
-        [-1, tau dt, 0], [O(dt), -M, -Phi_q'], [Phi_q/dt, 0, 0]       for SE1 and midpoint,
+        [-1, tau dt, 0], [O(dt), -M, -Phi_q'], [Phi_q/dt, 0, 0]       for SE1, semi-implicit Euler, midpoint,
         [-1, 0, 0],      [0, -M, -Phi_q'],     [Phi_q/dt, Phi_q, 0]   for SE2.
 
-    Eliminating q_n leaves [-M, -Phi_q'], [theta Phi_q, 0] with theta = tau, or 1 for SE2: free of dt.
+    with tau of the velocity. Eliminating q_n leaves [-M, -Phi_q'], [theta Phi_q, 0], free of dt, with
+    theta = tau, or 1 for SE2.
     """
 
     kinematic: ca.SX  # (nv,) [m, rad]; (nq,) where coordinates are compared
@@ -74,8 +98,16 @@ def evaluation_point(mechanics: Mechanics, scheme: str, before: State, after: St
         return after
     if tau == 0.0:
         return before
-    v = (1.0 - tau) * before.v + tau * after.v
+    v = kinematic_velocity(scheme, before, after)
     return State(mechanics.integrate(before.q, tau * dt * v), v)
+
+
+def kinematic_velocity(scheme: str, before: State, after: State) -> ca.SX:
+    """Velocity with which the configuration moves in a step, shape (nv,) [m/s, rad/s]."""
+    tau = VELOCITY_TAU[scheme]
+    if tau == 1.0:
+        return after.v
+    return before.v if tau == 0.0 else (1.0 - tau) * before.v + tau * after.v
 
 
 def step_rows(
@@ -116,7 +148,7 @@ def step_rows(
     StepRows
         With the signs of eq. (24): dt f - (y_n - y_{n-1}).
     """
-    reached = mechanics.integrate(before.q, dt * at.v)
+    reached = mechanics.integrate(before.q, dt * kinematic_velocity(scheme, before, after))
     kinematic = (difference or mechanics.difference)(after.q, reached)  # Eq. (24), q
     acceleration = (after.v - before.v) / dt
     momentum = dt * (
@@ -124,5 +156,5 @@ def step_rows(
     )  # Eq. (24), p
     if mechanics.nc:
         momentum -= mechanics.constraint_jacobian(at.q).T @ impulse
-    position = mechanics.integrate(after.q, dt * after.v) if TAU[scheme] == 0.0 else after.q
+    position = mechanics.integrate(after.q, dt * after.v) if VELOCITY_TAU[scheme] == 0.0 else after.q
     return StepRows(kinematic, momentum, mechanics.constraints(position) / dt)  # Eq. (25)

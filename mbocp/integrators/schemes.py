@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from mbocp.integrators.euler import TAU
+from mbocp.integrators.euler import VELOCITY_TAU
 from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
 
@@ -40,6 +40,8 @@ class SchemeData:
         Whether it integrates natural coordinates, too.
     has_forces : bool
         Whether a step has one force for each constraint, which path constraints can bound.
+    has_row_adjoints : bool
+        Whether a solution's adjoints are the multipliers of its steps' rows, not duals of momenta at nodes.
     """
 
     order: int
@@ -52,6 +54,7 @@ class SchemeData:
     takes_loops: bool = True
     takes_natural: bool = False
     has_forces: bool = False
+    has_row_adjoints: bool = False
 
     def takes(self, key: str) -> bool:
         """Whether a key of a problem file, with its table, is one of the options."""
@@ -86,12 +89,19 @@ _RUNGE_KUTTA = SchemeData(
     solves_constraints=False,
     takes_drives=True,
     takes_matrices=True,
+    has_row_adjoints=True,
 )
 
 SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
     {
-        name: replace(_TAU_FAMILY, order=1 + (tau == 0.5), alternates=tau == 0.5, takes_holds=tau > 0.0)
-        for name, tau in TAU.items()
+        name: replace(
+            _TAU_FAMILY,
+            order=1 + (tau == 0.5),
+            alternates=tau == 0.5,
+            takes_holds=tau > 0.0,
+            has_row_adjoints=name == "se1",
+        )
+        for name, tau in VELOCITY_TAU.items()
     }
     | {
         name: replace(_PARTITIONED, order=pair.order, takes_loops=pair.holds_constraints)

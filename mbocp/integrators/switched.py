@@ -30,7 +30,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from mbocp.integrators.euler import Difference, State, StepRows, evaluation_point
+from mbocp.integrators.euler import Difference, State, StepRows, evaluation_point, kinematic_velocity
 from mbocp.mechanics import Mechanics
 from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
 
@@ -84,7 +84,7 @@ def switched_rows(
         Of the mechanics' constraints and of the held frames.
     """
     goes = 1 - switched.is_impact
-    reached = mechanics.integrate(before.q, goes * dt * at.v)
+    reached = mechanics.integrate(before.q, goes * dt * kinematic_velocity(scheme, before, after))
     kinematic = (difference or mechanics.difference)(after.q, reached)
     acceleration = (after.v - before.v) / dt
     inertial = mechanics.inverse_dynamics(at.q, goes * at.v, acceleration)

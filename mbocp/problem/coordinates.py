@@ -100,9 +100,10 @@ def check_coordinates(
     """
     data = COORDINATES[coordinates]
     if data.needs_constraints and not SCHEMES[scheme].takes_natural:
+        able = ", ".join(f'"{name}"' for name, data in SCHEMES.items() if data.takes_natural)
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", but natural coordinates are tied by constraints, which are '
-            'solved with each step by "se1", "se2" and "midpoint" alone; take one of these, or coordinates = '
+            f"solved with each step by {able} alone; take one of these, or coordinates = "
             '"joint"'
         )
     if data.limits_joints and data.takes_free_duration:

@@ -18,6 +18,7 @@ Scheme: TypeAlias = Literal[
     "se1",
     "se2",
     "midpoint",
+    "semi_implicit_euler",
     "gauss2",
     "gauss3",
     "lobatto2",

@@ -133,8 +133,8 @@ class Problem:
         In which coordinates the mechanics are written: the joints' own, or positions and directors of all
         bodies, see `mbocp.mechanics.natural_coordinates`. Start, goal and results are in those of the joints
         in either case.
-    scheme : {"se1", "se2", "midpoint", "gauss2", "gauss3", "lobatto2", "lobatto3", "euler", "heun", "rk4", \
-            "rkf5"}
+    scheme : {"se1", "se2", "midpoint", "semi_implicit_euler", "gauss2", "gauss3", "lobatto2", "lobatto3", \
+            "euler", "heun", "rk4", "rkf5"}
         How time is discretised, see `mbocp.integrators`; the last four are explicit.
     lie : {"plain", "baumgarte", "munthe_kaas"}
         How explicit schemes keep rotations on their manifold: not at all, by stabilisation, or by

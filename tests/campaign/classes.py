@@ -55,6 +55,7 @@ CLASSES: dict[str, TaskClass] = {
         _c("ur5", "arm", "ur5", share=2),
         _c("ur5_effort", "arm", "ur5", cost="effort", share=2),
         _c("ur5_midpoint", "arm", "ur5", scheme="midpoint"),
+        _c("ur5_semi_implicit", "arm", "ur5", scheme="semi_implicit_euler"),
         _c("ur5_rk4", "arm", "ur5", scheme="rk4", motion="rollout"),
         _c("ur5_table", "arm, path", "ur5", path="position"),
         _c("panda", "arm", "panda", share=2),

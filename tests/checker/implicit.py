@@ -1,4 +1,4 @@
-"""SE1, SE2 and the midpoint rule, with Pinocchio's inverse dynamics and its derivatives.
+"""SE1, SE2, the midpoint rule and semi-implicit Euler, with Pinocchio's inverse dynamics and its derivatives.
 
 Unknowns of a step: (q_n, v_n), the multipliers lambda_n, the control u_{n-1}. Rows: kinematics, momentum
 balance times dt, constraints.
@@ -16,7 +16,8 @@ from tests.checker.system import Array, System
 
 __all__ = ["TAU", "ImplicitStep", "Linearised"]
 
-TAU = {"se1": 1.0, "se2": 0.0, "midpoint": 0.5}
+TAU = {"se1": 1.0, "se2": 0.0, "midpoint": 0.5, "semi_implicit_euler": 0.0}  # of forces and cost
+SHARE = {**TAU, "semi_implicit_euler": 1.0}  # of the velocity that configurations move with
 
 
 class Linearised(NamedTuple):
@@ -35,6 +36,7 @@ class ImplicitStep:
 
     def __init__(self, system: System, scheme: str, dt: float) -> None:
         self.system, self.tau, self.dt = system, TAU[scheme], dt
+        self.share = SHARE[scheme]
         self.nx = 2 * system.nv
 
     def split(self, x: Array) -> tuple[Array, Array]:
@@ -54,6 +56,10 @@ class ImplicitStep:
             return q0, v0
         v = (1 - self.tau) * v0 + self.tau * v1
         return self.system.step(q0, self.tau * self.dt * v), v
+
+    def rate(self, v0: Array, v1: Array) -> Array:
+        """Velocity that the configuration moves with."""
+        return (1 - self.share) * v0 + self.share * v1
 
     def point(self, x0: Array, x1: Array, u: Array) -> tuple[Array, Array]:
         """The same; for all schemes."""
@@ -80,14 +86,15 @@ class ImplicitStep:
         s, dt = self.system, self.dt
         (q0, v0), (q1, v1) = self.split(x0), self.split(x1)
         q, v = self.at(x0, x1)
-        kinematic = s.away(q1, s.step(q0, dt * v))
-        moved = np.abs(dt * v)
+        w = dt * self.rate(v0, v1)
+        kinematic = s.away(q1, s.step(q0, w))
+        moved = np.abs(w)
         needed = np.asarray(pin.rnea(s.model, s.data, q, v, (v1 - v0) / dt)).copy()
         applied, reaction = s.applied(q, v, u), s.Phi_q(q).T @ lam
         momentum = dt * (applied - needed - reaction)
         weight = np.asarray(pin.computeGeneralizedGravity(s.model, s.data, q))
         terms = dt * (np.abs(applied) + np.abs(needed) + np.abs(reaction) + np.abs(weight))
-        position = s.step(q1, dt * v1) if self.tau == 0.0 else q1
+        position = s.step(q1, dt * v1) if self.share == 0.0 else q1
         constraint = s.Phi(position)
         rows = np.concatenate([kinematic, momentum, constraint])
         sizes = np.concatenate([moved, terms, np.full(s.nc, 1.0)])
@@ -109,7 +116,7 @@ class ImplicitStep:
         q, v = self.at(x0, x1)
         rows, sizes = self.rows(x0, x1, lam, u)
         first, second = pin.ArgumentPosition.ARG0, pin.ArgumentPosition.ARG1
-        w = dt * v
+        w, share = dt * self.rate(v0, v1), self.share
         reached = s.step(q0, w)
         d_q1 = pin.dDifference(s.model, q1, reached, first)
         d_reached = pin.dDifference(s.model, q1, reached, second)
@@ -127,11 +134,11 @@ class ImplicitStep:
             q_v = tau * dt * pin.dIntegrate(s.model, q0, half, second)
             q_q1 = zero
         m_v = F_q @ q_v + F_v
-        before = np.block([[k_q0, (1 - tau) * k_v], [F_q @ q_q0, (1 - tau) * m_v + M]])
-        after = np.block([[d_q1, tau * k_v], [F_q @ q_q1, tau * m_v - M]])
+        before = np.block([[k_q0, (1 - share) * k_v], [F_q @ q_q0, (1 - tau) * m_v + M]])
+        after = np.block([[d_q1, share * k_v], [F_q @ q_q1, tau * m_v - M]])
         if nc:
             bottom = np.zeros((nc, 2 * nv))
-            if tau == 0.0:
+            if share == 0.0:
                 w1 = dt * v1
                 J = s.Phi_q(s.step(q1, w1))
                 bottom[:, :nv] = J @ pin.dIntegrate(s.model, q1, w1, first)

@@ -31,7 +31,7 @@ ROBOTS = (
 # What a scheme does with forces, constraints and groups shows on the small ones.
 CASES = [(name, "se1") for name in (*ROBOTS, "towed body")] + [
     (name, scheme)
-    for scheme in ("se2", "midpoint")
+    for scheme in ("se2", "midpoint", "semi_implicit_euler")
     for name in ("double_pendulum", "hector", "rigid_pendulum", "cart_pendulum_elastic", "towed body")
 ]
 

@@ -18,7 +18,8 @@ from tests.holds.cases import CASES, arm, drone, pendulum
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
-SCHEMES = ("se1", "midpoint")
+SCHEMES = ("se1", "midpoint", "semi_implicit_euler")
+SHORT = {"semi_implicit_euler": {"duration": 0.1}}  # its damping is explicit: long steps swing up
 
 
 def stage_by_stage(problem: Problem, u: float = 0.1) -> tuple[Formulation, np.ndarray, np.ndarray]:
@@ -52,7 +53,7 @@ def test_derivatives_of_free_held_and_leaping_steps(name: str, scheme: str) -> N
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("name", CASES)
 def test_impacts_are_those_of_pinocchio(name: str, scheme: str) -> None:
-    problem = CASES[name](scheme)
+    problem = CASES[name](scheme, **SHORT.get(scheme, {}))
     formulation, xs, ys = stage_by_stage(problem)
     robot, table = problem.robot, problem.switches
     assert table is not None
@@ -138,7 +139,7 @@ def test_held_steps_are_constrained_dynamics(make) -> None:
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("make", [arm, drone, pendulum])
 def test_held_frames_stay_where_they_were(make, scheme: str) -> None:
-    problem = make(scheme)
+    problem = make(scheme, **SHORT.get(scheme, {}))
     formulation, xs, _ = stage_by_stage(problem)
     table = problem.switches
     assert table is not None
@@ -153,10 +154,11 @@ def test_held_frames_stay_where_they_were(make, scheme: str) -> None:
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_what_is_never_held_is_free_to_round_off(scheme: str) -> None:
-    free = pendulum(scheme, holds=(), impacts=(), num_steps=10)
+    more = SHORT.get(scheme, {})
+    free = pendulum(scheme, holds=(), impacts=(), num_steps=10, **more)
     assert free.switches is None
     never = replace(pendulum().holds[0], spans=())
-    switched = pendulum(scheme, holds=(never,), impacts=(), num_steps=10)
+    switched = pendulum(scheme, holds=(never,), impacts=(), num_steps=10, **more)
     (_, plain, _), (_, found, ys) = stage_by_stage(free), stage_by_stage(switched)
     assert np.abs(found - plain).max() < 1e-13
     assert not ys.any()

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from mbocp._arrays import Array
-from mbocp.integrators import TAU
+from mbocp.integrators import TAU, VELOCITY_TAU
 from mbocp.mechanics.symmetries.finding import find_symmetries, momentum_map
 from mbocp.mechanics.symmetries.parts import independent_parts
 from mbocp.robot import FrameActuator, QuarticSpring, Robot, Rod, SpringDamper
@@ -192,11 +192,11 @@ class Step:
 
     def __init__(self, subject: Robot, scheme: str, seed: int) -> None:
         self.robot, self.tau, self.dt = subject, TAU[scheme], 0.1  # [s]
+        self.share = VELOCITY_TAU[scheme]
         rng = np.random.default_rng(seed)
         nv = subject.nv
         self.q0 = pin.integrate(subject.model, pin.neutral(subject.model), rng.normal(size=nv))
         v_tau = rng.normal(size=nv)
-        self.q1 = pin.integrate(subject.model, self.q0, self.dt * v_tau)
         self.u, self.lam = rng.normal(size=subject.nu), rng.normal(size=subject.nc)
         self.mu = rng.normal(size=2 * nv)
         q_tau = pin.integrate(subject.model, self.q0, self.tau * self.dt * v_tau)
@@ -204,6 +204,11 @@ class Step:
         acceleration = np.linalg.solve(subject.mass_matrix(q_tau), missing)
         self.v0 = v_tau - self.tau * self.dt * acceleration
         self.v1 = v_tau + (1 - self.tau) * self.dt * acceleration
+        self.q1 = pin.integrate(subject.model, self.q0, self.dt * self.rate(self.v0, self.v1))
+
+    def rate(self, v0: Array, v1: Array) -> Array:
+        """Velocity of the kinematics."""
+        return (1 - self.share) * v0 + self.share * v1
 
     def momentum_row(self, q: Array, v: Array, a: Array, u: Array) -> Array:
         r = self.robot
@@ -218,7 +223,7 @@ class Step:
         nv, model = self.robot.nv, self.robot.model
         v = (1 - self.tau) * v0 + self.tau * v1
         q = {0.0: q0, 1.0: q1}.get(self.tau, pin.integrate(model, q0, self.tau * self.dt * v))
-        kinematic = pin.difference(model, q1, pin.integrate(model, q0, self.dt * v))
+        kinematic = pin.difference(model, q1, pin.integrate(model, q0, self.dt * self.rate(v0, v1)))
         row = self.momentum_row(q, v, (v1 - v0) / self.dt, u)
         return float(self.mu[:nv] @ kinematic + self.mu[nv:] @ row)
 
