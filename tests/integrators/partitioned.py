@@ -75,12 +75,17 @@ class Stepper:
         return np.block([[np.eye(nv), np.zeros((nv, nv))], [slope, self.robot.mass_matrix(q)]])
 
     def two_form(self, x: Array) -> Array:
-        """Canonical two-form on (dq, dp) in body frames: dq . dp' - dq' . dp + p . [dq, dq']."""
-        nv, p = self.robot.nv, self.momentum(x)
-        space = ConfigurationSpace(self.robot.model)
-        every = np.eye(nv)
-        form = np.block([[np.zeros((nv, nv)), every], [-every, np.zeros((nv, nv))]])
-        for i, j in np.ndindex(nv, nv):
-            bracket = ca.evalf(space.bracket(ca.SX(every[i]), ca.SX(every[j])))
-            form[i, j] += p @ np.asarray(bracket).ravel()
-        return form
+        """Canonical two-form at a state."""
+        return two_form_of(self.robot, self.momentum(x))
+
+
+def two_form_of(robot: Robot, p: Array) -> Array:
+    """Canonical two-form on (dq, dp) in body frames: dq . dp' - dq' . dp + p . [dq, dq']."""
+    nv, space = robot.nv, ConfigurationSpace(robot.model)
+    every = np.eye(nv)
+    form = np.block([[np.zeros((nv, nv)), every], [-every, np.zeros((nv, nv))]])
+    a, b = ca.SX.sym("a", nv), ca.SX.sym("b", nv)
+    along = ca.Function("along", [a, b], [ca.dot(ca.DM(p), space.bracket(a, b))])
+    for i, j in np.ndindex(nv, nv):
+        form[i, j] += float(along(every[i], every[j]))
+    return form
