@@ -1,5 +1,5 @@
-# make demo | test | quick | test-all | attack | lint | bench | bench-dense | sanitize | campaign | clean; each installs what it needs
-# into .venv first.
+# make demo | docs | wheel | test | quick | test-all | attack | lint | bench | bench-dense | sanitize | campaign | clean; each installs
+# what it needs into .venv first.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -8,10 +8,25 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo test quick test-all attack lint bench bench-dense sanitize campaign setup clean
+.PHONY: demo docs pages wheel test quick test-all attack lint bench bench-dense sanitize campaign setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
+
+# The site, in build/site. Examples are solved and photographed first, those whose files have changed (build/gallery; half an hour
+# for all of them, once); `make pages` makes the pages alone. A warning is an error.
+SPHINX := $(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --jobs auto --builder html docs build/site
+
+docs: setup
+	$(PIP) install --group docs
+	$(BIN)/python docs/site/make_gallery.py
+	$(SPHINX)
+	@echo build/site/index.html
+
+pages: setup
+	$(PIP) install --group docs
+	$(SPHINX)
+	@echo build/site/index.html
 
 # One process a core, at most eight; the tests of a file stay together.
 PARALLEL := -n auto --maxprocesses 8 --dist loadfile

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typer
 
 from mbocp.cli.robot_options import RobotOptions
@@ -17,6 +18,7 @@ __all__ = ["write_new"]
 
 _SUFFIXES = (".toml",)
 _ROOT = "root_joint"
+_MANY_TURNS = 1e3  # [rad]: no limit that anybody means
 
 
 def write_new(name: str, output: Path | None, options: RobotOptions, *, force: bool, quiet: bool) -> None:
@@ -46,9 +48,24 @@ def write_new(name: str, output: Path | None, options: RobotOptions, *, force: b
         table["actuated"] = [_ROOT]
         robot = robot_from_spec({**options.table(name), "actuated": [_ROOT]})
     path.write_text(first_file(robot, table, path), encoding="utf-8")
+    if _only_rotors(robot) and options.free_flyer is None:
+        locks = " ".join(f"--lock {joint}" for joint in robot.joint_names)
+        typer.echo(
+            f"note: all joints of {robot.name} turn without end, and none has an effort: if they are rotors "
+            f"of something that flies, say\n  mbocp new {name} --free-flyer {locks}",
+            err=True,
+        )
     if not quiet:
         typer.echo(f"{path}: a first motion of {robot.name}, with its joints and limits. Next:")
         typer.echo(f"  mbocp solve {path} --replay {path.with_suffix('.html')}")
+
+
+def _only_rotors(robot: Any) -> bool:
+    """Whether the root stands still and several joints turn without end and without effort."""
+    limits = robot.limits
+    turns = limits.position_upper - limits.position_lower
+    endless = bool((turns > _MANY_TURNS).all() and not np.isfinite(limits.effort).any())
+    return 1 < robot.nv == robot.nu == len(robot.joint_names) and robot.nq == robot.nv and endless
 
 
 def _loaded(name: str, options: RobotOptions) -> tuple[RobotOptions, Any]:

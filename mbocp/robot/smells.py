@@ -21,6 +21,7 @@ __all__ = ["smells", "smells_of_urdf"]
 _MAX_BYTES = 16 * MEGABYTE
 _TOLERANCE = 0.02  # of the largest moment of inertia: numbers with few digits
 _MAX_RADIUS = 3.0  # [m] of gyration; larger links are rare, and mm in place of m are not
+_MAX_NAMES = 4  # joints of which the same is said, named in one line
 _WITH_LIMITS = ("revolute", "prismatic")
 
 
@@ -54,8 +55,13 @@ def smells_of_urdf(path: Path, root: ElementTree.Element) -> Iterator[str]:
     for inertial in read_inertials(path, root):
         if inertial.link in moving:
             yield from _of_inertia(inertial)
+    alike: dict[str, list[str]] = {}
     for joint in root.iterfind("joint"):
-        yield from _of_joint(joint)
+        for words in _of_joint(joint):
+            alike.setdefault(words, []).append(shown(joint.get("name")))
+    for words, names in alike.items():
+        more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+        yield f"{'joints' if len(names) > 1 else 'joint'} {', '.join(names[:_MAX_NAMES])}{more}: {words}"
 
 
 def _of_inertia(inertial: Inertial) -> Iterator[str]:
@@ -78,7 +84,7 @@ def _of_inertia(inertial: Inertial) -> Iterator[str]:
 
 
 def _of_joint(joint: ElementTree.Element) -> Iterator[str]:
-    where = f"joint {shown(joint.get('name'))}"
+    """What is odd about one joint, without its name."""
     kind = joint.get("type")
     if kind not in (*_WITH_LIMITS, "continuous") or joint.find("mimic") is not None:
         return
@@ -88,14 +94,14 @@ def _of_joint(joint: ElementTree.Element) -> Iterator[str]:
     )
     if kind in _WITH_LIMITS and lower is not None and upper is not None:
         if lower >= upper:
-            yield f"{where}: its lower limit {lower:g} is not below its upper {upper:g}: it cannot move"
+            yield f"its lower limit {lower:g} is not below its upper {upper:g}: it cannot move"
         elif lower > 0.0 or upper < 0.0:
             yield (
-                f"{where}: its limits {lower:g} ... {upper:g} exclude zero, where poses begin unless start.q "
-                "says another"
+                f"its limits {lower:g} ... {upper:g} exclude zero, where poses begin unless start.q says "
+                "another"
             )
     for key, value in (("effort", effort), ("velocity", speed)):
         if value is None:
-            yield f"{where}: no {key} in <limit>: limits.{key} = true does not bound it"
+            yield f"no {key} in <limit>: limits.{key} = true does not bound it"
         elif value == 0.0:
-            yield f"{where}: zero {key} in <limit>: limits.{key} = true would not let it move"
+            yield f"zero {key} in <limit>: limits.{key} = true would not let it move"

@@ -50,6 +50,24 @@ def test_odd_inertias_are_told(tmp_path):
     assert "are the units right" in told(tmp_path, arm(inertial(0.1, 20, 30, 40)))
 
 
+def test_joints_of_which_the_same_is_odd_share_a_line(tmp_path):
+    urdf = robot(
+        *(link(f"l{i}") for i in range(7)),
+        *(
+            joint(
+                f"j{i}",
+                "revolute",
+                f"l{i}",
+                f"l{i + 1}",
+                extra='<limit lower="-1" upper="1" effort="0" velocity="2"/>',
+            )
+            for i in range(6)
+        ),
+    )
+    (line,) = told(tmp_path, urdf).splitlines()
+    assert line.startswith("joints 'j0', 'j1', 'j2', 'j3' and 2 more: zero effort in <limit>")
+
+
 def test_odd_limits_are_told(tmp_path):
     body = inertial(1, 0.02, 0.03, 0.04)
     for limit, words in (

@@ -108,3 +108,20 @@ def test_solving_a_urdf_names_the_command(run, here):
     done = run("solve", str(write(here, chain("revolute"))))
     assert done.exit_code == 2
     assert "`mbocp new" in done.stderr
+
+
+def test_rotors_without_a_floating_base_are_told(run, here):
+    rotor = '<limit lower="-1e16" upper="1e16" effort="0" velocity="0"/>'
+    links = ("body", "left", "right")
+    joints = (joint(f"to_{name}", "revolute", "body", name, extra=rotor) for name in links[1:])
+    (here / "flier.urdf").write_text(robot(*(link(name) for name in links), *joints))
+    done = run("new", "flier.urdf")
+    assert "mbocp new flier.urdf --free-flyer --lock to_left --lock to_right" in done.stderr
+    again = run("new", "flier.urdf", *done.stderr.split("flier.urdf ")[1].split(), "--force")
+    assert again.exit_code == 0, again.stderr
+    assert "note" not in again.stderr
+    assert mbocp.load_problem(here / "flier.toml").robot.nu == 6
+
+
+def test_an_arm_has_no_rotors(run, here):
+    assert "note" not in run("new", "ur5").stderr

@@ -31,7 +31,7 @@ _SCHEMES = ("package://", "model://")
 _SCALE_RANGE = (1e-9, 1e9)  # of a mesh, in size; a mirror has a negative one
 _MAX_LENGTH = 1e6  # [m] of a shape
 _ROUND = {"sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-_MAX_NAMES = 5  # missing meshes named in one warning
+_NO_PACKAGE = ": no package folder "
 
 
 def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) -> pin.GeometryModel:
@@ -57,12 +57,24 @@ def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) ->
             if shape is not None:
                 visuals.addGeometryObject(_object(urdf, model, link, number, visual, shape, materials))
     if missing:
-        named = "; ".join(f"link {link!r}: {file}" for file, link in missing[:_MAX_NAMES])
-        more = f"; and {len(missing) - _MAX_NAMES} more" if len(missing) > _MAX_NAMES else ""
         warnings.warn(
-            f"{urdf.path}: shown without its missing meshes ({named}{more})", MissingMeshWarning, stacklevel=2
+            f"{urdf.path}: shown without its missing meshes ({_named(missing)})",
+            MissingMeshWarning,
+            stacklevel=2,
         )
     return visuals
+
+
+def _named(missing: Sequence[tuple[str, str | None]]) -> str:
+    """One mesh for each reason why meshes are missing, and how many more; packages by their names."""
+    alike: dict[str, list[str]] = {}
+    for told, link in missing:
+        address, separator, package = told.partition(_NO_PACKAGE)
+        alike.setdefault(separator + package, []).append(f"link {link!r}: {address}")
+    return "; ".join(
+        f"{first}{reason}{f', and {len(others)} more' if others else ''}"
+        for reason, (first, *others) in alike.items()
+    )
 
 
 def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
@@ -96,7 +108,8 @@ def _in_package(package: str, rest: str, uri: str, base: Path, package_dirs: Ite
     roots += [folder for folder in folders if folder.name == package]
     if not roots:
         raise FileNotFoundError(
-            f"{shortened(uri)}: no package folder {shown(package)} found, name its parent in package_dirs"
+            f"{shortened(uri)}{_NO_PACKAGE}{shown(package)} found, name its parent in package_dirs or "
+            "--package-dir"
         )
     for root in roots:
         if is_file(root / rest):

@@ -90,9 +90,24 @@ def test_missing_meshes_are_named_once_and_left_out(tmp_path: Path) -> None:
     assert issubclass(warning.category, MissingMeshWarning)
     assert "shown without its missing meshes" in str(warning.message)
     assert f"link 'tip': {tmp_path / 'm0.stl'} does not exist" in str(warning.message)
-    assert "and 2 more" in str(warning.message)
+    assert str(warning.message).endswith("m0.stl does not exist, and 6 more)")
+    assert "m1.stl" not in str(warning.message)
     assert [g.name for g in robot.visual_model.geometryObjects] == ["tip_7"]
     assert robot.nv == 1
+
+
+def test_a_missing_package_is_named_once(tmp_path: Path) -> None:
+    shapes = [visual(f'<mesh filename="package://parts/m{i}.stl"/>') for i in range(3)]
+    path = urdfs.write(tmp_path, urdf(*shapes, visual('<mesh filename="m3.stl"/>')))
+    with pytest.warns(MissingMeshWarning) as caught:
+        load_robot(path)
+    (said,) = (str(warning.message) for warning in caught)
+    assert said.count("no package folder 'parts' found") == 1
+    assert (
+        "m0.stl: no package folder 'parts' found, name its parent in package_dirs or --package-dir, and 2"
+        in said
+    )
+    assert said.endswith("m3.stl does not exist)")
 
 
 @pytest.mark.parametrize(

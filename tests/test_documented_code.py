@@ -1,0 +1,193 @@
+"""Blocks of code on the pages are code: Python runs, tables are problem files, keys and options exist."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import mbocp
+from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.file.schema import ProblemTable
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+INDENTED = re.compile(r"(?:^    .*\n(?:[ \t]*\n(?=    ))?)+", re.MULTILINE)
+SETTING = re.compile(r"--set ['\"]?([a-z_]+(?:\.\w+)*)=")
+PRELUDES = {  # what the text above a block has said
+    "problem_files.md": "import mbocp",
+    "robots.md": "import mbocp",
+    "results.md": "import mbocp",
+    "terms.md": "import numpy as np\nfrom mbocp.problem import parse_problem\n"
+    "from mbocp.terms import end_condition, path_constraint",
+}
+
+
+def page_names(language: str) -> list[str]:
+    """Pages with fenced blocks of a language."""
+    return [p.name for p in sorted(DOCS.glob("*.md")) if f"\n```{language}\n" in p.read_text("utf-8")]
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """Fenced blocks of a language, in order."""
+    return [block for name, block in FENCE.findall((DOCS / page).read_text("utf-8")) if name == language]
+
+
+def load_tool(name: str) -> ModuleType:
+    """One of the modules that make the site, which are no package."""
+    spec = importlib.util.spec_from_file_location(f"docs_site_{name}", DOCS / "site" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look for it
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def keys() -> ModuleType:
+    return load_tool("keys")
+
+
+@pytest.fixture(scope="module")
+def known(keys: ModuleType) -> dict[str, bool]:
+    """Dotted keys of problem files, and whether each is a table with keys of its own."""
+    return {key.name: bool(key.tables) for key in keys.all_keys()}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the code of a page runs: with the examples, and with the files that it is about."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", [p for p in page_names("python") if p != "studies.md"]
+)  # that one: tests/study
+def test_python_runs(page: str, folder: Path) -> None:
+    if page == "results.md":
+        problem = mbocp.load_problem("examples/arms/ur5_reach.toml")
+        mbocp.solve(problem).save("ur5.h5")
+    if page == "symbolic.md":
+        shutil.copy(mbocp.load_robot("ur5").sources[0], "robot.urdf")
+    namespace: dict[str, Any] = {"__name__": "page"}
+    exec(PRELUDES.get(page, ""), namespace)
+    for block in blocks(page, "python"):
+        exec(compile(block, page, "exec"), namespace)
+
+
+def merged(tables: dict[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables with the keys of others put in."""
+    for name, value in more.items():
+        if isinstance(value, Mapping) and isinstance(tables.get(name), dict):
+            merged(tables[name], value)
+        else:
+            tables[name] = deepcopy(value)
+    return tables
+
+
+WISHES = [tomllib.loads(block) for block in blocks("wishes.md", "toml")]
+
+
+@pytest.mark.parametrize("wish", WISHES, ids=lambda wish: "-".join(wish))
+def test_wishes_are_granted(wish: dict[str, Any]) -> None:
+    """Each is a part of a problem that is well posed, together with the file above them."""
+    tables = deepcopy(WISHES[0])
+    if "robot" in wish and isinstance(wish["robot"], dict):
+        tables["robot"] = {"name": tables["robot"]}
+    ends_elsewhere = "goal" in wish or any(path.get("kind") == "follow" for path in wish.get("path", []))
+    if wish is not WISHES[0] and ends_elsewhere:
+        del tables["goal"]["q"]
+    problem = problem_from_tables(merged(tables, wish), source=None, label="wishes.md")
+    assert problem.num_steps == 50
+
+
+def table_blocks() -> Iterator[object]:
+    """Blocks of tables, fenced and indented; those of robot.toml name no table of problem files."""
+    for page in sorted(DOCS.glob("*.md")):
+        text = page.read_text("utf-8")
+        fenced = [block for name, block in FENCE.findall(text) if name == "toml"]
+        plain = [re.sub(r"^    ", "", b, flags=re.MULTILINE) for b in INDENTED.findall(FENCE.sub("", text))]
+        for i, block in enumerate([*fenced, *(b for b in plain if re.match(r"\[+[a-z]+[\].]", b))]):
+            yield pytest.param(page.name, block, id=f"{page.name}-{i}")
+
+
+@pytest.mark.parametrize(("page", "block"), [*table_blocks()])
+def test_tables_have_keys_that_exist(page: str, block: str, known: dict[str, bool]) -> None:
+    tables = tomllib.loads(block)
+    if set(tables) <= set(ProblemTable.model_fields) and page != "studies.md":
+        for name in named_keys(tables, known):
+            assert name in known, name
+
+
+def named_keys(tables: Any, known: Mapping[str, bool], under: str = "") -> Iterator[str]:
+    """Dotted names of what tables say, down to those whose keys are names of joints or the like."""
+    for table in tables if isinstance(tables, list) else [tables]:
+        for key, value in table.items() if isinstance(table, Mapping) else ():
+            yield under + key
+            if known.get(under + key):
+                yield from named_keys(value, known, f"{under}{key}.")
+
+
+@pytest.mark.parametrize("page", [p.name for p in sorted(DOCS.glob("*.md"))])
+def test_settings_name_keys(page: str, known: dict[str, bool]) -> None:
+    refused = {"horizon.stepps", "goal.gamma"}  # on the page about errors
+    for name in SETTING.findall((DOCS / page).read_text("utf-8")):
+        parts = [part for part in name.split(".") if not part.isdigit()]
+        if parts[0] == "phase":
+            del parts[1]  # a phase goes by its name
+        ends = [".".join(parts[:n]) for n in range(1, len(parts) + 1)]
+        leaf = next((end for end in ends if not known.get(end, True)), ends[-1])
+        assert leaf in known or (page == "problem_files.md" and name in refused), name
+
+
+def test_every_key_is_explained(keys: ModuleType) -> None:
+    rows = keys.described()
+    assert len(rows) > 150
+    for key in keys.all_keys():
+        assert keys.explained(key, rows), key.name
+
+
+def test_every_row_is_of_a_key(keys: ModuleType, known: dict[str, bool]) -> None:
+    assert set(keys.described()) <= set(known)
+
+
+def test_keys_of_every_day_exist(keys: ModuleType, known: dict[str, bool]) -> None:
+    (names,) = re.findall(r"^<!-- keys: (.+) -->$", (DOCS / "keys.md").read_text("utf-8"), re.MULTILINE)
+    rows = keys.described()
+    for name in names.split():
+        assert name in known, name
+        assert keys.row_of(name, rows), name
+
+
+def test_pictures_are_of_examples() -> None:
+    for page in DOCS.glob("*.md"):
+        for name in re.findall(r"^<!-- example: (\S+) -->$", page.read_text("utf-8"), re.MULTILINE):
+            assert (ROOT / "examples" / f"{name}.toml").exists(), f"{page.name}: {name}"
+
+
+@pytest.mark.slow
+def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
+    sphinx = pytest.importorskip("sphinx.cmd.build", reason="pip install --group docs")
+    pytest.importorskip("furo")
+    assert sphinx.main(["-q", "-W", "--keep-going", "-b", "html", str(DOCS), str(tmp_path / "site")]) == 0
+    for page in DOCS.glob("*.md"):
+        made = (tmp_path / "site" / f"{page.stem}.html").read_text("utf-8")
+        assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=\"(?:https?:)?//", made), page.name
