@@ -7,7 +7,6 @@ the link's own shapes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import coal
@@ -64,17 +63,50 @@ class Approach:
         return f"{self.link} {how} at t = {self.time:.4g} s"
 
 
-@dataclass(frozen=True, eq=False)
-class _Thing:
-    """Shapes on joints."""
+Shape = tuple[int, pin.SE3, coal.CollisionGeometry]  # a joint, where on it, and what
 
-    name: str
-    shapes: tuple[tuple[int, pin.SE3, coal.CollisionGeometry], ...]
 
-    def placed(self, data: pin.Data) -> Iterator[tuple[coal.Transform3s, coal.CollisionGeometry]]:
-        for joint, placement, geometry in self.shapes:
-            at = data.oMi[joint] * placement
-            yield coal.Transform3s(at.rotation, at.translation), geometry
+class _Distances:
+    """Distances of links and obstacles by their own shapes, at one configuration after the other.
+
+    Parameters
+    ----------
+    clearance : Clearance
+    pairs : list of (int, int, bool)
+        A link, and an obstacle or another link.
+    """
+
+    def __init__(self, clearance: Clearance, pairs: list[tuple[int, int, bool]]) -> None:
+        self._model = clearance.robot.model
+        self._data = working_data(self._model)
+        self._geometry = pin.GeometryModel()
+        self._first = [0]  # of the shapes of each pair
+        numbers: dict[tuple[int, bool], list[int]] = {}
+        for link, number, is_obstacle in pairs:
+            for key in ((link, False), (number, is_obstacle)):
+                if key not in numbers:
+                    shapes = _obstacle(clearance, key[0]) if key[1] else _link(clearance, key[0])
+                    numbers[key] = [self._add(shape) for shape in shapes]
+            for one in numbers[link, False]:
+                for other in numbers[number, is_obstacle]:
+                    self._geometry.addCollisionPair(pin.CollisionPair(one, other))
+            self._first.append(len(self._geometry.collisionPairs))
+        self._placed = pin.GeometryData(self._geometry)
+
+    def _add(self, shape: Shape) -> int:
+        joint, placement, geometry = shape
+        name = str(self._geometry.ngeoms)
+        return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, geometry)))
+
+    def place(self, q: Array) -> None:
+        """Take a configuration, shape (nq,)."""
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, q)
+
+    def of(self, pair: int) -> float:
+        """Of the nearest shapes of a pair, negative where they are in each other [m]."""
+        shapes = range(self._first[pair], self._first[pair + 1])
+        found = (pin.computeDistance(self._geometry, self._placed, k).min_distance for k in shapes)
+        return float(min(found, default=np.inf))
 
 
 def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | None:
@@ -89,25 +121,21 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
     """
     if not clearance.rows or not np.isfinite(qs).all():
         return None
-    robot = clearance.robot
-    times, sampled = poses_between(robot.model, t, qs)
+    times, sampled = poses_between(clearance.robot.model, t, qs)
     pairs, bounds, margins = _bounds(clearance, sampled)
-    links = [_link(clearance, number) for number in range(len(robot.collision_spheres))]
-    obstacles = [_obstacle(clearance, number) for number in range(len(clearance.obstacles))]
-    data, at = working_data(robot.model), -1
+    distances, at = _Distances(clearance, pairs), -1
     best: Approach | None = None
     for flat in np.argsort(bounds, axis=None, kind="stable"):
         n, k = divmod(int(flat), len(pairs))
         if best is not None and bounds[n, k] >= best.distance - best.margin:
             break
         if n != at:
-            pin.forwardKinematics(robot.model, data, sampled[n])
+            distances.place(sampled[n])
             at = n
-        a, b, is_obstacle = pairs[k]
-        one, other = links[a], obstacles[b] if is_obstacle else links[b]
-        distance = _distance(one, other, data)
+        distance = distances.of(k)
         if best is None or distance - margins[k] < best.distance - best.margin:
-            best = Approach(distance, margins[k], one.name, other.name, float(times[n]), is_obstacle)
+            names = _names(clearance, pairs[k])
+            best = Approach(distance, margins[k], *names, float(times[n]), pairs[k][2])
     return best
 
 
@@ -143,31 +171,25 @@ def _bounds(clearance: Clearance, qs: Array) -> tuple[list[tuple[int, int, bool]
     return pairs, np.array(found).T, [float(clearance.margins[rows[0]]) for rows in columns.values()]
 
 
-def _link(clearance: Clearance, number: int) -> _Thing:
+def _names(clearance: Clearance, pair: tuple[int, int, bool]) -> tuple[str, str]:
+    links, (link, number, is_obstacle) = clearance.robot.collision_spheres, pair
+    return links[link].link, clearance.obstacles[number].name if is_obstacle else links[number].link
+
+
+def _link(clearance: Clearance, number: int) -> list[Shape]:
     """Shapes of a link; its spheres where it has no others."""
     robot = clearance.robot
     link = robot.collision_spheres[number]
     shapes = [s for s in robot.collision_model.geometryObjects if s.parentFrame == link.frame]
     if shapes:
-        return _Thing(link.link, tuple((int(s.parentJoint), s.placement, s.geometry) for s in shapes))
+        return [(int(s.parentJoint), s.placement, s.geometry) for s in shapes]
     frame = robot.model.frames[link.frame]
     spheres = zip(link.centers, link.radii, strict=True)
     placed = ((frame.placement * pin.SE3(np.eye(3), np.array(c)), coal.Sphere(float(r))) for c, r in spheres)
-    return _Thing(link.link, tuple((link.joint, at, ball) for at, ball in placed))
+    return [(link.joint, at, ball) for at, ball in placed]
 
 
-def _obstacle(clearance: Clearance, number: int) -> _Thing:
+def _obstacle(clearance: Clearance, number: int) -> list[Shape]:
     obstacle = clearance.obstacles[number]
     frame = clearance.robot.model.frames[clearance.robot.frame_id(obstacle.frame)]
-    placed = frame.placement * obstacle.placement
-    return _Thing(obstacle.name, ((int(frame.parentJoint), placed, obstacle.geometry),))
-
-
-def _distance(one: _Thing, other: _Thing, data: pin.Data) -> float:
-    found = np.inf
-    others = list(other.placed(data))
-    for at, shape in one.placed(data):
-        for there, obstacle in others:
-            request, result = coal.DistanceRequest(), coal.DistanceResult()
-            found = min(found, float(coal.distance(shape, at, obstacle, there, request, result)))
-    return found
+    return [(int(frame.parentJoint), frame.placement * obstacle.placement, obstacle.geometry)]

@@ -11,6 +11,7 @@ does not choose is 0: lanes never meet. Compilers and processors that are not kn
 typedef double mbocp_lanes;
 #define mbocp_all(x) (x)
 #define mbocp_first(x) (x)
+#define mbocp_agree(x) ((x) == (x))
 #define mbocp_less(x, y) ((x) < (y))
 #define mbocp_at_most(x, y) ((x) <= (y))
 #define mbocp_equal(x, y) ((x) == (y))
@@ -39,6 +40,11 @@ typedef long long mbocp_bits __attribute__((vector_size(8 * MBOCP_LANES)));
 #define mbocp_all_bits(x) ((mbocp_bits){(x), (x), (x), (x), (x), (x), (x), (x)})
 #endif
 #define mbocp_first(x) ((x)[0])
+static inline __attribute__((unused)) int mbocp_agree(mbocp_lanes x) {
+  int i, agree = 1;
+  for (i = 0; i < MBOCP_LANES; ++i) agree &= x[i] == x[0];
+  return agree;
+}
 #define mbocp_where(mask, x) ((mbocp_lanes)((mask) & (mbocp_bits)(x)))
 #define mbocp_select(mask, x, y) ((mbocp_lanes)(((mask) & (mbocp_bits)(x)) | (~(mask) & (mbocp_bits)(y))))
 #define mbocp_truth(mask) mbocp_where(mask, mbocp_all(1.))
@@ -72,6 +78,8 @@ typedef long long mbocp_bits __attribute__((vector_size(8 * MBOCP_LANES)));
 
 #if MBOCP_LANES == 4
 #define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd256(x))
+#elif !defined(__clang__)
+#define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd512_mask(x, x, -1, 4))
 #else
 MBOCP_EACH(sqrt)
 #define mbocp_sqrt(x) mbocp_each_sqrt(x)

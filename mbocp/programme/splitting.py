@@ -9,7 +9,8 @@ both sides of a cut are no longer fused.
 
 A function with any line that is not known is left as it is. Of the others some go in lanes, see
 `mbocp.programme.lanes`: there are then two entries, for several stages at once and, through the same
-statements, for one.
+statements, for one. A function that calls others stays as it is, too, and may have a second form for lanes, see
+`mbocp.programme.composed`.
 """
 
 from __future__ import annotations
@@ -18,14 +19,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 
-from mbocp.programme import lanes
-from mbocp.programme.generated import END, HEAD, Function, Statement, exported_names, read_function
+from mbocp.programme import composed, lanes
+from mbocp.programme.composed import Composed, read_composed
+from mbocp.programme.generated import END, HEAD, Access, Function, Statement, exported_names, read_function
 from mbocp.programme.lanes import Lanes
 
 __all__ = ["split_functions"]
 
 _PIECE = 500  # statements; of a few hundred the calls and what is kept cost nothing that can be measured
-_ZEROS, _SCRATCH = "mbocp_zeros", "mbocp_scratch"
+_ZEROS, _SCRATCH, _WIDE_SCRATCH = "mbocp_zeros", "mbocp_scratch", "mbocp_wide_scratch"
 
 
 def split_functions(text: str, piece: int = _PIECE, of_lanes: Lanes | None = None) -> str:
@@ -46,39 +48,151 @@ def split_functions(text: str, piece: int = _PIECE, of_lanes: Lanes | None = Non
     str
         C of the same functions: the text itself where no function is made of known lines alone.
     """
-    lines = text.split("\n")
+    blocks = list(_blocks(text.split("\n")))
+    found = [block for block in blocks if isinstance(block, _Block)]
+    plain = [block.function for block in found if block.function is not None]
+    if not plain:
+        return text
     exported = exported_names(text)
+    wide = _Wide.of(found, exported, text, piece, of_lanes)
+    first = next(
+        i for i, block in enumerate(blocks) if isinstance(block, _Block) and block.function is not None
+    )
     written: list[str] = []
-    found: list[Function] = []
-    called: list[tuple[str, int]] = []  # lane by lane
-    first, i = 0, 0
+    for i, block in enumerate(blocks):
+        if i == first:
+            written += chain(lanes.header(of_lanes, wide.called) if of_lanes is not None else ())
+            written += chain(
+                composed.header(text, wide.largest_input) if wide.composed else (), _replacements(plain)
+            )
+        if isinstance(block, str):
+            written.append(block)
+        else:
+            written += wide.write(block, exported.get(block.name), piece)
+    return "\n".join(written)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """A function of the text; `function` is None where a line of it is not known."""
+
+    name: str
+    lines: Sequence[str]
+    function: Function | None
+
+
+def _blocks(lines: Sequence[str]) -> Iterator[str | _Block]:
+    """Functions, and the lines around them."""
+    i = 0
     while i < len(lines):
         head = HEAD.fullmatch(lines[i])
         end = _index(lines, END, i) if head else None
-        function = read_function(head[1], lines[i + 1 : end]) if head and end else None
-        if function is None or end is None:
-            written.append(lines[i])
+        if head is None or end is None:
+            yield lines[i]
             i += 1
             continue
-        first = first if found else len(written)
-        found.append(function)
-        name = exported.get(function.name)
-        wide = _in_lanes(function) if of_lanes is not None and name in of_lanes.functions else None
-        if (
-            wide is not None
-            and name is not None
-            and of_lanes is not None
-            and of_lanes.fit(_numbers(wide, piece))
-        ):
-            called += (one for s in wide.statements if (one := lanes.one_by_one(s.value)) is not None)
-            written += _write_in_lanes(wide, lines[i], name, piece)
-        else:
-            written += _write(function, lines[i], piece)
+        body = lines[i : end + 1]
+        yield _Block(head[1], body, read_function(head[1], body[1:-1]))
         i = end + 1
-    if not found:
-        return text
-    before = chain(lanes.header(of_lanes, called) if of_lanes is not None else (), _replacements(found))
-    return "\n".join([*written[:first], *before, *written[first:]])
+
+
+@dataclass(frozen=True)
+class _Wide:
+    """What goes in lanes.
+
+    Attributes
+    ----------
+    entries : dict
+        Functions of known statements that are called from outside alone, by their names.
+    parts : dict
+        Those that others call.
+    composed : dict
+        Functions that call them.
+    sizes : dict
+        What an exported one of these asks for, by the name of the function.
+    """
+
+    entries: dict[str, Function]
+    parts: dict[str, Function]
+    composed: dict[str, Composed]
+    sizes: dict[str, tuple[int, int, int, int]]
+
+    @classmethod
+    def of(
+        cls,
+        blocks: Sequence[_Block],
+        exported: dict[str, str],
+        text: str,
+        piece: int,
+        of_lanes: Lanes | None,
+    ) -> _Wide:
+        """Choose what goes in lanes: what is asked for, where all that it calls can, and there is room."""
+        chosen = cls({}, {}, {}, {})
+        if of_lanes is None:
+            return chosen
+        known = {block.name: block for block in blocks}
+        for block in blocks:
+            name = exported.get(block.name)
+            if name not in of_lanes.functions:
+                continue
+            if block.function is not None:
+                if (one := _in_lanes(block.function)) and of_lanes.fit(_numbers(one, piece)):
+                    chosen.entries[block.name] = one
+                continue
+            sizes, parts = composed.work_of(text, name), cls({}, {}, {}, {})
+            if sizes is None or not composed.fits(of_lanes.number, sizes):
+                continue
+            if parts._add(block, known, piece, of_lanes):
+                chosen.parts.update(parts.parts)
+                chosen.composed.update(parts.composed)
+                chosen.sizes[block.name] = sizes
+        return chosen
+
+    def _add(self, block: _Block, known: dict[str, _Block], piece: int, of_lanes: Lanes) -> bool:
+        """Add a function and all that it calls; whether that can be."""
+        if block.function is not None:
+            one = _in_lanes(block.function)
+            if one is None or not of_lanes.fit(_numbers(one, piece)):
+                return False
+            self.parts[block.name] = one
+            return True
+        found = read_composed(block.name, block.lines[1:-1])
+        if found is None or not all(name in known for name in found.calls):
+            return False
+        self.composed[block.name] = found
+        return all(self._add(known[name], known, piece, of_lanes) for name in sorted(found.calls))
+
+    @property
+    def largest_input(self) -> int:
+        """Numbers of the largest input of a function that others call."""
+        return max((a.size for f in self.parts.values() for a in f.inputs), default=1)
+
+    @property
+    def called(self) -> list[tuple[str, int]]:
+        """Functions of the library that are called lane by lane, see `lanes.header`."""
+        functions = (*self.entries.values(), *self.parts.values())
+        return [
+            one for f in functions for s in f.statements if (one := lanes.one_by_one(s.value)) is not None
+        ]
+
+    def write(self, block: _Block, name: str | None, piece: int) -> Iterator[str]:
+        """Lines of a function, in lanes, too, where it goes there."""
+        function = self.parts.get(block.name) or self.entries.get(block.name)
+        if function is not None:
+            yield from _write_in_lanes(function, block.lines[0], piece)
+            if block.name in self.parts:
+                yield from _write_as_others(function)
+            if block.name in self.entries and name is not None:
+                yield from _write_entry(function, name)
+        elif block.function is not None:
+            yield from _write(block.function, block.lines[0], piece)
+        else:
+            yield from block.lines
+            if block.name in self.composed:
+                yield ""
+                yield from self.composed[block.name].write()
+            if block.name in self.sizes and name is not None:
+                yield from composed.entry(block.name, name, self.sizes[block.name])
 
 
 def _index(lines: Sequence[str], wanted: str, start: int) -> int | None:
@@ -130,37 +244,65 @@ def _numbers(function: Function, piece: int) -> int:
     return sizes + len(_Pieces.of(function, piece).place)
 
 
-def _write_in_lanes(function: Function, head: str, name: str, piece: int) -> Iterator[str]:
-    """Lines of the pieces, of the entry for all lanes, and of a function with the old head for one."""
+def _write_in_lanes(function: Function, head: str, piece: int) -> Iterator[str]:
+    """Lines of the pieces, of a function of all lanes, and of one with the old head for one lane."""
     pieces, kind = _Pieces.of(function, piece), lanes.KIND
-    accesses = [*((a, "x", "arg") for a in function.inputs), *((a, "y", "res") for a in function.outputs)]
     yield from pieces.write(kind)
     yield f"static void {function.name}_in_lanes({', '.join(pieces.parameters(kind))}) {{"
     yield from pieces.call(kind)
     yield END
     yield ""
     yield head
-    for a, letter, _ in accesses:
+    for a, letter, _ in _accesses(function):
         yield f"  {kind} {letter}{a.number}[{a.size}];"
     yield "  int i;"
     for a in function.inputs:
         one = f"arg[{a.number}]? arg[{a.number}][i] : 0"
         yield f"  for (i=0; i<{a.size}; ++i) {{ const double one={one}; x{a.number}[i]=mbocp_all(one); }}"
-    yield f"  {function.name}_in_lanes({', '.join(f'{letter}{a.number}' for a, letter, _ in accesses)});"
+    yield f"  {function.name}_in_lanes({', '.join(f'{x}{a.number}' for a, x, _ in _accesses(function))});"
     for a in function.outputs:
         one = f"res[{a.number}][i]=mbocp_first(y{a.number}[i])"
         yield f"  if (res[{a.number}]) for (i=0; i<{a.size}; ++i) {one};"
     yield "  return 0;"
     yield END
     yield ""
+
+
+def _accesses(function: Function) -> list[tuple[Access, str, str]]:
+    """Inputs and outputs, with the letters of parameters and the names of the arrays they come from."""
+    inputs = [(a, "x", "arg") for a in function.inputs]
+    return inputs + [(a, "y", "res") for a in function.outputs]
+
+
+def _write_entry(function: Function, name: str) -> Iterator[str]:
+    """Entry for all lanes of an exported function."""
     yield f"CASADI_SYMBOL_EXPORT int {name}_num_lanes(void) {{ return MBOCP_LANES; }}"
     yield f"CASADI_SYMBOL_EXPORT int {name}_in_lanes(const casadi_real** arg, casadi_real** res) {{"
     passed = (
-        f"({'const ' if letter == 'x' else ''}{kind}*){array}[{a.number}]" for a, letter, array in accesses
+        f"({'const ' if letter == 'x' else ''}{lanes.KIND}*){array}[{a.number}]"
+        for a, letter, array in _accesses(function)
     )
     yield f"  {function.name}_in_lanes({', '.join(passed)});"
     yield "  return 0;"
     yield END
+
+
+def _write_as_others(function: Function) -> Iterator[str]:
+    """A function of all lanes that others call as they call plain ones; arrays may not be there."""
+    yield composed.head_of(function.name)
+    yield "  (void)iw; (void)w;"
+    absent = {"x": composed.ZEROS, "y": _WIDE_SCRATCH}
+    passed = (
+        f"{array}[{a.number}]? {array}[{a.number}] : {absent[letter]}"
+        for a, letter, array in _accesses(function)
+    )
+    outputs = max((a.size for a in function.outputs), default=0)
+    if outputs:
+        yield f"  static __thread {lanes.KIND} {_WIDE_SCRATCH}[{outputs}];"
+    yield f"  {function.name}_in_lanes({', '.join(passed)});"
+    yield "  return 0;"
+    yield END
+    yield ""
 
 
 @dataclass(frozen=True)

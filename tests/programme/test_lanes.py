@@ -163,11 +163,13 @@ PROBLEMS = {
     "natural coordinates": ("paper/rigid_pendulum.toml", "horizon.steps=23"),
     "a closed loop": ("loops/four_bar.toml", "horizon.steps=21"),
     "a free flyer with path constraints": ("free_flyer/gates.toml",),
+    "obstacles": ("arms/slalom.toml",),
 }
+EIGHT = [("a closed loop", 8), ("obstacles", 8)]
 
 
 @needs_avx2
-@pytest.mark.parametrize(("what", "number"), [*((what, 4) for what in PROBLEMS), ("a closed loop", 8)])
+@pytest.mark.parametrize(("what", "number"), [*((what, 4) for what in PROBLEMS), *EIGHT])
 def test_stages_in_lanes_are_those_one_by_one(
     what: str, number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
