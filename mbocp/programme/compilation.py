@@ -24,7 +24,7 @@ from pathlib import Path
 import casadi as ca
 
 from mbocp.exceptions import CompilationError
-from mbocp.programme import composed, generated, lanes, processor, splitting
+from mbocp.programme import composed, generated, lanes, pieces, processor, splitting
 from mbocp.programme.cache import (
     cache_folder,
     cached,
@@ -158,7 +158,7 @@ def _flags() -> tuple[str, ...]:
 @cache
 def _sources_digest() -> str:
     """Digest of what turns functions into C: a change there makes old entries stale."""
-    sources = (*(Path(str(m.__file__)) for m in (splitting, generated, composed, lanes, processor)),)
+    sources = (*(Path(str(m.__file__)) for m in (splitting, pieces, generated, composed, lanes, processor)),)
     sources = (*sources, *lanes.SOURCES, *composed.SOURCES)
     return hashlib.sha256(b"".join(source.read_bytes() for source in (Path(__file__), *sources))).hexdigest()
 
