@@ -21,6 +21,7 @@ __all__ = ["Approach", "nearest_approach", "poses_between"]
 
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
+_NEAR = 0.1  # [m]: farther spheres are only looked at where nothing is as near
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ def _bounds(clearance: Clearance, qs: Array) -> tuple[list[tuple[int, int, bool]
     """Pairs of a link and an obstacle or link; bounds of their distances beyond margins; their margins."""
     links = clearance.robot.collision_spheres
     gaps = [0.0 if np.isnan(link.gap) else link.gap for link in links]
-    values = clearance.pair_values(qs) - clearance.margins
+    values = clearance.pair_values(qs, _NEAR) - clearance.margins
     rounding = max([o.smoothing for o in clearance.obstacles], default=0.0)
     columns: dict[tuple[int, int, bool], list[int]] = {}
     for row, (sphere, k) in enumerate(clearance.pairs):

@@ -166,9 +166,12 @@ class Clearance:
         of_obstacles = [self.obstacles[k].margin for _, k in self.pairs]
         return np.array([*of_obstacles, *[self.self_margin] * len(self.sphere_pairs)], dtype=np.float64)
 
-    def pair_values(self, qs: Array) -> Array:
-        """Clearance of each pair at each configuration, shape (n, num_pairs) [m]."""
-        return self._pair_clearances.values(np.asarray(qs))
+    def pair_values(self, qs: Array, near: float = np.inf) -> Array:
+        """Clearance of each pair at each configuration, shape (n, num_pairs) [m].
+
+        What is larger than `near`, which takes most of the time, may be any number between `near` and it.
+        """
+        return self._pair_clearances.values(np.asarray(qs), near)
 
     def least(self, qs: Array, most: float = np.inf) -> Array:
         """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""

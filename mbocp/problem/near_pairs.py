@@ -30,7 +30,8 @@ _MISSED = 0.01  # [m] from what is missing, what is taken, too
 
 def near_pairs(clearance: Clearance, qs: Array) -> tuple[int, ...]:
     """Pairs that come near along some configurations, the nearest first."""
-    least = (clearance.pair_values(qs) - clearance.margins).min(axis=0)
+    near = float(clearance.margins.max(initial=0.0)) + _NEAR
+    least = (clearance.pair_values(qs, near) - clearance.margins).min(axis=0)
     order = np.argsort(least, kind="stable")
     count = int(np.clip(np.count_nonzero(least < _NEAR), 1, _MOST))
     return tuple(order[:count].tolist())
@@ -44,7 +45,8 @@ def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
     robot = problem.robot
     shares = np.arange(_BETWEEN) / _BETWEEN
     between = [robot.integrate(a, s * robot.difference(a, b)) for a, b in pairwise(qs) for s in shares]
-    least = (clearance.pair_values(np.array([*between, qs[-1]])) - clearance.margins).min(axis=0)
+    near = float(clearance.margins.max(initial=0.0)) + _NEAR
+    least = (clearance.pair_values(np.array([*between, qs[-1]]), near) - clearance.margins).min(axis=0)
     least[list(rows.chosen)] = np.inf
     if least.min() >= 0.0:
         return ()

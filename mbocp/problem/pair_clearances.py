@@ -69,9 +69,9 @@ class PairClearances:
         """Of rows."""
         return cls(model, frames, tuple(rows), radii)
 
-    def values(self, qs: Array) -> Array:
-        """Clearances, shape (n, P) [m]."""
-        return np.asarray(self._room.values(_flat(qs))).reshape(len(qs), len(self.rows))
+    def values(self, qs: Array, near: float = np.inf) -> Array:
+        """Clearances, shape (n, P) [m]; larger ones than `near` may be any number between `near` and them."""
+        return np.asarray(self._room.values(_flat(qs), near)).reshape(len(qs), len(self.rows))
 
     def least(self, qs: Array, lower: Array, most: float = np.inf) -> Array:
         """Least clearance beyond `lower` at each configuration, `most` where it is larger, shape (n,) [m]."""

@@ -85,7 +85,9 @@ def with_rows_and_room(
 
 def _lacking(rows: Clearance, t: Array, qs: Array, lacks: float, between: str) -> Array:
     """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing."""
-    least = rows.pair_values(poses_between(rows.robot.model, t, qs)[1]).min(axis=0) - rows.margins
+    near = float(rows.margins.max(initial=0.0)) + _MOST
+    sampled = poses_between(rows.robot.model, t, qs)[1]
+    least = rows.pair_values(sampled, near).min(axis=0) - rows.margins
     meant = np.array([words == between for words in rows.links_of_pairs])
     near = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
     more = np.where(near, lacks + _RESERVE, 0.0)

@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import mbocp
 from mbocp.problem import Problem
@@ -84,3 +86,27 @@ def test_a_goal_inside_something_has_no_way(clearance: Clearance) -> None:
     inside = np.array([start, line[clearance.least(line).argmin()]])
     ranges = np.array([np.full(6, -np.pi), np.full(6, np.pi), np.ones(6)])
     assert clearance.way(inside, ranges, 0.0, 0, SIZE) is None
+
+
+@given(near=st.floats(-0.2, 2.0), seed=st.integers(0, 10**6))
+@settings(max_examples=100, deadline=None)
+def test_what_is_near_is_exact_and_what_is_far_is_between(near: float, seed: int) -> None:
+    """For every kind of shape, with points on all sides of it and inside."""
+    rng = np.random.default_rng(seed)
+    model = pin.buildSampleModelManipulator()
+    frames = tuple(k for k, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY)
+    sizes = {"sphere": 1, "capsule": 2, "box": 3, "cylinder": 2, "halfspace": 0}
+    rows = []
+    for place in range(1, len(frames) + 1):
+        for shape, count in sizes.items():
+            core = core_of(shape, rng.uniform(0.05, 0.5, count), 2e-3)
+            axes = pin.SE3.Random().rotation
+            at = rng.normal(size=3) + core.middle * axes[:, 2]
+            rows.append(ClearanceRow(place, 0, rng.normal(size=3), at, axes, core))
+    pairs = PairClearances.of(model, frames, rows, rng.uniform(0.0, 0.2, len(rows)))
+    qs = np.array([pin.randomConfiguration(model) for _ in range(3)])
+    exact, found = pairs.values(qs), pairs.values(qs, near)
+    is_near = exact <= near
+    assert np.array_equal(found[is_near], exact[is_near])
+    assert (found <= exact + 1e-12).all()
+    assert (found[~is_near] >= near - 1e-12).all()

@@ -96,11 +96,12 @@ std::size_t count_of(const Room& room, const Input& qs) {
     return qs.size() / static_cast<std::size_t>(room.nq);
 }
 
-Output values(const Room& room, const Input& qs) {
+Output values(const Room& room, const Input& qs, double near) {
     const std::size_t count = count_of(room, qs), width = room.pairs.size();
     std::vector<double> found(count * width);
     Placed placed;
-    for (std::size_t k = 0; k < count; ++k) room.values(qs.data() + k * room.nq, placed, found.data() + k * width);
+    for (std::size_t k = 0; k < count; ++k)
+        room.values(qs.data() + k * room.nq, placed, near, found.data() + k * width);
     return array_of(found);
 }
 
@@ -163,7 +164,8 @@ NB_MODULE(_room, module) {
                 new (self) mbocp::Room(mbocp::made(nq, joints, places, spheres, shapes, pairs));
             },
             nb::kw_only(), "nq"_a, "joints"_a, "places"_a, "spheres"_a, "shapes"_a, "pairs"_a)
-        .def("values", &mbocp::values, "qs"_a, "Clearance of each pair at each configuration [m].")
+        .def("values", &mbocp::values, "qs"_a, "near"_a,
+             "Clearance of each pair at each configuration where it is below `near`, elsewhere a number between [m].")
         .def("least", &mbocp::least, "qs"_a, "lower"_a, "most"_a,
              "Least clearance beyond `lower` at each configuration, at most `most` [m].")
         .def("way", &mbocp::way, nb::kw_only(), "ends"_a, "lower"_a, "ranges"_a, "groups"_a, "reserve"_a, "step"_a,

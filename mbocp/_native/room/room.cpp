@@ -95,6 +95,13 @@ double from_core(const Vec3& p, const std::array<double, core_size>& core) {
     return std::sqrt(s0 * s0 + s1 * s1 + s2 * s2) - positive(-inner, e2);
 }
 
+// How far a point is beyond the plane of a side. Where that is more than epsilon, the distance is less by less than
+// that.
+double beyond_sides(const Vec3& p, const std::array<double, core_size>& core) {
+    const double across = core[3] == 0.0 ? std::abs(p[0]) : std::sqrt(p[0] * p[0] + core[3] * p[1] * p[1]);
+    return std::max({across - core[0], std::abs(p[1]) - core[1], std::abs(p[2]) - core[2]});
+}
+
 }  // namespace
 
 void Room::place(const double* q, Placed& placed) const {
@@ -123,9 +130,19 @@ double Room::distance(const Pair& pair, const Placed& placed) const {
     return from_core(local, shape.core) - pair.radius;
 }
 
-void Room::values(const double* q, Placed& placed, double* found) const {
+double Room::distance(const Pair& pair, const Placed& placed, double near) const {
+    const Shape& shape = shapes[pair.shape];
+    const Vec3 away = less(placed.centers[pair.sphere], placed.middles[pair.shape]);
+    const double least = std::max(shape.around + pair.radius + near, 0.0);
+    if (square(away) > least * least) return std::sqrt(square(away)) - shape.around - pair.radius;
+    const Vec3 p = turned_back(shape.axes, turned_back(placed.places[shape.place].axes, away));
+    const double beside = beyond_sides(p, shape.core) - shape.core[4] - pair.radius;
+    return beside > std::max(near, 0.0) ? beside : from_core(p, shape.core) - pair.radius;
+}
+
+void Room::values(const double* q, Placed& placed, double near, double* found) const {
     place(q, placed);
-    for (std::size_t k = 0; k < pairs.size(); ++k) found[k] = distance(pairs[k], placed);
+    for (std::size_t k = 0; k < pairs.size(); ++k) found[k] = distance(pairs[k], placed, near);
 }
 
 double Room::least(const double* q, Placed& placed, const double* lower, double most, double enough) const {

@@ -74,8 +74,11 @@ public:
     // Clearance of one pair [m].
     double distance(const Pair& pair, const Placed& placed) const;
 
-    // Clearance of each pair [m].
-    void values(const double* q, Placed& placed, double* found) const;
+    // Clearance of one pair where it is below `near`; something between `near` and the clearance elsewhere [m].
+    double distance(const Pair& pair, const Placed& placed, double near) const;
+
+    // Such clearances of all pairs [m].
+    void values(const double* q, Placed& placed, double near, double* found) const;
 
     // Least clearance beyond `lower`, at most `most` [m]; anything below `enough` ends the search for less.
     double least(const double* q, Placed& placed, const double* lower, double most, double enough) const;
