@@ -19,11 +19,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, present, show
-from mbocp.integrators import PAIRS
+from mbocp.integrators import CONTROLS, PAIRS
+from mbocp.problem import Problem
 
 __all__ = [
     "CASES",
@@ -33,11 +36,15 @@ __all__ = [
     "limit_of",
     "reference_of",
     "reference_table",
+    "steps_table",
 ]
 
 _ROOT = Path(__file__).parent.parent
 _DOCS = _ROOT / "docs" / "optima.md"
 _BEGIN = "<!-- tables: python -m benchmarks.references --docs -->"
+_FIRST, _MOST = 5, 12_000  # steps that are tried
+_TO = 0.05  # of their number
+_SMALL = 3  # joints, beyond which functions of three stages take minutes to compile
 _DATA = _ROOT / "tests" / "data" / "reference_costs.json"
 
 
@@ -174,6 +181,54 @@ def accuracy_table(asked: float, cases: Sequence[ReferenceCase] = CASES) -> Tabl
     return Table(f"horizon.accuracy = {asked:g}", columns, rows)
 
 
+def steps_table(asked: float, cases: Sequence[ReferenceCase] = CASES) -> Table:
+    """How many equal steps have costs so accurate, with controls that vary within them or do not.
+
+    Numbers of steps are found to five percent; an order is that between the last two doublings.
+    """
+    known, rows = json.loads(_DATA.read_text(encoding="utf-8")), []
+    for case in cases:
+        problem = mbocp.load_problem(EXAMPLES / f"{case.file}.toml", case.settings)
+        if problem.has_free_duration:
+            continue
+        loops = bool(problem.robot.nc)
+        schemes = ["lobatto3"] if loops else ["gauss2", *(["gauss3"] if problem.robot.nv <= _SMALL else [])]
+        for scheme in schemes:
+            found = [
+                _fewest(
+                    problem.with_(scheme=scheme, controls=kind), case.steps, known[case.name]["cost"], asked
+                )
+                for kind in CONTROLS
+            ]
+            rows.append((case.name, scheme, *(cell for count, order in found for cell in (count, order))))
+    columns = ("system", "scheme", *(word for kind in CONTROLS for word in (kind, "order")))
+    return Table(f"Equal steps to {asked:g} of the cost", columns, rows)
+
+
+def _fewest(problem: Problem, steps: int, limit: float, asked: float) -> tuple[str, str]:
+    """Steps with which the cost is so accurate, and the order there; dashes where the motion is another."""
+    before = mbocp.solve(problem.with_(num_steps=steps), check=True, accuracy=False)
+    count, errors = _FIRST, dict[int, float]()
+    while count <= _MOST:
+        found = mbocp.solve(problem.with_(num_steps=count), warm_start=before, accuracy=False)
+        if found.is_stationary:
+            errors[count] = abs(found.cost / limit - 1.0)
+            if errors[count] <= asked:
+                break
+        count *= 2
+    tried = sorted(errors)
+    if not tried or errors[tried[-1]] > asked:
+        return "-", "-"
+    order = np.log2(errors[tried[-2]] / errors[tried[-1]]) if len(tried) > 1 else np.nan
+    low, high = tried[-2] if len(tried) > 1 else 1, tried[-1]
+    while high - low > max(1, round(_TO * high)):
+        middle = round((low * high) ** 0.5) if high - low > 2 else low + 1
+        found = mbocp.solve(problem.with_(num_steps=middle), warm_start=before, accuracy=False)
+        is_enough = found.is_stationary and abs(found.cost / limit - 1.0) <= asked
+        low, high = (low, middle) if is_enough else (middle, high)
+    return str(high), f"{order:.1f}"
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, put it into the documentation, or write the data of the tests."""
     parser = argparse.ArgumentParser(
@@ -182,12 +237,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--docs", action="store_true", help=f"write the table into docs/{_DOCS.name}")
     parser.add_argument("--data", action="store_true", help=f"write the numbers into tests/data/{_DATA.name}")
     parser.add_argument("--accuracy", type=float, help="how many steps it takes to have costs so accurate")
+    parser.add_argument("--controls", type=float, help="the same by how controls vary within a step")
     parser.add_argument("names", nargs="*", help="of the systems; all, if there are none")
     options = parser.parse_args(arguments)
     one_core()
     cases = [case for case in CASES if not options.names or case.name in options.names]
     if options.accuracy is not None:
         show(accuracy_table(options.accuracy, cases), markdown=True)
+        return
+    if options.controls is not None:
+        show(steps_table(options.controls, cases), markdown=True)
         return
     table, data = reference_table(cases)
     present([header(), table], _DOCS, _BEGIN, into_page=options.docs)

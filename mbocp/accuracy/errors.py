@@ -1,26 +1,29 @@
 r"""Errors of a discrete motion against the flow of the robot.
 
-With :math:`\varphi_n` the flow over the step n under its control, from the node itself, and E the energy,
+With :math:`\varphi_n` the flow over the step n under its control from the node itself, and E the energy,
 
 .. math::
     e_n &= \varphi_n(x_{n-1})^{-1} x_n          && \text{local error,} \\
     E(x_n) - E(\varphi_n(x_{n-1}))              &&& \text{energy that the step makes,} \\
     \varphi_N \circ \dots \circ \varphi_1(x_0)  &&& \text{replay of the controls.}
 
-Whatever the controls and dampers do along the flow is in its energy, so that the second line is what work and
-energy differ by. A replay tells how the motion's errors grow; where the robot is unstable, as an arm that
-holds its links up, they grow by many powers of ten in an open loop.
+Controls are constant in a step, or the polynomials through the values that a result has of them, see
+`mbocp.integrators.controls`. Whatever the controls and dampers do along the flow is in its energy, so that
+the second line is what work and energy differ by. A replay tells how the motion's errors grow; where the
+robot is unstable, as an arm that holds its links up, they grow by many powers of ten in an open loop.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.accuracy.flow import Flow
 from mbocp.formulation import Motion
+from mbocp.integrators import control_powers
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.solution import Accuracy
@@ -42,7 +45,7 @@ def accuracy_of(
     ----------
     robot : Robot
     motion : Motion
-    gains : ndarray, shape (N, nu, 2 nv), optional
+    gains : ndarray, shape (N, k nu, 2 nv), optional
         Of a feedback that keeps the robot near the motion.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
@@ -55,7 +58,7 @@ def accuracy_of(
     if not all(np.isfinite(array).all() for array in (motion.qs, motion.vs, motion.us)):
         return Accuracy()
     flow = Flow.of(robot, deadline=deadline)
-    qs, vs, us, dts = motion.qs, flow.consistent(motion.qs, motion.vs), motion.us, motion.dts
+    qs, vs, us, dts = motion.qs, flow.consistent(motion.qs, motion.vs), motion.us_at_ends, motion.dts
     speeds = _speeds(robot, qs, vs)
     followed = _followed(flow, motion, speeds)
     if followed is None:
@@ -67,7 +70,7 @@ def accuracy_of(
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
     left = _replayed(flow, motion, speeds, parts)
-    tracked = _tracked(flow, Motion(qs, vs, us, dts), parts, gains)
+    tracked = _tracked(flow, replace(motion, vs=vs), parts, gains)
     energies = flow.energies(qs, vs)
     made = np.cumsum(energies[1:] - flow.energies(ends, _velocities(robot, ends, end_speeds, us)))
     kinetic = energies - flow.energies(qs, np.zeros_like(vs))
@@ -109,7 +112,7 @@ def local_errors(robot: Robot, motion: Motion, *, deadline: float = math.inf) ->
 
 def _followed(flow: Flow, motion: Motion, speeds: Array) -> tuple[Array, Array, int, float] | None:
     """States after the flows, parts of a step that this takes, and what they are wrong by."""
-    start = (motion.qs[:-1], speeds[:-1], motion.us, motion.dts)
+    start = (motion.qs[:-1], speeds[:-1], motion.us_in_powers, motion.dts)
     parts, coarse = 1, flow.ends(*start, 1)
     while parts < _MOST_PARTS:
         parts *= 2
@@ -125,7 +128,7 @@ def _followed(flow: Flow, motion: Motion, speeds: Array) -> tuple[Array, Array, 
 
 def _replayed(flow: Flow, motion: Motion, speeds: Array, parts: int) -> Array:
     """Errors at the end of the replay, shape (nv,); infinite where it leaves all bounds."""
-    qs, _ = flow.replay(motion.qs[0], speeds[0], motion.us, motion.dts, parts)
+    qs, _ = flow.replay(motion.qs[0], speeds[0], motion.us_in_powers, motion.dts, parts)
     return _missed(flow, qs, motion)
 
 
@@ -133,8 +136,18 @@ def _tracked(flow: Flow, motion: Motion, parts: int, gains: Array | None) -> Arr
     """Errors at the end of the replay with feedback, shape (nv,); NaN without one."""
     if gains is None or not gains.size:
         return np.full(motion.vs.shape[1], np.nan)
-    qs, _ = flow.tracked((motion.qs, motion.vs), motion.us, motion.dts, parts, gains)
+    planned, us = (motion.qs, motion.vs), motion.us_in_powers
+    qs, _ = flow.tracked(planned, us, motion.dts, parts, _in_powers(motion, gains))
     return _missed(flow, qs, motion)
+
+
+def _in_powers(motion: Motion, gains: Array) -> Array:
+    """Gains of the coefficients of controls, from those of their values; shape (N, k nu, 2 nv)."""
+    if not motion.shares:
+        return gains
+    blocks = gains.reshape(len(gains), len(motion.shares), motion.us.shape[1], -1)
+    found: Array = np.einsum("pk,nkux->npux", control_powers(motion.shares), blocks)
+    return found.reshape(gains.shape)
 
 
 def _missed(flow: Flow, qs: Array, motion: Motion) -> Array:

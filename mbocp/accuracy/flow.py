@@ -1,12 +1,13 @@
-r"""The flow of a robot under constant controls, to many more digits than steps of a problem have.
+r"""The flow of a robot under the controls of each step, to many more digits than steps of a problem have.
 
 States are (q, s), configurations in Pinocchio's coordinates and speeds. The flow solves
 
 .. math:: \dot q = q\,v(q, s, u), \qquad \dot s = a(q, s, u)
 
-by the method of order eight of Dormand and Prince [Hairer1993]_ in these coordinates, in parts of a step that
-are as short as its error asks for. Holonomic constraints act through projected accelerations, from
-velocities that satisfy them.
+where u is constant in a step, or a polynomial in the share of it that has passed, by the method of order
+eight of Dormand and Prince [Hairer1993]_ in these coordinates, in parts of a step that are as short as its
+error asks for. Holonomic constraints act through projected accelerations, from velocities that satisfy
+them.
 
 The right-hand side is compiled once for a robot. Flows from all nodes are one call.
 
@@ -69,7 +70,9 @@ class Flow:
         ----------
         qs : ndarray, shape (N, nq)
         speeds : ndarray, shape (N, ns)
-        us : ndarray, shape (N, nu)
+        us : ndarray, shape (N, k nu)
+            Controls of the steps: coefficients of 1, s, s^2, ... in the share s of a step that has passed,
+            one block after the other; k is 1 where they are constant.
         dts : ndarray, shape (N,)
             Lengths of the steps [s].
         parts : int
@@ -80,10 +83,10 @@ class Flow:
         qs : ndarray, shape (N, nq)
         speeds : ndarray, shape (N, ns)
         """
-        step = _step(self.functions.function("rate")).map(len(us))
-        x = np.hstack([qs, speeds]).T
-        for _ in range(parts):
-            x = step(x, us.T, dts[None] / parts).full()
+        step = _step(self.functions.function("rate"), us.shape[1]).map(len(us))
+        x, lengths = np.hstack([qs, speeds]).T, dts[None] / parts
+        for part in range(parts):
+            x = step(x, us.T, lengths, np.full(lengths.shape, part / parts), 1.0 / parts).full()
         return x[: qs.shape[1]].T, x[qs.shape[1] :].T
 
     def tracked(
@@ -91,16 +94,18 @@ class Flow:
     ) -> tuple[Array, Array]:
         """States of the nodes of one flow whose controls answer deviations from what is planned.
 
-        At the begin of each step its control becomes u + K (x - x_planned), and stays until its end.
+        At the begin of each step its control becomes u + K (x - x_planned), and stays so until its end.
 
         Parameters
         ----------
         planned : tuple of ndarray, shapes (N + 1, nq) and (N + 1, nv)
             Configurations and velocities; the flow begins at the first.
-        us : ndarray, shape (N, nu)
+        us : ndarray, shape (N, k nu)
+            As of `ends`.
         dts : ndarray, shape (N,)
         parts : int
-        gains : ndarray, shape (N, nu, 2 nv)
+        gains : ndarray, shape (N, k nu, 2 nv)
+            Of the coefficients.
 
         Returns
         -------
@@ -109,7 +114,7 @@ class Flow:
         """
         qs, vs = planned
         rate, difference = self.functions.function("rate"), self.functions.function("difference")
-        chain = _answered(rate, difference, parts).mapaccum(len(us))
+        chain = _answered(rate, difference, parts, us.shape[1]).mapaccum(len(us))
         rows = np.transpose(gains, (0, 2, 1)).reshape(len(us), -1)  # CasADi's order of entries is by columns
         start = np.append(qs[0], vs[0])
         found = chain(start, np.hstack([qs[:-1], vs[:-1]]).T, us.T, dts[None] / parts, rows.T).full().T
@@ -124,10 +129,11 @@ class Flow:
         qs : ndarray, shape (N + 1, nq)
         speeds : ndarray, shape (N + 1, ns)
         """
-        chain = _step(self.functions.function("rate")).mapaccum(parts * len(us))
-        found = chain(
-            np.append(q, speeds), np.repeat(us, parts, axis=0).T, np.repeat(dts, parts)[None] / parts
-        )
+        chain = _step(self.functions.function("rate"), us.shape[1]).mapaccum(parts * len(us))
+        passed = np.tile(np.arange(parts) / parts, len(us))[None]
+        lengths = np.repeat(dts, parts)[None] / parts
+        shares = np.full(lengths.shape, 1.0 / parts)
+        found = chain(np.append(q, speeds), np.repeat(us, parts, axis=0).T, lengths, passed, shares)
         xs = np.vstack([np.append(q, speeds), found.full().T[parts - 1 :: parts]])
         return xs[:, : q.size], xs[:, q.size :]
 
@@ -169,30 +175,38 @@ def _functions(robot: Robot) -> dict[str, ca.Function]:
 
 
 @lru_cache(maxsize=64)
-def _step(rate: ca.Function) -> ca.Function:
-    """One step of the method, (x, u, h) -> x."""
+def _step(rate: ca.Function, size: int) -> ca.Function:
+    """One step of the method, (x, u, h, s0, ds) -> x, from the share s0 of a problem's step over ds of it.
+
+    `size`: number of the coefficients u of the controls.
+    """
     from scipy.integrate import DOP853  # slow to import, and wanted only where accuracy is asked for
 
     nq, ns, nu = (rate.numel_in(i) for i in range(3))
-    x, u, h = ca.MX.sym("x", nq + ns), ca.MX.sym("u", nu), ca.MX.sym("h")
+    x, u, h = ca.MX.sym("x", nq + ns), ca.MX.sym("u", size), ca.MX.sym("h")
+    s0, ds = ca.MX.sym("s0"), ca.MX.sym("ds")
+    blocks = ca.vertsplit(u, nu) if nu else [u]
     slopes: list[ca.MX] = []
-    for row in DOP853.A:
+    for row, c in zip(DOP853.A, DOP853.C, strict=False):
         at = x + h * _sum(row, slopes) if slopes else x
-        slopes.append(ca.vertcat(*rate.call([at[:nq], at[nq:], u])))
-    return ca.Function("step", [x, u, h], [x + h * _sum(DOP853.B, slopes)])
+        share, applied = s0 + float(c) * ds, blocks[-1]
+        for block in reversed(blocks[:-1]):
+            applied = block + share * applied
+        slopes.append(ca.vertcat(*rate.call([at[:nq], at[nq:], applied])))
+    return ca.Function("step", [x, u, h, s0, ds], [x + h * _sum(DOP853.B, slopes)])
 
 
 @lru_cache(maxsize=64)
-def _answered(rate: ca.Function, difference: ca.Function, parts: int) -> ca.Function:
+def _answered(rate: ca.Function, difference: ca.Function, parts: int, size: int) -> ca.Function:
     """A step of so many parts with feedback, (x, x_planned, u, h, K) -> x."""
-    nq, nv, nu = (rate.numel_in(i) for i in range(3))
+    nq, nv = (rate.numel_in(i) for i in range(2))
     x, planned = ca.MX.sym("x", nq + nv), ca.MX.sym("planned", nq + nv)
-    u, h, K = ca.MX.sym("u", nu), ca.MX.sym("h"), ca.MX.sym("K", nu * 2 * nv)
+    u, h, K = ca.MX.sym("u", size), ca.MX.sym("h"), ca.MX.sym("K", size * 2 * nv)
     away = ca.vertcat(difference(planned[:nq], x[:nq]), x[nq:] - planned[nq:])
-    answer = u + ca.reshape(K, nu, 2 * nv) @ away
-    step, end = _step(rate), x
-    for _ in range(parts):
-        end = step(end, answer, h)
+    answer = u + ca.reshape(K, size, 2 * nv) @ away
+    step, end = _step(rate, size), x
+    for part in range(parts):
+        end = step(end, answer, h, part / parts, 1.0 / parts)
     return ca.Function("answered", [x, planned, u, h, K], [end])
 
 

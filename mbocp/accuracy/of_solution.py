@@ -27,6 +27,12 @@ def follows_fast(problem: Problem) -> bool:
     return is_small and not (problem.holds or problem.releases)
 
 
+def motion_of(solution: Solution) -> Motion:
+    """The motion of a solution, with its controls within the steps."""
+    own = (solution.u_values, tuple(solution.u_shares.tolist()))
+    return Motion(solution.qs, solution.vs, solution.us, np.diff(solution.t), *own)
+
+
 def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solution:
     """The solution with the errors of its motion; as it is where there is no motion or no time.
 
@@ -43,7 +49,7 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
     if not solution.is_stationary:
         return solution
     begun = time.perf_counter()
-    motion = Motion(solution.qs, solution.vs, solution.us, np.diff(solution.t))
+    motion = motion_of(solution)
     try:
         found = accuracy_of(problem.robot, motion, gains=solution.gains, deadline=deadline)
     except CompilationTimeout:

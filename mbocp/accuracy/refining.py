@@ -1,9 +1,11 @@
 r"""Steps that an accuracy asks for: solve, estimate, refine where it is needed.
 
 Each round solves with some steps, and again with each of them halved. The difference of the costs tells the
-error of the finer, by Richardson: :math:`|J_h - J_{h/2}| / (2^q - 1)`; with controls that are constant in
-each step q is two, and one for schemes of order one. For schemes of order four and more it is taken to be at
-least what the ramps of the controls say, see `mbocp.accuracy.mesh`: differences of costs may cancel. Local
+error of the finer, by Richardson: :math:`|J_h - J_{h/2}| / (2^q - 1)`, with the order q of the cost: of
+controls that are constant in each step two at most, of linear ones four, and of controls with a value at each
+stage that of the scheme. Where controls are constant, and for schemes of order four and more, the error is
+taken to be at least what the ramps of the controls say, see `mbocp.accuracy.mesh`: differences of costs may
+cancel. Where controls vary within steps, steps have shares in it as in the local errors. Local
 errors are those of `mbocp.accuracy.errors`. Where either is too large, `mbocp.accuracy.mesh` says which steps
 would do, and the next round begins from the interpolated motion. Lengths of steps are parameters, and
 functions are those of one step: after the first solve nothing is compiled.
@@ -22,9 +24,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.accuracy.errors import local_errors
 from mbocp.accuracy.mesh import Wanted, control_shares, halved, lengths_for
-from mbocp.accuracy.of_solution import with_accuracy
-from mbocp.formulation import Motion
-from mbocp.integrators import SCHEMES
+from mbocp.accuracy.of_solution import motion_of, with_accuracy
+from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution
 from mbocp.solvers import Status
@@ -99,8 +100,7 @@ class _Round:
 
     @classmethod
     def of(cls, problem: Problem, coarse: Solution, fine: Solution, *, deadline: float) -> _Round:
-        motion = Motion(fine.qs, fine.vs, fine.us, np.diff(fine.t))
-        errors = local_errors(problem.robot, motion, deadline=deadline)
+        errors = local_errors(problem.robot, motion_of(fine), deadline=deadline)
         away = abs(coarse.cost - fine.cost) / (2.0 ** _cost_order(problem) - 1.0)
         if _sums_up(problem):
             away = max(away, float(_shares(problem, fine, errors).sum()))
@@ -133,17 +133,18 @@ def _asked(problem: Problem) -> float:
 
 
 def _cost_order(problem: Problem) -> int:
-    return min(SCHEMES[problem.scheme].order, 2)
+    return cost_order(problem.controls, problem.scheme)
 
 
 def _sums_up(problem: Problem) -> bool:
     """Whether the shares of the steps are the error of the cost, to leading order."""
-    return SCHEMES[problem.scheme].order >= 4 and not problem.inequalities
+    is_ramp = problem.controls == "constant"
+    return is_ramp and SCHEMES[problem.scheme].order >= 4 and not problem.inequalities
 
 
 def _shares(problem: Problem, solution: Solution, errors: Array) -> Array:
-    """Shares of the steps in the error of the cost; what the steps make where these are of order one."""
-    if _cost_order(problem) == 1:
+    """Shares of the steps in the error of the cost; local errors where constant controls do not make it."""
+    if _cost_order(problem) == 1 or problem.controls != "constant":
         return np.where(np.isfinite(errors), errors, 1.0)
     effort = np.broadcast_to(problem.cost.effort, solution.us.shape[1:])
     weights = np.where(effort > 0.0, effort, 0.0) if np.any(effort) else np.ones(effort.shape)

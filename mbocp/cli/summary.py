@@ -262,12 +262,19 @@ def _named_phases(solution: Solution) -> _Rows:
     return [("phases", "\n".join(lines))] if lines else []
 
 
+def _controls(solution: Solution) -> str:
+    """How controls vary within steps, where they do."""
+    if solution.has_constant_controls:
+        return ""
+    return ", controls linear" if solution.has_linear_controls else ", controls at its stages"
+
+
 def _scheme(solution: Solution) -> str:
     if not solution.scheme:
         return ""
     known = SCHEMES.get(solution.scheme)
     if known is None or not known.takes("integrator.lie"):
-        return f" by scheme {solution.scheme}"
+        return f" by scheme {solution.scheme}{_controls(solution)}"
     within = f", {solution.substeps} steps in each" if solution.substeps > 1 else ""
     how = "" if solution.is_vector_space else f"; rotations: {solution.rotations}, {solution.lie}"
     return f" by scheme {solution.scheme}{within}{how}"

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 
 from mbocp.exceptions import TranscriptionError
-from mbocp.integrators import State
+from mbocp.integrators import State, basis_slopes
 from mbocp.mechanics import Mechanics
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.terms import Point
 
-__all__ = ["driven_acceleration", "mean_acceleration", "rate_of_speeds"]
+__all__ = ["acceleration_at", "driven_acceleration", "mean_acceleration", "rate_of_speeds"]
 
 
 def mean_acceleration(mechanics: Mechanics, before: State, after: State, dt: ca.SX) -> ca.SX:
     """Their mean over a step."""
     ends = [Point(mechanics, state.q, state.v).joint_velocity() for state in (before, after)]
     return (ends[1] - ends[0]) / dt
+
+
+def acceleration_at(
+    mechanics: Mechanics, share: float, states: Sequence[tuple[float, State]], dt: ca.SX
+) -> ca.SX:
+    """At a share of a step, by the polynomial through velocities at shares of it.
+
+    With those of Gauss's points and both ends its square is integrated to the order of the points: the errors
+    at them cancel as far as their orthogonality goes.
+    """
+    shares, total = [at for at, _ in states], ca.SX(0)
+    for slope, (_, state) in zip(basis_slopes(shares, share), states, strict=True):
+        total += float(slope) * Point(mechanics, state.q, state.v).joint_velocity()
+    return total / dt
 
 
 def rate_of_speeds(mechanics: ForwardMechanics, q: ca.SX, s: ca.SX, u: ca.SX, gamma: ca.SX) -> ca.SX:

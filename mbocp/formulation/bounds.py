@@ -8,6 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
+from mbocp.formulation.control_values import spread_limits
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.moved_start import move_bounds
 from mbocp.formulation.progress import pace_bounds
@@ -46,13 +47,13 @@ def state_bounds(
         lower[:, target], upper[:, target] = along["q"][0][:, source], along["q"][1][:, source]
     lower[:, at.s], upper[:, at.s] = speeds
     free, paces = np.full(at.nh, np.inf), pace_bounds(problem)
-    moves = move_bounds(problem, at)
+    moves, own = move_bounds(problem, at), spread_limits(at, *along["u"], N)
     path_lower, path_upper = _path_bounds(problem)
     return StateBounds(
         x_lower=np.broadcast_to(_of_states(lower, problem, at, ("h_lower", "t_lower")), (N, at.nx)),
         x_upper=np.broadcast_to(_of_states(upper, problem, at, ("h_upper", "t_upper")), (N, at.nx)),
-        u_lower=_of_controls(along["u"][0], paces[0], moves[0], -free),
-        u_upper=_of_controls(along["u"][1], paces[1], moves[1], free),
+        u_lower=_of_controls(own[0], paces[0], moves[0], -free),
+        u_upper=_of_controls(own[1], paces[1], moves[1], free),
         path_lower=path_lower,
         path_upper=path_upper,
     )

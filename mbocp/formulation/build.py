@@ -46,6 +46,7 @@ from mbocp.formulation.switches import (
     switches_of,
 )
 from mbocp.formulation.units import units_of
+from mbocp.integrators import shares_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
@@ -121,7 +122,9 @@ def check_size(
         If the horizon has more steps than there is memory for.
     """
     check_operations(problem.robot.name, layout.nv, signature)
-    per_step = 2 * layout.ndx + num_algebraic + problem.robot.nu + layout.num_more_controls
+    per_step = (
+        2 * layout.ndx + num_algebraic + problem.robot.nu * layout.num_values + layout.num_more_controls
+    )
     check_horizon(problem.num_steps, per_step, by_others=problem.solver.is_interior_point)
 
 
@@ -184,7 +187,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
 
 def _kind(pieces: Pieces, nr: int) -> StageKind:
     at, own = pieces.layout, pieces.algebraic
-    nu, dt, T = pieces.problem.robot.nu, pieces.problem.dt, pieces.problem.duration
+    nu, dt, T = pieces.problem.robot.nu * at.num_values, pieces.problem.dt, pieces.problem.duration
     return StageKind(
         nx=at.nx,
         ndx=at.ndx,
@@ -269,6 +272,8 @@ def signature_of(
         has_unequal_lengths=problem.has_unequal_lengths,
         varying=tuple(name for name in problem.weight_shares if name in known),
         moves=free_directions(problem),
+        shares=shares_of(problem.controls, problem.scheme),
+        has_linear_controls=problem.controls == "linear",
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
+from mbocp.formulation.control_values import spread_limits
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
@@ -45,15 +46,17 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
 
     Returns
     -------
-    gains : ndarray, shape (N, nu, 2 nv)
-        Of the robot's controls in every step, by moves of q along the tangent and by v at its begin. A
-        control at its limit does not answer: its row is zero. Shape (0, 0, 0) where states are not (q, v),
-        as in natural coordinates, or where no weight gives the signs of a minimum.
+    gains : ndarray, shape (N, k nu, 2 nv)
+        Of the robot's controls in every step, by moves of q along the tangent and by v at its begin; of
+        controls with k values in a step all of them, one block after the other. A control at its limit does
+        not answer: its row is zero. Shape (0, 0, 0) where states are not (q, v), as in natural coordinates
+        and with linear controls, or where no weight gives the signs of a minimum.
     """
     problem, layout = formulation.problem, formulation.layout
     robot = problem.robot
     is_plain = layout.is_flat and robot.nq != robot.nv
-    if not COORDINATES[problem.coordinates].has_joint_states or is_plain or layout.ns != robot.nv:
+    has_joint_states = COORDINATES[problem.coordinates].has_joint_states
+    if not has_joint_states or is_plain or layout.ns != robot.nv or layout.is_continuous:
         return np.zeros((0, 0, 0))
     native = kernel_programme(formulation.programme)
     iterate.load_into(native)
@@ -63,9 +66,10 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     ends = np.cumsum([kind.nu * kind.ndx for kind in kinds])
     rows = np.split(native.gains(), ends[:-1])
     blocks = [row.reshape(kind.nu, kind.ndx) for row, kind in zip(rows, kinds, strict=True)]
-    gains = np.array([block[: robot.nu, : 2 * robot.nv] for block in blocks])
-    lower, upper = problem.limits_along()["u"]
-    us = formulation.motion_of(iterate).us
+    gains = np.array([block[: layout.num_own, : 2 * robot.nv] for block in blocks])
+    lower, upper = spread_limits(layout, *problem.limits_along()["u"], problem.num_steps)
+    motion = formulation.motion_of(iterate)
+    us = motion.values.reshape(len(gains), -1) if motion.shares else motion.us
     near = _TOUCHED * (1.0 + np.abs(us))
     gains[(us <= lower + near) | (us >= upper - near)] = 0.0
     return gains

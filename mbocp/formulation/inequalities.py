@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
 from mbocp.formulation.bounds import sides_of_path
+from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.progress import progress_along
 from mbocp.formulation.reactions import reactions_along
 from mbocp.formulation.step_lengths import without_lengths
@@ -39,13 +41,15 @@ def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
     """
     robot, qs, vs, us = problem.robot, motion.qs, motion.vs, motion.us
     along = _along(problem, motion, lams)
-    rates = [rates_along(robot, qs, vs, us, motion.dts)[c.key][:, c.columns] for c in problem.rate_limits]
+    linear = motion.values if problem.controls == "linear" else None
+    along_steps = partial(rates_along, robot, qs, vs, us, motion.dts, motion.us_at_ends, linear)
+    rates = [along_steps()[c.key][:, c.columns] for c in problem.rate_limits]
     return np.hstack([np.zeros((len(us), 0)), *along, *rates])
 
 
 def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
     """Values of each path constraint at the nodes 1..N."""
-    robot, qs, vs, us = problem.robot, motion.qs[1:], motion.vs[1:], motion.us
+    robot, qs, vs, us = problem.robot, motion.qs[1:], motion.vs[1:], motion.us_at_ends
     progress = iter(progress_along(problem, motion.qs)[1:].T)
     found = []
     for constraint in problem.path:
@@ -59,8 +63,9 @@ def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
 
 
 def _violation(problem: Problem, motion: Motion, path: Array) -> float:
-    limits, qs, vs, us = problem.limits_along(), motion.qs, motion.vs, motion.us
-    pairs = [(us, *limits["u"]), (qs[1:], *limits["q"]), (vs[1:], *limits["v"])]
+    limits, qs, vs = problem.limits_along(), motion.qs, motion.vs
+    values = np.moveaxis(motion.values, 1, 0) if motion.shares else motion.us
+    pairs = [(values, *limits["u"]), (qs[1:], *limits["q"]), (vs[1:], *limits["v"])]
     if problem.inequalities:
         pairs.append((path, *sides_of_path(problem)))
     for phase in problem.phases:
@@ -96,8 +101,17 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
         c.slopes(values) for c, values in zip(problem.inequalities, _columns(problem, path), strict=True)
     ]
     slopes = np.hstack(factors) if factors else np.ones_like(path)
-    lam_us = without_lengths(formulation.layout, bounds.us)
+    lam_us = _summed(formulation.layout, bounds.us)
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
+
+
+def _summed(at: StateLayout, multipliers: Array) -> Array:
+    """Multipliers of limits of the robot's controls, shape (N, nu): those of all values in a step."""
+    own = without_lengths(at, multipliers)
+    if not at.shares:
+        return own
+    found: Array = own.reshape(len(own), at.num_values, at.nu).sum(axis=1)
+    return found
 
 
 def _columns(problem: Problem, path: Array) -> list[Array]:

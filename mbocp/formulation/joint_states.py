@@ -9,10 +9,11 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Motion
+from mbocp.formulation.control_values import means_of, values_of, with_values
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.moved_start import moved_start, with_moves
 from mbocp.formulation.progress import with_paces
-from mbocp.formulation.step_lengths import solved_lengths, with_lengths, without_lengths
+from mbocp.formulation.step_lengths import solved_lengths, with_lengths
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
@@ -30,7 +31,7 @@ def states_and_controls(
     """
     xs = np.zeros((len(motion.qs), at.nx))
     xs[:, at.z], xs[:, at.s] = space.coordinates(motion.qs), speeds
-    us = with_paces(problem, at, motion.us, motion.qs)
+    us = with_paces(problem, at, with_values(at, motion.us, motion.values, motion.dts), motion.qs)
     us = with_moves(problem, at, us, motion.qs[0], motion.vs[0])
     xs, us = with_lengths(problem, at, xs, us, motion.dts)
     xs[0] = start
@@ -46,4 +47,5 @@ def positions_and_speeds(
     if at.num_moves:
         qs, speeds = np.array(qs), np.array(speeds)
         qs[0], speeds[0] = moved_start(problem, at, iterate.us)
-    return Motion(qs, speeds, without_lengths(at, iterate.us), solved_lengths(problem, at, iterate))
+    dts, us = solved_lengths(problem, at, iterate), iterate.us
+    return Motion(qs, speeds, means_of(at, us), dts, values_of(at, us), at.shares)

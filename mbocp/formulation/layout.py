@@ -34,6 +34,12 @@ class StateLayout:
         1 where there are several such lengths: the time, in units of the guessed duration; else 0.
     moves : tuple of int
         Directions of (q, v) in which the start is free; see `moved_start`.
+    nu : int
+        Controls of the robot.
+    shares : tuple of float
+        Where in a step they have values; empty where they are constant. See `control_values`.
+    is_continuous : bool
+        Whether the first value of a step is the last of the step before, which states remember.
     """
 
     nz: int
@@ -44,6 +50,19 @@ class StateLayout:
     nh: int = 0
     nt: int = 0
     moves: tuple[int, ...] = ()
+    nu: int = 0
+    shares: tuple[float, ...] = ()
+    is_continuous: bool = False
+
+    @property
+    def num_values(self) -> int:
+        """Values of each control in a step."""
+        return max(len(self.shares), 1)
+
+    @property
+    def num_own(self) -> int:
+        """Controls of the programme that are values of those of the robot; they come first."""
+        return self.nu * self.num_values
 
     @property
     def nr(self) -> int:

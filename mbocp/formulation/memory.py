@@ -65,6 +65,8 @@ class Passage:
         Forces of constraints in the step, of the rows that are asked for; see `reactions`.
     moves : casadi.SX, shape (moves,), or ndarray, shape (N, moves)
         Controls that move the start, in the first step; see `moved_start`.
+    begin : casadi.SX, shape (nu,), or ndarray, shape (N, nu), or None
+        Controls at the begin of the step where they are linear in it; u is at its end.
     """
 
     s0: Any
@@ -80,6 +82,7 @@ class Passage:
     advances: Any = 0.0
     reactions: Any = 0.0
     moves: Any = 0.0
+    begin: Any = None
 
     @property
     def acceleration(self) -> Any:
@@ -124,6 +127,8 @@ def _control(at: Passage) -> Any:
 
 
 def _control_rate(at: Passage) -> Any:
+    if at.begin is not None:
+        return at.units_of_u * (at.u - at.begin) / (at.dt * at.units["control_rate"])
     change = at.units_of_u * (at.u - at.before["control"])
     return at.has_before * change / (at.spacing * at.units["control_rate"])
 
@@ -183,6 +188,7 @@ def memory_along(
     is_impact: BoolArray | None = None,
     reactions: Array | None = None,
     moves: Array | None = None,
+    begins: Array | None = None,
 ) -> dict[str, Array]:
     """What the nodes of a motion remember, by name, shapes (N + 1, size).
 
@@ -203,6 +209,8 @@ def memory_along(
         Forces of constraints; of impacts their impulses by the length of a step.
     moves : ndarray, shape (N, moves), optional
         Moves of the start.
+    begins : ndarray, shape (N, nu), optional
+        Controls at the begins of the steps, where they are linear in them; `us` are at the ends.
     """
     none = np.zeros((len(us), 0))
     w, e = (none, none) if paces is None else paces
@@ -212,13 +220,14 @@ def memory_along(
     nodes = np.cumsum(np.append(0, timed))  # for each its place among those after steps that take time
     starts, speeds = speeds[:-1][timed], speeds[1:][timed]
     us, dts, w, e, forces, moved = (values[timed] for values in (us, dts, w, e, forces, moved))
+    begin = None if begins is None else begins[timed]
     has_before = (np.arange(len(us)) > 0).astype(np.float64)[:, None]
     between = spacings(dts)[:, None]
     found: dict[str, Array] = {}
     for name in names:
         before = {known: values[:-1] for known, values in found.items()} | {"progress": 0.0, "start": 0.0}
         own = (dts[:, None], between, has_before, before, units, w, e, forces, moved)
-        at = Passage(starts, speeds, us, 1.0, *own)
+        at = Passage(starts, speeds, us, 1.0, *own, begin)
         after = MEMORY[name].following(at)
         after = np.cumsum(after, axis=0) if MEMORY[name].adds_up else after
         found[name] = np.vstack([np.zeros(after.shape[1]), after])

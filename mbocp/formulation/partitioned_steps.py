@@ -7,7 +7,7 @@ from functools import partial
 
 import casadi as ca
 
-from mbocp.formulation.accelerations import mean_acceleration
+from mbocp.formulation.accelerations import acceleration_at, mean_acceleration
 from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import PAIRS, State
 from mbocp.integrators.chain import Affine, Chain
@@ -17,6 +17,7 @@ from mbocp.robot import Robot
 
 __all__ = ["PartitionedSteps"]
 
+_INSIDE = 1e-9  # of a step: what is nearer to an end is the end, but for round-off
 _OPERATIONS = 1500  # of "complete" by nv^2 and stage of the method, with arms and chains
 
 
@@ -55,14 +56,15 @@ class _Derivation:
 
     def __init__(self, mechanics: JointMechanics, step: PartitionedStep, at: StepSymbols) -> None:
         self._mechanics, self._step, self._at = mechanics, step, at
-        ndx, ny = at.space.layout.ndx, at.y.numel()
+        ndx = at.space.layout.ndx
+        ny, nu = at.y.numel(), at.own.numel()
         self._symbols = [at.d1, at.y, at.d0, at.inputs]
         still, is_flat = ca.SX.zeros(ndx), at.space.layout.is_flat
         self._given = [at.theta, at.rho] if is_flat else [at.x0, at.x1, at.theta, at.rho]
         values = self._symbols if is_flat else [still, at.y, still, at.inputs]
         self._chain = Chain(ca.vertcat(*values))
         root = self._chain.root()
-        self._y, self._u = root[ndx : ndx + ny], root[2 * ndx + ny : 2 * ndx + ny + at.u.numel()]
+        self._y, self._u = root[ndx : ndx + ny], root[2 * ndx + ny : 2 * ndx + ny + nu]
         self._root = [root[:ndx], self._y, root[ndx + ny : 2 * ndx + ny], root[2 * ndx + ny :]]
 
     def derivatives(self) -> StepDerivatives:
@@ -86,11 +88,20 @@ class _Derivation:
         return at.given["dt"] * (ca.jacobian(at.given["dt"], at.theta) @ by_theta)
 
     def _rows(self) -> PartitionedRows:
-        at, units = self._at, ca.diag(self._at.units_of_u)
+        at = self._at
         before, after = (self._node(state) for state in (at.at0, at.at1))
-        pushed = Affine(units @ self._u.value, {k: units @ m for k, m in self._u.parts.items()})
+        pushed = self._controls()
         h = self._made_of_unknowns(at.dt) if at.space.layout.nh else at.dt
         return self._step(self._chain, before, after, self._stages(), pushed, h)
+
+    def _controls(self) -> list[Affine]:
+        """Those of each stage."""
+        at, pair = self._at, self._step.pair
+        if at.space.layout.shares:
+            return [self._made_of_unknowns(at.controls_at(c)) for c in pair.c]
+        units = ca.diag(at.units_of_u)
+        pushed = Affine(units @ self._u.value, {k: units @ m for k, m in self._u.parts.items()})
+        return [pushed] * pair.num_stages
 
     def _stages(self) -> list[Stage]:
         nv, nc, s = self._mechanics.nv, self._mechanics.nc, self._step.pair.num_stages
@@ -108,12 +119,20 @@ class _Derivation:
         at, pair, s = self._at, self._step.pair, self._at.space.layout.s
         layout = at.space.layout
         before, after = (State(x[layout.z], x[layout.s]) for x in (at.at0, at.at1))
-        acceleration = partial(mean_acceleration, self._mechanics, before, after, at.dt)
         qs = [ca.SX.sym("q", self._mechanics.nq) for _ in points]
         vs = [ca.SX.sym("v", s.stop - s.start) for _ in points]
+        inner = [
+            (c, State(q, v)) for c, q, v in zip(pair.c, qs, vs, strict=True) if _INSIDE < c < 1.0 - _INSIDE
+        ]
+        between = [(0.0, before), *inner, (1.0, after)]
         cost = ca.SX(0)
         for weight, c, q, v in zip(pair.b, pair.c, qs, vs, strict=True):
-            cost += weight * at.running_cost(q, v, acceleration, share=c)
+            if not layout.shares:
+                acceleration = partial(mean_acceleration, self._mechanics, before, after, at.dt)
+                cost += weight * at.running_cost(q, v, acceleration, share=c)
+                continue
+            acceleration = partial(acceleration_at, self._mechanics, c, between, at.dt)
+            cost += weight * at.running_cost(q, v, acceleration, share=c, control=at.controls_at(c))
         moving = [*self._symbols, *qs, *vs]
         function = ca.Function("cost", [*moving, *self._given], [ca.densify(cost)])
         nodes = [*(point.q for point in points), *(point.v for point in points)]

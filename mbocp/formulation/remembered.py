@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.control_values import ends_of, values_of
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY, memory_along
 from mbocp.formulation.progress import advances
@@ -38,7 +39,7 @@ def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array, lams: A
     """
     if not at.nr:
         return xs
-    nu, dts = problem.robot.nu, lengths_of_states(problem, at, xs)
+    nu, dts = at.num_own, lengths_of_states(problem, at, xs)
     names = tuple(at.remembered)
     paces = (us[:, nu : nu + at.num_paces], advances(problem))
     forces = None if lams is None else lams[:, list(reaction_rows(problem))]
@@ -46,8 +47,9 @@ def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array, lams: A
         forces = np.where(impacts_of(problem)[:, None], forces / problem.dt, forces)
     first = nu + at.num_paces
     moves = us[:, first : first + at.num_moves]
-    given = (memory_units(problem), paces, impacts_of(problem), forces, moves)
-    found = memory_along(names, xs[:, at.s], us[:, :nu], dts, *given)
+    begins = values_of(at, us)[:, 0] if at.is_continuous else None
+    given = (memory_units(problem), paces, impacts_of(problem), forces, moves, begins)
+    found = memory_along(names, xs[:, at.s], ends_of(at, us), dts, *given)
     filled = np.array(xs)
     for name, where in at.remembered.items():
         filled[:, where] = found[name]

@@ -179,11 +179,18 @@ def _limits(
     names |= {at.t.start + i: "bound of via.time or horizon.duration" for i in range(at.nt)}
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
     path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
-    of_controls = [f"limit of control {label.name}" for label in robot.u_labels]
+    of_controls = [
+        f"limit of control {label.name}{where}" for where in _places(at) for label in robot.u_labels
+    ]
     of_controls += [f"limit of the {name}" for name in pace_names(problem)]
     of_controls += [f"bound of the {name}" for name in move_names(problem)]
     of_controls += ["limit of a length"] * at.nh
     return [*(names.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
+
+
+def _places(at: StateLayout) -> tuple[str, ...]:
+    """Where in a step the values of controls are."""
+    return tuple(f" at {share:.3g} of the step" for share in at.shares) or ("",)
 
 
 def _memory(problem: Problem, at: StateLayout, speeds: tuple[Label, ...]) -> list[str]:

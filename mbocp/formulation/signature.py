@@ -73,6 +73,10 @@ class FunctionSignature:
         Weights that differ from step to step: each step takes its share of them as a parameter.
     moves : tuple of int
         See `StateLayout`.
+    shares : tuple of float
+        Where in a step controls have values, see `StateLayout`.
+    has_linear_controls : bool
+        Whether they are continuous and linear in each step.
     """
 
     robot: str
@@ -93,6 +97,8 @@ class FunctionSignature:
     has_unequal_lengths: bool = False
     varying: tuple[str, ...] = ()
     moves: tuple[int, ...] = ()
+    shares: tuple[float, ...] = ()
+    has_linear_controls: bool = False
 
     @property
     def couples_steps(self) -> bool:
@@ -102,7 +108,7 @@ class FunctionSignature:
     @property
     def memory(self) -> tuple[str, ...]:
         """Names of what a state remembers of the step that led to it, see `memory`."""
-        of_cost = {"control"} if self.couples_steps else set()
+        of_cost = {"control"} if self.couples_steps or self.has_linear_controls else set()
         return ordered(of_cost.union(*(term.remembers for term in (*self.path, *self.ends))))
 
     @property
@@ -120,7 +126,8 @@ class FunctionSignature:
     def asks_for_first(self) -> bool:
         """Whether functions of a step ask whether it is the first."""
         asks = any(MEMORY[name].asks_for_first for name in self.memory)
-        return self.couples_steps or asks or bool(self.moves) or (self.has_clock and "jerk" in self.memory)
+        moves = bool(self.moves) or self.has_linear_controls
+        return self.couples_steps or asks or moves or (self.has_clock and "jerk" in self.memory)
 
     @property
     def uses_time(self) -> bool:
@@ -140,7 +147,17 @@ class FunctionSignature:
         nh = int(self.has_free_lengths)
         nt = int(self.has_clock)
         return StateLayout(
-            nz=nz, nv=nv, ns=ns, memory=memory, is_flat=self.is_flat, nh=nh, nt=nt, moves=self.moves
+            nz=nz,
+            nv=nv,
+            ns=ns,
+            memory=memory,
+            is_flat=self.is_flat,
+            nh=nh,
+            nt=nt,
+            moves=self.moves,
+            nu=nu,
+            shares=self.shares,
+            is_continuous=self.has_linear_controls,
         )
 
     @property
@@ -155,6 +172,7 @@ class FunctionSignature:
                 "path": [term.signature for term in self.path],
                 **({"has_unequal_lengths": True} if self.has_unequal_lengths else {}),
                 **({"varying": self.varying} if self.varying else {}),
+                **({"shares": self.shares} if self.shares else {}),
             }
         )
 

@@ -25,12 +25,12 @@ balance count in a unit of force that is one of the parameters, see `Units`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import casadi as ca
 
-from mbocp.formulation.layout import StateSpace, start_move
+from mbocp.formulation.layout import StateLayout, StateSpace, start_move
 from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH, idle_cost, spacing
 from mbocp.formulation.memory import HAS_BEFORE
 from mbocp.formulation.pace_terms import ADVANCES, resting_cost
@@ -44,7 +44,7 @@ from mbocp.formulation.parameters import (
 from mbocp.formulation.path import build_path, build_path_values
 from mbocp.formulation.reaction_terms import reaction_places
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.formulation.steps import StepDerivatives, StepSymbols, within
 from mbocp.formulation.switch_terms import IS_IMPACT, idle_impact
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point
@@ -93,10 +93,12 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     if not at.is_flat:
         d0, d1 = ca.SX.sym("d0", at.ndx), ca.SX.sym("d1", at.ndx)
         at0, at1 = space.retract(x0, d0), space.retract(x1, d1)
-    sizes = {"u": mechanics.nu, "w": at.nh, "paces": at.num_paces, "moves": at.num_moves}
-    u, w, paces, moves = (ca.SX.sym(n, k) for n, k in sizes.items())
+    sizes = {"u": at.num_own, "w": at.nh, "paces": at.num_paces, "moves": at.num_moves}
+    own, w, paces, moves = (ca.SX.sym(n, k) for n, k in sizes.items())
     given = {**pieces(theta, layout.theta), **pieces(rho, layout.stage)}
     given |= {name: given[name] * given[share_of(name)] for name in signature.varying}
+    values = _values(at, own, at0, given)
+    u = within(at.shares, values, 1.0) if at.shares else own
     if at.num_moves:
         along = ca.SX.zeros(at.ndx) if at.is_flat else d0
         at0 = space.moved(x0, along, start_move(at, 1 - given[HAS_BEFORE], moves))
@@ -114,12 +116,14 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         between = spacing(at0[at.h], stretched, given.get(HAS_BEFORE, ca.SX(1))) * given["dt"]
     controls = units_of_u * u
     before = at.remembered.get("control")
-    change = None if before is None else units_of_u * (u - at0[before])
+    begins = values[0] if at.is_continuous or before is None else at0[before]
+    change = None if before is None else units_of_u * (u - begins)
     node = partial(Point, mechanics, u=controls, change=change)
     idle = idle_cost(given[BEGINS_PHASE], w) if at.nh else ca.SX(0)
     idle += resting_cost(given[ADVANCES], paces) if at.num_paces else ca.SX(0)
     leap = given.get(IS_IMPACT, ca.SX(0))
     idle += idle_impact(leap, u) if signature.switches.has_impacts else ca.SX(0)
+    idle += given[HAS_BEFORE] * ca.sumsqr(own[: at.nu]) / 2.0 if at.is_continuous else ca.SX(0)
     y = ca.SX.sym("y", ny)
     idle += given[HAS_BEFORE] * ca.sumsqr(moves) / 2.0 if at.num_moves else ca.SX(0)
     return StepSymbols(
@@ -133,6 +137,8 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         at1=at1,
         y=y,
         u=u,
+        values=values,
+        own=own,
         paces=paces,
         moves=moves,
         w=w,
@@ -149,6 +155,15 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     )
 
 
+def _values(at: StateLayout, own: ca.SX, at0: ca.SX, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    """Values of the robot's controls in the step, see `control_values`."""
+    values = [own[i * at.nu : (i + 1) * at.nu] for i in range(at.num_values)]
+    if at.is_continuous:
+        has_before = given[HAS_BEFORE]
+        values[0] = (1 - has_before) * values[0] + has_before * at0[at.remembered["control"]]
+    return tuple(values)
+
+
 @dataclass(frozen=True, eq=False)
 class _RunningCost:
     """Eq. (8) times the step length, eq. (18), and what couples steps, Eq. (33) of [Manara2017]_."""
@@ -163,20 +178,32 @@ class _RunningCost:
     moment: ca.SX | None  # at which a step is evaluated, at its share tau [s]
 
     def __call__(
-        self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX], share: float | None = None
+        self,
+        q: ca.SX,
+        v: ca.SX,
+        acceleration: Callable[[], ca.SX],
+        share: float | None = None,
+        control: ca.SX | None = None,
     ) -> ca.SX:
         dt, moment = self.dt, self.moment
         if moment is not None and share is not None:
             moment += (share - self.signature.steps.tau) * dt
         at = self.node(q, v, acceleration=acceleration, moment=moment)
+        at = at if control is None else replace(at, u=control)
         cost = between = ca.SX(0)
         for term in self.signature.cost:
             for addend in term.addends(at, self.given):
                 if term.couples_steps:
-                    between += self.given[HAS_BEFORE] * addend / self.spacing
+                    between += self._between(addend)
                 else:
                     cost += addend
         return (1 - self.is_impact) * (dt * cost + between) + self.idle
+
+    def _between(self, addend: ca.SX) -> ca.SX:
+        """What couples steps; where controls are linear it is the rate within one."""
+        if self.signature.has_linear_controls:
+            return addend / self.dt
+        return self.given[HAS_BEFORE] * addend / self.spacing
 
 
 def _functions(at: StepSymbols, step: StepDerivatives) -> dict[str, ca.Function]:

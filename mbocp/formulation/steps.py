@@ -6,7 +6,7 @@ the folder asks that value, and never which one it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -17,20 +17,38 @@ from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, Passage, unit_of
 from mbocp.formulation.pace_terms import ADVANCES
 from mbocp.formulation.switch_terms import NO_SWITCHES, Switches
+from mbocp.integrators import control_basis
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
-__all__ = ["EquationSteps", "RunningCost", "StepDerivatives", "StepSymbols", "Steps"]
+__all__ = ["EquationSteps", "RunningCost", "StepDerivatives", "StepSymbols", "Steps", "within"]
+
+_ROUND_OFF = 1e-14  # of a weight that is zero
+
+
+def within(shares: Sequence[float], values: Sequence[ca.SX], share: float) -> ca.SX:
+    """Value at a share of a step of the polynomial through values at shares."""
+    weights = control_basis(shares, [share])[0]
+    terms = [float(w) * value for w, value in zip(weights, values, strict=True) if abs(w) > _ROUND_OFF]
+    return sum(terms[1:], start=terms[0])
 
 
 class RunningCost(Protocol):
     """Cost of a step, evaluated at one state in it."""
 
     def __call__(
-        self, q: ca.SX, v: ca.SX, acceleration: Callable[[], ca.SX], share: float | None = None
+        self,
+        q: ca.SX,
+        v: ca.SX,
+        acceleration: Callable[[], ca.SX],
+        share: float | None = None,
+        control: ca.SX | None = None,
     ) -> ca.SX:
-        """Cost with the state (q, v) at a share of the step; None: where the scheme evaluates it."""
+        """Cost with the state (q, v) at a share of the step; None: where the scheme evaluates it.
+
+        `control`: that of the share, in the user's units; None: the one of the step.
+        """
 
 
 class StepDerivatives(NamedTuple):
@@ -62,7 +80,11 @@ class StepSymbols:
     y : casadi.SX, shape (ny,)
         Impulses of constraints, in the unit of force.
     u : casadi.SX, shape (nu,)
-        Controls of the robot, forces among them in the unit of force.
+        Controls of the robot at the end of the step, forces among them in the unit of force.
+    values : tuple of casadi.SX, shapes (nu,)
+        Their values in the step, see `control_values`; u alone where they are constant.
+    own : casadi.SX, shape (k nu,)
+        The controls of the programme that they come from.
     paces : casadi.SX, shape (paths,)
         Controls of the progress along paths, see `progress`.
     moves : casadi.SX, shape (moves,)
@@ -98,6 +120,8 @@ class StepSymbols:
     at1: ca.SX
     y: ca.SX
     u: ca.SX
+    values: tuple[ca.SX, ...]
+    own: ca.SX
     paces: ca.SX
     moves: ca.SX
     w: ca.SX
@@ -119,8 +143,8 @@ class StepSymbols:
 
     @property
     def inputs(self) -> ca.SX:
-        """All controls of the programme, shape (nu + paths + nh,)."""
-        return ca.vertcat(self.u, self.paces, self.moves, self.w)
+        """All controls of the programme, shape (k nu + paths + moves + nh,)."""
+        return ca.vertcat(self.own, self.paces, self.moves, self.w)
 
     def remembering(self, s0: ca.SX, s1: ca.SX, before: Mapping[str, ca.SX]) -> Passage:
         """The step as the rules of what is remembered see it, with these speeds and memories."""
@@ -128,7 +152,8 @@ class StepSymbols:
         has_before = self.given.get(HAS_BEFORE, ca.SX(1))
         advances = self.given.get(ADVANCES, ca.SX.zeros(0, 1))
         own = (self.units_of_u, self.dt, self.spacing, has_before, before, units, self.paces, advances)
-        return Passage(s0, s1, self.u, *own, self.reactions, self.moves)
+        begin = self.values[0] if self.space.layout.is_continuous else None
+        return Passage(s0, s1, self.u, *own, self.reactions, self.moves, begin)
 
     @property
     def memory_rows(self) -> ca.SX:
@@ -158,8 +183,13 @@ class StepSymbols:
 
     @property
     def controls(self) -> ca.SX:
-        """Controls as the equations of motion and the cost count them."""
+        """Controls as the equations of motion and the cost count them; those at the end of the step."""
         return self.units_of_u * self.u
+
+    def controls_at(self, share: float) -> ca.SX:
+        """Controls at a share of the step, as the equations of motion and the cost count them."""
+        shares = self.space.layout.shares
+        return self.units_of_u * within(shares, self.values, share) if shares else self.controls
 
 
 class Steps(Protocol):

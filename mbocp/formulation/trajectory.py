@@ -33,6 +33,8 @@ class Trajectory:
     vs: Array
     ps: Array
     us: Array
+    u_values: Array
+    u_shares: Array
     lams: Array
     mus: Array
     zetas: Array
@@ -75,6 +77,8 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         vs=motion.vs,
         ps=momenta_of(problem.robot, motion.qs, motion.vs),
         us=motion.us,
+        u_values=motion.values,
+        u_shares=np.array(motion.shares),
         lams=duals.lams,
         mus=duals.mus,
         zetas=duals.zetas,

@@ -38,7 +38,7 @@ def units_of(
     x, rows = np.zeros(at.nx, dtype=bool), np.append(np.zeros(at.ndx, dtype=bool), algebraic.is_balance)
     if "control" in at.remembered:
         x[at.remembered["control"]] = rows[at.remembered_rows["control"]] = is_force
-    is_force_u = np.append(is_force, np.zeros(at.num_more_controls, dtype=bool))
+    is_force_u = np.append(np.tile(is_force, at.num_values), np.zeros(at.num_more_controls, dtype=bool))
     rows[at.ds] = not signature.steps.rows_are_gaps
     force, cost = ordinary_units(problem)
     return Units(

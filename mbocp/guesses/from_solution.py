@@ -59,7 +59,8 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     lams = saved.lams[middle] if has_multipliers else np.zeros((N, robot.nc))
     dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
     dts = dts if problem.has_free_lengths else given_lengths(problem)
-    iterate = formulation.iterate_of(Motion(qs, vs, us, dts), lams)
+    values = _values(saved, nodes, at.shares)
+    iterate = formulation.iterate_of(Motion(qs, vs, us, dts, values, at.shares), lams)
     if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
     scales = filled_impulses(problem, dts)
@@ -70,6 +71,19 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
         bounds=_bound_multipliers(saved, formulation, left, share, middle),
     )
+
+
+def _values(saved: Solution, nodes: Array, shares: tuple[float, ...]) -> Array:
+    """Controls of the saved motion at shares of the new steps, shape (N, k, nu).
+
+    At the end of a new step they are those before it, where the saved ones leap.
+    """
+    if not shares or saved.has_constant_controls:
+        return np.zeros((0, 0, 0))
+    numbers = nodes[:-1, None] + np.outer(np.diff(nodes), shares)
+    inner = numbers - _ON_NODE * np.diff(nodes)[:, None] * (np.array(shares) > 1.0 - _ON_NODE)
+    times = np.interp(inner.ravel(), np.arange(saved.num_steps + 1.0), saved.t)
+    return saved.controls_at(times).reshape(len(numbers), len(shares), -1)
 
 
 def _nodes_of(problem: Problem, saved: Solution) -> Array:

@@ -7,6 +7,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
+from mbocp.formulation.control_values import constant_values
 from mbocp.formulation.step_lengths import length_controls
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
@@ -21,9 +22,10 @@ def simulated(formulation: Formulation, u: Array) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6)."""
     problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme)
-    more = formulation.layout.num_more_controls - formulation.layout.nh
-    us = np.tile(np.append(u, np.zeros(more)), (problem.num_steps, 1))
-    native.u = np.hstack([us, length_controls(problem, formulation.layout)]).ravel()
+    at = formulation.layout
+    none = np.zeros((problem.num_steps, at.num_more_controls - at.nh))
+    us = constant_values(at, np.tile(u, (problem.num_steps, 1)))
+    native.u = np.hstack([us, none, length_controls(problem, at)]).ravel()
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
     native.x = xs.ravel()

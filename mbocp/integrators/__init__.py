@@ -1,5 +1,15 @@
 """Time discretisation: one step of the mechanics as equations between two states."""
 
+from mbocp.integrators.controls import (
+    CONTROLS,
+    ControlKind,
+    basis_slopes,
+    control_basis,
+    control_means,
+    control_powers,
+    cost_order,
+    shares_of,
+)
 from mbocp.integrators.euler import (
     EULER_SCHEMES,
     TAU,
@@ -15,6 +25,7 @@ from mbocp.integrators.schemes import SCHEMES, SchemeData, schemes_with
 from mbocp.integrators.tableaux import LIE_METHODS, TABLEAUX, Tableau
 
 __all__ = [
+    "CONTROLS",
     "EULER_SCHEMES",
     "LIE_METHODS",
     "PAIRS",
@@ -22,13 +33,20 @@ __all__ = [
     "TABLEAUX",
     "TAU",
     "VELOCITY_TAU",
+    "ControlKind",
     "Pair",
     "SchemeData",
     "State",
     "StepRows",
     "Tableau",
+    "basis_slopes",
+    "control_basis",
+    "control_means",
+    "control_powers",
+    "cost_order",
     "evaluation_point",
     "evaluation_points",
     "schemes_with",
+    "shares_of",
     "step_rows",
 ]

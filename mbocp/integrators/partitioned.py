@@ -119,7 +119,13 @@ class PartitionedStep:
         return self._pair
 
     def __call__(
-        self, chain: Chain, before: Node, after: Node, stages: Sequence[Stage], u: Affine, h: Length
+        self,
+        chain: Chain,
+        before: Node,
+        after: Node,
+        stages: Sequence[Stage],
+        us: Sequence[Affine],
+        h: Length,
     ) -> PartitionedRows:
         """Rows of a step.
 
@@ -128,8 +134,8 @@ class PartitionedStep:
         chain : Chain
         before, after : Node
         stages : sequence of Stage
-        u : Affine
-            Controls [N, N m].
+        us : sequence of Affine
+            Controls at the stages [N, N m].
         h : Affine or casadi.SX
             Length [s].
         """
@@ -137,7 +143,7 @@ class PartitionedStep:
         (p0,) = chain.apply(links.momentum, [before.q, before.v])
         rates = [stage.rate for stage in stages]
         momenta, slopes, carried, points = [], [], [], []
-        for row, stage in zip(pair.a, stages, strict=True):
+        for row, stage, u in zip(pair.a, stages, us, strict=True):
             xi = links.times(chain, h, _sum(row, rates))
             point = Node(links.moved(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
             p, force = chain.apply(links.body, [point.q, point.v, u])

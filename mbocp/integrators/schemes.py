@@ -42,6 +42,8 @@ class SchemeData:
         Whether a step has one force for each constraint, which path constraints can bound.
     has_row_adjoints : bool
         Whether a solution's adjoints are the multipliers of its steps' rows, not duals of momenta at nodes.
+    controls : tuple of str
+        How controls may vary within a step, see `mbocp.integrators.controls`.
     """
 
     order: int
@@ -55,6 +57,7 @@ class SchemeData:
     takes_natural: bool = False
     has_forces: bool = False
     has_row_adjoints: bool = False
+    controls: tuple[str, ...] = ("constant",)
 
     def takes(self, key: str) -> bool:
         """Whether a key of a problem file, with its table, is one of the options."""
@@ -71,7 +74,13 @@ _TAU_FAMILY = SchemeData(
     has_forces=True,
 )
 _PARTITIONED = SchemeData(
-    2, frozenset(), solves_constraints=True, takes_drives=False, takes_matrices=False, alternates=True
+    2,
+    frozenset(),
+    solves_constraints=True,
+    takes_drives=False,
+    takes_matrices=False,
+    alternates=True,
+    controls=("constant", "linear", "stages"),
 )
 _RUNGE_KUTTA = SchemeData(
     1,
@@ -100,6 +109,7 @@ SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
             alternates=tau == 0.5,
             takes_holds=tau > 0.0,
             has_row_adjoints=name == "se1",
+            controls=("constant", "stages") if tau == 0.5 else ("constant",),  # it has one stage
         )
         for name, tau in VELOCITY_TAU.items()
     }

@@ -10,7 +10,15 @@ from mbocp.robot import Robot
 __all__ = ["powers", "rates_along", "spacings"]
 
 
-def rates_along(robot: Robot | None, qs: Array, vs: Array, us: Array, dts: Array) -> dict[str, Array]:
+def rates_along(
+    robot: Robot | None,
+    qs: Array,
+    vs: Array,
+    us: Array,
+    dts: Array,
+    ends: Array | None = None,
+    linear: Array | None = None,
+) -> dict[str, Array]:
     """Rates in every step, by their keys in `[limits]`.
 
     Parameters
@@ -25,6 +33,10 @@ def rates_along(robot: Robot | None, qs: Array, vs: Array, us: Array, dts: Array
         Controls [N, N m, and the units of drives].
     dts : ndarray, shape (N,)
         Lengths of the steps [s].
+    ends : ndarray, shape (N, nu), optional
+        Controls at the ends of the steps; by default `us`.
+    linear : ndarray, shape (N, 2, nu), optional
+        Controls at both ends of the steps, where they are linear between: their rates are those in the steps.
 
     Returns
     -------
@@ -45,7 +57,10 @@ def rates_along(robot: Robot | None, qs: Array, vs: Array, us: Array, dts: Array
         "effort_rate": np.diff(forces, axis=0, prepend=forces[:1]) / between,
     }
     rates = {key: values[places] for key, values in rates.items()}
-    return rates if robot is None else {**rates, "power": powers(robot, qs[1:], vs[1:], us)}
+    if linear is not None and linear.size:
+        rates["effort_rate"] = (linear[:, 1] - linear[:, 0]) / dts[:, None]
+    at_ends = us if ends is None else ends
+    return rates if robot is None else {**rates, "power": powers(robot, qs[1:], vs[1:], at_ends)}
 
 
 def spacings(dts: Array) -> Array:

@@ -6,13 +6,27 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias
 
+import numpy as np
+
+from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.integrators import LIE_METHODS, SCHEMES, schemes_with
+from mbocp.integrators import CONTROLS, LIE_METHODS, SCHEMES, schemes_with
 from mbocp.problem._checks import check_choice, check_integer, check_number
+from mbocp.problem.cost import Cost
+from mbocp.problem.limits import Bounds
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 
-__all__ = ["Lie", "Scheme", "Stabilisation", "check_integrator", "check_unused", "has_rotations"]
+__all__ = [
+    "Lie",
+    "Scheme",
+    "Stabilisation",
+    "check_control_terms",
+    "check_controls",
+    "check_integrator",
+    "check_unused",
+    "has_rotations",
+]
 
 Scheme: TypeAlias = Literal[
     "se1",
@@ -91,6 +105,48 @@ def check_integrator(
         raise ProblemError(
             f'robot.rotations: got "dcm", but scheme "{scheme}" keeps rotations as quaternions; choose an '
             f'explicit scheme ({_quoted(able)}), or rotations = "quaternion"'
+        )
+
+
+def check_controls(controls: str, scheme: str) -> None:
+    """Refuse controls that the scheme cannot take.
+
+    Raises
+    ------
+    InvalidValue, ProblemError
+    """
+    check_choice("horizon.controls", controls, CONTROLS)
+    if controls not in SCHEMES[scheme].controls:
+        able = [name for name, data in SCHEMES.items() if controls in data.controls]
+        raise ProblemError(
+            f'horizon.controls: got "{controls}", but scheme "{scheme}" takes one control for each step; '
+            f'choose integrator.scheme among {_quoted(able)}, or controls = "constant"'
+        )
+
+
+def check_control_terms(controls: str, cost: Cost, limits: Bounds, along: tuple[Array, Array]) -> None:
+    """Refuse rates of controls that leap, and limits that have no control in common where they change.
+
+    Parameters
+    ----------
+    along : tuple of ndarray, shapes (N, nu) or (1, nu)
+        Limits of the controls in the steps.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if controls == "stages" and (np.any(cost.control_rate) or limits.finite("du").any()):
+        key = "cost.control_rate" if np.any(cost.control_rate) else "limits.effort_rate"
+        raise ProblemError(
+            f'{key}: with horizon.controls = "stages" controls leap from step to step, and have no '
+            'rate; take controls = "linear", whose rate is that within each step'
+        )
+    lower, upper = along
+    if controls == "linear" and (np.maximum(lower[1:], lower[:-1]) > np.minimum(upper[1:], upper[:-1])).any():
+        raise ProblemError(
+            "limits.effort: those of two phases one after the other have no control in common, and "
+            'horizon.controls = "linear" are continuous; take controls = "stages"'
         )
 
 

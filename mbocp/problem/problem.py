@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.integrators import ControlKind
 from mbocp.problem._checks import ProblemWarning, check_choice, check_integer
 from mbocp.problem.clear_goal import clear_configuration
 from mbocp.problem.clearance import Clearance, SelfCollision
@@ -41,7 +42,14 @@ from mbocp.problem.goal_set import reachable_members
 from mbocp.problem.guess import Guess
 from mbocp.problem.hold import Hold, Release
 from mbocp.problem.hold_checks import check_holds
-from mbocp.problem.integration import Lie, Scheme, Stabilisation, check_integrator
+from mbocp.problem.integration import (
+    Lie,
+    Scheme,
+    Stabilisation,
+    check_control_terms,
+    check_controls,
+    check_integrator,
+)
 from mbocp.problem.limits import Bounds, check_limits
 from mbocp.problem.named_phase import Horizon, NamedPhase, are_alike, step_counts
 from mbocp.problem.path import PathConstraint, check_path
@@ -119,6 +127,9 @@ class Problem:
     accuracy : float, optional
         What errors of steps [rad, m], and that of the cost as a share of it, are to stay below: steps are
         found that do, see `mbocp.accuracy.refining`.
+    controls : {"constant", "linear", "stages"}
+        How controls vary within a step: not at all; linearly, and continuous; or with a value at each stage
+        of the scheme. See `mbocp.integrators.controls`.
     holds : tuple of Hold
         Constraints that are taken on and let go along the horizon, see `mbocp.problem.hold`. Where phases
         hold or release something, this and the next two follow from them.
@@ -195,6 +206,7 @@ class Problem:
     num_steps: int
     lengths: Array | None = None
     accuracy: float | None = None
+    controls: ControlKind = "constant"
     holds: tuple[Hold, ...] = ()
     releases: tuple[Release, ...] = ()
     impacts: tuple[int, ...] = ()
@@ -234,6 +246,7 @@ class Problem:
         self._take_time()
         check_choice("coordinates", self.coordinates, COORDINATES)
         check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)
+        check_controls(self.controls, self.scheme)
         check_has_actuators(self.robot)
         self._set(limits=self.limits.completed(self.robot))
         self._take_phases()
@@ -388,6 +401,7 @@ class Problem:
         steps: int | None = None,
         *,
         accuracy: float | None = None,
+        controls: str | None = None,
         phase: Sequence[Mapping[str, Any]] | None = None,
         start: Mapping[str, Any] | None = None,
         goal: Mapping[str, Any] | None = None,
@@ -418,6 +432,8 @@ class Problem:
             Left out with `phase`, and with `accuracy`.
         accuracy : float, optional
             Of the motion, in place of the number of steps.
+        controls : {"constant", "linear", "stages"}, optional
+            How controls vary within a step; constant by default.
         phase : sequence of mapping, optional
             The tables `[[phase]]`.
         start, goal, cost, limits, guess, integrator, solver : mapping, optional
@@ -436,7 +452,7 @@ class Problem:
         >>> goal = {"q": [0.5, -1, 1, 0, 0.5, 0], "v": [0] * 6}
         >>> problem = Problem.create("ur5", 1.0, 100, goal=goal)  # doctest: +SKIP
         """
-        horizon = {"duration": duration, "steps": steps, "accuracy": accuracy}
+        horizon = {"duration": duration, "steps": steps, "accuracy": accuracy, "controls": controls}
         tables = {
             "phase": phase,
             "start": start,
@@ -598,6 +614,7 @@ class Problem:
     def _check_inequalities(self) -> None:
         """Refuse limits and path constraints that cannot hold, or that the method would not keep."""
         check_rates(self.robot, self.limits)
+        check_control_terms(self.controls, self.heaviest_cost, self.widest_limits, self.limits_along()["u"])
         first, last = self.limits_of_ends
         check_limits(self.robot, first, self.q_start, self.v_start, self.goal, of_end=last)
         N, dt = self.num_steps, self.dt

@@ -81,6 +81,8 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
         "manifold_drifts": (nodes,),
         "lam_path": (steps, num_path),
         "gains": (None, None, None),
+        "u_values": (None, None, None),
+        "u_shares": (None,),
     }
     widths = (
         ("u", _width("us", given["us"]), steps),
@@ -97,9 +99,14 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
         "manifold_drifts": np.full(nodes, np.nan),
         "lam_path": np.zeros((steps, 0)),
         "gains": np.zeros((0, 0, 0)),
+        "u_values": np.zeros((0, 0, 0)),
+        "u_shares": np.zeros(0),
     }
+    num_u, num_values = _width("us", given["us"]), np.size(given["u_shares"])
+    if num_values or np.size(given["u_values"]):
+        shapes["u_values"] = (steps, num_values, num_u)
     if np.size(given["gains"]):
-        shapes["gains"] = (steps, _width("us", given["us"]), 2 * nv)
+        shapes["gains"] = (steps, max(num_values, 1) * num_u, 2 * nv)
     for letter in "uvq":
         size = shapes[f"limits_{letter}"][1] or 0
         absent[f"limits_{letter}"] = np.outer([-np.inf, np.inf], np.ones(size))

@@ -145,12 +145,13 @@ def _validated(model: type[_Model], where: str, values: Mapping[str, Any]) -> _M
         raise InvalidValue(f"{where}: {name}", got, first["msg"]) from error
 
 
-_VECTORS = ("t", "eta", "control_hamiltonians", "manifold_drifts")
+_VECTORS = ("t", "eta", "control_hamiltonians", "manifold_drifts", "u_shares")
+_BLOCKS = ("gains", "u_values")
 
 
 def _check_columns(content: FileContent) -> None:
     for name, array in content.arrays.items():
-        axes = 1 if name in _VECTORS else 3 if name == "gains" else 2
+        axes = 1 if name in _VECTORS else 3 if name in _BLOCKS else 2
         if array.ndim != axes:
             raise InvalidValue(name, f"shape {array.shape}", ("a vector", "a table", "a block")[axes - 1])
         # Vectors have one column, but for eta, in which every number has a name.

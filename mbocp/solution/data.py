@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
+from mbocp.integrators import control_basis
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
@@ -50,6 +52,8 @@ OPTIONAL = (  # left out of the file where they say nothing
     "limits_v",
     "limits_q",
     "gains",
+    "u_values",
+    "u_shares",
 )
 NUMBERS = (
     "cost",
@@ -130,6 +134,8 @@ class SolutionData:
     lam_path: Array = field(default_factory=_absent)
     path_names: tuple[str, ...] = ()
     gains: Array = field(default_factory=_absent)
+    u_values: Array = field(default_factory=_absent)
+    u_shares: Array = field(default_factory=_absent)
 
     coordinates: str = ""
     scheme: str = ""
@@ -211,6 +217,44 @@ class SolutionData:
     def nu(self) -> int:
         """Controls."""
         return int(self.us.shape[1])
+
+    @property
+    def has_constant_controls(self) -> bool:
+        """Whether controls are constant in each step."""
+        return not self.u_shares.size
+
+    @property
+    def has_linear_controls(self) -> bool:
+        """Whether controls are linear in each step, and continuous."""
+        ends = self.u_shares.tolist() == [0.0, 1.0]
+        return ends and bool((self.u_values[1:, 0] == self.u_values[:-1, 1]).all())
+
+    @property
+    def us_at_ends(self) -> Array:
+        """Controls at the ends of the steps, shape (N, nu)."""
+        return self.us if self.has_constant_controls else self._controls_in(np.arange(self.num_steps), 1.0)
+
+    def controls_at(self, times: ArrayLike) -> Array:
+        """Controls at times [s], shape (m, nu): those of the step, at a node those of the step after it.
+
+        Parameters
+        ----------
+        times : array_like, shape (m,)
+            As `t` counts them; what is before the first node or after the last is taken to it.
+        """
+        inside = np.clip(np.atleast_1d(np.asarray(times, dtype=np.float64)), self.t[0], self.t[-1])
+        steps = np.clip(np.searchsorted(self.t, inside, side="right") - 1, 0, self.num_steps - 1)
+        if self.has_constant_controls:
+            found: Array = self.us[steps]
+            return found
+        return self._controls_in(steps, (inside - self.t[steps]) / np.diff(self.t)[steps])
+
+    def _controls_in(self, steps: IntArray, shares: Array | float) -> Array:
+        """Controls at shares of steps, shape (m, nu)."""
+        at = np.broadcast_to(shares, len(steps))
+        weights = control_basis(self.u_shares.tolist(), at)
+        found: Array = np.einsum("mk,mku->mu", weights, self.u_values[steps])
+        return found
 
     @property
     def nc(self) -> int:

@@ -23,6 +23,7 @@ def table(solution: SolutionData) -> tuple[list[str], Array]:
     """All trajectories side by side, one row a node.
 
     What belongs to the step from node n to n+1 (u, lam, zeta, H) stands in row n, and is NaN in the last row.
+    Where controls vary within steps `u` is their mean, and `u@0.5` their value after that part of the step.
 
     Returns
     -------
@@ -37,6 +38,7 @@ def table(solution: SolutionData) -> tuple[list[str], Array]:
         ("v:", labels.v, solution.vs),
         ("p:", labels.p, solution.ps),
         ("u:", labels.u, solution.us),
+        *_value_blocks(solution),
         ("lam:", labels.lam, solution.lams),
         ("mu_q:", labels.mu[:num_v], solution.mus[:, :num_v]),
         ("mu_p:", labels.mu[num_v:], solution.mus[:, num_v:]),
@@ -51,6 +53,12 @@ def table(solution: SolutionData) -> tuple[list[str], Array]:
         missing = np.full((len(solution.t) - len(values), values.shape[1]), np.nan)
         columns.append(np.vstack([values, missing]))
     return header, np.hstack(columns)
+
+
+def _value_blocks(solution: SolutionData) -> Iterator[tuple[str, tuple[Column, ...], Array]]:
+    """Controls within the steps, where they vary: `u` itself is their mean then."""
+    for k, share in enumerate(solution.u_shares):
+        yield f"u@{share:.6g}:", solution.labels.u, solution.u_values[:, k]
 
 
 def _limit_blocks(solution: SolutionData) -> Iterator[tuple[str, tuple[Column, ...], Array]]:

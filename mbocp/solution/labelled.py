@@ -9,7 +9,7 @@ import numpy as np
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.data import SolutionData
 from mbocp.solution.records import Column
-from mbocp.storage.content import ENTRIES
+from mbocp.storage.content import ENTRIES, OPTIONAL_ENTRIES
 
 if TYPE_CHECKING:
     import xarray
@@ -25,8 +25,9 @@ def dataset_of(solution: SolutionData) -> xarray.Dataset:
     """Trajectories with dimensions ``t`` (nodes, [s]) and ``step`` (begin of each step, [s]).
 
     Variables are ``q``, ``v``, ``p``, ``mu`` at the nodes, ``u``, ``lam``, ``zeta`` and
-    ``control_hamiltonian`` in the steps. The second dimension of each is called after it, ``v_name`` for one,
-    and has the names of joints and motors; their units are a coordinate beside it, ``v_unit``.
+    ``control_hamiltonian`` in the steps, and ``u_within`` at shares of the steps where
+    controls vary within them. The second dimension of each is called after it, ``v_name`` for one, and has
+    the names of joints and motors; their units are a coordinate beside it, ``v_unit``.
 
     Raises
     ------
@@ -54,6 +55,11 @@ def dataset_of(solution: SolutionData) -> xarray.Dataset:
             variables[letter] = ((rows, names), getattr(solution, key), words)
             coordinates[names] = (names, _distinct(columns))
             coordinates[f"{letter}_unit"] = (names, [column.unit for column in columns])
+    if not solution.has_constant_controls:
+        entry = OPTIONAL_ENTRIES["u_values"]
+        words = {"symbol": entry.symbol, "description": entry.description}
+        variables["u_within"] = (("step", "share", "u_name"), solution.u_values, words)
+        coordinates["share"] = ("share", solution.u_shares, {"description": "part of the step"})
     if np.isfinite(solution.control_hamiltonians).any():
         entry = ENTRIES["control_hamiltonians"]
         words = {"symbol": entry.symbol, "description": entry.description, "units": "cost/s"}

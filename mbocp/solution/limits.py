@@ -70,7 +70,7 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
     labels = solution.labels
     found: list[ActiveLimit] = []
     for kind, columns, values, limits in (
-        ("control", labels.u, solution.us, solution.limits_u),
+        ("control", labels.u, _nearest(solution), solution.limits_u),
         ("velocity", labels.v, solution.vs[1:], solution.limits_v),
         ("position", labels.q, solution.qs[1:], solution.limits_q),
     ):
@@ -105,6 +105,17 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         bounds_of_it = np.array(of_duration)[:, None]
         found += _touched("duration", (Column("horizon", "s"),), taken, bounds_of_it)
     return (*found, *_of_via(solution, of_duration), *_of_phases(solution))
+
+
+def _nearest(solution: SolutionData) -> Array:
+    """Of the values of each control in a step the one that is nearest to a limit, shape (N, nu)."""
+    if solution.has_constant_controls:
+        return solution.us
+    values, found = solution.u_values, limits_along_of(solution.problem_text, "effort", solution.limits_u)
+    lower, upper = solution.limits_u[:, None] if found is None else found
+    room = np.minimum(values - lower[:, None], upper[:, None] - values)
+    nearest: Array = np.take_along_axis(values, room.argmin(axis=1)[:, None], axis=1)[:, 0]
+    return nearest
 
 
 def _clearance_row(name: str, margins: Mapping[str, float]) -> PathRow | None:

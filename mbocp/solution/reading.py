@@ -75,7 +75,8 @@ def read_solution(
     if with_gains and result.status.is_stationary:
         with timed(phases, "gains"):
             gains = feedback_gains(formulation, result.iterate)
-    motion = Motion(trajectory.qs, trajectory.vs, trajectory.us, np.diff(trajectory.t))
+    own = (trajectory.u_values, tuple(trajectory.u_shares.tolist()))
+    motion = Motion(trajectory.qs, trajectory.vs, trajectory.us, np.diff(trajectory.t), *own)
     status, advice = _resolution(formulation, result, motion)
     clearance = problem.clearance if asked is None else asked.clearance
     if clearance is not None:

@@ -36,7 +36,8 @@ class Sampled:
     positions, velocities, accelerations : ndarray, shape (K, n)
         Continuous joints count their turns [rad, m, s].
     efforts : ndarray, shape (K, n)
-        Controls of the same names, constant over a step of the solution; NaN where a joint has none [N m, N].
+        Controls of the same names, as the solution has them between nodes: constant over its steps, or
+        polynomials; NaN where a joint has none [N m, N].
     left_out : tuple of str
         Joints that are not among them.
     """
@@ -84,10 +85,13 @@ def sample(solution: SolutionData, rate: float | None = None) -> Sampled:
     v = solution.vs[:, [place for _, place in columns.values()]]
     controls = {column.name: k for k, column in enumerate(solution.labels.u)}
     step = _steps_of(nodes, times)
+    applied = solution.us[step]
+    if not solution.has_constant_controls:
+        applied = solution.controls_at(solution.t[0] + times)
     efforts = np.full((len(times), len(columns)), np.nan)
     for k, name in enumerate(columns):
         if name in controls:
-            efforts[:, k] = solution.us[step, controls[name]]
+            efforts[:, k] = applied[:, controls[name]]
     names = {column.name.partition(".")[0] for column in solution.labels.v}
     return Sampled(
         times,

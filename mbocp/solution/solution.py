@@ -71,14 +71,20 @@ class Solution(SolutionData):
     vs, ps : ndarray, shape (N + 1, nv)
         Velocity [m/s, rad/s] and momentum [kg m/s, N m s].
     us : ndarray, shape (N, nu)
-        Control; `us[n]` acts from node n to n + 1.
+        Control; `us[n]` acts from node n to n + 1. Where controls vary within steps, their means.
+    u_values, u_shares : ndarray, shapes (N, k, nu) and (k,)
+        With ``horizon.controls`` other than constant the controls at these parts of each step, from 0 to 1;
+        between them the polynomial through them. Empty where controls are constant. `controls_at` has those
+        of any time.
     lams, zetas : ndarray, shape (N, nc)
         Multipliers of the constraints and their adjoints; `lams[n]` is :math:`\lambda_{n+1}`, `zetas[n]` is
         :math:`\zeta_n`.
-    gains : ndarray, shape (N, nu, 2 nv)
+    gains : ndarray, shape (N, k nu, 2 nv)
         Feedback K_n: the controls of a step answer a deviation :math:`\Delta x` of (q, v) at its begin, of q
-        along the tangent, by :math:`K_n \Delta x`; see `mbocp.formulation.gains`. Shape (0, 0, 0) where
-        nobody asked, or where states are not (q, v).
+        along the tangent, by :math:`K_n \Delta x`; see `mbocp.formulation.gains`. Where controls have k
+        values in a step, those answer, one block of rows after the other, all to the deviation at its begin;
+        else k is 1. Shape (0, 0, 0) where nobody asked, where states are not (q, v), or where controls are
+        linear: then a deviation is one of the control, too.
     mus : ndarray, shape (N + 1, 2 nv)
         Adjoint of the state, :math:`\mu_n = (\mu^q_n, \mu^p_n)`; for scheme SE1 the multipliers of the
         step from node n to n + 1.

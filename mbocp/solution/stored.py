@@ -73,6 +73,8 @@ def fields_of(content: FileContent) -> dict[str, Any]:
 def _says_something(solution: SolutionData, name: str) -> bool:
     """Whether an optional array differs from its default."""
     value = getattr(solution, name)
+    if name in ("u_values", "u_shares"):
+        return bool(value.size)
     if name.startswith(("limits", "manifold")):
         return bool(np.isfinite(value).any())
     return bool(value.size if name == "lam_path" else value.any())
@@ -90,5 +92,7 @@ def _columns(solution: SolutionData) -> dict[str, tuple[Column, ...]]:
         **{f"lam_{name}s": dual_columns(getattr(labels, name)) for name in ("u", "q", "v")},
         "lam_path": tuple(Column(name, "") for name in solution.path_names),
         **{f"limits_{name}": getattr(labels, name) for name in ("u", "v", "q")},
+        "u_values": labels.u,
+        "u_shares": (Column("share", ""),),
         "gains": tuple(Column(f"{part}:{v.name}", "") for part in ("q", "v") for v in labels.v),
     }

@@ -28,7 +28,7 @@ ENTRIES: dict[str, Entry] = {
     "qs": Entry("q", "configuration", _NODES),
     "vs": Entry("v", "velocity in the tangent space of the joints", _NODES),
     "ps": Entry("p", "momentum M(q) v", _NODES),
-    "us": Entry("u", "control, constant over its step", _STEPS),
+    "us": Entry("u", "control over its step; its mean where it varies", _STEPS),
     "lams": Entry("lambda", "multiplier of the holonomic constraints in the step", _STEPS),
     "mus": Entry("mu", "adjoint of the state: first of q, then of p", _NODES),
     "zetas": Entry("zeta", "adjoint of the holonomic constraints", _STEPS),
@@ -45,6 +45,8 @@ OPTIONAL_ENTRIES: dict[str, Entry] = {
     "limits_u": Entry("u_min, u_max", "limits of the control", _SIDES),
     "limits_v": Entry("v_min, v_max", "limits of the velocity", _SIDES),
     "limits_q": Entry("q_min, q_max", "limits of the configuration", _SIDES),
+    "u_values": Entry("u", "control at the shares of a step, second axis; between them a polynomial", _STEPS),
+    "u_shares": Entry("c", "where in a step controls have values", "values"),
     "gains": Entry("K", "feedback: what u, second axis, answers to moves of (q, v), third", _STEPS),
 }
 

@@ -280,7 +280,8 @@ class ControlRate(Weighted):
 class Acceleration(Weighted):
     """Half the weighted square of the accelerations of the joints: the mean of a step, (v_n - v_{n-1}) / dt.
 
-    Explicit schemes take the acceleration at the beginning of the step.
+    Explicit schemes take the acceleration at the beginning of the step. Where controls vary within steps, it
+    is the derivative of the velocity at each stage.
     """
 
     key = "acceleration"

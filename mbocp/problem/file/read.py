@@ -142,6 +142,7 @@ def _fields(
         "num_steps": num_steps,
         "lengths": table.horizon.lengths,
         "accuracy": table.horizon.accuracy,
+        "controls": table.horizon.controls,
         "robot": robot,
         "coordinates": table.coordinates,
         "scheme": table.integrator.scheme,

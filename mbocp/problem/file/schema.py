@@ -227,6 +227,7 @@ class HorizonTable(Table):
     steps: int | None = None
     accuracy: Finite | None = None
     lengths: list[Finite] | None = None
+    controls: str = "constant"
 
 
 class FramePoseTable(Table):

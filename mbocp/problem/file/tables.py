@@ -67,6 +67,8 @@ class ProblemFields(Protocol):
     @property
     def accuracy(self) -> float | None: ...  # noqa: D102
     @property
+    def controls(self) -> str: ...  # noqa: D102
+    @property
     def phase(self) -> tuple[NamedPhase, ...]: ...  # noqa: D102
     @property
     def robot(self) -> Robot: ...  # noqa: D102
@@ -132,6 +134,7 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
         "horizon": {
             "duration": written_duration(problem.duration, problem.duration_range),
             **_steps(problem),
+            **({"controls": problem.controls} if problem.controls != "constant" else {}),
         },
         "start": {
             "q": problem.q_start,

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
+from mbocp.integrators import control_basis
 from mbocp.mechanics.rates import rates_along
 from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
@@ -46,6 +47,7 @@ __all__ = [
 
 
 _MAX_CONSTRAINTS = 6  # more would need a legend that is larger than the plot
+_FINE = 4  # pieces in which the polynomial of a step is drawn
 _MAX_MARKERS = 40  # more merge into a band
 _RATES = {  # title and symbol, by key in [limits]
     "acceleration": ("Acceleration", r"$\Delta v / \Delta t$"),
@@ -101,7 +103,19 @@ def control_panels(solution: Solution, effort: Array | None) -> list[LinePanel]:
     labels, limits = solution.labels.u, solution.limits_u
     if effort is not None and not np.isfinite(limits).any():
         limits = np.array([-effort, effort])
-    return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limits)
+    if solution.has_constant_controls:
+        return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limits)
+    t, values = _within_steps(solution)
+    return line_panels("Control", "$u$", labels, t, values, limits=limits)
+
+
+def _within_steps(solution: Solution) -> tuple[Array, Array]:
+    """Times and controls that draw the polynomials of all steps; where controls leap a time comes twice."""
+    inner = np.linspace(0.0, 1.0, _FINE + 1)
+    weights = control_basis(solution.u_shares.tolist(), inner)
+    values = np.einsum("mk,nku->nmu", weights, solution.u_values)
+    times = solution.t[:-1, None] + np.outer(np.diff(solution.t), inner)
+    return times.ravel(), values.reshape(times.size, -1)
 
 
 def rate_limit_panels(
@@ -115,7 +129,9 @@ def rate_limit_panels(
     keys = tuple(RATE_TERMS) if every else tuple(bounds)
     if not keys:
         return []
-    rates = rates_along(robot, solution.qs, solution.vs, solution.us, np.diff(solution.t))
+    linear = solution.u_values if solution.has_linear_controls else None
+    ends = solution.us_at_ends
+    rates = rates_along(robot, solution.qs, solution.vs, solution.us, np.diff(solution.t), ends, linear)
     for key in keys:
         term = RATE_TERMS[key]
         labels = solution.labels.v if term.over == "v" else solution.labels.u
