@@ -2,7 +2,15 @@ from mbocp._arrays import Array
 
 class Room:
     def __init__(
-        self, *, nq: int, joints: Array, places: Array, spheres: Array, shapes: Array, pairs: Array
+        self,
+        *,
+        nq: int,
+        joints: Array,
+        places: Array,
+        spheres: Array,
+        shapes: Array,
+        planes: Array,
+        pairs: Array,
     ) -> None: ...
     def values(self, qs: Array, near: float) -> Array: ...
     def least(self, qs: Array, lower: Array, most: float) -> Array: ...

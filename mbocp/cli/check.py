@@ -118,6 +118,8 @@ def _others(problem: Problem) -> _Rows:
         rows.append(("paths", ", ".join(f"{c.name} ({c.kind})" for c in problem.frame_constraints)))
     if problem.obstacle:
         rows.append(("obstacles", ", ".join(f"{o.name} ({o.shape})" for o in problem.obstacle)))
+    if problem.clearance is not None:
+        rows.append(("kept apart", "\n".join(problem.clearance.words)))
     if problem.phase:
         rows.append(("phases", ", ".join(phase.name for phase in problem.phase)))
     return rows

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +15,22 @@ from mbocp._arrays import Array
 from mbocp.problem.pair_clearances import PairClearances, WaySize
 from mbocp.robot import Label, LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
+from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
-from mbocp.terms import ClearanceRow, ClearanceTerm, Span, clearance_slots
-from mbocp.terms.distances import core_of
+from mbocp.terms import ClearanceRow, ClearanceTerm, HullSlots, Span, clearance_slots
+from mbocp.terms.distances import Core, core_of
+from mbocp.terms.hulls import MOST_PLANES, HullCore
 
 __all__ = ["Clearance", "SelfCollision"]
 
 _TOLD = 20  # obstacles of which the summary speaks each
+_OF_ALL_PAIRS = ("_frames", "_planes", "_hulls", "_every", "_pair_clearances", "margins")
 _IDLE = Label("nothing", "m")  # a row that is not needed
 _AWAY = 10.0  # [m]: its value
 _STILL_SLOTS, _MOVING_SLOTS = 64, 16  # of chosen pairs
+_HULL_SLOTS = 16  # the same, of hulls
+_TOLD_EXCESS = 1e-3  # of a file's volume
+_ROUNDING = 0.05  # of the largest distance that a row keeps: error of planes for a hull that is small enough
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ class Clearance:
     def of_pairs(self, chosen: Sequence[int] | None, reserve: Array | None = None) -> Clearance:
         """The same with rows for some of the pairs alone, or for all, that keep a reserve."""
         found = replace(self, chosen=None if chosen is None else tuple(sorted(chosen)), reserve=reserve)
-        for name in ("_frames", "_every", "_pair_clearances", "margins"):  # what does not depend on these
+        for name in _OF_ALL_PAIRS:
             found.__dict__[name] = getattr(self, name)
         return found
 
@@ -130,19 +137,16 @@ class Clearance:
         place = {frame: k for k, frame in enumerate(self._frames, start=1)}
         spheres = [(self._links[link], number) for link, number in self.spheres]
         point = core_of("sphere", (0.0,), SMOOTHING)
-        shapes = []
-        for obstacle in self.obstacles:
-            core, at, other = (
-                core_of(obstacle.shape, obstacle.sizes, obstacle.smoothing),
-                obstacle.placement,
-                0,
-            )
+        shapes: list[tuple[int, Array, Array, Core | HullCore]] = []
+        for number, obstacle in enumerate(self.obstacles):
+            core, middle = self._core(number)
+            at, other = obstacle.placement, 0
             frame = self.robot.frame_id(obstacle.frame)
             if self._is_carried(obstacle):
                 other = place[frame]
             else:
                 at = self.robot.model.frames[frame].placement * at
-            shapes.append((other, at.translation + core.middle * at.rotation[:, 2], at.rotation, core))
+            shapes.append((other, at.act(middle), at.rotation, core))
         rows, radii = [], []
         for a, k in self.pairs:
             link, number = spheres[a]
@@ -155,6 +159,36 @@ class Clearance:
             rows.append(ClearanceRow(*places, *centers, np.eye(3), point))
             radii.append(one.radii[number] + other_link.radii[second])
         return tuple(rows), np.array(radii)
+
+    @cached_property
+    def _planes(self) -> dict[int, Planes]:
+        """Planes for the hulls among the obstacles, by their numbers."""
+        found = {}
+        for number, obstacle in enumerate(self.obstacles):
+            if obstacle.hull is None:
+                continue
+            spheres = [self.spheres[a] for a, k in self.pairs if k == number]
+            largest = max((float(self._links[link].radii[sphere]) for link, sphere in spheres), default=0.0)
+            reach = largest + max(obstacle.margin, 0.0)
+            tolerance = max(obstacle.smoothing, _ROUNDING * reach)
+            found[number] = planes_around(obstacle.hull, reach, tolerance, MOST_PLANES)
+        return found
+
+    @cached_property
+    def _hulls(self) -> dict[int, HullCore]:
+        """What rows see of these."""
+        return {
+            k: HullCore.of(planes.normals, planes.offsets, planes.slope, self.obstacles[k].smoothing)
+            for k, planes in self._planes.items()
+        }
+
+    def _core(self, number: int) -> tuple[Core | HullCore, Array]:
+        """Core of an obstacle, and its middle in the axes of the shape."""
+        obstacle = self.obstacles[number]
+        if obstacle.hull is not None:
+            return self._hulls[number], obstacle.hull.middle
+        core = core_of(obstacle.shape, obstacle.sizes, obstacle.smoothing)
+        return core, np.array([0.0, 0.0, core.middle])
 
     @cached_property
     def _pair_clearances(self) -> PairClearances:
@@ -185,29 +219,33 @@ class Clearance:
         return self._pair_clearances.way(ends, self.margins, ranges, reserve, seed, size)
 
     @cached_property
-    def _order(self) -> tuple[int, ...]:
-        """Pair of each row, those of shapes that stand still first; -1: of none."""
-        chosen = range(self.num_pairs) if self.chosen is None else self.chosen
-        rows = self._every[0]
-        still = [k for k in chosen if rows[k].other == 0]
-        moving = [k for k in chosen if rows[k].other]
-        found: list[int] = []
-        for group, slots in zip((still, moving), self._slots(len(still), len(moving)), strict=True):
-            found += [*group, *[-1] * (slots - len(group))]
-        return tuple(found)
+    def _groups(self) -> tuple[tuple[int, ...], ...]:
+        """Pair of each row in each group of rows: about shapes that stand still, about others, about hulls.
 
-    def _slots(self, still: int, moving: int) -> tuple[int, int]:
-        """Rows of shapes that stand still and of others; of chosen pairs the same for all who have few."""
-        if self.chosen is None:
-            return clearance_slots(still), clearance_slots(moving)
-        return clearance_slots(still, _STILL_SLOTS), clearance_slots(moving, _MOVING_SLOTS)
+        -1: of none. There is room for as many rows of chosen pairs as all have who have few.
+        """
+        chosen = range(self.num_pairs) if self.chosen is None else self.chosen
+        kinds: tuple[list[int], ...] = ([], [], [])
+        for k in chosen:
+            row = self._every[0][k]
+            kinds[2 if isinstance(row.core, HullCore) else int(row.other > 0)].append(k)
+        least = (0, 0, 0)
+        if self.chosen is not None:
+            least = (_STILL_SLOTS, _MOVING_SLOTS, _HULL_SLOTS if self._hulls else 0)
+        slots = [clearance_slots(len(kind), room) for kind, room in zip(kinds, least, strict=True)]
+        return tuple((*kind, *[-1] * (n - len(kind))) for kind, n in zip(kinds, slots, strict=True))
+
+    @cached_property
+    def _order(self) -> tuple[int, ...]:
+        """Pair of each row."""
+        return tuple(chain(*self._groups))
 
     @cached_property
     def term(self) -> ClearanceTerm:
         """Its structure, with its function."""
-        moving = sum(k >= 0 and self._every[0][k].other > 0 for k in self._order)
-        slots = self._slots(0, moving)[1]
-        return ClearanceTerm(self._frames, len(self._order) - slots, slots)
+        still, moving, of_hulls = map(len, self._groups)
+        slots = HullSlots.of(list(self._hulls.values()) if of_hulls else [], of_hulls)
+        return ClearanceTerm(self._frames, still, moving, slots)
 
     def structure(self, rotations: str) -> ClearanceTerm:
         """The same in all coordinates of attitudes."""
@@ -295,6 +333,16 @@ class Clearance:
             f"the obstacle, or give links closer spheres (mbocp spheres {self.robot.name})"
         )
 
+    def _words_of_hull(self, number: int) -> str:
+        """How planes stand for a hull, and the hull for its file."""
+        planes, excess = self._planes[number], self.obstacles[number].excess
+        size = f"{1e3 * planes.error:.2g} mm"
+        told = f"{len(planes.offsets)} planes stand for its hull and keep {size} more away at most"
+        if np.isnan(excess):
+            return f"{told}; the surface in its file is not closed"
+        more = f"; it has {100 * excess:.3g} % more volume than its file"
+        return told + (more if excess > _TOLD_EXCESS else "")
+
     @property
     def words(self) -> tuple[str, ...]:
         """What is kept apart and what is left out, a line for each."""
@@ -304,6 +352,8 @@ class Clearance:
             told = [f"{n} {reason}" for reason, n in self.left_out.get(obstacle.name, {}).items()]
             left = f"; left out {' and '.join(told)}" if told else ""
             lines.append(f"{obstacle.name}: {count} {'sphere' if count == 1 else 'spheres'}{left}")
+            if k in self._planes:
+                lines[-1] += f"; {self._words_of_hull(k)}"
         more = len(self.obstacles) - _TOLD
         if more > 0:
             count = sum(counts[k] for k in range(_TOLD, len(self.obstacles)))

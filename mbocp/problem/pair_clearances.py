@@ -15,6 +15,8 @@ from mbocp.exceptions import NativeMismatch
 from mbocp.robot.collision.joint_table import joint_table, placement_numbers
 from mbocp.robot.joints import joint_kind
 from mbocp.terms.clearance import ClearanceRow
+from mbocp.terms.distances import CORE
+from mbocp.terms.hulls import HullCore
 
 if TYPE_CHECKING:
     from mbocp._native._room import Room
@@ -138,7 +140,10 @@ class PairClearances:
             for k in self.frames
         ]
         of_spheres = [_sphere(row) for row in self.rows]
-        of_shapes = [_shape(row) for row in self.rows]
+        cores = {id(row.core): row.core for row in self.rows if isinstance(row.core, HullCore)}
+        ends = np.cumsum([0, *(len(core.planes) for core in cores.values())])
+        first = dict(zip(cores, ends[:-1].tolist(), strict=True))
+        of_shapes = [_shape(row, first) for row in self.rows]
         spheres, shapes = (
             {known: n for n, known in enumerate(dict.fromkeys(x))} for x in (of_spheres, of_shapes)
         )
@@ -152,6 +157,7 @@ class PairClearances:
             places=_flat(places),
             spheres=_flat(list(spheres)),
             shapes=_flat(list(shapes)),
+            planes=_flat(np.concatenate([np.zeros(0), *(core.planes.ravel() for core in cores.values())])),
             pairs=_flat(pairs),
         )
 
@@ -160,12 +166,26 @@ def _sphere(row: ClearanceRow) -> tuple[float, ...]:
     return (row.place, *row.center.tolist())
 
 
-def _shape(row: ClearanceRow) -> tuple[float, ...]:
-    """Place, middle, axes, core, and radius of a ball about the middle that has the core in it [m]."""
+def _shape(row: ClearanceRow, first: dict[int, int]) -> tuple[float, ...]:
+    """Place, middle, axes, core, planes, and how near a point is at least.
+
+    Planes of a hull are the first and how many, with their sharpness. A point at a distance r from the middle
+    is at least slope r - around from the shape; of a core around is the radius of a ball that has it in it.
+
+    Parameters
+    ----------
+    row : ClearanceRow
+    first : mapping of int to int
+        First plane of each hull, by the identity of its core.
+    """
+    placed = (row.other, *row.at.tolist(), *row.axes.ravel().tolist())
+    if isinstance(row.core, HullCore):
+        planes, count = row.core.planes, len(row.core.planes)
+        reach = (row.core.slope, float(planes[:, 3].max()))
+        return (*placed, *[0.0] * CORE, first[id(row.core)], count, row.core.sharpness, *reach)
     core = row.core.numbers
     sides = core[:3] * np.array([1.0, 1.0 - core[3], 1.0])  # across a cylinder its radius counts alone
-    around = float(np.linalg.norm(sides))
-    return (row.other, *row.at.tolist(), *row.axes.ravel().tolist(), *core.tolist(), around)
+    return (*placed, *core.tolist(), 0, 0, 0.0, 1.0, float(np.linalg.norm(sides)))
 
 
 def _flat(table: Array | Sequence[object]) -> Array:

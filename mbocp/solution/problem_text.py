@@ -13,7 +13,8 @@ from mbocp._files import parse_toml
 from mbocp._numbers import is_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, Unreadable
 from mbocp.robot import FrameTarget
-from mbocp.robot.collision.obstacle import SIZES, Obstacle
+from mbocp.robot.collision.hull import hull_of
+from mbocp.robot.collision.obstacle import MESH, SIZES, Obstacle
 from mbocp.robot.poses.target import target_from_words
 from mbocp.solution.path_text import PathRow, are_pairs, rows_of_path, rows_of_term, rows_of_via
 from mbocp.solution.phase_text import PhasePlace, bounds_in_phases, hold_names, phase_places
@@ -390,10 +391,10 @@ def obstacles_of(problem_text: str) -> tuple[Obstacle, ...]:
         sizes = [table.get(key) for key in SIZES.get(str(table.get("shape")), ())]
         lengths = [x for size in sizes for x in (size if isinstance(size, list) else [size])]
         known = ("name", "shape", "position", "orientation", "frame", "margin", "smoothing")
+        given = {k: table[k] for k in known if k in table}
         try:
-            found.append(
-                Obstacle(sizes=np.array(lengths, dtype=float), **{k: table[k] for k in known if k in table})
-            )
+            hull = hull_of(np.array(table.get("vertices"))) if table.get("shape") == MESH else None
+            found.append(Obstacle(sizes=np.array(lengths, dtype=float), hull=hull, **given))
         except (InvalidValue, DimensionMismatch, TypeError, ValueError):
             continue  # not written by mbocp: the picture is without it
     return tuple(found)

@@ -1,6 +1,6 @@
 """What a problem is made of: terms of its cost, path constraints, end conditions; one class each."""
 
-from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, clearance_slots
+from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
 from mbocp.terms.contact import ContactKeys, ContactTerm
 from mbocp.terms.cost import (
     COST_TERMS,
@@ -65,6 +65,7 @@ __all__ = [
     "FrameProjections",
     "FrameShape",
     "FrameTolerance",
+    "HullSlots",
     "Kinematics",
     "Line",
     "MeetingTerm",

@@ -4,7 +4,8 @@ The rows are one function of numbers, called in a loop: for each row a sphere, b
 it and its centre, and a core (see `mbocp.terms.distances`), by its placement. Places are frames of the robot;
 how these are placed, and how their placements change, is computed once for all rows. So functions depend on
 how many rows there are, and not on what these are about; numbers of rows are rounded up, and rows that are
-not needed are about things that are far away.
+not needed are about things that are far away. Rows about hulls (see `mbocp.terms.hulls`) name theirs in a
+table of hulls.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.terms.distances import CORE, Core, core_of, distance_from_core
+from mbocp.terms.hulls import PLANE, HullCore, hull_measure, plane_slots
 from mbocp.terms.point import Point
 
-__all__ = ["ClearanceRow", "ClearanceTerm", "clearance_slots"]
+__all__ = ["ClearanceRow", "ClearanceTerm", "HullSlots", "clearance_slots"]
 
 _LEAST_SLOTS = 16
-_CENTER, _AT, _AXES, _CORE = slice(0, 3), slice(3, 6), slice(6, 15), slice(15, 15 + CORE)
-_NUMBERS = 15 + CORE  # of a row, beside its places
+_CENTER, _AT, _AXES, _PLACED = slice(0, 3), slice(3, 6), slice(6, 15), 15
+_NUMBERS = _PLACED + CORE  # of a row, beside its places
+_OF_HULL = _PLACED + 2  # of a row about a hull: which, and its sharpness
 _PLACE = 12  # axes by columns and origin
 _FAR = 10.0  # [m]
 
@@ -51,7 +54,7 @@ class ClearanceRow:
         Middle of the core at its place [m].
     axes : ndarray, shape (3, 3)
         Axes of the shape at its place, columns.
-    core : Core
+    core : Core or HullCore
     """
 
     place: int
@@ -59,7 +62,7 @@ class ClearanceRow:
     center: Array
     at: Array
     axes: Array
-    core: Core
+    core: Core | HullCore
 
     @classmethod
     def idle(cls) -> ClearanceRow:
@@ -69,8 +72,56 @@ class ClearanceRow:
 
     @property
     def numbers(self) -> Array:
-        """Shape (_NUMBERS,)."""
-        return np.concatenate([self.center, self.at, self.axes.ravel(order="F"), self.core.numbers])
+        """Shape (_NUMBERS,); those of a hull without which it is."""
+        core = [self.core.sharpness] if isinstance(self.core, HullCore) else self.core.numbers
+        return np.concatenate([self.center, self.at, self.axes.ravel(order="F"), core])
+
+
+@dataclass(frozen=True)
+class HullSlots:
+    """Room for hulls.
+
+    Attributes
+    ----------
+    rows : int
+        About hulls; they follow those about other shapes.
+    hulls, planes : int
+        How many hulls, and planes of each.
+    """
+
+    rows: int = 0
+    hulls: int = 0
+    planes: int = 0
+
+    @classmethod
+    def of(cls, cores: list[HullCore], rows: int) -> HullSlots:
+        """For some hulls; 1, 2, 4, 8, ... of them."""
+        if not cores:
+            return cls()
+        return cls(rows, 1 << (len(cores) - 1).bit_length(), plane_slots(max(len(c.planes) for c in cores)))
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Size of each parameter."""
+        found = {"of_hulls": (2 + _OF_HULL) * self.rows, "hulls": PLANE * self.planes * self.hulls}
+        return found if self.rows else {}
+
+    def numbers(self, rows: list[ClearanceRow]) -> dict[str, Array]:
+        """Value of each parameter; rows that are not about hulls are not needed."""
+        if not self.rows:
+            return {}
+        cores = list({id(row.core): row.core for row in rows if isinstance(row.core, HullCore)}.values())
+        nothing = HullCore(np.zeros((0, PLANE)), 1.0, 1.0)
+        hulls = cores + [nothing] * (self.hulls - len(cores))
+        table = np.zeros((len(rows), 2 + _OF_HULL))
+        for line, row in zip(table, rows, strict=True):
+            which = next((k for k, core in enumerate(cores) if core is row.core), 0)
+            sharpness = row.core.sharpness if isinstance(row.core, HullCore) else 1.0
+            line[:] = [row.place, row.other, which, *row.numbers[:_PLACED], sharpness]
+        return {
+            "of_hulls": table.ravel(),
+            "hulls": np.concatenate([hull.filled(self.planes) for hull in hulls]),
+        }
 
 
 @dataclass(frozen=True)
@@ -85,11 +136,14 @@ class ClearanceTerm:
         Rows whose shapes are in the world.
     moving : int
         Rows whose shapes are at any place; they follow.
+    hull_slots : HullSlots
+        Rows about hulls at any place follow these.
     """
 
     frames: tuple[int, ...]
     still: int
     moving: int
+    hull_slots: HullSlots = HullSlots()
 
     has_velocity: ClassVar[bool] = False
     remembers: ClassVar[tuple[str, ...]] = ()
@@ -97,12 +151,13 @@ class ClearanceTerm:
     @property
     def rows(self) -> int:
         """One for each sphere and shape."""
-        return self.still + self.moving
+        return self.still + self.moving + self.hull_slots.rows
 
     @property
     def sizes(self) -> dict[str, int]:
         """Size of each parameter."""
-        return {"still": (1 + _NUMBERS) * self.still, "moving": (2 + _NUMBERS) * self.moving}
+        found = {"still": (1 + _NUMBERS) * self.still, "moving": (2 + _NUMBERS) * self.moving}
+        return found | self.hull_slots.sizes
 
     @property
     def signature(self) -> dict[str, Any]:
@@ -111,10 +166,12 @@ class ClearanceTerm:
 
     def numbers(self, rows: list[ClearanceRow]) -> dict[str, Array]:
         """Value of each parameter."""
-        still, moving = rows[: self.still], rows[self.still :]
+        until = self.still + self.moving
+        still, moving, of_hulls = rows[: self.still], rows[self.still : until], rows[until:]
         return {
             "still": np.concatenate([np.zeros(0), *(np.append(r.place, r.numbers) for r in still)]),
             "moving": np.concatenate([np.zeros(0), *([r.place, r.other, *r.numbers] for r in moving)]),
+            **self.hull_slots.numbers(of_hulls),
         }
 
     def function(self, at: Point) -> ca.Function:
@@ -135,15 +192,12 @@ class ClearanceTerm:
         dh: list[ca.MX] = []
         hessian, weights = ca.MX.zeros(nq * (nq + 1) // 2), ca.MX.zeros(_PLACE, num_places)
         plain = ca.MX.sym("plain", _PLACE, num_places)
-        for name, count, carriers in (("still", self.still, 1), ("moving", self.moving, 2)):
-            if not count:
-                continue
-            first = sum(part.numel() for part in h)
-            table = ca.reshape(given[name], carriers + _NUMBERS, count)
-            chosen = [table[k, :] for k in range(carriers)]
-            row = _row(nq, carriers).map(count)
+        for group in self._groups:
+            first, count = sum(part.numel() for part in h), group.count
+            chosen, numbers = group.taken(given)
+            row = _row(nq, group.carriers, group.measure).map(count)
             arguments = [placed[:, which] for which in chosen]
-            found = row(*arguments, table[carriers:, :], m[first : first + count].T)
+            found = row(*arguments, numbers, m[first : first + count].T)
             h.append(found[0].T)
             dh.append(found[1].T)
             hessian += ca.repsum(found[2], 1, count)
@@ -159,12 +213,52 @@ class ClearanceTerm:
         given = {name: ca.MX.sym(name, size) for name, size in self.sizes.items()}
         placed = ca.Function("placed", [at.q], [ca.densify(ca.horzcat(*_columns(at, self.frames)))])(q)
         h = [ca.MX(0, 1)]
-        for name, count, carriers in (("still", self.still, 1), ("moving", self.moving, 2)):
-            if count:
-                table = ca.reshape(given[name], carriers + _NUMBERS, count)
-                arguments = [placed[:, table[k, :]] for k in range(carriers)]
-                h.append(_distance(carriers).map(count)(*arguments, table[carriers:, :]).T)
+        for group in self._groups:
+            chosen, numbers = group.taken(given)
+            row = _distance(group.carriers, group.measure).map(group.count)
+            h.append(row(*(placed[:, which] for which in chosen), numbers).T)
         return ca.Function("clearances", [q, *given.values()], [ca.vertcat(*h)])
+
+    @property
+    def _groups(self) -> list[_Group]:
+        """Rows of the same kind, those that there are."""
+        slots = self.hull_slots
+        found = [
+            _Group("still", self.still, 1, _core_measure()),
+            _Group("moving", self.moving, 2, _core_measure()),
+        ]
+        if slots.rows:
+            found.append(_Group("of_hulls", slots.rows, 2, hull_measure(slots.planes), slots.hulls))
+        return [group for group in found if group.count]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Rows of the same kind: their parameter, how many there are, of how many carriers, and their measure.
+
+    The measure is a function (p, numbers of the shape) -> distance, gradient, curvature.
+    """
+
+    name: str
+    count: int
+    carriers: int
+    measure: ca.Function
+    hulls: int = 0
+
+    def taken(self, given: dict[str, ca.MX]) -> tuple[list[ca.MX], ca.MX]:
+        """Places, one row for each carrier, and a column of numbers for each row."""
+        if not self.hulls:
+            table = ca.reshape(given[self.name], self.carriers + _NUMBERS, self.count)
+            return [table[k, :] for k in range(self.carriers)], table[self.carriers :, :]
+        table = ca.reshape(given[self.name], 2 + _OF_HULL, self.count)
+        hulls = ca.reshape(given["hulls"], -1, self.hulls)
+        return [table[0, :], table[1, :]], ca.vertcat(table[3:, :], hulls[:, table[2, :]])
+
+
+def _core_measure() -> ca.Function:
+    p, core = ca.SX.sym("p", 3), ca.SX.sym("core", CORE)
+    distance = distance_from_core(p, core)
+    return ca.Function("distance", [p, core], [distance, *reversed(ca.hessian(distance, p))])
 
 
 def _columns(at: Point, frames: tuple[int, ...]) -> list[ca.SX]:
@@ -192,25 +286,21 @@ def _places(at: Point, frames: tuple[int, ...]) -> tuple[ca.Function, ca.Functio
     )
 
 
-def _row(nq: int, carriers: int) -> ca.Function:
+def _row(nq: int, carriers: int, measure: ca.Function) -> ca.Function:
     """(place..., numbers, m) -> h, its gradient, m times its curvature by first derivatives, m dh_dplace...
 
     Along the tangent e of the configuration places are, to first order, their value and Jacobian times e.
     What these leave out of the second derivative is the curvature of the places, weighed with m dh_dplace.
     """
     given = [ca.SX.sym(f"place{k}", _PLACE * (1 + nq)) for k in range(carriers)]
-    numbers, m = ca.SX.sym("numbers", _NUMBERS), ca.SX.sym("m")
-    e, p, pull = ca.SX.sym("e", nq), ca.SX.sym("p", 3), ca.SX.sym("pull", 3)
+    numbers, m = ca.SX.sym("numbers", _PLACED + measure.numel_in(1)), ca.SX.sym("m")
+    e, pull = ca.SX.sym("e", nq), ca.SX.sym("pull", 3)
     here = [column[:_PLACE] for column in given]
     moved = [column[:_PLACE] + ca.reshape(column[_PLACE:], _PLACE, nq) @ e for column in given]
     along = _point(moved, numbers)
     at_rest = ca.Function("rest", [e, *given, numbers], [along, ca.jacobian(along, e)])
     p0, J = at_rest(ca.SX.zeros(nq), *given, numbers)
-    core = numbers[_CORE]
-    distance = distance_from_core(p, core)
-    h, slope, curvature = ca.Function("distance", [p, core], [distance, *reversed(ca.hessian(distance, p))])(
-        p0, core
-    )
+    h, slope, curvature = measure(p0, numbers[_PLACED:])
     rest = ca.Function("bilinear", [e, pull, *given, numbers], [ca.hessian(ca.dot(pull, along), e)[0]])
     bilinear = rest(ca.SX.zeros(nq), slope, *given, numbers)
     hessian = m * (J.T @ (curvature @ J) + bilinear)
@@ -224,10 +314,11 @@ def _row(nq: int, carriers: int) -> ca.Function:
     return ca.Function("row", [*given, numbers, m], ca.cse(outputs))
 
 
-def _distance(carriers: int) -> ca.Function:
+def _distance(carriers: int, measure: ca.Function) -> ca.Function:
     """(place..., numbers) -> h."""
-    here, numbers = [ca.SX.sym(f"place{k}", _PLACE) for k in range(carriers)], ca.SX.sym("numbers", _NUMBERS)
-    h = distance_from_core(_point(here, numbers), numbers[_CORE])
+    here = [ca.SX.sym(f"place{k}", _PLACE) for k in range(carriers)]
+    numbers = ca.SX.sym("numbers", _PLACED + measure.numel_in(1))
+    h = measure(_point(here, numbers), numbers[_PLACED:])[0]
     return ca.Function("row_value", [*here, numbers], ca.cse([h]))
 
 

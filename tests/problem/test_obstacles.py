@@ -195,7 +195,7 @@ def test_a_file_says_the_same_again(planar):
     ("words", "reason"),
     [
         ({"position": [0.5, 0.0, 0.0], "name": "it"}, "obstacle 'it': at the start l1 is .* inside it"),
-        ({"shape": "mesh"}, "obstacle 'box'.*shape.*mesh.*cover other shapes"),
+        ({"shape": "cone"}, "obstacle 'box'.*shape.*cone.*cover other shapes"),
         ({"shape": "blob"}, "obstacle 'box'.*shape.*blob"),
         ({"radius": 0.1}, "obstacle.0.radius.*does not use it"),
         ({"size": [0.1, -0.1, 0.1]}, "obstacle 'box'.*lengths above 0"),

@@ -18,7 +18,7 @@ namespace {
 using Input = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Output = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
 
-constexpr int joint_size = 21, place_size = 13, sphere_size = 4, shape_size = 19, pair_size = 3;
+constexpr int joint_size = 21, place_size = 13, sphere_size = 4, shape_size = 23, plane_size = 4, pair_size = 3;
 
 Output array_of(const std::vector<double>& values) {
     auto* data = new double[values.size() + 1];
@@ -58,7 +58,7 @@ int index(double value, std::size_t count) {
 }
 
 Room made(int nq, const Input& joints, const Input& places, const Input& spheres, const Input& shapes,
-          const Input& pairs) {
+          const Input& planes, const Input& pairs) {
     Room room;
     room.nq = nq;
     static const int numbers[] = {1, 2, 4, 7, 4, 3};
@@ -77,11 +77,17 @@ Room made(int nq, const Input& joints, const Input& places, const Input& spheres
     const Rows of_spheres(spheres, sphere_size, "spheres: the table has no whole rows");
     for (std::size_t k = 0; k < of_spheres.count; ++k)
         room.spheres.push_back({index(of_spheres[k][0], room.places.size() + 1), part<3>(of_spheres[k], 1)});
+    const Rows of_planes(planes, plane_size, "planes: the table has no whole rows");
+    for (std::size_t k = 0; k < of_planes.count; ++k)
+        room.planes.push_back({part<3>(of_planes[k], 0), of_planes[k][3]});
     const Rows of_shapes(shapes, shape_size, "shapes: the table has no whole rows");
     for (std::size_t k = 0; k < of_shapes.count; ++k) {
         const double* row = of_shapes[k];
         room.shapes.push_back({index(row[0], room.places.size() + 1), part<3>(row, 1), part<9>(row, 4),
-                               part<core_size>(row, 13), row[18]});
+                               part<core_size>(row, 13), index(row[18], room.planes.size() + 1),
+                               index(row[19], room.planes.size() + 1), row[20], row[21], row[22]});
+        const Shape& shape = room.shapes.back();
+        check(shape.first_plane + shape.num_planes <= static_cast<int>(room.planes.size()), "planes: too few");
     }
     const Rows of_pairs(pairs, pair_size, "pairs: the table has no whole rows");
     for (std::size_t k = 0; k < of_pairs.count; ++k) {
@@ -160,10 +166,11 @@ NB_MODULE(_room, module) {
         .def(
             "__init__",
             [](mbocp::Room* self, int nq, const mbocp::Input& joints, const mbocp::Input& places,
-               const mbocp::Input& spheres, const mbocp::Input& shapes, const mbocp::Input& pairs) {
-                new (self) mbocp::Room(mbocp::made(nq, joints, places, spheres, shapes, pairs));
+               const mbocp::Input& spheres, const mbocp::Input& shapes, const mbocp::Input& planes,
+               const mbocp::Input& pairs) {
+                new (self) mbocp::Room(mbocp::made(nq, joints, places, spheres, shapes, planes, pairs));
             },
-            nb::kw_only(), "nq"_a, "joints"_a, "places"_a, "spheres"_a, "shapes"_a, "pairs"_a)
+            nb::kw_only(), "nq"_a, "joints"_a, "places"_a, "spheres"_a, "shapes"_a, "planes"_a, "pairs"_a)
         .def("values", &mbocp::values, "qs"_a, "near"_a,
              "Clearance of each pair at each configuration where it is below `near`, elsewhere a number between [m].")
         .def("least", &mbocp::least, "qs"_a, "lower"_a, "most"_a,

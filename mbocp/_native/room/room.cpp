@@ -102,6 +102,19 @@ double beyond_sides(const Vec3& p, const std::array<double, core_size>& core) {
     return std::max({across - core[0], std::abs(p[1]) - core[1], std::abs(p[2]) - core[2]});
 }
 
+double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+// mbocp.terms.hulls.hull_measure
+double from_planes(const Vec3& p, const Plane* planes, int count, double sharpness) {
+    double top = -1e300, sum = 0.0;
+    for (int k = 0; k < count; ++k) top = std::max(top, dot(planes[k].normal, p) - planes[k].offset);
+    for (int k = 0; k < count; ++k) {
+        const double power = sharpness * (dot(planes[k].normal, p) - planes[k].offset - top);
+        if (power > -50.0) sum += std::exp(power);  // what is less does not change the sum
+    }
+    return top + std::log(sum) / sharpness;
+}
+
 }  // namespace
 
 void Room::place(const double* q, Placed& placed) const {
@@ -127,14 +140,17 @@ double Room::distance(const Pair& pair, const Placed& placed) const {
     const Shape& shape = shapes[pair.shape];
     const Vec3 away = less(placed.centers[pair.sphere], placed.middles[pair.shape]);
     const Vec3 local = turned_back(shape.axes, turned_back(placed.places[shape.place].axes, away));
-    return from_core(local, shape.core) - pair.radius;
+    if (shape.num_planes == 0) return from_core(local, shape.core) - pair.radius;
+    return from_planes(local, planes.data() + shape.first_plane, shape.num_planes, shape.sharpness) - pair.radius;
 }
 
 double Room::distance(const Pair& pair, const Placed& placed, double near) const {
     const Shape& shape = shapes[pair.shape];
     const Vec3 away = less(placed.centers[pair.sphere], placed.middles[pair.shape]);
     const double least = std::max(shape.around + pair.radius + near, 0.0);
-    if (square(away) > least * least) return std::sqrt(square(away)) - shape.around - pair.radius;
+    const double to_middle = shape.slope * shape.slope * square(away);
+    if (to_middle > least * least) return std::sqrt(to_middle) - shape.around - pair.radius;
+    if (shape.num_planes > 0) return distance(pair, placed);
     const Vec3 p = turned_back(shape.axes, turned_back(placed.places[shape.place].axes, away));
     const double beside = beyond_sides(p, shape.core) - shape.core[4] - pair.radius;
     return beside > std::max(near, 0.0) ? beside : from_core(p, shape.core) - pair.radius;
@@ -151,8 +167,9 @@ double Room::least(const double* q, Placed& placed, const double* lower, double 
     for (std::size_t k = 0; k < pairs.size(); ++k) {
         const Pair& pair = pairs[k];
         const double away = square(less(placed.centers[pair.sphere], placed.middles[pair.shape]));
-        const double reach = std::max(shapes[pair.shape].around + pair.radius + lower[k] + found, 0.0);
-        if (away >= reach * reach) continue;
+        const Shape& shape = shapes[pair.shape];
+        const double reach = std::max(shape.around + pair.radius + lower[k] + found, 0.0);
+        if (shape.slope * shape.slope * away >= reach * reach) continue;
         found = std::min(found, distance(pair, placed) - lower[k]);
         if (found < enough) return found;
     }

@@ -50,7 +50,15 @@ struct Shape {
     Vec3 middle;
     Mat3 axes;  // columns are the shape's axes
     std::array<double, core_size> core;
-    double around;  // radius of a ball about the middle that has the core in it [m]
+    int first_plane, num_planes;  // of a hull; no planes: the shape is its core
+    double sharpness;             // see mbocp.terms.hulls
+    double slope, around;         // a point at r from the middle is at least slope r - around away [m]
+};
+
+// A plane that touches a hull, in the axes of the shape, from its middle.
+struct Plane {
+    Vec3 normal;
+    double offset;
 };
 
 // Memory of one evaluation.
@@ -65,6 +73,7 @@ public:
     std::vector<Place> places;  // without the world
     std::vector<Sphere> spheres;
     std::vector<Shape> shapes;
+    std::vector<Plane> planes;
     std::vector<Pair> pairs;
     int nq = 0;
 

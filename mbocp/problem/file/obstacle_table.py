@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from mbocp._files import path_of
 from mbocp._text import shown
-from mbocp.exceptions import ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.clearance import SelfCollision
 from mbocp.problem.file.messages import located
-from mbocp.robot.collision.obstacle import SIZES, Obstacle
+from mbocp.robot.collision.hull import Hull, hull_of, hull_of_file
+from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, Obstacle
 
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import ObstacleTable, SelfCollisionTable
@@ -23,15 +25,15 @@ __all__ = ["obstacle_tables", "obstacles_from", "self_collision_from", "self_col
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 
 
-def obstacles_from(tables: Sequence[ObstacleTable]) -> tuple[Obstacle, ...]:
-    """Make the obstacles from the tables of `[[obstacle]]`.
+def obstacles_from(tables: Sequence[ObstacleTable], folder: Path | None = None) -> tuple[Obstacle, ...]:
+    """Make the obstacles from the tables of `[[obstacle]]`; files of meshes are in the folder.
 
     Raises
     ------
     ProblemError, InvalidValue
         If a key does not fit the shape, or a value cannot be right.
     """
-    return tuple(_obstacle(table, i) for i, table in enumerate(tables))
+    return tuple(_obstacle(table, i, folder or Path()) for i, table in enumerate(tables))
 
 
 def obstacle_tables(obstacles: Sequence[Obstacle]) -> list[dict[str, Any]]:
@@ -63,12 +65,12 @@ def self_collision_table(own: SelfCollision | bool | None) -> dict[str, Any] | N
     return {"margin": own.margin, "disabled": [list(pair) for pair in own.disabled], **srdf}
 
 
-def _obstacle(table: ObstacleTable, index: int) -> Obstacle:
+def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
     key = f"obstacle.{index}"
     wanted = SIZES.get(table.shape, {})
     given = [name for name in _LENGTHS if getattr(table, name) is not None]
     sizes: list[float] = []
-    if table.shape in SIZES:
+    if table.shape in SHAPES:
         for name in given:
             if name not in wanted:
                 used = " and ".join(wanted) or "no lengths"
@@ -83,9 +85,12 @@ def _obstacle(table: ObstacleTable, index: int) -> Obstacle:
     orientation = table.orientation or [0.0, 0.0, 0.0, 1.0]
     if table.rpy is not None:
         orientation = pin.Quaternion(pin.rpy.rpyToMatrix(np.array(table.rpy))).coeffs().tolist()
+    name = table.name or f"{table.shape} {index + 1}"
+    with located(key), located(f"obstacle {name!r}"):
+        hull, excess = _hull(table, folder)
     with located(key):
         return Obstacle(
-            name=table.name or f"{table.shape} {index + 1}",
+            name=name,
             shape=table.shape,
             sizes=np.array(sizes),
             position=np.array(table.position or [0.0] * 3),
@@ -94,4 +99,29 @@ def _obstacle(table: ObstacleTable, index: int) -> Obstacle:
             margin=table.margin,
             smoothing=table.smoothing,
             movable=table.movable,
+            hull=hull,
+            excess=excess,
         )
+
+
+def _hull(table: ObstacleTable, folder: Path) -> tuple[Hull | None, float]:
+    """Hull of a mesh, and by how much it is larger than its file."""
+    if table.shape != MESH:
+        for name in ("file", "scale", "hull", "vertices"):
+            if name in table.model_fields_set:
+                raise ProblemError(f'{name}: shape = "{table.shape}" does not use it, but "{MESH}" does')
+        return None, 0.0
+    if (table.file is None) == (table.vertices is None):
+        raise ProblemError(f'shape = "{MESH}" needs file or vertices, one of them')
+    if table.vertices is not None:
+        for name in ("scale", "hull"):
+            if name in table.model_fields_set:
+                raise ProblemError(f"{name}: of a file; vertices are in metres, and their hull is taken")
+        if any(len(vertex) != 3 for vertex in table.vertices):
+            raise InvalidValue("vertices", "a row of another length", "three numbers for each corner [m]")
+        return hull_of(np.array(table.vertices)), 0.0
+    assert table.file is not None
+    scale = np.ones(3) if table.scale is None else np.asarray(table.scale, dtype=np.float64)
+    if scale.shape not in ((), (3,)) or not np.all(scale > 0.0):
+        raise InvalidValue("scale", shown(table.scale), "one number or three above 0 [m]")
+    return hull_of_file(folder / path_of(table.file), np.broadcast_to(scale, (3,)), table.hull)

@@ -154,7 +154,7 @@ def _fields(
         "limits": bounds_from(robot, **dict(table.limits)),
         "via": via,
         "path": path_from(robot, with_paths(table.path, table.phase), q_start, goal, folder),
-        "obstacle": obstacles_from(table.obstacle),
+        "obstacle": obstacles_from(table.obstacle, folder),
         "self_collision": self_collision_from(table.self_collision, folder),
         "terms": terms_from(robot, table.terms, terms),
         "q_start": q_start,

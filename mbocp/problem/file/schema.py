@@ -398,6 +398,10 @@ class ObstacleTable(Table):
     radius: Finite | None = None
     length: Finite | None = None
     size: Triple = None
+    file: str | None = None
+    scale: Finite | list[Finite] | None = None
+    hull: bool = False
+    vertices: list[list[Finite]] | None = None
     position: Triple = None
     rpy: Triple = None
     orientation: list[Finite] | None = Field(default=None, min_length=4, max_length=4)

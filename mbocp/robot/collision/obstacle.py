@@ -14,8 +14,9 @@ from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
+from mbocp.robot.collision.hull import Hull
 
-__all__ = ["SIZES", "SMOOTHING", "Obstacle"]
+__all__ = ["MESH", "SHAPES", "SIZES", "SMOOTHING", "Obstacle"]
 
 # Keys of a shape's sizes, and how many lengths each has.
 SIZES: dict[str, dict[str, int]] = {
@@ -25,8 +26,10 @@ SIZES: dict[str, dict[str, int]] = {
     "cylinder": {"radius": 1, "length": 1},
     "halfspace": {},
 }
+MESH = "mesh"  # the shape that has corners in the place of sizes
+SHAPES = (*SIZES, MESH)
 SMOOTHING = 2e-3  # [m] over which edges of shapes are rounded in the equations
-_LATER = ("mesh", "convex", "plane", "cone", "ellipsoid", "octree", "heightfield")
+_LATER = ("plane", "cone", "ellipsoid", "octree", "heightfield")
 _LARGEST = 1e6  # [m]
 _MIN_NORM = 1e-8
 
@@ -38,11 +41,11 @@ class Obstacle:
     Parameters
     ----------
     name : str
-    shape : {"sphere", "capsule", "box", "cylinder", "halfspace"}
-        Capsules and cylinders are along z; a halfspace fills what is below z = 0.
+    shape : {"sphere", "capsule", "box", "cylinder", "halfspace", "mesh"}
+        Capsules and cylinders are along z; a halfspace fills what is below z = 0; a mesh is a convex hull.
     sizes : array_like
         In the order of `SIZES`: radius; radius and length (of a capsule without its ends); sides x, y, z
-        [m]; of a halfspace nothing.
+        [m]; of a halfspace and of a mesh nothing.
     position : array_like, shape (3,)
         Of the shape's centre in `frame` [m].
     orientation : array_like, shape (4,)
@@ -56,6 +59,11 @@ class Obstacle:
     movable : bool
         Whether it is moved from one problem to the next: even what cannot reach it takes part, so that
         nothing compiles anew.
+    hull : Hull, optional
+        Of a mesh.
+    excess : float
+        By how much its volume is larger than that of the file that it comes from, as a part of that; NaN
+        where the file's surface is not closed.
 
     Raises
     ------
@@ -72,15 +80,20 @@ class Obstacle:
     margin: float = 0.0
     smoothing: float = SMOOTHING
     movable: bool = False
+    hull: Hull | None = None
+    excess: float = 0.0
 
     def __post_init__(self) -> None:
         key = f"obstacle {self.name!r}"
         if self.shape in _LATER:
-            expected = f"{' or '.join(SIZES)}; cover other shapes by some of these"
+            expected = f"{' or '.join(SHAPES)}; cover other shapes by some of these"
             raise InvalidValue(f"{key}: shape", shown(self.shape), expected)
-        if self.shape not in SIZES:
-            raise InvalidValue.of_choice(f"{key}: shape", self.shape, tuple(SIZES), "")
-        self._take("sizes", sum(SIZES[self.shape].values()), "m")
+        if self.shape not in SHAPES:
+            raise InvalidValue.of_choice(f"{key}: shape", self.shape, SHAPES, "")
+        if (self.hull is not None) != (self.shape == MESH):
+            expected = "corners of a mesh, and of no other shape"
+            raise InvalidValue(f"{key}: hull", "none" if self.hull is None else "a hull", expected)
+        self._take("sizes", sum(SIZES.get(self.shape, {}).values()), "m")
         if np.any(np.asarray(self.sizes) <= 0.0):
             raise InvalidValue(f"{key}: sizes", np.asarray(self.sizes).tolist(), "lengths above 0 [m]")
         self._take("position", 3, "m")
@@ -106,6 +119,8 @@ class Obstacle:
     @property
     def geometry(self) -> coal.CollisionGeometry:
         """The shape, as coal has it."""
+        if self.hull is not None:
+            return self.hull.shape
         sizes = [float(size) for size in self.sizes]
         if self.shape == "halfspace":
             return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
@@ -117,7 +132,9 @@ class Obstacle:
         """Keys and values as in a problem file."""
         found: dict[str, Any] = {"name": self.name, "shape": self.shape}
         at = 0
-        for key, count in SIZES[self.shape].items():
+        if self.hull is not None:
+            found["vertices"] = np.asarray(self.hull.vertices)
+        for key, count in SIZES.get(self.shape, {}).items():
             values = np.asarray(self.sizes)[at : at + count].tolist()
             found[key] = values[0] if count == 1 else values
             at += count

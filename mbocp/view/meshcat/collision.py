@@ -9,11 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.meshes.parts import MeshPart
 from mbocp.view.meshcat.commands import Command, colour_number, set_object, set_transform, shape_object
 from mbocp.view.meshcat.viewer import load_primitive, mg
+from mbocp.view.meshcat.visuals import MergedGeometry
 
 if TYPE_CHECKING:
     from mbocp.robot import LinkSpheres, Robot
+    from mbocp.robot.collision.hull import Hull
     from mbocp.robot.collision.obstacle import Obstacle
 
 __all__ = ["obstacle_commands", "obstacle_points", "sphere_commands"]
@@ -35,8 +38,9 @@ def obstacle_points(robot: Robot, obstacles: Sequence[Obstacle]) -> list[Array]:
             continue
         shape = obstacle.geometry
         shape.computeLocalAABB()
-        half = (np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)) / 2.0
-        found += [(frame.placement * obstacle.placement).act(corner * half) for corner in _CORNERS]
+        low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+        corners = (low + high) / 2.0 + _CORNERS * (high - low) / 2.0
+        found += [(frame.placement * obstacle.placement).act(corner) for corner in corners]
     return found
 
 
@@ -62,6 +66,8 @@ def obstacle_commands(
         material = mg.MeshPhongMaterial(color=colour_number(_OBSTACLE), transparent=True, opacity=opacity)
         if is_plate:
             drawn = mg.Box([_PLATE * size, _PLATE * size, 1e-3 * size])
+        elif obstacle.hull is not None:
+            drawn = MergedGeometry([_flat_sides(obstacle.hull)], [None])
         else:
             drawn = load_primitive(pin.GeometryObject(obstacle.name, joint, placed, obstacle.geometry))
         path = f"{node(joint)}/obstacles/{number}_{obstacle.name.replace('/', '|')}"
@@ -88,3 +94,10 @@ def sphere_commands(
             path = f"{node(link.joint)}/spheres/{link.link.replace('/', '|')}_{number}"
             yield set_object(path, shape_object(mg.Sphere(float(radius)), material))
             yield set_transform(path, np.eye(3), placement.act(np.array(center)))
+
+
+def _flat_sides(hull: Hull) -> MeshPart:
+    """A hull whose triangles have no corner in common, so that edges are seen."""
+    vertices = hull.vertices[hull.faces.ravel()]
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    return MeshPart(vertices, faces, np.repeat(hull.normals, 3, axis=0), None, None)

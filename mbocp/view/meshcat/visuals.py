@@ -32,7 +32,7 @@ from mbocp.view.meshcat.viewer import load_mesh, load_primitive, mg, pack_array
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["SCENE_LIMIT", "MeshLibrary"]
+__all__ = ["SCENE_LIMIT", "MergedGeometry", "MeshLibrary"]
 
 _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there is
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
@@ -167,7 +167,7 @@ def _painted(
     if not own or surfaces == [None]:
         surfaces = [None]
         parts = [MeshPart(p.vertices, p.faces, p.normals, None, None) for p in parts]
-    geometry = _MergedGeometry(parts, surfaces)
+    geometry = MergedGeometry(parts, surfaces)
     drawn = shape_object(geometry, mg.MeshPhongMaterial())
     drawn["materials"] = []
     materials = [_urdf_material(visual) if s is None else _surface_material(s, pictures) for s in surfaces]
@@ -202,7 +202,7 @@ class _Image(mg.Image):  # type: ignore[misc]  # meshcat has no types
         return {"uuid": self.uuid, "url": self._url}
 
 
-class _MergedGeometry(mg.Geometry):  # type: ignore[misc]
+class MergedGeometry(mg.Geometry):  # type: ignore[misc]
     """Mesh parts as one geometry with a group of triangles for each surface."""
 
     def __init__(self, parts: Sequence[MeshPart], surfaces: Sequence[Surface | None]) -> None:
@@ -211,6 +211,7 @@ class _MergedGeometry(mg.Geometry):  # type: ignore[misc]
         self._surfaces = surfaces
 
     def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
+        """As its `set_object` command carries it."""
         parts = self._parts
         starts = np.concatenate([[0], np.cumsum([len(part.vertices) for part in parts])])
         attributes = {
