@@ -8,7 +8,7 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo docs pages wheel test quick test-all attack lint bench bench-dense sanitize campaign setup clean
+.PHONY: demo docs pages wheel try-wheel test quick test-all attack lint bench bench-dense sanitize campaign setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -27,6 +27,20 @@ pages: setup
 	$(PIP) install --group docs
 	$(SPHINX)
 	@echo build/site/index.html
+
+# A wheel of the native part for this Python, in dist/, with the manylinux tag that this machine's compiler and glibc allow. What the
+# wheels of Pinocchio, CasADi and Boost bring is not copied into it: RPATHs lead to them (mbocp/_native/CMakeLists.txt).
+OTHERS := libpinocchio* libcasadi* libboost_serialization*
+
+wheel: setup
+	$(PIP) install --group wheel
+	rm -rf build/wheel && $(PIP) wheel . --no-deps --no-build-isolation --wheel-dir build/wheel
+	$(BIN)/auditwheel repair $(foreach name,$(OTHERS),--exclude '$(name)') --wheel-dir dist build/wheel/*.whl
+	$(BIN)/auditwheel show dist/*.whl
+
+# A new environment, no compiler, a motion: says how long each step takes.
+try-wheel:
+	.ci/try_wheel.sh dist/*.whl
 
 # One process a core, at most eight; the tests of a file stay together.
 PARALLEL := -n auto --maxprocesses 8 --dist loadfile

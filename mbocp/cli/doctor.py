@@ -109,7 +109,10 @@ def _compiler() -> tuple[Verdict, str, str]:
 
     command = compiler()
     if command is None:
-        advice = "install one (Debian: apt install gcc) or set CC; until then solving is far slower"
+        advice = (
+            "pip install mbocp[compiler], or install gcc (Debian: apt install gcc), or set CC; until then "
+            "solving is far slower"
+        )
         return "warn", "none found", advice
     path = " ".join(command)
     said = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False, timeout=10)

@@ -52,7 +52,7 @@ _LARGE_END = 20_000  # the same for what is called once where others are called 
 
 
 class NoCompilerWarning(UserWarning):
-    """No C compiler at run time: stage functions are interpreted, about fifteen times slower."""
+    """No C compiler at run time: stage functions are interpreted, ten to fifty times slower."""
 
 
 class CompiledFunctions:
@@ -139,8 +139,8 @@ def load_functions(
 @cache
 def _warn_no_compiler() -> None:
     warnings.warn(
-        "no C compiler found: stage functions are interpreted, about fifteen times slower; install gcc "
-        "(Debian: apt install gcc) or set CC",
+        "no C compiler found: stage functions are interpreted, ten to fifty times slower; pip install "
+        "mbocp[compiler], or install gcc (Debian: apt install gcc), or set CC",
         NoCompilerWarning,
         stacklevel=2,
     )
@@ -180,7 +180,8 @@ def _flags_for(cc: tuple[str, ...], functions: Collection[ca.Function], most: in
 
 def _is_clang(cc: tuple[str, ...]) -> bool:
     """Whether the compiler, or what a wrapper calls, is named Clang: it refuses options of GCC's."""
-    return any("clang" in Path(word).resolve().name for word in cc if not word.startswith("-"))
+    names = (Path(word).resolve().name for word in cc if not word.startswith("-"))
+    return any("clang" in name or "ziglang" in name for name in names)
 
 
 def _source(functions: Mapping[str, ca.Function], wide: Lanes) -> str:

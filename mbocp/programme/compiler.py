@@ -11,12 +11,15 @@ from __future__ import annotations
 import errno
 import math
 import os
+import platform
 import shlex
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from mbocp.exceptions import CompilationError, CompilationTimeout, InvalidValue
@@ -43,7 +46,8 @@ def compiler() -> tuple[str, ...] | None:
     """The C compiler that is used, as the first words of a command; None when there is none.
 
     It is $CC, which may have options ("gcc -m64") or a wrapper ("ccache gcc"), quoted as in a shell; where
-    that is not set or names no program, it is cc, gcc or clang.
+    that is not set or names no program, it is cc, gcc or clang, and where there are none of these the one of
+    the package `ziglang` (``pip install mbocp[compiler]``).
 
     Returns
     -------
@@ -59,7 +63,17 @@ def compiler() -> tuple[str, ...] | None:
         found = shutil.which(words[0]) if words else None
         if found:
             return (found, *words[1:])
-    return None
+    return _packaged_compiler()
+
+
+def _packaged_compiler() -> tuple[str, ...] | None:
+    """Clang with headers and libraries as a Python package, for the oldest glibc that it knows."""
+    if find_spec("ziglang") is None:
+        return None
+    target = (
+        f"{platform.machine()}-linux-gnu.2.17"  # without it: the instructions of this processor, in any cache
+    )
+    return (sys.executable, "-m", "ziglang", "cc", "-target", target, "-fno-sanitize=undefined")
 
 
 def _named_compiler() -> list[str]:
@@ -122,7 +136,8 @@ def _room(scratch: Path) -> int:
 
 def _outcome(command: Sequence[str], scratch: Path, deadline: float) -> tuple[int, bytes]:
     """Exit code, and what was said; nothing that was started is left."""
-    environment = {**os.environ, "TMPDIR": str(scratch), "LC_ALL": "C"}
+    folders = {"ZIG_GLOBAL_CACHE_DIR": str(scratch.parent / "zig"), "ZIG_LOCAL_CACHE_DIR": str(scratch)}
+    environment = {**folders, **os.environ, "TMPDIR": str(scratch), "LC_ALL": "C"}
     left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
     watched, held = os.pipe()  # neither is inherited, but for what is passed on as standard input
     try:

@@ -30,7 +30,7 @@ _LEVEL = 1  # of zlib: 2.4 MB of a UR5's 6.7 in 0.07 s; level 6 makes 2.1 in 0.4
 
 
 class _Row(BaseModel):
-    model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", defer_build=True)
 
 
 def _within(path: str) -> str:

@@ -26,7 +26,7 @@ _Record = TypeVar("_Record", Phase, IterationRecord, StartRecord, Accuracy)
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, defer_build=True)
 
 
 def _not_negative(value: float) -> float:

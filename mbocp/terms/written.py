@@ -40,7 +40,7 @@ Named: TypeAlias = dict[str, float | list[float]]
 class Table(BaseModel):
     """A table of a problem file: keys that it does not have are refused."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
 
 T = TypeVar("T", bound=Table)

@@ -144,6 +144,8 @@ def overview(solution: Solution, robot: Robot | None = None) -> Figure:
         _title(figure, solution)
         if paths is not None:
             paths.fit(in_space)
+        if paths is not None and not paths.is_planar:
+            figure.set_layout_engine("none")  # all has its place: saving need not look for it again
     return figure
 
 

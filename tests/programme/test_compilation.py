@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import shutil
 from pathlib import Path
 
@@ -115,11 +116,34 @@ def test_without_a_compiler_the_functions_are_interpreted(
     for entry in folder.glob("*.so"):
         entry.unlink()
     compilation._warn_no_compiler.cache_clear()
-    with pytest.warns(NoCompilerWarning, match="apt install gcc"):
+    with pytest.warns(NoCompilerWarning, match=r"pip install mbocp\[compiler\], or install gcc"):
         interpreted = mbocp.solve(pendulum())
     mbocp.solve(pendulum())  # says nothing any more: warnings are errors
     assert interpreted.iterations == compiled.iterations
     assert np.allclose(interpreted.us, compiled.us, atol=1e-12)
+
+
+def test_a_compiler_may_be_a_package(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package `ziglang` that hands over to the usual compiler, without what that one does not know."""
+    (real, *_) = compiler() or ()
+    package = tmp_path / "packages" / "ziglang"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "__main__.py").write_text(
+        "import os, sys\n"
+        "cc, target, triple, *rest = sys.argv[1:]\n"
+        "assert (cc, target) == ('cc', '-target') and '-fsched-pressure' not in rest\n"
+        "assert os.environ['ZIG_GLOBAL_CACHE_DIR'].endswith('zig')\n"
+        f"os.environ['PATH'] = {os.environ['PATH']!r}\n"
+        f"os.execv({real!r}, [{real!r}, *rest])\n"
+    )
+    monkeypatch.setenv("CC", "")
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setenv("PYTHONPATH", str(package.parent))
+    monkeypatch.syspath_prepend(str(package.parent))
+    assert (compiler() or ())[1:4] == ("-m", "ziglang", "cc")
+    assert load_functions("key", doubling).compiled_now
+    assert not load_functions("key", never).compiled_now
 
 
 def test_a_compiler_that_fails_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

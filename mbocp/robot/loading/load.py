@@ -149,7 +149,7 @@ def load_robot(
 class _Spec(BaseModel):
     """The table form of `load_robot`: a problem file's [robot]."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", defer_build=True)
 
     name: str | None = None
     part: list[dict[str, Any]] | None = None

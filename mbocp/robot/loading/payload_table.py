@@ -68,7 +68,7 @@ Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
 class ShapeTable(BaseModel):
     """Mass and shape of a body."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     mass: Mass | None = None
     com: Annotated[Any, BeforeValidator(_com)] = (0.0, 0.0, 0.0)

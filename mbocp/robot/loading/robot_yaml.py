@@ -40,7 +40,7 @@ _JOINT_TYPES = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in _AXES for b in
 class RobotYaml(BaseModel):
     """Content of a robot.yaml."""
 
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)
 
     closed_loop: list[tuple[str, str]] = Field(min_length=1)
     type: list[Literal["3d", "6d", "3D", "6D"]] | None = None

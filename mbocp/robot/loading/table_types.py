@@ -59,4 +59,4 @@ Direction: TypeAlias = Annotated[Vector3, AfterValidator(_has_direction)]
 class Table(BaseModel):
     """A table that takes no other keys than its own, and does not change."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
