@@ -20,7 +20,7 @@ step() {
 step "${PYTHON:-python3}" -m venv env
 export PATH="$folder/env/bin" MBOCP_CACHE_DIR="$folder/cache"
 unset CC CXX PYTHONPATH
-step pip install --quiet --disable-pip-version-check "$wheel$extra"
+step pip install -q --disable-pip-version-check "$wheel$extra"
 step mbocp doctor || true # warns of the missing compiler
 step mbocp new ur5 -o reach.toml
 step mbocp solve reach.toml -q -o reach.h5
