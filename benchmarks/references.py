@@ -6,8 +6,10 @@ schemes that are symmetric in time, costs have an expansion in even powers of th
 .. math:: J_h = J + a_1 h^2 + a_2 h^4 + \ldots,
 
 where the optimum is smooth; so Romberg's table takes a power of h^2 away in each column. Schemes of no
-symmetry take powers one by one from the second on. The last entries of its diagonal tell how many
-digits it has; two schemes, which agree in nothing but the limit, tell whether to believe it.
+symmetry take powers one by one from the second on, or from the first where explicit schemes integrate a cost
+that differs between start and end, since they take it at the begin of each step. The last entries of its
+diagonal tell how many digits it has; two schemes, which agree in nothing but the limit, tell whether to
+believe it. A scheme may say how its controls vary in a step, as `gauss2/stages`.
 """
 
 from __future__ import annotations
@@ -64,6 +66,8 @@ class ReferenceCase:
     levels : int
         Rows of the tables.
     settings : tuple of str
+    first : int
+        Power of the step with which errors of schemes without symmetry begin.
     """
 
     name: str
@@ -72,6 +76,7 @@ class ReferenceCase:
     steps: int
     levels: int = 5
     settings: tuple[str, ...] = ()
+    first: int = 2
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,7 @@ class Reference:
         return max(between, min(self.errors)) / abs(self.cost)
 
 
+_UNLIMITED = ("limits.effort=[1000, 1000]",)  # limits that act would leave nothing smooth
 _GAUSS, _LOBATTO = ("gauss3", "gauss2"), ("lobatto3", "lobatto2")
 CASES = (
     ReferenceCase("elastic_pendulum", "paper/elastic_pendulum", _GAUSS, 40),
@@ -105,16 +111,30 @@ CASES = (
     ReferenceCase("ur5_reach", "arms/ur5_reach", ("gauss2", "midpoint"), 200, 4),
     ReferenceCase("panda_reach", "arms/panda_reach", ("gauss2", "midpoint"), 800, 4),
     ReferenceCase("payload", "arms/payload", ("gauss2", "midpoint"), 100, 4),
+    ReferenceCase("kinova_reach", "arms/kinova_reach", ("midpoint", "gauss2/stages"), 400, 4),
+    ReferenceCase("four_bar", "loops/four_bar", _LOBATTO, 100),
+    # Its limit of the position begins and ends to act at thirds of the time.
+    ReferenceCase("bryson_denham", "optima/bryson_denham", ("gauss2", "midpoint"), 60),
+    ReferenceCase("unicycle", "so3/unicycle_pendulum", ("rkf5", "heun"), 200, 5, _UNLIMITED, first=1),
 )
 
 
-def limit_of(costs: Sequence[float], *, is_symmetric: bool) -> tuple[float, float]:
-    """Limit of costs with N, 2 N, 4 N, ... steps, and what it may be wrong by."""
+def limit_of(costs: Sequence[float], *, is_symmetric: bool, first: int = 2) -> tuple[float, float]:
+    """Limit of costs with N, 2 N, 4 N, ... steps, and what it may be wrong by.
+
+    Parameters
+    ----------
+    costs : sequence of float
+    is_symmetric : bool
+        Whether errors have even powers of the step alone.
+    first : int
+        The power with which other errors begin.
+    """
     diagonal, row = [costs[0]], [costs[0]]
     for k, cost in enumerate(costs[1:], start=1):
         new = [cost]
         for j in range(1, k + 1):
-            factor = 2.0 ** (2 * j if is_symmetric else j + 1) - 1.0
+            factor = 2.0 ** (2 * j if is_symmetric else j + first - 1) - 1.0
             new.append(new[j - 1] + (new[j - 1] - row[j - 1]) / factor)
         row = new
         diagonal.append(row[-1])
@@ -126,7 +146,11 @@ def limit_of(costs: Sequence[float], *, is_symmetric: bool) -> tuple[float, floa
 def reference_of(case: ReferenceCase) -> Reference:
     """Limits by both schemes."""
     found = [
-        limit_of(list(_costs(case, scheme)), is_symmetric=scheme == "midpoint" or scheme in PAIRS)
+        limit_of(
+            list(_costs(case, scheme)),
+            is_symmetric=scheme == "midpoint" or scheme.partition("/")[0] in PAIRS,
+            first=case.first,
+        )
         for scheme in case.schemes
     ]
     return Reference((found[0][0], found[1][0]), (found[0][1], found[1][1]))
@@ -134,7 +158,8 @@ def reference_of(case: ReferenceCase) -> Reference:
 
 def _costs(case: ReferenceCase, scheme: str) -> Iterator[float]:
     before = None
-    settings = (*case.settings, f"integrator.scheme={scheme}")
+    name, _, controls = scheme.partition("/")
+    settings = (*case.settings, f"integrator.scheme={name}", f"horizon.controls={controls or 'constant'}")
     problem = mbocp.load_problem(EXAMPLES / f"{case.file}.toml", settings)
     for level in range(case.levels):
         before = mbocp.solve(problem.with_(num_steps=case.steps * 2**level), warm_start=before, check=True)
@@ -161,7 +186,7 @@ def accuracy_table(asked: float, cases: Sequence[ReferenceCase] = CASES) -> Tabl
         scheme, limit = case.schemes[0], known[case.name]["cost"]
         settings = (*case.settings, f"integrator.scheme={scheme}")
         problem = mbocp.load_problem(EXAMPLES / f"{case.file}.toml", settings)
-        if problem.has_free_duration:
+        if problem.has_free_duration or problem.robot.drives:
             continue
         found = mbocp.solve(problem.with_(accuracy=asked), check=True)
         equal = mbocp.solve(problem.with_(num_steps=found.num_steps), warm_start=found, check=True)
@@ -189,7 +214,7 @@ def steps_table(asked: float, cases: Sequence[ReferenceCase] = CASES) -> Table:
     known, rows = json.loads(_DATA.read_text(encoding="utf-8")), []
     for case in cases:
         problem = mbocp.load_problem(EXAMPLES / f"{case.file}.toml", case.settings)
-        if problem.has_free_duration:
+        if problem.has_free_duration or problem.robot.drives:
             continue
         loops = bool(problem.robot.nc)
         schemes = ["lobatto3"] if loops else ["gauss2", *(["gauss3"] if problem.robot.nv <= _SMALL else [])]
@@ -251,7 +276,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     table, data = reference_table(cases)
     present([header(), table], _DOCS, _BEGIN, into_page=options.docs)
     if options.data:
-        _DATA.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+        kept = json.loads(_DATA.read_text(encoding="utf-8")) if options.names else {}
+        _DATA.write_text(json.dumps(kept | data, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
