@@ -4,7 +4,8 @@ A system is solved with N, 2 N, 4 N, ... equal steps. Its true cost is in `tests
 its true motion and adjoints are those of the finest steps of a scheme of order four whose controls vary
 within steps, extrapolated once. Between
 the numbers of steps errors and times are interpolated on logarithms: so many steps, and so much time, to 1e-4
-and to 1e-6 of the cost. Beyond the finest steps they are extrapolated with the last slope, which a "~" says.
+and to 1e-6 of the cost. Beyond the finest steps errors are extrapolated with the last slope and times grow
+with the steps, which a "~" says.
 
 - The error of the motion is the largest of a joint [rad, m] at the nodes that all solutions have.
 - The error of the adjoint is that of the derivative of the cost to go in velocities that the constraints
@@ -196,7 +197,8 @@ def reached(points: Sequence[Point], asked: float) -> tuple[float, float, str]:
     if points[-1].cost > asked:
         if len(points) < 2 or points[-2].cost <= points[-1].cost:
             return np.nan, np.nan, ""
-        return *_between(points[-2], points[-1], asked), "~"
+        steps, _ = _between(points[-2], points[-1], asked)
+        return steps, points[-1].seconds * steps / points[-1].steps, "~"
     for coarse, fine in reversed(list(pairwise(points))):
         if coarse.cost > asked:
             return *_between(coarse, fine, asked), ""
