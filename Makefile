@@ -1,5 +1,5 @@
-# make demo | docs | wheel | test | quick | test-all | attack | lint | bench | bench-dense | sanitize | campaign | clean; each installs
-# what it needs into .venv first.
+# make demo | docs | wheel | test | quick | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | clean;
+# each installs what it needs into .venv first.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -8,7 +8,7 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo docs pages wheel try-wheel test quick test-all attack lint bench bench-dense sanitize campaign setup clean
+.PHONY: demo docs pages wheel try-wheel test quick test-all attack lint bench bench-dense bench-peers sanitize campaign setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -73,6 +73,10 @@ lint: setup
 
 bench: setup
 	$(BIN)/python -m benchmarks
+
+# Beside Crocoddyl, mim_solvers and CasADi; installs what these need into the user's cache, once.
+bench-peers: setup
+	$(BIN)/python -m benchmarks.peers
 
 # The kernel's small dense algebra against Eigen's, operation by operation.
 bench-dense: setup

@@ -1,0 +1,1 @@
+"""One module a solver: `run(task, repeats, folder)` gives a `Run`."""
