@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--markdown", action="store_true", help="for the documentation")
     parser.add_argument("--problems", nargs="+", choices=_ORDER, default=_ORDER)
     parser.add_argument("--repeats", type=int, default=9, help="solves of which the median is taken")
-    parser.add_argument("--timeout", type=float, default=180.0, help="of a solver on a problem [s]")
+    parser.add_argument("--timeout", type=float, default=300.0, help="of a solver on a problem [s]")
     options = parser.parse_args(arguments)
     one_core()
     own, other = own_environment(), environment_of_crocoddyl()

@@ -26,6 +26,7 @@ from mbocp.symbolic import model_functions
 
 _MOST = 1000
 _TOLERANCE = 1e-8
+_FATROP_LIMITED = 1e-6  # with 1e-8 it goes on at the solution without an end
 _INPUTS = ["x", "p", "lam_f", "lam_g"]
 
 
@@ -255,7 +256,7 @@ class _Programme:
                 "nu": [self.nw] * self.N + [0],
                 "ng": ng,
                 "equality": equality.tolist(),
-                "fatrop.tolerance": _TOLERANCE,
+                "fatrop.tolerance": _FATROP_LIMITED if self.nh else _TOLERANCE,
                 "fatrop.max_iter": _MOST,
                 "fatrop.print_level": 0,
                 "fatrop.tiny_step_tol": 0.0,  # 1.1.8 keeps multipliers with tiny steps, and does not end
