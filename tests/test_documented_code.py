@@ -178,6 +178,24 @@ def test_keys_of_every_day_exist(keys: ModuleType, known: dict[str, bool]) -> No
         assert keys.row_of(name, rows), name
 
 
+def test_the_reference_has_every_public_name() -> None:
+    page = (DOCS / "api.md").read_text("utf-8")
+    for name in mbocp.__all__:
+        assert name == "__version__" or re.search(rf":: mbocp\.{name}$", page, re.MULTILINE), name
+    for path in re.findall(r"^\.\. auto\w+:: (\S+)$", page, re.MULTILINE):
+        home, _, name = path.rpartition(".")
+        assert hasattr(importlib.import_module(home), name), path
+
+
+def test_every_example_is_in_the_gallery() -> None:
+    gallery = load_tool("make_gallery")
+    shown = {example.resolve() for example in gallery.examples()}
+    assert len(shown) > 40
+    others = {p for p in (ROOT / "examples").glob("*/*.toml") if p.resolve() not in shown}
+    left_out = {p.stem for p in others if p.parent.name != "studies"}
+    assert left_out == gallery.NO_SINGLE_MOTION, "a new folder of examples goes into make_gallery.ROOMS"
+
+
 def test_pictures_are_of_examples() -> None:
     for page in DOCS.glob("*.md"):
         for name in re.findall(r"^<!-- example: (\S+) -->$", page.read_text("utf-8"), re.MULTILINE):
