@@ -104,8 +104,9 @@ class Flow:
             As of `ends`.
         dts : ndarray, shape (N,)
         parts : int
-        gains : ndarray, shape (N, k nu, 2 nv)
-            Of the coefficients.
+        gains : ndarray, shape (N, k nu, 2 nv) or (N, k nu, 2 nv + nu)
+            Of the coefficients. Those with more columns answer what the control at the end of the step before
+            was away from its plan, too.
 
         Returns
         -------
@@ -114,12 +115,12 @@ class Flow:
         """
         qs, vs = planned
         rate, difference = self.functions.function("rate"), self.functions.function("difference")
-        chain = _answered(rate, difference, parts, us.shape[1]).mapaccum(len(us))
+        chain = _answered(rate, difference, parts, us.shape[1], gains.shape[2]).mapaccum(len(us))
         rows = np.transpose(gains, (0, 2, 1)).reshape(len(us), -1)  # CasADi's order of entries is by columns
-        start = np.append(qs[0], vs[0])
+        start = np.concatenate([qs[0], vs[0], np.zeros(rate.numel_in(2))])
         found = chain(start, np.hstack([qs[:-1], vs[:-1]]).T, us.T, dts[None] / parts, rows.T).full().T
-        xs = np.vstack([start, found])
-        return xs[:, : qs.shape[1]], xs[:, qs.shape[1] :]
+        xs, nx = np.vstack([start, found]), qs.shape[1] + vs.shape[1]
+        return xs[:, : qs.shape[1]], xs[:, qs.shape[1] : nx]
 
     def replay(self, q: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
         """States of the nodes of one flow from (q, speeds) under the controls of all steps.
@@ -197,17 +198,23 @@ def _step(rate: ca.Function, size: int) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def _answered(rate: ca.Function, difference: ca.Function, parts: int, size: int) -> ca.Function:
-    """A step of so many parts with feedback, (x, x_planned, u, h, K) -> x."""
-    nq, nv = (rate.numel_in(i) for i in range(2))
+def _answered(rate: ca.Function, difference: ca.Function, parts: int, size: int, width: int) -> ca.Function:
+    """A step of so many parts with feedback, ((x, du), x_planned, u, h, K) -> (x, du).
+
+    The state carries du, what the control at the end of the step is away from its plan.
+    """
+    nq, nv, nu = (rate.numel_in(i) for i in range(3))
+    carried = ca.MX.sym("carried", nu)
     x, planned = ca.MX.sym("x", nq + nv), ca.MX.sym("planned", nq + nv)
-    u, h, K = ca.MX.sym("u", size), ca.MX.sym("h"), ca.MX.sym("K", size * 2 * nv)
+    u, h, K = ca.MX.sym("u", size), ca.MX.sym("h"), ca.MX.sym("K", size * width)
     away = ca.vertcat(difference(planned[:nq], x[:nq]), x[nq:] - planned[nq:])
-    answer = u + ca.reshape(K, size, 2 * nv) @ away
-    step, end = _step(rate, size), x
+    seen = away if width == 2 * nv else ca.vertcat(away, carried)
+    moved = ca.reshape(K, size, width) @ seen
+    answer, step, end = u + moved, _step(rate, size), x
     for part in range(parts):
         end = step(end, answer, h, part / parts, 1.0 / parts)
-    return ca.Function("answered", [x, planned, u, h, K], [end])
+    left = sum(ca.vertsplit(moved, nu), start=ca.MX.zeros(nu)) if nu else carried
+    return ca.Function("answered", [ca.vertcat(x, carried), planned, u, h, K], [ca.vertcat(end, left)])
 
 
 def _sum(row: Array, slopes: list[ca.MX]) -> ca.MX:

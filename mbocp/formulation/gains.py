@@ -14,6 +14,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.control_values import spread_limits
+from mbocp.formulation.layout import StateLayout
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
@@ -49,14 +50,15 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     gains : ndarray, shape (N, k nu, 2 nv)
         Of the robot's controls in every step, by moves of q along the tangent and by v at its begin; of
         controls with k values in a step all of them, one block after the other. A control at its limit does
-        not answer: its row is zero. Shape (0, 0, 0) where states are not (q, v), as in natural coordinates
-        and with linear controls, or where no weight gives the signs of a minimum.
+        not answer: its row is zero. Linear controls have nu more columns, for what the control is away from
+        its plan at the begin of the step, of which there is nothing in the first. Shape (0, 0, 0) where
+        states are not (q, v), as in natural coordinates, or where no weight gives the signs of a minimum.
     """
     problem, layout = formulation.problem, formulation.layout
     robot = problem.robot
     is_plain = layout.is_flat and robot.nq != robot.nv
     has_joint_states = COORDINATES[problem.coordinates].has_joint_states
-    if not has_joint_states or is_plain or layout.ns != robot.nv or layout.is_continuous:
+    if not has_joint_states or is_plain or layout.ns != robot.nv:
         return np.zeros((0, 0, 0))
     native = kernel_programme(formulation.programme)
     iterate.load_into(native)
@@ -66,13 +68,26 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     ends = np.cumsum([kind.nu * kind.ndx for kind in kinds])
     rows = np.split(native.gains(), ends[:-1])
     blocks = [row.reshape(kind.nu, kind.ndx) for row, kind in zip(rows, kinds, strict=True)]
-    gains = np.array([block[: layout.num_own, : 2 * robot.nv] for block in blocks])
+    gains = np.array([_answers(layout, block, n) for n, block in enumerate(blocks)])
     lower, upper = spread_limits(layout, *problem.limits_along()["u"], problem.num_steps)
     motion = formulation.motion_of(iterate)
     us = motion.values.reshape(len(gains), -1) if motion.shares else motion.us
     near = _TOUCHED * (1.0 + np.abs(us))
     gains[(us <= lower + near) | (us >= upper - near)] = 0.0
     return gains
+
+
+def _answers(layout: StateLayout, block: Array, step: int) -> Array:
+    """Rows of the values of the controls, in the columns of (q, v), and of continuous controls."""
+    rows = block[: layout.num_own]
+    of_state = rows[:, : layout.nw + layout.ns]
+    if not layout.is_continuous:
+        return of_state
+    found = np.hstack([of_state, rows[:, layout.remembered_rows["control"]]])
+    if step:  # the first value is the last of the step before
+        found[: layout.nu] = 0.0
+        found[: layout.nu, -layout.nu :] = np.eye(layout.nu)
+    return found
 
 
 def _factorised(native: KernelProgramme, programme: StagewiseProgramme) -> bool:

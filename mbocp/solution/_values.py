@@ -106,7 +106,9 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
     if num_values or np.size(given["u_values"]):
         shapes["u_values"] = (steps, num_values, num_u)
     if np.size(given["gains"]):
-        shapes["gains"] = (steps, max(num_values, 1) * num_u, 2 * nv)
+        width = np.shape(given["gains"])[-1]  # linear controls answer what they are away themselves, too
+        width = width if num_values == 2 and width == 2 * nv + num_u else 2 * nv
+        shapes["gains"] = (steps, max(num_values, 1) * num_u, width)
     for letter in "uvq":
         size = shapes[f"limits_{letter}"][1] or 0
         absent[f"limits_{letter}"] = np.outer([-np.inf, np.inf], np.ones(size))

@@ -83,8 +83,8 @@ class Solution(SolutionData):
         Feedback K_n: the controls of a step answer a deviation :math:`\Delta x` of (q, v) at its begin, of q
         along the tangent, by :math:`K_n \Delta x`; see `mbocp.formulation.gains`. Where controls have k
         values in a step, those answer, one block of rows after the other, all to the deviation at its begin;
-        else k is 1. Shape (0, 0, 0) where nobody asked, where states are not (q, v), or where controls are
-        linear: then a deviation is one of the control, too.
+        else k is 1. Linear controls have nu more columns: a deviation is one of the control, too, which the
+        step before has answered by. Shape (0, 0, 0) where nobody asked, or where states are not (q, v).
     mus : ndarray, shape (N + 1, 2 nv)
         Adjoint of the state, :math:`\mu_n = (\mu^q_n, \mu^p_n)`; for scheme SE1 the multipliers of the
         step from node n to n + 1.

@@ -94,5 +94,14 @@ def _columns(solution: SolutionData) -> dict[str, tuple[Column, ...]]:
         **{f"limits_{name}": getattr(labels, name) for name in ("u", "v", "q")},
         "u_values": labels.u,
         "u_shares": (Column("share", ""),),
-        "gains": tuple(Column(f"{part}:{v.name}", "") for part in ("q", "v") for v in labels.v),
+        "gains": _gain_columns(solution),
     }
+
+
+def _gain_columns(solution: SolutionData) -> tuple[Column, ...]:
+    """What gains answer: moves of (q, v), and of linear controls."""
+    labels = solution.labels
+    moves = tuple(Column(f"{part}:{v.name}", "") for part in ("q", "v") for v in labels.v)
+    if solution.gains.shape[-1] <= len(moves):
+        return moves
+    return moves + tuple(Column(f"u:{u.name}", "") for u in labels.u)
