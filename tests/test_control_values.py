@@ -108,6 +108,19 @@ def test_states_of_the_optimum_converge_with_the_order(
 
 
 @pytest.mark.slow
+def test_orders_of_a_double_pendulum() -> None:
+    """It is light: coarse steps do not resolve how fast it turns."""
+    before, states, adjoints = None, [], []
+    for count in (40, 80, 160):
+        before = solution_of(pendulum(steps=count, cost={"effort": 1.0}), warm_start=before)
+        states.append(np.hstack([before.qs, before.vs])[:: count // 40])
+        adjoints.append(before.mus[:: count // 40])
+    for rows in (states, adjoints):
+        first, second = (np.abs(b - a).max() for a, b in pairwise(rows))
+        assert np.log2(first / second) == pytest.approx(4.0, abs=0.2)
+
+
+@pytest.mark.slow
 def test_orders_of_an_arm() -> None:
     problem = mbocp.load_problem(EXAMPLES / "arms/ur5_reach.toml").with_(scheme="gauss2", controls="stages")
     costs, adjoints = solved(problem, (100, 200, 400))
@@ -125,6 +138,10 @@ def test_solvers_agree(scheme: str, controls: str) -> None:
     assert own.cost == pytest.approx(other.cost, rel=1e-7)
     assert np.abs(own.u_values - other.u_values).max() < 1e-3 * np.abs(own.u_values).max()
     assert own.residual < 1e-8
+    if controls == "stages":
+        assert own.control_momentum_drift < 1e-9
+    else:  # forces along axes of the world are part of what turns
+        assert own.control_momentum_names == ()
 
 
 @pytest.mark.parametrize("name", ["double_pendulum", "hector"])

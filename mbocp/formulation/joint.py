@@ -80,9 +80,11 @@ def momenta_of_symmetries(
 ) -> tuple[Array, tuple[str, ...]]:
     """Control momenta; none where drives, path constraints or limits of rates are: not looked for there.
 
-    Holds and impacts keep them, since what is held where it is moves along with the robot.
+    Holds and impacts keep them, since what is held where it is moves along with the robot. Linear controls are
+    part of the state, and forces in axes of the world turn with it: their part is not looked for either.
     """
-    if problem.robot.drives or problem.inequalities or breaks_symmetries(problem):
+    has_more = problem.robot.drives or problem.inequalities or problem.controls == "linear"
+    if has_more or breaks_symmetries(problem):
         return np.zeros((len(qs), 0)), ()
     return control_momenta(problem.robot, qs, vs, costates, tracked=weighed_components(problem))
 
