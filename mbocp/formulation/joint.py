@@ -80,7 +80,7 @@ def momenta_of_symmetries(
 ) -> tuple[Array, tuple[str, ...]]:
     """Control momenta; none where drives, path constraints or limits of rates are: not looked for there.
 
-    Holds and impacts keep them, since what is held where it is moves along with the robot. Linear controls are
+    Holds and impacts keep them: what is held where it is moves along with the robot. Linear controls are
     part of the state, and forces in axes of the world turn with it: their part is not looked for either.
     """
     has_more = problem.robot.drives or problem.inequalities or problem.controls == "linear"
