@@ -40,14 +40,43 @@ void read_values(const StageFunction& f, int lane, double* h) {
     for (int k = 0; k < rows.nnz(); ++k) h[rows.row[k]] = f.values(0)[k * f.num_lanes + lane];
 }
 
-// What a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h has just returned in a lane: values into h, and,
-// where J and H are not null, derivatives into J and added to H, both with leading dimension px.
-void read_rows(const StageFunction& f, int lane, int px, double* h, double* J, double* H) {
+// Of the rows of a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h, of nd states.
+std::vector<Window> windows_of(const StageFunction& f, int nd) {
+    const Pattern& slopes = f.outputs[1];
+    std::vector<Window> found(static_cast<std::size_t>(slopes.rows), Window{nd, 0, 0});
+    for (int k = 0; k < slopes.nnz(); ++k) {
+        Window& window = found[static_cast<std::size_t>(slopes.row[k])];
+        const int column = slopes.column[k];
+        const int end = window.size > 0 ? std::max(window.first + window.size, column + 1) : column + 1;
+        window.first = std::min(window.first, column), window.size = end - window.first;
+    }
+    int at = 0;
+    for (Window& window : found) {
+        if (window.size > 0) {  // whole vectors, as far as there are columns
+            const int end = std::min(padded(window.first + window.size), nd);
+            window.first -= window.first % dense::width, window.size = end - window.first;
+        }
+        window.at = at, at += window.size;
+    }
+    return found;
+}
+
+std::size_t size_of(const std::vector<Window>& windows) {
+    return windows.empty() ? 0 : static_cast<std::size_t>(windows.back().at + windows.back().size);
+}
+
+// What such a function has just returned in a lane: values into h, and, where J and H are not null, derivatives into
+// the windows of J and added to H, which has the leading dimension px.
+void read_rows(const StageFunction& f, int lane, int px, const std::vector<Window>& windows, double* h, double* J,
+               double* H) {
     read_values(f, lane, h);
     if (!J) return;
     const auto &slopes = f.outputs[1], &curvature = f.outputs[2];
     const auto value = [&](int output, int k) { return f.values(output)[k * f.num_lanes + lane]; };
-    for (int k = 0; k < slopes.nnz(); ++k) J[slopes.row[k] * px + slopes.column[k]] = value(1, k);
+    for (int k = 0; k < slopes.nnz(); ++k) {
+        const Window& window = windows[static_cast<std::size_t>(slopes.row[k])];
+        J[window.at + slopes.column[k] - window.first] = value(1, k);
+    }
     for (int k = 0; k < curvature.nnz(); ++k) {
         const int i = curvature.row[k], j = curvature.column[k];
         const double entry = value(2, k);
@@ -55,6 +84,10 @@ void read_rows(const StageFunction& f, int lane, int px, double* h, double* J, d
         if (i != j) H[j * px + i] += entry;
     }
 }
+
+double times(const Slope& J, const double* dx) { return dense::dot(J.size, J.values, dx + J.first); }
+
+void add_multiple(double weight, const Slope& J, double* sum) { dense::axpy(J.size, weight, J.values, sum + J.first); }
 
 }  // namespace
 
@@ -97,11 +130,14 @@ void Limits::set(const Bounds& bounds, Function path, Function path_values, Func
     lower.insert(lower.end(), num_guards_, 0.0);
     upper.insert(upper.end(), num_guards_, infinity);
 
-    const std::size_t px = padded(problem_.ndx), num_J = static_cast<std::size_t>(nh_) * nodes;
+    windows_ = path_ ? windows_of(*path_, problem_.ndx) : std::vector<Window>();
+    guard_windows_ = guard_ ? windows_of(*guard_, problem_.ndx) : std::vector<Window>();
+    num_slopes_ = size_of(windows_);
+    const std::size_t px = padded(problem_.ndx);
     const std::size_t matrices = nodes + (num_guards_ && at_node_.back() < 0);
     lambda_.assign(std::max(nh_ * most_lanes, num_guards_), 0.0), h_.assign(nh_, 0.0);
     gradient_x_.assign(problem_.dx_offset(N), 0.0), gradient_u_.assign(problem_.u_offset[N], 0.0);
-    J_.assign(num_J * px, 0.0), guard_J_.assign(num_guards_ * px, 0.0);
+    J_.assign(num_slopes_ * nodes, 0.0), guard_J_.assign(size_of(guard_windows_), 0.0);
     H_.assign(matrices * px * px, 0.0), B_ = H_;
 }
 
@@ -118,9 +154,7 @@ void Limits::add_rows(int n, const std::vector<int>& found, const Numbers& lower
     }
 }
 
-std::size_t Limits::jacobian_offset(int n) const {
-    return static_cast<std::size_t>(at_node_[n]) * nh_ * padded(problem_.ndx);
-}
+std::size_t Limits::jacobian_offset(int n) const { return static_cast<std::size_t>(at_node_[n]) * num_slopes_; }
 
 // Those of the guards come last where the last node has no path functions.
 std::size_t Limits::matrix_offset(int n) const {
@@ -133,26 +167,26 @@ const double* Limits::matrix(int n) const {
 }
 
 double Limits::squared_slope(std::size_t equation) const {
-    const int row = equations[equation].row, n = of_equation_[equation], nd = problem_.ndx;
+    const int row = equations[equation].row, n = of_equation_[equation];
     if (row < of_stage(n).path) return 1.0;
-    const double* J = jacobian(n) + entry(row) * padded(nd);
-    return dense::dot(nd, J, J);
+    const Slope J = slope(n, row);
+    return dense::dot(J.size, J.values, J.values);
 }
 
 double Limits::response(std::size_t equation, const double* T, const double* Hss, int ld, int nd) const {
     const int row = equations[equation].row, n = of_equation_[equation], nu = problem_.kind(n).nu;
     const Rows rows = of_stage(n);
-    const auto slope = [&](int j) {  // in control j
+    const auto in_control = [&](int j) {
         if (row < rows.u) return T[entry(row) * ld + nd + j];
         if (row < rows.path) return entry(row) == j ? 1.0 : 0.0;
-        const double* J = jacobian(n) + entry(row) * padded(nd);
+        const Slope J = slope(n, row);
         double sum = 0;
-        for (int i = 0; i < nd; ++i) sum += J[i] * T[i * ld + nd + j];
+        for (int i = 0; i < J.size; ++i) sum += J.values[i] * T[(J.first + i) * ld + nd + j];
         return sum;
     };
     double sum = 0;
     for (int j = 0; j < nu; ++j) {
-        const double a = slope(j), weight = std::abs(Hss[(nd + j) * (ld + 1)]);
+        const double a = in_control(j), weight = std::abs(Hss[(nd + j) * (ld + 1)]);
         if (a != 0.0) sum += a * a / weight;
     }
     return sum;
@@ -195,7 +229,7 @@ bool Limits::call_guard(const Point& at, double* h, double* J, double* H) {
     guard_->share(1, lambda_.data());
     guard_->share(2, problem_.rho_terminal.data());
     const bool ok = guard_->call_in_lanes();
-    read_rows(*guard_, 0, padded(problem_.ndx), h, J, H);
+    read_rows(*guard_, 0, padded(problem_.ndx), guard_windows_, h, J, H);
     return ok;
 }
 
@@ -224,7 +258,7 @@ bool Limits::values(const Point& at, Numbers& h) {
 }
 
 bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
-    const int N = problem_.N, nd = problem_.ndx, px = padded(nd);
+    const int N = problem_.N, px = padded(problem_.ndx);
     bool ok = true;
     std::fill(gradient_x_.begin(), gradient_x_.end(), 0.0), std::fill(gradient_u_.begin(), gradient_u_.end(), 0.0);
     std::fill(H_.begin(), H_.end(), 0.0);
@@ -248,10 +282,11 @@ bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
             const int n = with_path_[k];
             const Rows rows = of_stage(n);
             double* J = J_.data() + jacobian_offset(n);
-            read_rows(*path_, static_cast<int>(k - first), px, h_.data(), J, H_.data() + matrix_offset(n));
+            const int lane = static_cast<int>(k - first);
+            read_rows(*path_, lane, px, windows_, h_.data(), J, H_.data() + matrix_offset(n));
             for (int i = rows.path; i < rows.end; ++i) {
                 h[i] = h_[entry(i)];
-                dense::axpy(nd, lambda[i], J + entry(i) * px, gradient_x_.data() + problem_.dx_offset(n));
+                add_multiple(lambda[i], slope(n, i), gradient_x_.data() + problem_.dx_offset(n));
             }
         }
     }
@@ -259,51 +294,50 @@ bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
     std::copy(lambda.begin() + first_guard(), lambda.end(), lambda_.begin());
     ok = call_guard(at, h.data() + first_guard(), guard_J_.data(), H_.data() + matrix_offset(N - 1)) && ok;
     double* of_x = gradient_x_.data() + problem_.dx_offset(N - 1);
-    for (int i = 0; i < num_guards_; ++i) dense::axpy(nd, lambda_[i], guard_J_.data() + i * px, of_x);
+    for (int i = 0; i < num_guards_; ++i) add_multiple(lambda_[i], guard_slope(i), of_x);
     return ok;
 }
 
 void Limits::along(const Increment& d, Numbers& rows) const {
-    const int N = problem_.N, nd = problem_.ndx, px = padded(nd);
+    const int N = problem_.N;
     for (int n = 0; n < N; ++n) {
         const Rows of = of_stage(n);
         const double* dx = d.dx.data() + problem_.dx_offset(n + 1);
         for (int i = of.x; i < of.u; ++i) rows[i] = dx[entry(i)];
         for (int i = of.u; i < of.path; ++i) rows[i] = d.du[problem_.u_offset[n] + entry(i)];
-        for (int i = of.path; i < of.end; ++i) rows[i] = dense::dot(nd, jacobian(n) + entry(i) * px, dx);
+        for (int i = of.path; i < of.end; ++i) rows[i] = times(slope(n, i), dx);
     }
     const double* dx = d.dx.data() + problem_.dx_offset(N);
-    for (int i = 0; i < num_guards_; ++i) rows[first_guard() + i] = dense::dot(nd, guard_J_.data() + i * px, dx);
+    for (int i = 0; i < num_guards_; ++i) rows[first_guard() + i] = times(guard_slope(i), dx);
 }
 
 void Limits::add_transposed(const Numbers& weights, Residual& out) const {
-    const int N = problem_.N, nd = problem_.ndx, px = padded(nd);
+    const int N = problem_.N, nd = problem_.ndx;
     for (int n = 0; n < N; ++n) {
         const Rows rows = of_stage(n);
         double* w = out.w.data() + problem_.m_offset[n];
         double* of_u = out.s.data() + problem_.s_offset(n) + nd;
         for (int i = rows.x; i < rows.u; ++i) w[entry(i)] += weights[i];
         for (int i = rows.u; i < rows.path; ++i) of_u[entry(i)] += weights[i];
-        for (int i = rows.path; i < rows.end; ++i) dense::axpy(nd, weights[i], jacobian(n) + entry(i) * px, w);
+        for (int i = rows.path; i < rows.end; ++i) add_multiple(weights[i], slope(n, i), w);
     }
     double* w = out.w.data() + problem_.m_offset[N - 1];
-    for (int i = 0; i < num_guards_; ++i) dense::axpy(nd, weights[first_guard() + i], guard_J_.data() + i * px, w);
+    for (int i = 0; i < num_guards_; ++i) add_multiple(weights[first_guard() + i], guard_slope(i), w);
 }
 
 void Limits::weigh(const Numbers& weights) {
-    const int N = problem_.N, nd = problem_.ndx, px = padded(nd);
-    const auto add_outer = [&](double weight, const double* row, double* B) {
-        for (int i = 0; i < nd; ++i)
-            if (row[i] != 0.0) dense::axpy(nd, weight * row[i], row, B + i * px);
+    const int N = problem_.N, px = padded(problem_.ndx);
+    const auto add_outer = [&](double weight, const Slope& J, double* B) {
+        for (int i = 0; i < J.size; ++i)
+            if (J.values[i] != 0.0) add_multiple(weight * J.values[i], J, B + (J.first + i) * px);
     };
     B_ = H_;
     for (int n = 0; n < N; ++n) {
         const Rows rows = of_stage(n);
-        for (int i = rows.path; i < rows.end; ++i)
-            add_outer(weights[i], jacobian(n) + entry(i) * px, B_.data() + matrix_offset(n));
+        for (int i = rows.path; i < rows.end; ++i) add_outer(weights[i], slope(n, i), B_.data() + matrix_offset(n));
     }
     for (int i = 0; i < num_guards_; ++i)
-        add_outer(weights[first_guard() + i], guard_J_.data() + i * px, B_.data() + matrix_offset(N - 1));
+        add_outer(weights[first_guard() + i], guard_slope(i), B_.data() + matrix_offset(N - 1));
 }
 
 void Limits::add_to_value(int n, const Numbers& weights, double* P) const {

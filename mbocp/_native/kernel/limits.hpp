@@ -24,6 +24,17 @@ struct Equation {
     double value;
 };
 
+// Columns in which the derivatives of a row can be other than zero, and where they are among those of all rows.
+struct Window {
+    int first, size, at;
+};
+
+// Those derivatives.
+struct Slope {
+    int first, size;
+    const double* values;
+};
+
 class Limits {
 public:
     // Where the rows of a stage's state, controls and path functions begin, and where they end.
@@ -79,13 +90,22 @@ private:
     bool call_guard(const Point& at, double* h, double* J, double* H);
     void copy_values(int n, const Point& at, double* h) const;
     bool has_path(int n) const { return at_node_[static_cast<std::size_t>(n)] >= 0; }
-    const double* jacobian(int n) const { return J_.data() + jacobian_offset(n); }
+    Slope slope(int n, int row) const {  // of a path function
+        const Window& window = windows_[static_cast<std::size_t>(entry(row))];
+        return {window.first, window.size, J_.data() + jacobian_offset(n) + window.at};
+    }
+    Slope guard_slope(int i) const {
+        const Window& window = guard_windows_[static_cast<std::size_t>(i)];
+        return {window.first, window.size, guard_J_.data() + window.at};
+    }
     const double* matrix(int n) const;  // B, or null
     // Of a node that has path functions; of the matrices, or has guards.
     std::size_t jacobian_offset(int n) const;
     std::size_t matrix_offset(int n) const;
 
     const Problem& problem_;
+    std::vector<Window> windows_, guard_windows_;  // of the path functions at a node, and of the guards
+    std::size_t num_slopes_ = 0;                   // numbers of a node's derivatives
     std::vector<Rows> stages_;
     std::vector<int> entry_;
     std::vector<int> with_path_;                     // stages whose nodes have path functions
