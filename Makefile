@@ -34,8 +34,8 @@ OTHERS := libpinocchio* libcasadi* libboost_serialization*
 
 wheel: setup
 	$(PIP) install --group wheel
-	rm -rf build/wheel && $(PIP) wheel . --no-deps --no-build-isolation --wheel-dir build/wheel
-	$(BIN)/auditwheel repair $(foreach name,$(OTHERS),--exclude '$(name)') --wheel-dir dist build/wheel/*.whl
+	rm -rf build/wheel dist/mbocp-*.whl && $(PIP) wheel . --no-deps --no-build-isolation --wheel-dir build/wheel
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/auditwheel repair $(foreach name,$(OTHERS),--exclude '$(name)') --wheel-dir dist build/wheel/*.whl
 	$(BIN)/auditwheel show dist/*.whl
 
 # A new environment, no compiler, a motion: says how long each step takes.
