@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mbocp.exceptions import NotConverged as NotConverged
     from mbocp.problem import Problem as Problem
     from mbocp.problem import load_problem as load_problem
+    from mbocp.receding import RecedingHorizon as RecedingHorizon
     from mbocp.robot import Robot as Robot
     from mbocp.robot import load_robot as load_robot
     from mbocp.solution import Solution as Solution
@@ -31,6 +32,7 @@ _HOME = {
     "MbocpError": "mbocp.exceptions",
     "NotConverged": "mbocp.exceptions",
     "Problem": "mbocp.problem",
+    "RecedingHorizon": "mbocp.receding",
     "Robot": "mbocp.robot",
     "Solution": "mbocp.solution",
     "load_problem": "mbocp.problem",
@@ -44,6 +46,7 @@ __all__ = [
     "MbocpError",
     "NotConverged",
     "Problem",
+    "RecedingHorizon",
     "Robot",
     "Solution",
     "__version__",

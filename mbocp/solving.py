@@ -28,7 +28,7 @@ from mbocp.solvers import IterationRecord, Phase
 from mbocp.solvers.reachability import dependent_end_rows
 from mbocp.solvers.records import timed
 
-__all__ = ["solve"]
+__all__ = ["formulated", "solve"]
 
 
 def solve(
@@ -108,20 +108,20 @@ def _attempted(
     begun = time.perf_counter()
     phases: list[Phase] = []
     with timed(phases, "compile"):
-        formulated = [
-            (place if problem.goals else None, *_formulated(member, deadline))
+        made = [
+            (place if problem.goals else None, *formulated(member, deadline))
             for place, member in problem.members
         ]
-        formulation = formulated[0][1]
+        formulation = made[0][1]
     starts: tuple[StartRecord, ...] = ()
     if rough or isinstance(start, Carried) or (problem.solver.starts == 1 and not problem.goals):
         outcome, guess_used = solve_from_guesses(formulation, start, callback, phases, deadline, rough)
     else:
-        members = [(place, member) for place, member, _ in formulated]
+        members = [(place, member) for place, member, _ in made]
         formulation, outcome, guess_used, starts = solve_from_starts(
             members, start, callback, phases, deadline
         )
-    left_out = next(words for _, member, words in formulated if member is formulation)
+    left_out = next(words for _, member, words in made if member is formulation)
     return Attempt(formulation, outcome, tuple(phases), guess_used, left_out, begun, starts)
 
 
@@ -140,8 +140,8 @@ def _read(attempt: Attempt, *, asked: Problem, with_gains: bool) -> Solution:
     )
 
 
-def _formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:
-    """Formulation without end conditions that the dynamics meet by themselves, and which these are."""
+def formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:
+    """Formulation without end conditions that the dynamics meet by themselves, and words for these."""
     formulation = formulate(problem, deadline=deadline)
     if not formulation.end_rows_may_depend or problem.goal.redundant == "keep":
         return formulation, ""

@@ -42,6 +42,7 @@ LAYERS = (
     "guesses",
     "clearing",
     "solving",
+    "receding",
     "explaining",
     "study",
     "papers",

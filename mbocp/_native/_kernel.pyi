@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from enum import Enum
 
 from mbocp._arrays import Array
 
@@ -182,3 +183,50 @@ class Programme:
     def sigma(self) -> Array: ...
     @property
     def A(self) -> Array: ...
+
+class Outcome(Enum):
+    converged = 0
+    improved = 1
+    out_of_time = 2
+    stuck = 3
+    not_finite = 4
+    bad_state = 5
+
+class HorizonStatus:
+    @property
+    def outcome(self) -> Outcome: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def increment(self) -> float: ...
+    @property
+    def length(self) -> float: ...
+    @property
+    def violation(self) -> float: ...
+    @property
+    def objective(self) -> float: ...
+    @property
+    def barrier(self) -> float: ...
+    @property
+    def shift(self) -> float: ...
+    @property
+    def seconds(self) -> float: ...
+
+class RecedingHorizon:
+    def __init__(
+        self,
+        programme: Programme,
+        *,
+        tolerance: float,
+        barrier: float,
+        shift_unit: float,
+        augmentation: float,
+        turning: Array,
+    ) -> None: ...
+    def step(self, state: Array, steps: float, iterations: int, time_limit: float) -> HorizonStatus: ...
+    @property
+    def x(self) -> Array: ...
+    @property
+    def u(self) -> Array: ...
+    @property
+    def gains(self) -> Array: ...

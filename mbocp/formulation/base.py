@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.build import Pieces
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
 from mbocp.integrators import control_basis, control_powers
@@ -149,6 +150,16 @@ class Formulation(Protocol):
     @property
     def force_tau(self) -> float:
         """Where in a step its forces are taken; its adjoint belongs to what remains of 1."""
+
+    @property
+    def pieces(self) -> Pieces:
+        """What its programme is made of."""
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers.
+
+        A velocity is taken as it is, though the scheme may begin with one that fits its constraints.
+        """
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations (N, nq) and velocities (N, nv) at which the forces of each step are taken.

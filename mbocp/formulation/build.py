@@ -103,6 +103,12 @@ class Pieces:
     speed_bounds: tuple[Array, Array]
     labels: RowLabels
 
+    @property
+    def parameters(self) -> ParameterLayout:
+        """Pieces of the programme's parameters."""
+        space, joints, robot = self.space, self.joints, self.problem.robot
+        return parameter_layout(self.signature, Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv))
+
 
 def needs_plain_states(problem: Problem) -> bool:
     """Whether a state's coordinates are the unknowns, and not its tangent: see `StateLayout`."""
@@ -145,8 +151,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         If a velocity is limited that is no unknown of the programme.
     """
     problem, signature, at = pieces.problem, pieces.signature, pieces.layout
-    robot, space, joints = problem.robot, pieces.space, pieces.joints
-    layout = parameter_layout(signature, Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv))
+    robot, space, layout = problem.robot, pieces.space, pieces.parameters
     theta, rho, rho_terminal = _parameters(pieces, layout)
     bounds = state_bounds(problem, space, at, pieces.speed_bounds)
     return StagewiseProgramme(

@@ -55,6 +55,7 @@ class ExplicitFormulation:
     layout: StateLayout
     space: ConfigurationSpace
     end_rows: EndRows
+    pieces: Pieces
 
     end_rows_may_depend = True
     counts_turns = True
@@ -99,7 +100,7 @@ class ExplicitFormulation:
             speed_bounds=free_speed_bounds(problem),
             labels=RowLabels(robot.v_labels, "rate", robot.speed_labels),
         )
-        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:
@@ -115,6 +116,10 @@ class ExplicitFormulation:
     def start_velocity(self) -> Array:
         """Velocity of the joints with which the steps begin, shape (nv,)."""
         return self.problem.v_start
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return np.concatenate([self.space.coordinates(q[None])[0], self.problem.robot.speeds(q, v)])
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Where each step begins."""

@@ -60,6 +60,7 @@ class ImplicitFormulation:
     layout: StateLayout
     space: ConfigurationSpace
     end_rows: EndRows
+    pieces: Pieces
 
     end_rows_may_depend = False
     counts_turns = True
@@ -93,7 +94,7 @@ class ImplicitFormulation:
             speed_bounds=problem.limits_along()["v"],
             labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels),
         )
-        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:
@@ -124,6 +125,10 @@ class ImplicitFormulation:
     def force_tau(self) -> float:
         """Where in a step its forces are taken."""
         return TAU[self.problem.scheme]
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return np.concatenate([self.space.coordinates(q[None])[0], v])
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""

@@ -58,6 +58,7 @@ class NaturalFormulation:
     layout: StateLayout
     space: NaturalSpace
     end_rows: EndRows
+    pieces: Pieces
 
     end_rows_may_depend = False
     counts_turns = False
@@ -92,11 +93,11 @@ class NaturalFormulation:
             end_rows=rows,
             end=_natural_end(problem, mechanics, rows),
             turning=np.zeros(at.ndx),
-            x_start=_start_state(problem, space, at),
+            x_start=_start_state(problem, space, at, problem.q_start, consistent_velocity(problem)),
             speed_bounds=(-unbounded, unbounded),
             labels=RowLabels(names, "momentum balance", names, labels),
         )
-        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:
@@ -117,6 +118,10 @@ class NaturalFormulation:
     def force_tau(self) -> float:
         """Where in a step its forces are taken."""
         return TAU[self.problem.scheme]
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return _start_state(self.problem, self.space, self.layout, q, v)[: self.layout.r.start]
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
@@ -240,8 +245,7 @@ def _is_structured(problem: Problem, at: StateLayout) -> bool:
     return problem.scheme == "se1" and at.nr == 0 and problem.switches is None
 
 
-def _start_state(problem: Problem, space: NaturalSpace, at: StateLayout) -> Array:
-    q, v = problem.q_start, consistent_velocity(problem)
+def _start_state(problem: Problem, space: NaturalSpace, at: StateLayout, q: Array, v: Array) -> Array:
     z = space.coordinates(q[None])[0]
     w = space.rates(q[None], v[None])[0]
     if VELOCITY_TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid

@@ -25,6 +25,7 @@ __all__ = [
     "parameter_layout",
     "path_parameters",
     "pieces",
+    "places",
     "share_of",
 ]
 
@@ -52,6 +53,15 @@ class ParameterLayout:
     def weighing(self, sizes: Mapping[str, int]) -> BoolArray:
         """Which entries of a vector of pieces the costs are linear in."""
         return mask(sizes, self.weights)
+
+
+def places(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Where each piece of a vector is, by name."""
+    found, start = {}, 0
+    for name, size in sizes.items():
+        found[name] = slice(start, start + size)
+        start += size
+    return found
 
 
 def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLayout:

@@ -48,6 +48,7 @@ class PartitionedFormulation:
     layout: StateLayout
     space: ConfigurationSpace
     end_rows: EndRows
+    pieces: Pieces
 
     end_rows_may_depend = False
     counts_turns = True
@@ -89,7 +90,7 @@ class PartitionedFormulation:
                 _words_of_stages(pair, robot.v_labels),
             ),
         )
-        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows)
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
 
     @property
     def pair(self) -> Pair:
@@ -110,6 +111,10 @@ class PartitionedFormulation:
     def start_velocity(self) -> Array:
         """Velocity of the joints with which the steps begin, shape (nv,)."""
         return self.problem.v_start
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return np.concatenate([self.space.coordinates(q[None])[0], v])
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """The middles of the steps, as a guess takes them."""

@@ -17,12 +17,13 @@ from mbocp.programme.stagewise import StagewiseProgramme
 # The modules may be missing, and the kernel is one of two builds with the same names. Solvers take from here
 # the types of what the kernel gives them.
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Direction, Kind, Programme, StageFunction, Terminal
+    from mbocp._native._kernel import Direction, Kind, Programme, RecedingHorizon, StageFunction, Terminal
     from mbocp._native._kernel import Evaluation as Evaluation
     from mbocp._native._kernel import Factorisation as Factorisation
     from mbocp._native._kernel import Trial as Trial
 
     KernelDirection = Direction
+    KernelHorizon = RecedingHorizon
     KernelProgramme = Programme
 
 __all__ = ["Kernel", "NlpHelpers", "kernel", "kernel_programme", "nlp_helpers"]
@@ -46,6 +47,10 @@ class Kernel(Protocol):
     @property
     def Terminal(self) -> type[Terminal]:
         """Functions of the end."""
+
+    @property
+    def RecedingHorizon(self) -> type[KernelHorizon]:
+        """The loop over a horizon that moves on."""
 
     @property
     def Programme(self) -> type[KernelProgramme]:

@@ -8,6 +8,7 @@ limits. Here is when mu falls: as soon as the conditions of the barrier problem 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,7 @@ __all__ = [
     "raised",
     "resumed",
     "update_barrier",
+    "warm_barrier",
     "why_limits_cannot_be_kept",
 ]
 
@@ -55,17 +57,14 @@ def init_barrier(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState
     """
     if not _has_limits(programme):
         return start(programme, iterate)
-    native, rows = _loaded(programme, iterate), _Rows.of(programme)
+    native = _loaded(programme, iterate)
     native.start_limits(_MIN_BARRIER, _MARGIN)
     barrier = _first_barrier(native)
     if iterate.bounds is None:
         native.start_limits(barrier, _MARGIN)
     else:
         barrier *= _WARM_FACTOR
-        native.start_limits(barrier, _WARM_MARGIN)
-        known = _rows_of(iterate.bounds, programme)
-        native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(native.z_lower, -known))
-        native.z_upper = np.where(rows.is_equation, known, np.maximum(native.z_upper, known))
+        _start_warm(native, programme, iterate.bounds, barrier)
     return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
 
 
@@ -96,6 +95,40 @@ def resumed(
     else:
         _drop_idle(native, rows)
     return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
+
+
+def warm_barrier(
+    programme: StagewiseProgramme, iterate: Iterate, barrier_of: Callable[[float, int], float]
+) -> KernelProgramme:
+    """Kernel programme at a solution with a larger barrier: slacks inside, multipliers of it at least.
+
+    `barrier_of` is (cost, number of limits) -> barrier parameter. Without limits there is none.
+
+    Raises
+    ------
+    ProblemError
+        If there are limits that the barrier cannot keep.
+    """
+    if not _has_limits(programme):
+        return start(programme, iterate).native
+    native = _loaded(programme, iterate)
+    native.start_limits(_MIN_BARRIER, _WARM_MARGIN)
+    barrier = barrier_of(native.evaluate().cost, native.num_limits)
+    if iterate.bounds is None:
+        native.start_limits(barrier, _WARM_MARGIN)
+    else:
+        _start_warm(native, programme, iterate.bounds, barrier)
+    return native
+
+
+def _start_warm(
+    native: KernelProgramme, programme: StagewiseProgramme, bounds: BoundMultipliers, barrier: float
+) -> None:
+    """Slacks a little inside, and known multipliers where they are above those of the barrier."""
+    rows, known = _Rows.of(programme), _rows_of(bounds, programme)
+    native.start_limits(barrier, _WARM_MARGIN)
+    native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(native.z_lower, -known))
+    native.z_upper = np.where(rows.is_equation, known, np.maximum(native.z_upper, known))
 
 
 def largest_product(native: KernelProgramme, programme: StagewiseProgramme) -> float:

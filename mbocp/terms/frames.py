@@ -27,6 +27,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
 from mbocp.robot import Robot
 from mbocp.robot.poses.target import normals_to
 from mbocp.terms.frame_goal import FrameGoal
@@ -260,6 +261,33 @@ class FrameEnd:
             self._key("D_pose"): D.pose.ravel(order="F"),
             self._key("D_rate"): D.rate.ravel(order="F"),
         }
+
+    def moved(self, name: str, pose: Array) -> dict[str, Array]:
+        """Values of the parameters that say where a frame is to be.
+
+        Parameters
+        ----------
+        name : str
+            The frame.
+        pose : ndarray, shape (4, 4) or (3,)
+            Homogeneous matrix in its reference frame, or the position alone [m].
+
+        Raises
+        ------
+        ProblemError
+            If a direction of an axis is asked for, whose numbers are not those of a pose.
+        """
+        found: dict[str, Array] = {}
+        for k, (goal, shape) in enumerate(zip(self.goals, self.shapes, strict=True)):
+            if goal.name != name:
+                continue
+            if shape.coordinates:
+                found[self._key(f"{k}.position")] = pose if pose.shape == (3,) else pose[:3, 3]
+            if shape.turn == "orientation" and pose.shape != (3,):
+                found[self._key(f"{k}.rotation")] = pose[:3, :3].ravel(order="F")
+            if shape.turn == "axis" and pose.shape != (3,):
+                raise ProblemError(f"goal.{name}: has an axis and a direction; give its position (3,) alone")
+        return found
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """The cost, or the rows."""

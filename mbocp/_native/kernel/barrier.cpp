@@ -38,8 +38,8 @@ struct LogBarrier {
 
 void Barrier::set_limits(const Bounds& bounds, Function path, Function path_values, Function guard) {
     limits_.set(bounds, std::move(path), std::move(path_values), std::move(guard));
-    for (Numbers* v :
-         {&slack, &z_lower, &z_upper, &h_, &defect_, &sigma_, &force_, &ds_, &dz_lower_, &dz_upper_, &slack_moved_})
+    for (Numbers* v : {&slack, &z_lower, &z_upper, &lambda_, &h_, &defect_, &sigma_, &force_, &ds_, &dz_lower_,
+                       &dz_upper_, &slack_moved_})
         v->assign(static_cast<std::size_t>(num_rows()), 0.0);
     for (Numbers* v : {&weight_, &response_, &missed_, &dlambda_, &reach_}) v->assign(limits_.equations.size(), 0.0);
 
@@ -53,7 +53,8 @@ Numbers Barrier::multipliers() const {
 }
 
 bool Barrier::evaluate(const Point& at) {
-    const bool ok = limits_.evaluate(at, multipliers(), h_);
+    for (int i = 0; i < num_rows(); ++i) lambda_[i] = z_upper[i] - z_lower[i];
+    const bool ok = limits_.evaluate(at, lambda_, h_);
     for (int i = 0; i < num_rows(); ++i) defect_[i] = h_[i] - slack[i];
     for (std::size_t k = 0; k < reach_.size(); ++k) reach_[k] = limits_.reach(k, at);
     return ok;

@@ -77,7 +77,7 @@ private:
 
     Limits limits_;
     double parameter_ = 0;              // mu
-    Numbers h_, defect_;                // values of the rows; h - s
+    Numbers lambda_, h_, defect_;       // the rows' multipliers and values; h - s
     Numbers sigma_, force_;             // Sigma; what the row adds to the right-hand side's gradient, before J'
     Numbers ds_, dz_lower_, dz_upper_;  // of the last direction
     Numbers slack_moved_;

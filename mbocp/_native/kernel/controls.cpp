@@ -23,29 +23,42 @@ int count_negative(const Eigen::VectorXd& eigenvalues) {
 
 }  // namespace
 
+struct EndMultiplier::Work {
+    explicit Work(int n) : R(n, n), scaled(n, n), product(n, n), scale(n), eigen(n) {}
+
+    RowMatrix R, scaled, product;
+    Eigen::VectorXd scale;
+    Eigen::SelfAdjointEigenSolver<RowMatrix> eigen;
+};
+
 EndMultiplier::EndMultiplier(const Problem& problem)
-    : ng_(problem.ng), R_(static_cast<std::size_t>(padded(ng_)) * padded(ng_) + 4, 0.0) {}
+    : ng_(problem.ng), R_(static_cast<std::size_t>(padded(ng_)) * padded(ng_) + 4, 0.0),
+      inverse_(static_cast<std::size_t>(ng_) * ng_, 0.0), work_(std::make_unique<Work>(ng_)) {}
+EndMultiplier::~EndMultiplier() = default;
 
 void EndMultiplier::clear() { std::fill(R_.begin(), R_.end(), 0.0); }
 
 // Eigenvectors of the equilibrated matrix: ng is small, and inertia comes for free.
 bool EndMultiplier::factorise(Factorisation& result) {
     if (!ng_) return true;
-    RowMatrix R = MatrixMap(R_.data(), ng_, ng_, Eigen::OuterStride<>(padded(ng_)));
-    R = 0.5 * (R + R.transpose()).eval();
-    Eigen::VectorXd scale(ng_);
+    auto& [R, scaled, product, scale, eigen] = *work_;
+    const MatrixMap given(R_.data(), ng_, ng_, Eigen::OuterStride<>(padded(ng_)));
+    R.noalias() = 0.5 * (given + given.transpose());
     for (int i = 0; i < ng_; ++i) scale[i] = 1.0 / std::sqrt(std::max(std::abs(R(i, i)), 1e-300));
-    R = scale.asDiagonal() * R * scale.asDiagonal();
+    for (int i = 0; i < ng_; ++i)
+        for (int j = 0; j < ng_; ++j) R(i, j) = scale[i] * R(i, j) * scale[j];
     if (!R.allFinite()) return false;
-    const Eigen::SelfAdjointEigenSolver<RowMatrix> eigen(R);
+    eigen.compute(R);
     const int negative = count_negative(eigen.eigenvalues());
     if (negative < 0) return false;
     result.negative += negative;
     result.end_condition = eigen.eigenvalues().cwiseAbs().minCoeff() / eigen.eigenvalues().cwiseAbs().maxCoeff();
-    const RowMatrix inverse = scale.asDiagonal() * eigen.eigenvectors() *
-                              eigen.eigenvalues().cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose() *
-                              scale.asDiagonal();
-    inverse_.assign(inverse.data(), inverse.data() + inverse.size());
+    for (int i = 0; i < ng_; ++i)
+        for (int j = 0; j < ng_; ++j)
+            scaled(i, j) = scale[i] * eigen.eigenvectors()(i, j) * (1.0 / eigen.eigenvalues()[j]);
+    product.noalias() = scaled * eigen.eigenvectors().transpose();
+    for (int i = 0; i < ng_; ++i)
+        for (int j = 0; j < ng_; ++j) inverse_[static_cast<std::size_t>(i) * ng_ + j] = product(i, j) * scale[j];
     return true;
 }
 

@@ -2,6 +2,8 @@
 // multiplier.
 #pragma once
 
+#include <memory>
+
 #include "barrier.hpp"
 #include "data.hpp"
 
@@ -13,6 +15,7 @@ inline constexpr double singular = 1e-15;  // relative pivot or eigenvalue below
 class EndMultiplier {
 public:
     explicit EndMultiplier(const Problem& problem);
+    ~EndMultiplier();
 
     void clear();
     double* matrix() { return R_.data(); }  // rows of padded(ng)
@@ -21,8 +24,11 @@ public:
     void solve(const Numbers& r, Numbers& eta) const;
 
 private:
+    struct Work;  // of the factorisation, as large as it has to be from the beginning
+
     const int ng_;
     Numbers R_, inverse_;
+    std::unique_ptr<Work> work_;
 };
 
 // A stage's quadratic form over (state before, controls), rows and columns, with the columns of eta in front of the

@@ -8,7 +8,7 @@
 
 #include <stdexcept>
 
-#include "programme.hpp"
+#include "receding.hpp"
 
 #ifndef MBOCP_KERNEL_NAME
 #define MBOCP_KERNEL_NAME _kernel
@@ -42,6 +42,20 @@ void vector_property(nb::class_<Programme>& c, const char* name, Field field, co
             std::copy(value.data(), value.data() + value.size(), numbers.begin());
         },
         nb::for_getter(nb::rv_policy::move), doc);
+}
+
+// A property that is a view: rows of numbers that stay where they are.
+template <class Shape>
+void view_property(nb::class_<RecedingHorizon>& c, const char* name, Numbers RecedingHorizon::* field, Shape shape,
+                   const char* doc) {
+    c.def_prop_ro(
+        name,
+        [field, shape](nb::handle self) {
+            auto& horizon = nb::cast<RecedingHorizon&>(self);
+            const auto sizes = shape(horizon);
+            return nb::ndarray<nb::numpy, const double>((horizon.*field).data(), sizes.size(), sizes.data(), self);
+        },
+        doc);
 }
 
 // A property that reads a copy.
@@ -162,7 +176,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "set_parameters",
             [](Programme& p, const Input& theta, const Input& rho, const Input& rho_terminal) {
-                p.problem.set_parameters(to_numbers(theta), to_numbers(rho), to_numbers(rho_terminal));
+                p.problem.set_parameters({theta.data(), theta.size()}, {rho.data(), rho.size()},
+                                         {rho_terminal.data(), rho_terminal.size()});
             },
             nb::arg("theta"), nb::arg("rho"), nb::arg("rho_terminal"))
         .def("evaluate", &Programme::evaluate, nb::arg("share") = 1.0)
@@ -240,4 +255,55 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
     array_property(
         programme, "A", [](const Programme& p) { return p.adjoint_sweep.A; },
         "A of the auxiliary adjoint, a column for each end condition.");
+
+    nb::enum_<Outcome>(module, "Outcome")
+        .value("converged", Outcome::converged)
+        .value("improved", Outcome::improved)
+        .value("out_of_time", Outcome::out_of_time)
+        .value("stuck", Outcome::stuck)
+        .value("not_finite", Outcome::not_finite)
+        .value("bad_state", Outcome::bad_state);
+
+    nb::class_<HorizonStatus>(module, "HorizonStatus")
+        .def_ro("outcome", &HorizonStatus::outcome)
+        .def_ro("iterations", &HorizonStatus::iterations)
+        .def_ro("increment", &HorizonStatus::increment)
+        .def_ro("length", &HorizonStatus::length)
+        .def_ro("violation", &HorizonStatus::violation)
+        .def_ro("objective", &HorizonStatus::objective)
+        .def_ro("barrier", &HorizonStatus::barrier)
+        .def_ro("shift", &HorizonStatus::shift)
+        .def_ro("seconds", &HorizonStatus::seconds);
+
+    nb::class_<RecedingHorizon> horizon(module, "RecedingHorizon");
+    horizon
+        .def(
+            "__init__",
+            [](RecedingHorizon* self, Programme& programme, double tolerance, double barrier, double shift_unit,
+               double augmentation, const Input& turning) {
+                new (self)
+                    RecedingHorizon(programme, {tolerance, barrier, shift_unit, augmentation, to_numbers(turning)});
+            },
+            nb::arg("programme"), nb::kw_only(), nb::arg("tolerance"), nb::arg("barrier"), nb::arg("shift_unit"),
+            nb::arg("augmentation"), nb::arg("turning"), nb::keep_alive<1, 2>())
+        .def(
+            "step",
+            [](RecedingHorizon& h, const Input& state, double steps, int iterations, double time_limit) {
+                if (state.size() > h.state_size())
+                    throw std::invalid_argument("state: got " + std::to_string(state.size()) +
+                                                " numbers, expected at most " + std::to_string(h.state_size()));
+                return h.step(state.data(), static_cast<int>(state.size()), steps, iterations, time_limit);
+            },
+            nb::arg("state"), nb::arg("steps"), nb::arg("iterations"), nb::arg("time_limit"));
+    using Sizes = std::vector<std::size_t>;
+    view_property(
+        horizon, "x", &RecedingHorizon::x,
+        [](const RecedingHorizon& h) { return Sizes{h.num_stages() + 1, h.state_size()}; }, "States of the nodes.");
+    view_property(
+        horizon, "u", &RecedingHorizon::u,
+        [](const RecedingHorizon& h) { return Sizes{h.num_stages(), h.num_controls()}; }, "Controls of the steps.");
+    view_property(
+        horizon, "gains", &RecedingHorizon::gains,
+        [](const RecedingHorizon& h) { return Sizes{h.num_stages(), h.num_controls(), h.tangent_size()}; },
+        "What the controls answer to deviations of the states before, of the last factorisation.");
 }

@@ -36,11 +36,14 @@ Problem::Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal 
     scaled_.assign(static_cast<std::size_t>(ndx) * most_lanes, 0.0);
 }
 
-void Problem::set_parameters(const Numbers& of_all, const Numbers& of_stages, const Numbers& of_end) {
-    if (static_cast<int>(of_stages.size()) != r_offset.back())
+void Problem::set_parameters(Given of_all, Given of_stages, Given of_end) {
+    if (static_cast<int>(of_stages.size) != r_offset.back())
         throw std::invalid_argument("stage parameters: wrong length");
-    theta = of_all, rho_ = of_stages, rho_terminal = of_end;
-    for (Numbers* v : {&theta, &rho_, &rho_terminal}) v->push_back(0.0);  // functions may ask for a pointer of none
+    const auto set = [](Numbers& to, Given given) {
+        to.resize(given.size + 1, 0.0);  // one more: functions may ask for a pointer of none
+        std::copy(given.at, given.at + given.size, to.begin());
+    };
+    set(theta, of_all), set(rho_, of_stages), set(rho_terminal, of_end);
 }
 
 bool Problem::call(StageFunction& f, int n, const Point& at, const double* multipliers) const {

@@ -30,7 +30,12 @@ public:
     Problem(const Problem&) = delete;  // stages refer to its kinds
     Problem& operator=(const Problem&) = delete;
 
-    void set_parameters(const Numbers& theta, const Numbers& rho, const Numbers& rho_terminal);
+    struct Given {
+        const double* at;
+        std::size_t size;
+    };
+    // The same numbers of each as before take no new memory.
+    void set_parameters(Given theta, Given rho, Given rho_terminal);
     const Kind& kind(int n) const { return kinds_[static_cast<std::size_t>(stage_kind_[n])]; }
     const std::vector<Kind>& kinds() const { return kinds_; }
     const Kind& kind(const Group& group) const { return kinds_[static_cast<std::size_t>(group.kind)]; }

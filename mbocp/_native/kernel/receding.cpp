@@ -1,0 +1,279 @@
+#include "receding.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace mbocp {
+
+namespace {
+
+// As in mbocp/solvers: monolithic.py, newton.py, limits.py, shift.py and filter.py say why.
+constexpr double least_shift = 1e-6, shift_growth = 8.0, shift_shrinkage = 5.0, most_shift = 1e4;
+constexpr double least_end_condition = 1e-3, most_augmentation = 1e12, augmentation_growth = 100.0;
+constexpr double most_turn = 1.0;         // [rad]
+constexpr double shortest_length = 0.02;  // of the longest step: below it a larger shift is tried
+constexpr double good_length = 0.2;
+constexpr int most_attempts = 8;
+constexpr double settled = 30.0, barrier_factor = 0.1, barrier_power = 1.7;
+constexpr double least_decrease = 1e-5, armijo = 1e-4, slope_power = 2.3, violation_power = 1.1;
+constexpr double round_off = 1e-13, feasible = 1e-9;
+// A step that limits cut to less than this raises the barrier parameter, up to a multiple: slacks get room.
+constexpr double cut_short = 0.1, barrier_rise = 10.0, barrier_rises = 1e4;
+constexpr double smallest_barrier = 1e-9, largest_barrier = 1.0;
+constexpr double whole_step = 1e-9;  // shifts by nearly a whole number of steps are by that number
+constexpr double forgetting = 0.9;   // of the duration of a Newton step, where there was no time for one
+
+double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::steady_clock::time_point b) {
+    return std::chrono::duration<double>(b - a).count();
+}
+
+}  // namespace
+
+RecedingHorizon::RecedingHorizon(Programme& programme, HorizonSettings settings)
+    : programme_(programme), settings_(std::move(settings)), augmentation_(settings_.augmentation),
+      barrier_(programme.barrier.parameter()), least_barrier_(barrier_) {
+    const Problem& p = programme_.problem;
+    for (int n = 1; n < p.N; ++n)
+        if (&p.kind(n) != &p.kind(0)) throw std::invalid_argument("receding horizon: stages are of several kinds");
+    if (static_cast<int>(settings_.turning.size()) != p.ndx)
+        throw std::invalid_argument("receding horizon: turning: got " + std::to_string(settings_.turning.size()) +
+                                    " numbers, expected " + std::to_string(p.ndx));
+    rows_move_ = has_same_rows();
+    const auto nd = static_cast<std::size_t>(p.ndx), nu = static_cast<std::size_t>(p.kind(0).nu);
+    dx_.assign(nd, 0.0), unit_.assign(nd, 0.0), answer_.assign(nu, 0.0);
+    x = programme_.iterate.x, u = programme_.iterate.u;
+    gains.assign(static_cast<std::size_t>(p.N) * nu * nd, 0.0);
+}
+
+bool RecedingHorizon::has_same_rows() const {
+    const Limits& limits = programme_.barrier.limits();
+    if (limits.empty()) return true;
+    const auto same = [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); };
+    const auto first = limits.of_stage(0);
+    for (int n = 1; n < programme_.problem.N; ++n) {
+        const auto rows = limits.of_stage(n);
+        if (rows.u - rows.x != first.u - first.x || rows.path - rows.u != first.path - first.u ||
+            rows.end - rows.path != first.end - first.path)
+            return false;
+        for (int i = 0; i < first.end - first.x; ++i) {
+            const int a = first.x + i, b = rows.x + i;
+            if (limits.entry(a) != limits.entry(b) || !same(limits.lower[a], limits.lower[b]) ||
+                !same(limits.upper[a], limits.upper[b]))
+                return false;
+        }
+    }
+    return limits.equations.empty();
+}
+
+// Stage after stage: what was `whole` stages later, or between that and the one after it. The last one stays.
+void RecedingHorizon::move_rows(Numbers& values, std::size_t first, int size, int whole, double part) const {
+    const int last = programme_.problem.N - 1;
+    double* of = values.data() + first;
+    for (int n = 0; n <= last; ++n) {
+        const double *a = of + std::min(n + whole, last) * size, *b = of + std::min(n + whole + 1, last) * size;
+        for (int i = 0; i < size; ++i) of[n * size + i] = part == 0.0 ? a[i] : (1.0 - part) * a[i] + part * b[i];
+    }
+}
+
+void RecedingHorizon::move_states(int whole, double part) {
+    const Problem& p = programme_.problem;
+    double* at = programme_.iterate.x.data();
+    for (int n = 0; n <= p.N; ++n) {
+        const double *a = at + p.x_offset(std::min(n + whole, p.N)), *b = at + p.x_offset(std::min(n + whole + 1, p.N));
+        double* to = at + p.x_offset(n);
+        const bool is_between = part != 0.0 && a != b;
+        if (is_between && p.difference(a, b, dx_.data()) && p.retract(a, dx_.data(), part, to)) continue;
+        if (a != to) std::copy(a, a + p.nx, to);
+    }
+}
+
+void RecedingHorizon::move_on(double steps) {
+    const Problem& p = programme_.problem;
+    if (!(steps > 0.0)) return;
+    steps = std::min(steps, static_cast<double>(p.N));
+    const double nearest = std::round(steps);
+    if (std::abs(steps - nearest) < whole_step) steps = nearest;
+    const int whole = static_cast<int>(steps);
+    const double part = steps - whole;
+    const Kind& k = p.kind(0);
+    Iterate& iterate = programme_.iterate;
+    move_states(whole, part);
+    move_rows(iterate.y, 0, k.ny, whole, part), move_rows(iterate.u, 0, k.nu, whole, part);
+    move_rows(iterate.m, 0, k.nc(), whole, part);
+    Barrier& barrier = programme_.barrier;
+    if (barrier.empty()) return;
+    if (!rows_move_) return barrier.start(iterate, barrier_, 1e-3);
+    const auto rows = barrier.limits().of_stage(0);
+    for (Numbers* values : {&barrier.slack, &barrier.z_lower, &barrier.z_upper})
+        move_rows(*values, static_cast<std::size_t>(rows.x), rows.end - rows.x, whole, part);
+}
+
+HorizonStatus RecedingHorizon::step(const double* state, int size, double steps, int iterations,
+                                    double time_limit) noexcept {
+    const auto begun = Clock::now();
+    const auto deadline = time_limit < 1e6 ? begun + std::chrono::duration_cast<Clock::duration>(
+                                                         std::chrono::duration<double>(std::max(time_limit, 0.0)))
+                                           : Clock::time_point::max();
+    HorizonStatus status;
+    bool is_good_state = true;
+    const auto ends = [&](Found found) {
+        if (found == Found::not_finite) return status.outcome = Outcome::not_finite, true;
+        if (found == Found::singular) return status.outcome = Outcome::stuck, true;
+        if (found == Found::none) return status.outcome = is_late_ ? Outcome::out_of_time : Outcome::stuck, true;
+        if (status.increment <= settings_.tolerance && barrier_ <= least_barrier_)
+            return status.outcome = Outcome::converged, true;
+        return false;
+    };
+    try {
+        move_on(steps);
+        for (int i = 0; i < size; ++i) is_good_state = is_good_state && std::isfinite(state[i]);
+        if (is_good_state) std::copy(state, state + size, programme_.iterate.x.begin());
+        for (int i = 0; i < iterations; ++i) {
+            const auto before = Clock::now();
+            is_late_ = deadline != Clock::time_point::max() && seconds_between(before, deadline) < duration_;
+            if (is_late_) {
+                duration_ *= forgetting, status.outcome = Outcome::out_of_time;
+                break;
+            }
+            const Found found = newton_step(status, deadline);
+            duration_ = seconds_between(before, Clock::now());
+            if (ends(found)) break;
+        }
+        copy_out();
+    } catch (...) {
+        status.outcome = Outcome::not_finite;
+    }
+    if (!is_good_state) status.outcome = Outcome::bad_state;
+    status.barrier = programme_.barrier.empty() ? 0.0 : barrier_, status.shift = shift_;
+    status.seconds = seconds_between(begun, Clock::now());
+    return status;
+}
+
+RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock::time_point deadline) {
+    const auto late = [&] { return is_late_ = Clock::now() >= deadline; };
+    Evaluation before = programme_.evaluate(1.0);
+    if (!before.finite) return Found::not_finite;
+    status.violation = before.violation, status.objective = before.objective;
+    if (late()) return Found::none;
+    if (!programme_.barrier.empty()) adapt_barrier(before);
+    bool had_direction = false;
+    double shift = shift_;
+    for (int attempt = 0; attempt < most_attempts && shift <= most_shift; ++attempt) {
+        const Factorisation f = factorise(shift);
+        if (late()) return Found::none;
+        if (f.ok && f.negative == programme_.problem.ng) {
+            const Direction d = programme_.riccati.solve(1);
+            if (d.finite) {
+                had_direction = true;
+                const double turn = largest_turn();
+                const double longest = turn > 0.0 ? std::min(d.longest, most_turn / turn) : d.longest;
+                const double increment = d.increment;
+                if (search(before, d, longest, status)) {
+                    copy_gains();
+                    programme_.accept(status.length * longest, d.longest_dual);
+                    shift_ = status.length < good_length             ? 2.0 * std::max(shift, least_shift)
+                             : shift / shift_shrinkage > least_shift ? shift / shift_shrinkage
+                                                                     : 0.0;
+                    if (d.longest < cut_short) barrier_ *= barrier_rise;
+                    status.length *= longest, status.increment = increment, ++status.iterations;
+                    return Found::step;
+                }
+                if (late()) return Found::none;
+            }
+        }
+        shift = std::max(shift_growth * shift, least_shift);
+    }
+    return had_direction ? Found::none : Found::singular;
+}
+
+Factorisation RecedingHorizon::factorise(double shift) {
+    for (;;) {
+        const Factorisation f = programme_.riccati.factorise(shift * settings_.shift_unit, augmentation_);
+        const bool is_end_singular = f.bad_stage == programme_.problem.N;
+        const bool is_ill_conditioned = f.ok && f.end_condition < least_end_condition;
+        if (!(is_end_singular || is_ill_conditioned) || augmentation_ == 0.0 || augmentation_ >= most_augmentation)
+            return f;
+        augmentation_ *= augmentation_growth;
+    }
+}
+
+// Halves the step until it improves constraints or objective; the kernel has moved then, by `status.length`.
+bool RecedingHorizon::search(const Evaluation& before, const Direction& d, double longest, HorizonStatus& status) {
+    const double slope = d.slope;
+    const auto try_length = [&](double length, double most) {
+        const Trial trial = programme_.trial(length * most);
+        if (!accepts(before, trial, slope, length * most)) return trial;
+        status.length = length, status.violation = trial.violation, status.objective = trial.objective;
+        return trial;
+    };
+    status.length = 0.0;
+    for (double length = 1.0; length >= shortest_length; length *= 0.5) {
+        const Trial trial = try_length(length, longest);
+        if (status.length > 0.0) return true;
+        if (length == 1.0 && trial.finite && trial.violation >= before.violation) {
+            const double curved = programme_.correct(longest).longest;
+            try_length(1.0, std::min(longest, curved));
+            if (status.length > 0.0) return true;
+            programme_.riccati.solve(1);
+        }
+    }
+    return false;
+}
+
+bool RecedingHorizon::accepts(const Evaluation& before, const Trial& trial, double slope, double length) const {
+    const double scale = std::max(1.0, before.violation);
+    if (!trial.finite || trial.violation > 10.0 * scale) return false;
+    const double slack = round_off * std::abs(before.objective);
+    const bool is_descent = before.violation <= 1e-4 * scale && slope < 0.0 &&
+                            length * std::pow(-slope, slope_power) > std::pow(before.violation, violation_power);
+    if (is_descent) return trial.objective <= before.objective + armijo * length * slope + slack;
+    const bool are_feasible = before.violation < feasible && trial.violation < feasible;
+    return trial.violation <= (1.0 - least_decrease) * before.violation ||
+           trial.objective <= before.objective - least_decrease * before.violation + slack ||
+           (are_feasible && trial.objective <= before.objective + 10.0 * slack);
+}
+
+double RecedingHorizon::largest_turn() const {
+    const Numbers& dx = programme_.riccati.direction().dx;
+    const std::size_t nd = settings_.turning.size();
+    double largest = 0.0;
+    for (std::size_t i = 0; i < dx.size(); ++i)
+        largest = std::max(largest, std::abs(dx[i]) * settings_.turning[i % nd]);
+    return largest;
+}
+
+// The parameter goes by the cost, which another goal may change by orders of magnitude; it falls as the optimality
+// conditions allow.
+void RecedingHorizon::adapt_barrier(Evaluation& e) {
+    const double wanted =
+        settings_.barrier * std::abs(e.cost) / std::max(programme_.barrier.limits().num_inequalities(), 1);
+    const double least = least_barrier_ = std::min(std::max(wanted, smallest_barrier), largest_barrier);
+    barrier_ = std::min(std::max(barrier_, least), barrier_rises * least);
+    e = programme_.weigh(barrier_);
+    while (barrier_ > least && e.barrier_error <= settled * barrier_) {
+        barrier_ = std::max(least, std::min(barrier_factor * barrier_, std::pow(barrier_, barrier_power)));
+        e = programme_.weigh(barrier_);
+    }
+}
+
+void RecedingHorizon::copy_out() {
+    std::copy(programme_.iterate.x.begin(), programme_.iterate.x.end(), x.begin());
+    std::copy(programme_.iterate.u.begin(), programme_.iterate.u.end(), u.begin());
+}
+
+void RecedingHorizon::copy_gains() {
+    const Problem& p = programme_.problem;
+    const std::size_t nd = unit_.size(), nu = answer_.size();
+    double* at = gains.data();
+    for (int n = 0; n < p.N; ++n, at += nu * nd)
+        for (std::size_t j = 0; j < nd; ++j) {
+            std::fill(answer_.begin(), answer_.end(), 0.0);
+            unit_[j] = 1.0;
+            programme_.riccati.elimination().feed_back(n, unit_.data(), answer_.data());
+            unit_[j] = 0.0;
+            for (std::size_t i = 0; i < nu; ++i) at[i * nd + j] = answer_[i];
+        }
+}
+
+}  // namespace mbocp

@@ -1,0 +1,164 @@
+"""Numbers of a programme that change while it is in use: goals, targets and weights, in place.
+
+Functions stay those that were compiled, so that only what their signature does not depend on can change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
+from mbocp.formulation.base import Formulation
+from mbocp.formulation.memory import HAS_BEFORE
+from mbocp.formulation.parameters import places
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.terms import FrameEnd, TerminalCost, TermNumbers, running_terms
+
+__all__ = ["ParameterUpdates"]
+
+
+class ParameterUpdates:
+    """Parameters of a formulation's programme, to be changed in place.
+
+    Attributes
+    ----------
+    theta, rho, rho_terminal : ndarray
+        As in `StagewiseProgramme`, writable.
+    """
+
+    def __init__(self, formulation: Formulation) -> None:
+        programme, pieces = formulation.programme, formulation.pieces
+        self._problem, self._pieces, self._cost = formulation.problem, pieces, formulation.problem.cost
+        self.theta, self.rho = np.array(programme.theta), np.array(programme.rho)
+        self.rho_terminal = np.array(programme.rho_terminal)
+        layout = pieces.parameters
+        self._theta_at, self._stage_at = places(layout.theta), places(layout.stage)
+        self._end_at = places(layout.terminal)
+        self._rows = self.rho.reshape(programme.num_steps, -1)
+
+    def take_before(self) -> bool:
+        """Tell the first step that it has one before it, which its state remembers; whether that is new."""
+        place = self._stage_at.get(HAS_BEFORE)
+        if place is None or self._rows[0, place] == 1.0:
+            return False
+        self._rows[0, place] = 1.0
+        return True
+
+    def set_goal(self, goal: Any) -> None:
+        """Another goal at the end.
+
+        Parameters
+        ----------
+        goal : array_like, shape (nq,), or mapping
+            Configuration; or some of `q`, `v` or `p`, whichever the problem's goal has, and names of the
+            goal's frames, each with a pose: a homogeneous matrix (4, 4), or a position (3,) [m].
+
+        Raises
+        ------
+        ProblemError, DimensionMismatch
+            If the compiled functions have no place for it.
+        """
+        asked = dict(goal) if isinstance(goal, Mapping) else {"q": goal}
+        rate = self._problem.goal.rate
+        frames = {frame.name for frame in self._problem.goal.frames}
+        for key, value in asked.items():
+            if key == "q":
+                self._set_configuration(value)
+            elif key == rate:
+                self._end("rate", _numbers(f"goal.{key}", value, self._problem.robot.nv))
+            elif key in frames:
+                self._set_frame(key, value)
+            else:
+                known = ["q", rate, *sorted(frames)]
+                raise ProblemError(f"goal: no {key!r} in that of the problem; {suggest(str(key), known)}")
+
+    def set_target(self, target: Any) -> None:
+        """Another target of the tracking cost.
+
+        Parameters
+        ----------
+        target : array_like, shape (nq,) or (N, nq), or mapping
+            Configurations; or some of `q` and `p`, each one row or N.
+        """
+        asked = dict(target) if isinstance(target, Mapping) else {"q": target}
+        robot, N = self._problem.robot, len(self._rows)
+        for key, size in (("q", robot.nq), ("p", robot.nv)):
+            if key not in asked:
+                continue
+            name, rows = f"target_{key}", np.atleast_2d(np.asarray(asked.pop(key), dtype=np.float64))
+            if name not in self._stage_at:
+                raise ProblemError(f"target.{key}: the cost of the problem does not track it")
+            if rows.shape not in ((1, size), (N, size)):
+                raise DimensionMismatch(f"target.{key}", rows.shape, (N, size), f"or ({size},)")
+            _check_finite(f"target.{key}", rows)
+            rows = self._pieces.joints.coordinates(rows) if key == "q" else rows
+            self._rows[:, self._stage_at[name]] = rows
+        if asked:
+            raise ProblemError(f"target: no {next(iter(asked))!r}; give q and p")
+
+    def set_weights(self, weights: Mapping[str, Any]) -> None:
+        """Other weights of the cost, by their keys in `[cost]`.
+
+        Raises
+        ------
+        ProblemError
+            If a weight had been zero, so that the compiled functions have no term for it, or cannot be.
+        """
+        problem, signature = self._problem, self._pieces.signature
+        cost = self._cost.with_weights(weights).on_controls(problem.robot.nu)
+        cost.check_dimensions(problem.robot.nq, problem.robot.nv, problem.num_steps)
+        given = TermNumbers(cost, problem.robot, self._pieces.joints, problem.num_steps, problem.terms)
+        for term in running_terms(given):
+            if term not in signature.cost:
+                raise ProblemError(
+                    f"weights: the term {term.signature['term']!r} had no weight when the functions were "
+                    "compiled; give it a small one in the problem"
+                )
+        for term in signature.cost:
+            for name, value in term.numbers(given).items():
+                if name in self._theta_at:
+                    self.theta[self._theta_at[name]] = value
+        if signature.terminal is not None:
+            for name, value in TerminalCost.numbers(cost, problem.robot.nv).items():
+                if name in self._end_at:
+                    self.rho_terminal[self._end_at[name]] = value
+        self._cost = cost
+
+    def _set_configuration(self, value: Any) -> None:
+        problem, joints = self._problem, self._pieces.joints
+        if problem.robot.nc or not COORDINATES[problem.coordinates].has_joint_states:
+            raise ProblemError(
+                f"goal.q: the end condition of robot {problem.robot.name!r} depends on where its loops or "
+                "bodies are at the goal, and cannot move; make another horizon for another goal"
+            )
+        self._end("q", joints.coordinates(_numbers("goal.q", value, problem.robot.nq)[None])[0])
+
+    def _set_frame(self, name: str, value: Any) -> None:
+        pose = np.asarray(value, dtype=np.float64)
+        if pose.shape not in ((3,), (4, 4)):
+            raise DimensionMismatch(f"goal.{name}", pose.shape, (4, 4), "or (3,) for its position")
+        _check_finite(f"goal.{name}", pose)
+        for end in self._pieces.signature.ends:
+            if isinstance(end, FrameEnd):
+                for key, numbers in end.moved(name, pose).items():
+                    self._end(key, numbers)
+
+    def _end(self, name: str, value: Array) -> None:
+        self.rho_terminal[self._end_at[name]] = value
+
+
+def _numbers(name: str, value: Any, size: int) -> Array:
+    numbers = np.asarray(value, dtype=np.float64)
+    if numbers.shape != (size,):
+        raise DimensionMismatch(name, numbers.shape, (size,))
+    _check_finite(name, numbers)
+    return numbers
+
+
+def _check_finite(name: str, numbers: Array) -> None:
+    if not np.isfinite(numbers).all():
+        raise InvalidValue(name, numbers.tolist(), "finite numbers")

@@ -1,0 +1,6 @@
+"""A horizon that moves on: an optimal control problem solved again and again, from where the robot is."""
+
+from mbocp.receding.horizon import HorizonStep, RecedingHorizon
+from mbocp.receding.status import HorizonState, HorizonStatus
+
+__all__ = ["HorizonState", "HorizonStatus", "HorizonStep", "RecedingHorizon"]

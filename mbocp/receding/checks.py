@@ -1,0 +1,65 @@
+"""Problems that a receding horizon cannot take, refused by name."""
+
+from __future__ import annotations
+
+from mbocp.exceptions import ProblemError
+from mbocp.formulation import Formulation
+from mbocp.problem import Problem
+
+__all__ = ["check_can_recede", "check_functions"]
+
+_METHODS = ("auto", "monolithic")
+_WHY = "its times would have to move with the horizon"
+
+
+def check_can_recede(problem: Problem) -> None:
+    """Refuse a problem whose horizon cannot be shifted.
+
+    Raises
+    ------
+    ProblemError
+        If something of it belongs to a given time, or is found with the motion.
+    """
+    refused = {
+        "horizon.duration": (problem.has_free_lengths, "is free; give it as a number"),
+        "phase": (bool(problem.phase), f"there are phases; {_WHY}: leave them out"),
+        "horizon.lengths": (problem.has_unequal_lengths, "differ; leave them out, so that steps are alike"),
+        "horizon.accuracy": (problem.accuracy is not None, "is to choose the steps; give their number"),
+        "hold, release, impact": (
+            bool(problem.holds or problem.releases or problem.impacts),
+            f"there are some; {_WHY}: leave them out",
+        ),
+        "via": (bool(problem.via), f"there are via points; {_WHY}: leave them out"),
+        "goal": (bool(problem.goals), "there are several; give one of them"),
+        "goal.periodic": (problem.goal.periodic is not None, "is not for a horizon that moves; give q and v"),
+        "goal.a": (bool(problem.goal.a_active.any()), "is the mean of a given step; leave it out"),
+        "start.free": (problem.start_free is not None, "the state is given in each step; leave it out"),
+        "cost.target": (problem.cost.is_trajectory, "is a trajectory; give one row, and others in each step"),
+        "solver.method": (
+            problem.solver.method not in _METHODS,
+            f'is "{problem.solver.method}"; take "auto" or "monolithic"',
+        ),
+    }
+    for name, (is_there, words) in refused.items():
+        if is_there:
+            raise ProblemError(f"receding horizon: {name}: {words}")
+
+
+def check_functions(formulation: Formulation) -> None:
+    """Refuse functions that ask for the time or for progress along a path, and steps that begin elsewhere.
+
+    Raises
+    ------
+    ProblemError
+        If there are some.
+    """
+    signature, robot = formulation.pieces.signature, formulation.problem.robot
+    if formulation.tau == 0.0 and robot.nc:
+        raise ProblemError(
+            "receding horizon: integrator.scheme: velocities that this one begins with have to fit closed "
+            "loops after a step, and measured ones do not; take another"
+        )
+    if signature.uses_time:
+        raise ProblemError("receding horizon: cost: a term depends on the time itself; write it without t")
+    if signature.num_paths:
+        raise ProblemError("receding horizon: path: frames follow paths; give goals that move in their place")

@@ -1,0 +1,285 @@
+"""The horizon that moves on: `RecedingHorizon`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import MbocpError, SolverError
+from mbocp.formulation import Formulation
+from mbocp.formulation.updates import ParameterUpdates
+from mbocp.guesses.attempts import solve_from_guesses
+from mbocp.problem import Problem, load_problem
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.programme import Iterate
+from mbocp.receding.checks import check_can_recede, check_functions
+from mbocp.receding.status import HorizonStatus
+from mbocp.solution import Solution
+from mbocp.solvers import Phase, Status
+from mbocp.solvers.receding import RecedingSettings, receding_horizon
+from mbocp.solving import formulated
+
+__all__ = ["HorizonStep", "RecedingHorizon"]
+
+_MICROSECOND = 1e-6  # [s]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HorizonStep:
+    """The prediction after a step.
+
+    Arrays are views of the horizon's memory, which the next step overwrites: copy what is to stay.
+
+    Attributes
+    ----------
+    status : HorizonStatus
+    u : ndarray, shape (nu,)
+        Control for the time from now on [N, N m, and the units of drives].
+    K : ndarray, shape (nu, 2 nv)
+        What it answers to a deviation dx of the state, u + K dx, of the last factorisation: moves of q
+        along its tangent, then of v. Shape (0, 0) where the programme's states are not (q, v).
+    q : ndarray, shape (N + 1, nq)
+        Predicted configurations [m, rad, unit quaternion xyzw], the first of them now.
+    v : ndarray, shape (N + 1, nv)
+        Velocities [m/s, rad/s].
+    us : ndarray, shape (N, nu)
+        Controls of the steps.
+    gains : ndarray, shape (N, nu, 2 nv)
+        K of every step, or shape (0, 0, 0).
+    """
+
+    status: HorizonStatus
+    u: Array
+    K: Array
+    q: Array
+    v: Array
+    us: Array
+    gains: Array
+
+
+class RecedingHorizon:
+    """An optimal control problem that is solved again and again, from wherever the robot is.
+
+    Functions are compiled and the first motion is solved for at construction. A step then shifts that motion
+    in time, begins it at the given state and takes a few exact Newton steps in one call of the kernel, which
+    allocates nothing. Limits are kept by a barrier, which goes by the cost.
+
+    Parameters
+    ----------
+    problem : Problem, str or Path
+        The horizon is its own: it always ends `duration` from now, where the goal is.
+    warm_start : Solution, optional
+        Where the first solve begins.
+    iterations : int
+        Newton steps of a step, at most.
+    barrier : float
+        Part of the cost that the limits' barrier may take: smaller ones come nearer to limits, and need more
+        Newton steps where other limits become active.
+    tolerance : float
+        Norm of a Newton step below which no further one is taken.
+
+    Attributes
+    ----------
+    problem : Problem
+    first : HorizonStep
+        The motion from the problem's start.
+
+    Raises
+    ------
+    ProblemError
+        If the problem belongs to given times (via points, phases, holds, trajectories), or finds its own.
+    SolverError
+        If the problem cannot be solved from its start.
+    """
+
+    def __init__(
+        self,
+        problem: Problem | str | Path,
+        *,
+        warm_start: Solution | None = None,
+        iterations: int = 1,
+        barrier: float = 1e-3,
+        tolerance: float = 1e-6,
+    ) -> None:
+        self.problem = problem if isinstance(problem, Problem) else load_problem(problem)
+        check_can_recede(self.problem)
+        self._iterations = iterations
+        self._formulation, _ = formulated(self.problem, math.inf)
+        check_functions(self._formulation)
+        iterate = _solved(self._formulation, warm_start)
+        settings = RecedingSettings(barrier, tolerance)
+        self._native, self._programme = receding_horizon(self._formulation.programme, iterate, settings)
+        self._numbers = ParameterUpdates(self._formulation)
+        self._state = np.array(self._formulation.start_state(self.problem.q_start, self.problem.v_start))
+        self._take_views()
+        self.first = self._step(HorizonStatus("converged", 1, 0.0, 1.0, 0.0, 0.0, 0.0))
+
+    def step(
+        self,
+        q: Any,
+        v: Any,
+        *,
+        goal: Any = None,
+        target: Any = None,
+        weights: Mapping[str, Any] | None = None,
+        dt: float | None = None,
+        time_limit: float | None = None,
+        iterations: int | None = None,
+    ) -> HorizonStep:
+        """Move on in time and improve the motion from a state. Nothing is raised: see `HorizonStep.status`.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+            Configuration of the robot [m, rad, unit quaternion xyzw].
+        v : array_like, shape (nv,)
+            Velocity [m/s, rad/s].
+        goal : array_like or mapping, optional
+            Another goal from now on: a configuration; or some of `q`, `v` or `p`, and poses by names of
+            frames, as far as the problem's goal has them: a matrix (4, 4), or a position (3,) [m].
+        target : array_like or mapping, optional
+            Another target of the tracking cost from now on, one row or N.
+        weights : mapping, optional
+            Other weights of the cost from now on, by their keys in `[cost]`.
+        dt : float, optional
+            Time since the step before [s]; default: one step of the horizon.
+        time_limit : float, optional
+            Time that the step may take in the kernel [us]: no Newton step begins that would not end in time,
+            by how long those before took.
+        iterations : int, optional
+            Newton steps at most, in place of those of the horizon.
+        """
+        wrong = self._take_numbers(goal, target, weights) + self._take_state(q, v)
+        steps, limit, count, words = self._times(dt, time_limit, iterations)
+        wrong += words
+        found = self._native.step(self._state, steps, count, limit)
+        if steps > 0.0 and self._numbers.take_before():
+            self._pass_numbers()
+        if found.outcome.name == "bad_state" and not wrong:
+            wrong = ["q or v: not finite"]
+        state = "bad_input" if wrong else found.outcome.name
+        status = HorizonStatus(
+            state,  # type: ignore[arg-type]  # names of the kernel's
+            found.iterations,
+            found.increment,
+            found.length,
+            found.violation,
+            found.barrier,
+            found.seconds,
+            "; ".join(wrong),
+        )
+        return self._step(status)
+
+    def _take_state(self, q: Any, v: Any) -> list[str]:
+        """Copy a state to where the kernel reads it; words for what cannot be, and NaN in its place."""
+        robot, at = self.problem.robot, self._state
+        try:
+            arrays = (np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64))
+        except (TypeError, ValueError):
+            at[0] = math.nan
+            return ["q and v: not arrays of numbers"]
+        wrong = [
+            f"{name}: got shape {array.shape}, expected ({size},)"
+            for name, array, size in zip("qv", arrays, (robot.nq, robot.nv), strict=True)
+            if array.shape != (size,)
+        ]
+        if wrong:
+            at[0] = math.nan
+        elif self._is_plain:
+            at[: robot.nq], at[robot.nq :] = arrays
+        elif all(np.isfinite(array).all() for array in arrays):
+            at[:] = self._formulation.start_state(*arrays)
+        else:
+            at[0] = math.nan
+        return wrong
+
+    def _take_numbers(self, goal: Any, target: Any, weights: Mapping[str, Any] | None) -> list[str]:
+        """Take other goals, targets and weights; words for what cannot be."""
+        if goal is None and target is None and weights is None:
+            return []
+        wrong = []
+        changes = (
+            (self._numbers.set_goal, goal),
+            (self._numbers.set_target, target),
+            (self._numbers.set_weights, weights),
+        )
+        for change, value in changes:
+            try:
+                if value is not None:
+                    change(value)
+            except (MbocpError, TypeError, ValueError) as error:
+                wrong.append(str(error))
+        self._pass_numbers()
+        return wrong
+
+    def _times(
+        self, dt: float | None, time_limit: float | None, iterations: int | None
+    ) -> tuple[float, float, int, list[str]]:
+        """Steps to move by, time limit [s], Newton steps, and words for what cannot be."""
+        wrong, steps, limit, count = [], 1.0, math.inf, self._iterations
+        try:
+            steps = 1.0 if dt is None else float(dt) / self.problem.dt
+            limit = math.inf if time_limit is None else float(time_limit) * _MICROSECOND
+            count = self._iterations if iterations is None else int(iterations)
+        except (TypeError, ValueError, OverflowError):
+            wrong.append("dt, time_limit or iterations: not numbers")
+        if not (math.isfinite(steps) and steps >= 0.0):
+            wrong.append(f"dt: got {dt}, expected a time >= 0 [s]")
+            steps = 1.0
+        if math.isnan(limit):
+            wrong.append(f"time_limit: got {time_limit}, expected a time [us]")
+            limit = 0.0
+        return steps, limit, count, wrong
+
+    def _pass_numbers(self) -> None:
+        numbers = self._numbers
+        self._programme.set_parameters(numbers.theta, numbers.rho, numbers.rho_terminal)
+
+    def _take_views(self) -> None:
+        """Arrays over the kernel's memory, once."""
+        at, robot, native = self._formulation.layout, self.problem.robot, self._native
+        self._is_plain = (
+            COORDINATES[self.problem.coordinates].has_joint_states
+            and at.nz == robot.nq
+            and at.ns == robot.nv
+            and self._state.size == robot.nq + robot.nv
+            and at.nw == robot.nv
+            and not robot.drives
+        )
+        x, us = native.x, native.u[:, : robot.nu]
+        gains = native.gains[:, : robot.nu, : 2 * robot.nv] if self._is_plain else np.zeros((0, 0, 0))
+        K = gains[0] if self._is_plain else np.zeros((0, 0))
+        self._views = (us[0], K, x[:, at.z], x[:, at.s], us, gains)
+
+    def _step(self, status: HorizonStatus) -> HorizonStep:
+        u, K, q, v, us, gains = self._views
+        if not self._is_plain:
+            motion = self._formulation.motion_of(
+                Iterate.read_from(self._programme, self._formulation.programme)
+            )
+            q, v = motion.qs, motion.vs
+        return HorizonStep(status, u, K, q, v, us, gains)
+
+
+def _solved(formulation: Formulation, warm_start: Solution | None) -> Iterate:
+    """Solution of a problem from its start.
+
+    Raises
+    ------
+    SolverError
+        If the solver does not converge.
+    """
+    phases: list[Phase] = []
+    outcome, _ = solve_from_guesses(formulation, warm_start, None, phases, math.inf)
+    result = outcome.result
+    if result.status is not Status.CONVERGED:
+        raise SolverError(
+            f"receding horizon: the problem is not solved from its start: {result.status}, {result.advice}"
+        )
+    return result.iterate

@@ -1,0 +1,87 @@
+"""The start of a receding horizon: the kernel's loop at a solution of a programme.
+
+The loop itself is the kernel's (`receding.hpp`): it shifts, takes exact Newton steps with the barrier of
+`mbocp.solvers.limits`, and allocates nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbocp.exceptions import SolverError
+from mbocp.programme import Iterate, StagewiseProgramme
+from mbocp.programme.kernel import kernel
+from mbocp.solvers.limits import warm_barrier
+from mbocp.solvers.newton import new_state
+
+if TYPE_CHECKING:
+    from mbocp.programme.kernel import KernelHorizon, KernelProgramme
+
+__all__ = ["RecedingSettings", "receding_horizon"]
+
+_MIN_BARRIER, _MAX_BARRIER = 1e-9, 1.0
+_STEPS = 60  # to the optimum with the loop's barrier: the solution has another one
+
+
+@dataclass(frozen=True)
+class RecedingSettings:
+    """What a receding horizon goes by.
+
+    Attributes
+    ----------
+    barrier : float
+        Part of the cost that the barriers of all limits may take together.
+    tolerance : float
+        Of the increment in all unknowns, below which a step has converged.
+    """
+
+    barrier: float
+    tolerance: float
+
+
+def receding_horizon(
+    programme: StagewiseProgramme, iterate: Iterate, settings: RecedingSettings
+) -> tuple[KernelHorizon, KernelProgramme]:
+    """The kernel's loop at a solution, and the programme that it steps.
+
+    Parameters
+    ----------
+    programme : StagewiseProgramme
+        With stages of one kind.
+    iterate : Iterate
+        Its solution, or near one, with multipliers.
+    settings : RecedingSettings
+
+    Raises
+    ------
+    ProblemError
+        If there are limits that the barrier cannot keep.
+    SolverError
+        If no Newton step can be taken there.
+    """
+    native = warm_barrier(programme, iterate, lambda cost, limits: _barrier(settings.barrier, cost, limits))
+    state = new_state(programme, native, native.evaluate())
+    horizon = kernel().RecedingHorizon(
+        native,
+        tolerance=settings.tolerance,
+        barrier=settings.barrier,
+        shift_unit=programme.control_weight,
+        augmentation=state.augmentation,
+        turning=np.ascontiguousarray(programme.kinds[0].turning),
+    )
+    status = horizon.step(np.array(programme.x_start), 0.0, _STEPS, math.inf)
+    if status.iterations == 0:
+        raise SolverError(
+            f"receding horizon: no Newton step can be taken from the solution ({status.outcome.name})"
+        )
+    return horizon, native
+
+
+def _barrier(share: float, cost: float, num_limits: int) -> float:
+    if not num_limits:
+        return 0.0
+    return min(max(share * abs(cost) / num_limits, _MIN_BARRIER), _MAX_BARRIER)

@@ -1,0 +1,277 @@
+"""A horizon that moves on: its steps, its limits, its deadline, and what it says of itself."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbocp
+from mbocp.exceptions import ProblemError
+from mbocp.problem import Bounds, Problem
+from mbocp.programme.kernel import kernel_programme
+from mbocp.receding import RecedingHorizon
+
+HERE = Path(__file__).parent
+EXAMPLES = HERE.parents[1] / "examples"
+FOLLOW = HERE / "ur5.toml"
+PERIOD = 4e-3  # [s] of the closed loop
+TIGHT = 1e-8  # part of the cost for the barrier, where optima are compared
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return mbocp.load_problem(FOLLOW)
+
+
+@pytest.fixture
+def horizon(problem: Problem) -> RecedingHorizon:
+    return RecedingHorizon(problem)
+
+
+def elsewhere(problem: Problem, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    robot = problem.robot
+    moved = robot.integrate(problem.q_start, 0.3 * rng.standard_normal(robot.nv))
+    return moved, 0.3 * rng.standard_normal(robot.nv)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_state_that_stays_leads_to_its_optimum(problem, seed):
+    q, v = elsewhere(problem, seed)
+    goal = problem.q_start + np.random.default_rng(seed).uniform(-0.8, 0.8, 6)
+    horizon = RecedingHorizon(problem, iterations=5, barrier=TIGHT)
+    for _ in range(30):
+        found = horizon.step(q, v, goal=goal, target=goal, dt=0.0)
+        if found.status.state == "converged":
+            break
+    assert found.status.state == "converged"
+    cost = replace(problem.cost, target_q=goal)
+    cold = mbocp.solve(
+        problem.with_(q_start=q, v_start=v, cost=cost, goal=replace(problem.goal, q=goal)), check=True
+    )
+    np.testing.assert_allclose(found.q, cold.qs, atol=1e-5)
+    np.testing.assert_allclose(found.us, cold.us, atol=1e-3 * np.abs(cold.us).max())
+
+
+@pytest.mark.parametrize("iterations", [1, 2])
+def test_a_closed_loop_keeps_limits_and_follows(problem, iterations):
+    """Of 0.8 s, with noise, a goal that jumps by two radians and then moves, and torques at their limits."""
+    horizon = RecedingHorizon(problem, iterations=iterations)
+    model, rng = problem.robot.model, np.random.default_rng(5)
+    data = model.createData()
+    lower, upper = (side[0] for side in problem.limits_along()["u"])
+    q, v = np.array(problem.q_start), np.array(problem.v_start)
+    nearest = math.inf
+    for k in range(round(0.8 / PERIOD)):
+        goal = np.array([2.2, -0.7, 1.5, -2.3, -1.57, 0.8]) + 0.1 * np.sin(2.0 * k * PERIOD)
+        measured = (q + 1e-4 * rng.standard_normal(6), v + 2e-3 * rng.standard_normal(6))
+        found = horizon.step(*measured, goal=goal, target=goal, dt=PERIOD)
+        assert found.status.state in ("improved", "converged"), found.status
+        assert (found.us >= lower).all()
+        assert (found.us <= upper).all()
+        nearest = min(nearest, float(np.min(upper - np.abs(found.us[0]))))
+        for _ in range(4):
+            v = v + 1e-3 * pin.aba(model, data, q, v, found.u)
+            q = pin.integrate(model, q, 1e-3 * v)
+    assert nearest < 0.5, "no torque has come near its limit"
+    assert np.abs(q - goal).max() < 0.02
+
+
+def test_it_goes_by_the_steps_of_the_solver(problem):
+    """The same bits as evaluate, factorise, solve and a full step of the kernel without limits."""
+    free = problem.with_(limits=Bounds())
+    horizon = RecedingHorizon(free)
+    programme = horizon._formulation.programme
+    q, v = elsewhere(free, 1)
+    own, other = horizon._programme, kernel_programme(programme)
+    for name in ("x", "y", "u", "m", "eta"):
+        setattr(other, name, getattr(own, name))
+    x = other.x
+    x[:12] = np.concatenate([q, v])
+    other.x = x
+    other.evaluate()
+    other.factorise(0.0, 0.0)
+    direction = other.solve()
+    other.move(1.0)
+    other.accept(1.0)
+    found = horizon.step(q, v, dt=0.0)
+    assert found.status.step_length == 1.0
+    assert found.status.increment == direction.increment
+    np.testing.assert_array_equal(found.us.ravel(), other.u)
+    np.testing.assert_array_equal(own.m, other.m)
+    other_gains = other.gains()
+    np.testing.assert_array_equal(horizon._native.gains.ravel(), other_gains)
+
+
+def test_gains_answer_as_the_optimum_does(problem):
+    """To a small move of the state, with the first control, and no limit in the way."""
+    horizon = RecedingHorizon(problem.with_(limits=Bounds()), iterations=10)
+    q, v = np.array(problem.q_start), np.array(problem.v_start)
+    before = horizon.step(q, v, dt=0.0)
+    u, K = np.array(before.u), np.array(before.K)
+    rng, size = np.random.default_rng(0), 1e-5
+    for _ in range(3):
+        dx = size * rng.standard_normal(12)
+        after = horizon.step(q + dx[:6], v + dx[6:], dt=0.0)
+        np.testing.assert_allclose(after.u - u, K @ dx, atol=1e-3 * np.abs(K @ dx).max())
+
+
+@pytest.mark.parametrize("steps", [0.0, 1.0, 2.0, 0.25, 1.5, 29.0, 100.0])
+def test_a_shift_is_that_of_time(horizon, steps):
+    """Without a Newton step the prediction is the one before, between its nodes, and stays at its end."""
+    old, old_us = np.array(horizon.first.q), np.array(horizon.first.us)
+    nodes = np.clip(np.arange(31) + steps, 0, 30)
+    knots = np.clip(np.arange(30) + steps, 0, 29)
+    expected = np.array([np.interp(nodes, np.arange(31), column) for column in old.T]).T
+    expected_us = np.array([np.interp(knots, np.arange(30), column) for column in old_us.T]).T
+    found = horizon.step(expected[0], np.zeros(6), dt=steps * horizon.problem.dt, iterations=0)
+    assert found.status.iterations == 0
+    np.testing.assert_allclose(found.q, expected, atol=1e-12)
+    np.testing.assert_allclose(found.us, expected_us, atol=1e-9)
+
+
+def test_no_time_is_no_step_but_a_motion(horizon):
+    q, v = horizon.problem.q_start, horizon.problem.v_start
+    found = horizon.step(q, v, time_limit=0.0)
+    assert found.status.state == "out_of_time"
+    assert found.status.iterations == 0
+    assert not found.status.is_good
+    assert np.isfinite(found.us).all()
+
+
+def test_a_deadline_ends_the_steps(problem):
+    """A thousand steps take longer than ten of them; one that is under way is not broken off."""
+    horizon = RecedingHorizon(problem, tolerance=0.0)
+    q, v = elsewhere(problem, 4)
+    one = max(horizon.step(q, v, dt=0.0).status.seconds for _ in range(10))
+    found = horizon.step(q, v, dt=0.0, iterations=1000, time_limit=1e7 * one)
+    assert found.status.state == "out_of_time"
+    assert 0 < found.status.iterations < 1000
+
+
+GOOD = np.zeros(6)
+BAD_INPUTS = {
+    "q: got shape (5,), expected (6,)": {"q": np.zeros(5)},
+    "v: got shape (2, 3), expected (6,)": {"v": np.zeros((2, 3))},
+    "q or v: not finite": {"q": np.full(6, math.nan)},
+    "q and v: not arrays of numbers": {"v": "fast"},
+    "dt: got -1.0, expected a time >= 0 [s]": {"dt": -1.0},
+    "dt, time_limit or iterations: not numbers": {"dt": "soon"},
+    "time_limit: got nan": {"time_limit": math.nan},
+    "goal.q: got shape (3,), expected (6,)": {"goal": np.zeros(3)},
+    "goal.q: got [inf": {"goal": np.full(6, math.inf)},
+    "goal: no 'qq' in that of the problem": {"goal": {"qq": GOOD}},
+    "target.q: got shape (3, 6), expected (30, 6)": {"target": np.zeros((3, 6))},
+    "target.p: the cost of the problem does not track it": {"target": {"p": GOOD}},
+    "weights: the term 'potential' had no weight": {"weights": {"potential": 1.0}},
+    "cost.effort": {"weights": {"effort": -1.0}},
+}
+
+
+@pytest.mark.parametrize("words", BAD_INPUTS)
+def test_what_cannot_be_is_said_and_not_raised(horizon, words):
+    given = {"q": horizon.problem.q_start, "v": GOOD, **BAD_INPUTS[words]}
+    found = horizon.step(given.pop("q"), given.pop("v"), **given)
+    assert found.status.state == "bad_input"
+    assert words in found.status.words
+    assert np.isfinite(found.us).all()
+    again = horizon.step(horizon.problem.q_start, GOOD, goal=horizon.problem.q_start)
+    assert again.status.is_good
+
+
+def test_a_state_far_from_all_does_no_lasting_harm(horizon):
+    horizon.step(np.full(6, 1e200), np.full(6, 1e200))
+    q, v = horizon.problem.q_start, horizon.problem.v_start
+    for _ in range(60):
+        found = horizon.step(q, v, iterations=3)
+    assert found.status.state == "converged"
+
+
+def test_weights_change_the_motion_as_in_a_problem(problem):
+    q, v = elsewhere(problem, 2)
+    horizon = RecedingHorizon(problem, iterations=5, barrier=TIGHT)
+    for _ in range(20):
+        found = horizon.step(q, v, dt=0.0, weights={"velocity": np.full(6, 50.0)})
+    assert found.status.state == "converged"
+    heavier = replace(problem.cost, velocity=np.full(6, 50.0))
+    cold = mbocp.solve(problem.with_(q_start=q, v_start=v, cost=heavier), check=True)
+    np.testing.assert_allclose(found.q, cold.qs, atol=1e-5)
+
+
+def test_nothing_is_allocated(tmp_path):
+    """Neither by the kernel nor, beyond Python's own pools, by Python."""
+    counter = tmp_path / "allocations.so"
+    built = subprocess.run(
+        ["cc", "-shared", "-fPIC", "-O1", "-o", counter, HERE / "allocations.c", "-ldl"], check=False
+    )
+    if built.returncode:
+        pytest.skip("no compiler that can make the counter")
+    found = subprocess.run(
+        [sys.executable, HERE / "count.py", FOLLOW],
+        env={**os.environ, "LD_PRELOAD": str(counter)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.split() == ["0", "0"]
+
+
+KINDS = {
+    "free_flyer/drone_flip.toml": {},
+    "loops/four_bar.toml": {},
+    "arms/reach_pose.toml": {},
+    "arms/ur5_reach.toml": {},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KINDS)
+def test_other_robots_and_goals_begin_at_their_optimum_and_go_on(name):
+    problem = mbocp.load_problem(EXAMPLES / name).with_(**KINDS[name])
+    cold = mbocp.solve(problem, check=True)
+    horizon = RecedingHorizon(problem, barrier=TIGHT, warm_start=cold, iterations=3)
+    found = horizon.step(problem.q_start, problem.v_start, dt=0.0)
+    assert found.status.state == "converged"
+    np.testing.assert_allclose(found.q, cold.qs, atol=1e-5)
+    for _ in range(5):
+        found = horizon.step(np.array(found.q[1]), np.array(found.v[1]), iterations=5)
+        assert found.status.is_good, found.status
+    assert found.status.violation < 1e-2
+
+
+@pytest.mark.slow
+def test_goals_of_frames_move():
+    problem = mbocp.load_problem(EXAMPLES / "arms/reach_pose.toml")
+    horizon = RecedingHorizon(problem, iterations=10)
+    name = problem.goal.frames[0].name
+    robot, place = problem.robot, np.array(problem.goal.frames[0].target.position)
+    for _ in range(10):
+        place = place + np.array([0.005, -0.005, 0.0])
+        found = horizon.step(problem.q_start, problem.v_start, dt=0.0, goal={name: place})
+    assert found.status.state == "converged"
+    np.testing.assert_allclose(robot.frame_placement(name, found.q[-1]).translation, place, atol=1e-6)
+    assert "expected (4, 4)" in horizon.step(found.q[0], found.v[0], goal={name: [0.0]}).status.words
+
+
+REFUSED = {
+    "arms/minimum_time.toml": "horizon.duration",
+    "arms/via_points.toml": "via",
+    "arms/follow_path.toml": "horizon.duration",
+    "walking/compass_gait.toml": "horizon.duration|phase",
+    "free_flyer/round_trip.toml": "goal.periodic|via|start.free",
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_belongs_to_given_times_is_refused(name):
+    with pytest.raises(ProblemError, match=f"receding horizon: .*({REFUSED[name]})"):
+        RecedingHorizon(EXAMPLES / name)
