@@ -150,8 +150,8 @@ class RecedingHorizon:
         dt : float, optional
             Time since the step before [s]; default: one step of the horizon.
         time_limit : float, optional
-            Time that the step may take in the kernel [us]: no Newton step begins that would not end in time,
-            by how long those before took.
+            Time that the step may take in the kernel [us]: no second Newton step begins that would not end in
+            time, by how long those before took, and each looks at the clock between its parts.
         iterations : int, optional
             Newton steps at most, in place of those of the horizon.
         """

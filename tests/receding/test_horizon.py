@@ -21,7 +21,7 @@ from mbocp.receding import RecedingHorizon
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[1] / "examples"
-FOLLOW = HERE / "ur5.toml"
+FOLLOW = EXAMPLES / "receding" / "ur5_follow.toml"
 PERIOD = 4e-3  # [s] of the closed loop
 TIGHT = 1e-8  # part of the cost for the barrier, where optima are compared
 
@@ -36,11 +36,11 @@ def horizon(problem: Problem) -> RecedingHorizon:
     return RecedingHorizon(problem)
 
 
-def elsewhere(problem: Problem, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def elsewhere(problem: Problem, seed: int, size: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     robot = problem.robot
-    moved = robot.integrate(problem.q_start, 0.3 * rng.standard_normal(robot.nv))
-    return moved, 0.3 * rng.standard_normal(robot.nv)
+    moved = robot.integrate(problem.q_start, size * rng.standard_normal(robot.nv))
+    return moved, size * rng.standard_normal(robot.nv)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -48,7 +48,7 @@ def test_a_state_that_stays_leads_to_its_optimum(problem, seed):
     q, v = elsewhere(problem, seed)
     goal = problem.q_start + np.random.default_rng(seed).uniform(-0.8, 0.8, 6)
     horizon = RecedingHorizon(problem, iterations=5, barrier=TIGHT)
-    for _ in range(30):
+    for _ in range(40):
         found = horizon.step(q, v, goal=goal, target=goal, dt=0.0)
         if found.status.state == "converged":
             break
@@ -90,7 +90,7 @@ def test_it_goes_by_the_steps_of_the_solver(problem):
     free = problem.with_(limits=Bounds())
     horizon = RecedingHorizon(free)
     programme = horizon._formulation.programme
-    q, v = elsewhere(free, 1)
+    q, v = elsewhere(free, 1, size=0.01)
     own, other = horizon._programme, kernel_programme(programme)
     for name in ("x", "y", "u", "m", "eta"):
         setattr(other, name, getattr(own, name))
@@ -191,7 +191,7 @@ def test_a_state_far_from_all_does_no_lasting_harm(horizon):
     horizon.step(np.full(6, 1e200), np.full(6, 1e200))
     q, v = horizon.problem.q_start, horizon.problem.v_start
     for _ in range(60):
-        found = horizon.step(q, v, iterations=3)
+        found = horizon.step(q, v, dt=0.0, iterations=3)
     assert found.status.state == "converged"
 
 

@@ -22,7 +22,9 @@ constexpr double round_off = 1e-13, feasible = 1e-9;
 constexpr double cut_short = 0.1, barrier_rise = 10.0, barrier_rises = 1e4;
 constexpr double smallest_barrier = 1e-9, largest_barrier = 1.0;
 constexpr double whole_step = 1e-9;  // shifts by nearly a whole number of steps are by that number
-constexpr double forgetting = 0.9;   // of the duration of a Newton step, where there was no time for one
+// Of the duration of Newton steps: how far it follows a shorter and a longer one, which counts as this multiple at
+// most.
+constexpr double to_shorter = 0.5, to_longer = 0.1, most_longer = 4.0;
 
 double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::steady_clock::time_point b) {
     return std::chrono::duration<double>(b - a).count();
@@ -131,13 +133,14 @@ HorizonStatus RecedingHorizon::step(const double* state, int size, double steps,
         if (is_good_state) std::copy(state, state + size, programme_.iterate.x.begin());
         for (int i = 0; i < iterations; ++i) {
             const auto before = Clock::now();
-            is_late_ = deadline != Clock::time_point::max() && seconds_between(before, deadline) < duration_;
+            // The first one begins in any case: a step that others on the machine have held up says nothing of it.
+            is_late_ = seconds_between(before, deadline) <= (i > 0 ? duration_ : 0.0);
             if (is_late_) {
-                duration_ *= forgetting, status.outcome = Outcome::out_of_time;
+                status.outcome = Outcome::out_of_time;
                 break;
             }
             const Found found = newton_step(status, deadline);
-            duration_ = seconds_between(before, Clock::now());
+            learn_duration(seconds_between(before, Clock::now()));
             if (ends(found)) break;
         }
         copy_out();
@@ -148,6 +151,12 @@ HorizonStatus RecedingHorizon::step(const double* state, int size, double steps,
     status.barrier = programme_.barrier.empty() ? 0.0 : barrier_, status.shift = shift_;
     status.seconds = seconds_between(begun, Clock::now());
     return status;
+}
+
+void RecedingHorizon::learn_duration(double seconds) {
+    if (duration_ == 0.0) duration_ = seconds;
+    const double counted = std::min(seconds, most_longer * duration_);
+    duration_ += (counted < duration_ ? to_shorter : to_longer) * (counted - duration_);
 }
 
 RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock::time_point deadline) {

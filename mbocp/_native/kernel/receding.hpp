@@ -60,6 +60,7 @@ private:
     enum class Found { step, none, singular, not_finite };
 
     void move_on(double steps);
+    void learn_duration(double seconds);
     void move_states(int whole, double part);
     void move_rows(Numbers& values, std::size_t first, int size, int whole, double part) const;
     bool has_same_rows() const;  // limits of all stages alike

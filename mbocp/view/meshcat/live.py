@@ -13,6 +13,7 @@ from types import TracebackType
 import zmq
 
 from mbocp.exceptions import ReplayError
+from mbocp.view.meshcat.commands import Command
 from mbocp.view.meshcat.scene import Scene
 from mbocp.view.meshcat.viewer import meshcat
 
@@ -69,7 +70,11 @@ class LiveReplay:
     def send(self, scene: Scene) -> None:
         """Send a scene; the server keeps it for pages that are loaded later."""
         for command in (*scene.commands, *([scene.animation] if scene.animation else [])):
-            self._viewer.window.send(command)
+            self.send_command(command)
+
+    def send_command(self, command: Command) -> None:
+        """Send one command."""
+        self._viewer.window.send(command)
 
     def wait_until_closed(self) -> None:
         """Block until the server ends, which it does on its own only in case of trouble."""
