@@ -35,6 +35,10 @@ def check_can_recede(problem: Problem) -> None:
         "goal.a": (bool(problem.goal.a_active.any()), "is the mean of a given step; leave it out"),
         "start.free": (problem.start_free is not None, "the state is given in each step; leave it out"),
         "cost.target": (problem.cost.is_trajectory, "is a trajectory; give one row, and others in each step"),
+        "horizon.controls": (
+            problem.controls != "constant",
+            f'is "{problem.controls}"; take "constant", since a loop gives one control at a time',
+        ),
         "solver.method": (
             problem.solver.method not in _METHODS,
             f'is "{problem.solver.method}"; take "auto" or "monolithic"',
