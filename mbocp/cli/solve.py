@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -171,6 +171,7 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
     if outputs.result is not None:
         written.append(("result", solution.save(outputs.result, meshes=outputs.meshes)))
     if outputs.replay is not None:
+        from mbocp.view.forces import forces_of
         from mbocp.view.marks import marks_of
         from mbocp.view.replay import write_replay
 
@@ -189,7 +190,7 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
             outputs.replay,
             goals=goals,
             other_goals=others,
-            marks=marks_of(problem, solution.t),
+            marks=replace(marks_of(problem, solution.t), forces=forces_of(solution, problem.robot, problem)),
             title=problem.name,
         )
         written.append(("replay", page))

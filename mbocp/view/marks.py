@@ -1,4 +1,4 @@
-"""What a motion was to go through, for a replay: via points, lines and paths."""
+"""What a motion was to go through, for a replay: via points, lines and paths; obstacles, and forces."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from mbocp.problem.phases import node_times
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.kinematics import WORLD
 from mbocp.solution.problem_text import lines_of, obstacles_of, via_goals_of
+from mbocp.view.forces import ForceMark, forces_of
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -46,11 +47,13 @@ class Marks:
     lines : tuple of ndarray
         Points of each line and each path that is followed, shape (k, 3) [m].
     obstacles : tuple of Obstacle
+    forces : tuple of ForceMark
     """
 
     via: tuple[ViaMark, ...] = ()
     lines: tuple[Array, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
+    forces: tuple[ForceMark, ...] = ()
 
 
 def marks_of(problem: Problem, times: Array | None = None) -> Marks:
@@ -82,4 +85,5 @@ def marks_of_result(solution: Solution, robot: Robot) -> Marks:
         if {goal.name, goal.target.relative_to} <= known
     ]
     obstacles = (o for o in obstacles_of(solution.problem_text) if o.frame in known)
-    return Marks(tuple(via), lines_of(solution.problem_text), tuple(obstacles))
+    forces = forces_of(solution, robot)
+    return Marks(tuple(via), lines_of(solution.problem_text), tuple(obstacles), forces)

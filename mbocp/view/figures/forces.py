@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbocp._arrays import Array
 from mbocp.solution import Solution
 from mbocp.solution.problem_text import contacts_of, held_by_phases
 from mbocp.view.figures.lines import LinePanel
 from mbocp.view.figures.style import plain_text
+from mbocp.view.forces import in_time
 
 __all__ = ["force_panels"]
 
@@ -29,16 +29,6 @@ def force_panels(solution: Solution) -> list[LinePanel]:
     if not columns:
         return []
     sizes = [np.linalg.norm(solution.lams[:, found], axis=1) for found in columns.values()]
-    values = _in_time(np.column_stack(sizes), np.diff(solution.t))
+    values = in_time(np.column_stack(sizes), np.diff(solution.t))
     names = tuple(plain_text(name) for name in columns)
     return [LinePanel("Forces of constraints", "$|f|$ [N]", names, solution.t, values, step=True)]
-
-
-def _in_time(values: Array, dts: Array) -> Array:
-    """Values of the steps, those of no duration as before."""
-    timed = np.flatnonzero(dts > 0.0)
-    if not timed.size:
-        return values
-    before = np.maximum(np.searchsorted(timed, np.arange(len(dts)), side="right") - 1, 0)
-    found: Array = values[timed[before]]
-    return found

@@ -16,7 +16,7 @@ from mbocp.view.motion import Motion
 if TYPE_CHECKING:
     from mbocp.robot import Connector
 
-__all__ = ["connector_commands"]
+__all__ = ["connector_commands", "directions"]
 
 _LINE_RADIUS = 0.0015  # of the scene's size
 
@@ -43,7 +43,7 @@ def connector_commands(
         usual = float(np.median(lengths)) or 1.0  # drawn at this length, so that stretching deforms it least
         stretch = np.ones((len(lengths), 3))
         stretch[:, 2] = np.maximum(lengths / usual, 1e-6)  # a scale of zero has no inverse
-        values = {"position": start, "quaternion": _directions(span, lengths), "scale": stretch}
+        values = {"position": start, "quaternion": directions(span, lengths), "scale": stretch}
         commands.append(set_object(path, _drawn(connector, usual, size)))
         for name, value in values.items():
             commands.append(set_property(path, name, [float(x) for x in value[0]]))
@@ -62,7 +62,7 @@ def _drawn(connector: Connector, length: float, size: float) -> dict[str, Any]:
     return shape_object(shape, mg.MeshPhongMaterial(color=colour_number(colour), opacity=opacity))
 
 
-def _directions(span: Array, lengths: Array) -> Array:
+def directions(span: Array, lengths: Array) -> Array:
     """Quaternions xyzw (F, 4) that turn +z along `span` (F, 3), each the nearest to the one before."""
     quaternions = np.empty((len(span), 4))
     direction, quaternion = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0])

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from mbocp.exceptions import ReplayError
-from mbocp.view.meshcat.scene import Scene
+from mbocp.view.meshcat.scene import FORCES, Scene
 from mbocp.view.meshcat.viewer import Ext, meshcat
 
 __all__ = ["Below", "render_page"]
@@ -106,6 +106,7 @@ def render_page(
         "animation": store.lighten(scene.animation.lower()) if scene.animation else None,
         "duration": scene.duration,
         "speed": speed,
+        "forces": {"path": FORCES, "words": scene.forces} if scene.forces else None,
         "camera": {
             "offset": [float(x) for x in camera.offset],
             "aspect": camera.aspect,

@@ -40,6 +40,14 @@
     viewer.set_dirty();
   }
 
+  function showForces(viewer, { path, words }) {
+    const label = at("forces");
+    const box = label.querySelector("input");
+    label.querySelector("span").textContent = `Forces of constraints: ${words}`;
+    label.hidden = false;
+    box.onchange = () => viewer.handle_command({ type: "set_property", path, property: "visible", value: box.checked });
+  }
+
   function runBar(viewer, scene) {
     const animator = viewer.animator;
     const duration = scene.duration;
@@ -119,6 +127,7 @@
       viewer.handle_command(scene.animation);
       runBar(viewer, scene);
     }
+    if (scene.forces) { showForces(viewer, scene.forces); }
     fitView(viewer, scene.camera);
     window.viewer = viewer; // for the curious, and for tests
     let meshes = 0;

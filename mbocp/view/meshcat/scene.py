@@ -14,6 +14,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
+from mbocp.view.meshcat.arrows import force_arrows
 from mbocp.view.meshcat.collision import obstacle_commands, sphere_commands
 from mbocp.view.meshcat.commands import (
     Command,
@@ -36,10 +37,11 @@ from mbocp.view.motion import Motion
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
-__all__ = ["WORLD", "Scene", "build_scene"]
+__all__ = ["FORCES", "WORLD", "Scene", "build_scene"]
 
 ROOT = "/replay"
 WORLD = f"{ROOT}/world"  # turned so that gravity points down
+FORCES = f"{WORLD}/forces"
 HOLD = 0.8  # [s] the last pose stays before the loop starts again
 TRACE_POINTS = 400  # of one traced frame
 SWEEP_POSES = 60  # poses that the camera has to hold
@@ -65,12 +67,15 @@ class Scene:
         The camera that the commands set, for a page that adapts it to its window.
     duration : float
         Length of the motion [s].
+    forces : str
+        Scale of arrows of forces; empty where there are none.
     """
 
     commands: tuple[Command, ...]
     animation: Command | None
     camera: Camera
     duration: float
+    forces: str = ""
 
 
 def build_scene(
@@ -98,7 +103,7 @@ def build_scene(
     other_goals : sequence of FrameTarget
         Those of which the motion goes to another: faint.
     marks : Marks, optional
-        Via points, lines and obstacles.
+        Via points, lines, obstacles and forces.
     spheres : sequence of LinkSpheres
         Spheres that are drawn over the robot.
     ghosts : sequence of Motion
@@ -127,6 +132,7 @@ def build_scene(
         swept, np.vstack([motion.positions[picked, 1:].reshape(-1, 3), *(x[picked] for x in lines)]) @ turn.T
     )
     connectors, connector_tracks = connector_commands(robot.connectors, motion, WORLD, size)
+    arrows = force_arrows(drawn_marks.forces, motion, FORCES, size)
     commands = [
         *stage_commands(swept, size, camera, ROOT),
         set_transform(WORLD, turn, np.zeros(3)),
@@ -138,11 +144,12 @@ def build_scene(
         *obstacle_commands(robot, drawn_marks.obstacles, lambda joint: joint_node(motion, joint), size),
         *sphere_commands(robot, spheres, lambda joint: joint_node(motion, joint)),
         *ghost_commands(robot, ghosts, WORLD),
+        *arrows.commands,
     ]
-    tracks = [*_joint_tracks(motion), *connector_tracks]
+    tracks = [*_joint_tracks(motion), *connector_tracks, *arrows.tracks]
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]
     animation = set_animation(timed, motion.duration / speed + HOLD) if timed else None
-    return Scene(tuple(commands), animation, camera, motion.duration)
+    return Scene(tuple(commands), animation, camera, motion.duration, arrows.words)
 
 
 def joint_node(motion: Motion, joint: int) -> str:

@@ -9,7 +9,7 @@ from mbocp.view.meshcat.viewer import mg
 
 Colour = tuple[float, float, float]
 
-__all__ = ["capsule", "coil", "floor_disc", "floor_lines", "nice_length", "path_tube", "tube"]
+__all__ = ["capsule", "coil", "cone", "floor_disc", "floor_lines", "nice_length", "path_tube", "tube"]
 
 
 def nice_length(length: float) -> float:
@@ -48,6 +48,16 @@ def tube(points: Array, radius: float, colours: Array | None = None, sides: int 
     if colours is not None:
         tint = np.vstack([np.repeat(colours, sides, axis=0), colours[:1], colours[-1:]])
     return mg.TriangularMeshGeometry(vertices, _tube_faces(count, sides), tint)
+
+
+def cone(radius: float, length: float, sides: int = 16) -> mg.Geometry:
+    """A closed cone along z, its base at z = 0 [m]."""
+    angles, k = 2.0 * np.pi * np.arange(sides) / sides, np.arange(sides)
+    ring = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.zeros(sides)])
+    vertices = np.vstack([ring, [[0.0, 0.0, length], [0.0, 0.0, 0.0]]])
+    after, tip, base = (k + 1) % sides, np.full(sides, sides), np.full(sides, sides + 1)
+    faces = np.vstack([np.column_stack([k, after, tip]), np.column_stack([after, k, base])])
+    return mg.TriangularMeshGeometry(vertices, faces)
 
 
 def _tube_faces(count: int, sides: int) -> Array:

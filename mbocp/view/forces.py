@@ -1,0 +1,109 @@
+"""Forces of constraints and holds along a motion, as arrows of a replay and lines of a figure have them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import MbocpError
+from mbocp.robot.loops.constraints import Rod
+from mbocp.robot.loops.coupling import Coupling
+from mbocp.robot.loops.wrench import wrench_map
+from mbocp.solution.problem_text import held_by_phases
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
+    from mbocp.robot import Robot
+    from mbocp.solution import Solution
+
+__all__ = ["ForceMark", "forces_of", "in_time"]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceMark:
+    """The force that one frame exerts on another.
+
+    Attributes
+    ----------
+    name : str
+        Of the constraint.
+    frame, other : int
+        Frame on whose origin it acts, and the one that exerts it.
+    is_along : bool
+        Whether it is along the way from `other` to `frame`, its first component alone; otherwise its axes
+        are those of `other`.
+    t : ndarray, shape (N + 1,)
+        Times of the nodes [s].
+    forces : ndarray, shape (N, 3)
+        In each step [N].
+    """
+
+    name: str
+    frame: int
+    other: int
+    is_along: bool
+    t: Array
+    forces: Array
+
+
+def forces_of(solution: Solution, robot: Robot, problem: Problem | None = None) -> tuple[ForceMark, ...]:
+    """Forces of all constraints between frames: loops, contacts, and what phases hold.
+
+    Parameters
+    ----------
+    solution : Solution
+    robot : Robot
+    problem : Problem, optional
+        What was solved; it is made from the text of the solution where phases hold something.
+    """
+    columns = {label.name: k for k, label in enumerate(solution.labels.lam)}
+    if not columns or not np.isfinite(solution.lams).all():
+        return ()
+    found = [(constraint, robot.model) for constraint in robot.constraints]
+    if held_by_phases(solution.problem_text):
+        made = _problem(solution) if problem is None else problem
+        if made is not None and made.switches is not None:
+            found += [(held.constraint, made.robot.model) for held in made.switches.held]
+    marks = []
+    for constraint, model in found:
+        rows = [k for k, row in enumerate(constraint.rows) if row.name in columns]
+        if isinstance(constraint, Coupling) or not rows:
+            continue
+        try:
+            frame = robot.frame_id(model.frames[constraint.frame_a].name)
+            other = robot.frame_id(model.frames[constraint.frame_b].name)
+        except MbocpError:  # shown with another robot
+            continue
+        lams = solution.lams[:, [columns[constraint.rows[k].name] for k in rows]]
+        forces = lams @ wrench_map(constraint)[:3, rows].T
+        timed, t = in_time(forces, np.diff(solution.t)), solution.t - solution.t[0]
+        marks.append(ForceMark(constraint.name, frame, other, isinstance(constraint, Rod), t, timed))
+    return tuple(marks)
+
+
+def in_time(values: Array, dts: Array) -> Array:
+    """Values of the steps, those of no duration as before: impulses are no forces.
+
+    Parameters
+    ----------
+    values : ndarray, shape (N, k)
+    dts : ndarray, shape (N,)
+        Durations of the steps [s].
+    """
+    timed = np.flatnonzero(dts > 0.0)
+    if not timed.size:
+        return values
+    before = np.maximum(np.searchsorted(timed, np.arange(len(dts)), side="right") - 1, 0)
+    found: Array = values[timed[before]]
+    return found
+
+
+def _problem(solution: Solution) -> Problem | None:
+    """The problem that was solved, if it can still be made."""
+    try:
+        return solution.load_problem()
+    except MbocpError:
+        return None

@@ -1,0 +1,102 @@
+"""Forces as arrows whose place, direction and length follow the motion, at one scale for all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.view.forces import ForceMark
+from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_property, shape_object
+from mbocp.view.meshcat.connectors import directions
+from mbocp.view.meshcat.shapes import cone, nice_length, tube
+from mbocp.view.meshcat.viewer import mg
+from mbocp.view.motion import Motion
+
+__all__ = ["ForceArrows", "force_arrows"]
+
+_LONGEST = 0.25  # of the scene's size
+_SHAFT, _HEAD, _HEAD_LENGTH = 0.0035, 0.009, 0.03  # of the scene's size: radii, and length
+_USUAL = 0.98  # quantile of sizes that is drawn at `_LONGEST` at most: a short peak may be longer
+_NOTHING = 1e-6  # a scale of zero has no inverse
+_COLOUR = (0.80, 0.10, 0.45)  # RGB
+_CENTIMETRE = 0.01  # [m]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceArrows:
+    """Arrows of a scene.
+
+    Attributes
+    ----------
+    commands : list of Command
+    tracks : list of Track
+    words : str
+        The scale, as "1 cm = 20 N"; empty where there are no arrows.
+    """
+
+    commands: list[Command]
+    tracks: list[Track]
+    words: str
+
+
+def force_arrows(marks: Sequence[ForceMark], motion: Motion, root: str, size: float) -> ForceArrows:
+    """Draw and animate forces.
+
+    Parameters
+    ----------
+    marks : sequence of ForceMark
+    motion : Motion
+    root : str
+        Node of all arrows.
+    size : float
+        Extent of the scene [m].
+    """
+    spans = [_forces(mark, motion) for mark in marks]
+    sizes = [np.linalg.norm(span, axis=1) for span in spans]
+    largest = max((float(np.quantile(length, _USUAL)) for length in sizes), default=0.0)
+    if not (np.isfinite(largest) and largest > 0.0):
+        return ForceArrows([], [], "")
+    per_centimetre = 1.0 / nice_length(_LONGEST * size / (largest * _CENTIMETRE))
+    found = ForceArrows([], [], f"1 cm = {per_centimetre:.3g} N")
+    for index, (mark, span, newtons) in enumerate(zip(marks, spans, sizes, strict=True)):
+        lengths = newtons * _CENTIMETRE / per_centimetre
+        head = np.minimum(_HEAD_LENGTH * size, lengths / 2.0)
+        start, turn = motion.frame_positions(mark.frame), directions(span, newtons)
+        unit = span / np.maximum(newtons, 1e-300)[:, None]
+        path = f"{root}/{index}_{mark.name.replace('/', '|')}"
+        thick = np.maximum(np.minimum(lengths / (_HEAD_LENGTH * size), 1.0), _NOTHING)
+        shaft = np.column_stack([thick, thick, np.maximum(lengths - head, _NOTHING)])
+        tip = np.column_stack([thick, thick, np.maximum(head / (_HEAD_LENGTH * size), _NOTHING)])
+        line = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        parts = [
+            ("shaft", tube(line, _SHAFT * size, sides=12), start, shaft),
+            ("head", cone(_HEAD * size, _HEAD_LENGTH * size), start + unit * (lengths - head)[:, None], tip),
+        ]
+        for name, shape, position, scale in parts:
+            values = {"position": position, "quaternion": turn, "scale": scale}
+            _add(found, f"{path}/{name}", shape, values, motion.times)
+    return found
+
+
+def _add(found: ForceArrows, path: str, shape: mg.Geometry, values: dict[str, Array], times: Array) -> None:
+    material = mg.MeshPhongMaterial(color=colour_number(_COLOUR))
+    found.commands.append(set_object(path, shape_object(shape, material)))
+    for name, value in values.items():
+        found.commands.append(set_property(path, name, [float(x) for x in value[0]]))
+        if np.ptp(value, axis=0).any():
+            found.tracks.append(Track(path, name, times, value))
+
+
+def _forces(mark: ForceMark, motion: Motion) -> Array:
+    """Forces at the poses of a motion, in the world, shape (F, 3) [N]."""
+    step = np.clip(np.searchsorted(mark.t, motion.times, side="right") - 1, 0, len(mark.forces) - 1)
+    forces = mark.forces[step]
+    if mark.is_along:
+        way = motion.frame_positions(mark.frame) - motion.frame_positions(mark.other)
+        return np.asarray(forces[:, :1] * way / np.maximum(np.linalg.norm(way, axis=1), 1e-12)[:, None])
+    frame = motion.model.frames[mark.other]
+    turned = motion.rotations[:, frame.parentJoint] @ frame.placement.rotation
+    return np.asarray(np.einsum("fij,fj->fi", turned, forces))
