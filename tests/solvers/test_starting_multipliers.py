@@ -1,0 +1,68 @@
+"""Multipliers that Newton begins with where states are curved, and the step that it does not take."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.formulation import formulate
+from mbocp.guesses import make_guess
+from mbocp.problem import Problem
+from mbocp.programme import Iterate
+from mbocp.programme.kernel import kernel_programme
+from mbocp.solvers import GlobalisedNewton, run
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+
+def flight() -> Problem:
+    robot = mbocp.load_robot("hector", actuated=["root_joint"], damping=False)
+    goal = robot.integrate(robot.q0, np.array([1.0, -0.5, 0.7, 0.4, -0.8, 1.2]))
+    cost = {"effort": 1.0, "velocity": 1.0}
+    return Problem.create(robot, 1.5, 30, goal={"q": goal, "v": np.zeros(6)}, cost=cost)
+
+
+def reach() -> Problem:
+    q, v = [0.5, -1.0, 0.8, 0.1, 0.3, 0.0], np.zeros(6)
+    return Problem.create("ur5", 1.0, 20, goal={"q": q, "v": v}, cost={"effort": 1.0, "velocity": 1.0})
+
+
+def test_where_states_are_curved_multipliers_explain_the_gradient() -> None:
+    formulation = formulate(flight())
+    programme = formulation.programme
+    guess, _ = make_guess("line", formulation)
+    bare = kernel_programme(programme)
+    guess.load_into(bare)
+    plain = bare.evaluate()
+    state = GlobalisedNewton(control_weight=programme.control_weight).init(programme, guess)
+    assert state.evaluation.dual <= 0.2 * plain.dual
+    assert state.evaluation.primal == pytest.approx(plain.primal, rel=1e-12)
+    assert np.array_equal(state.native.x, bare.x)
+
+
+def test_plain_states_begin_without() -> None:
+    formulation = formulate(reach())
+    guess, _ = make_guess("line", formulation)
+    programme = formulation.programme
+    state = GlobalisedNewton(control_weight=programme.control_weight).init(programme, guess)
+    assert not state.native.m.any()
+
+
+@pytest.mark.parametrize("problem", [flight, reach])
+def test_the_last_increment_is_that_of_a_step_from_the_result(problem: object) -> None:
+    formulation = formulate(problem())  # type: ignore[operator]
+    programme = formulation.programme
+    guess, _ = make_guess("line", formulation)
+    solver = GlobalisedNewton(control_weight=programme.control_weight)
+    found = run(solver, programme, guess)
+    assert found.status == "converged"
+    assert found.record.residual <= 1e-9
+    assert found.record.increment <= 1e-9
+    native = kernel_programme(programme)
+    found.iterate.load_into(native)
+    native.evaluate()
+    assert native.factorise(0.0, 0.0).ok or native.factorise(0.0, 10.0 * programme.control_weight).ok
+    assert native.solve().increment <= 1e-9
+    again = run(solver, programme, Iterate.read_from(native, programme))
+    assert again.history[-1].iteration <= 1
