@@ -197,6 +197,16 @@ def test_a_rotation_is_broken_by_tracking_one_of_its_coordinates() -> None:
     check_reported(s, {"rotation about z": control_angular_momentum(s)[0, 2]})
 
 
+def test_weighed_changes_of_forces_that_turn_along_are_not_claimed_to_keep_a_rotation() -> None:
+    """The control before has a part in the momentum then, which is not looked for."""
+    s = solve(*ELASTIC, "cost.control_rate=0.1")
+    assert s.conserved == ()
+    assert np.ptp(control_angular_momentum(s)[:, 2]) > 1e-3
+    name, *settings = CARTS[0]  # a force along the rail does not turn
+    s = solve(name, *settings, "cost.control_rate=0.1")
+    check_reported(s, {"translation along x": s.mus[0, 0] + s.mus[0, 1]})
+
+
 def test_control_hamiltonian_of_an_arm_tends_to_its_constant() -> None:
     """To first order, once the first and the last instants are left out.
 

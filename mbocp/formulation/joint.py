@@ -86,7 +86,13 @@ def momenta_of_symmetries(
     has_more = problem.robot.drives or problem.inequalities or problem.controls == "linear"
     if has_more or breaks_symmetries(problem):
         return np.zeros((len(qs), 0)), ()
-    return control_momenta(problem.robot, qs, vs, costates, tracked=weighed_components(problem))
+    tracked, weighs_changes = weighed_components(problem), weighs_control_changes(problem)
+    return control_momenta(problem.robot, qs, vs, costates, tracked=tracked, weighs_changes=weighs_changes)
+
+
+def weighs_control_changes(problem: Problem) -> bool:
+    """Whether the running cost weighs how controls change from step to step."""
+    return bool(np.any(problem.heaviest_cost.control_rate))
 
 
 def weighed_components(problem: Problem) -> Array | None:

@@ -16,7 +16,12 @@ from mbocp.formulation.algebraic import impulses
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
-from mbocp.formulation.joint import boundary_duals, stage_costs, weighed_components
+from mbocp.formulation.joint import (
+    boundary_duals,
+    stage_costs,
+    weighed_components,
+    weighs_control_changes,
+)
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.natural_steps import NaturalSteps
 from mbocp.formulation.progress import with_paces
@@ -200,6 +205,8 @@ class NaturalFormulation:
             return np.zeros((nodes, 0)), ()
         mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
         kept = [s for s in find_symmetries(robot) if not s.touches(mask)]
+        if weighs_control_changes(self.problem):  # see `mbocp.mechanics.diagnostics.control_momenta`
+            kept = [s for s in kept if not s.control.any()]
         zs, ws = iterate.xs[:, at.z], iterate.xs[:, at.s]
         states = duals.states[:, : at.nw + at.ns]
         columns = [np.einsum("ni,ni->n", states, self.space.generator(s, zs, ws)) for s in kept]

@@ -25,7 +25,13 @@ __all__ = [
 
 
 def control_momenta(
-    robot: Robot, qs: Array, vs: Array, costates: Array, *, tracked: Any = None
+    robot: Robot,
+    qs: Array,
+    vs: Array,
+    costates: Array,
+    *,
+    tracked: Any = None,
+    weighs_changes: bool = False,
 ) -> tuple[Array, tuple[str, ...]]:
     r"""Control momenta, eq. (15), in the directions that are symmetries of the robot.
 
@@ -43,6 +49,9 @@ def control_momenta(
         Boundary duals of the nodes, see `mbocp.mechanics.symmetries.momentum_map`.
     tracked : array_like of bool, shape (2 nv,), optional
         Components of (q, p) that the running cost weighs.
+    weighs_changes : bool
+        Whether the cost weighs changes of controls from step to step. Momenta of symmetries that turn controls
+        then have a part of the control before, which is not looked for: they are left out.
 
     Returns
     -------
@@ -64,6 +73,7 @@ def control_momenta(
     if mask.shape != (2 * robot.nv,):
         raise DimensionMismatch("tracked", mask.shape, (2 * robot.nv,))
     symmetries = [s for s in find_symmetries(robot) if not s.touches(mask)]
+    symmetries = [s for s in symmetries if not (weighs_changes and s.control.any())]
     columns = [momentum_map(s, qs, vs, costates) for s in symmetries]
     momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
     return momenta, tuple(s.name for s in symmetries)
