@@ -19,7 +19,7 @@ from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gallery"
-ROOMS = ("arms", "worlds", "free_flyer", "legged", "walking", "loops", "paper", "so3", "optima")
+ROOMS = ("arms", "worlds", "free_flyer", "legged", "walking", "loops", "receding", "paper", "so3", "optima")
 NO_SINGLE_MOTION = {"lattice"}  # thousands of tasks, for `mbocp study`
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SIZE = (840, 560)  # [pixels], of the window

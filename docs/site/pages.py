@@ -29,6 +29,7 @@ _TITLES = {
     "walking": "Walking",
     "loops": "Closed loops",
     "paper": "Pendulums of the first paper",
+    "receding": "In the loop",
     "so3": "The second paper",
     "optima": "Known optima",
 }

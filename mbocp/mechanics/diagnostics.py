@@ -50,8 +50,8 @@ def control_momenta(
     tracked : array_like of bool, shape (2 nv,), optional
         Components of (q, p) that the running cost weighs.
     weighs_changes : bool
-        Whether the cost weighs changes of controls from step to step. Momenta of symmetries that turn controls
-        then have a part of the control before, which is not looked for: they are left out.
+        Whether the cost weighs changes of controls from step to step. Momenta of symmetries that turn
+        controls then have a part of the control before, which is not looked for: they are left out.
 
     Returns
     -------

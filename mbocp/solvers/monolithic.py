@@ -182,8 +182,6 @@ class GlobalisedNewton:
             if not (factorisation.ok or shift):
                 state = raised(state, self.tolerance)  # slacks follow with a step, and one may be enough
             if direction is not None:
-                if shift == 0.0 and self._is_done(state, direction):
-                    return replace(state, increment=direction.increment, at_minimum=True)
                 found = _search(
                     state, direction, care.min_step if attempts < care.patience else _LAST_RESORT_STEP
                 )
@@ -202,7 +200,7 @@ class GlobalisedNewton:
                         return restored
                 if found is not None:
                     break
-                if self._is_done(state, direction):
+                if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return replace(state, increment=direction.increment)  # round-off hides any decrease
             attempts += 1
             shift = larger_shift(shift, _MIN_SHIFT, care)
@@ -246,10 +244,6 @@ class GlobalisedNewton:
             or state.evaluation.residual <= self.rough
         )
         return Status.CONVERGED if is_there and state.failure is None else status
-
-    def _is_done(self, state: NewtonState, direction: Direction) -> bool:
-        """Whether the iterate is converged as it is: a step from it need not be taken."""
-        return direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance
 
     def _care(self, state: NewtonState) -> Care:
         is_valley = self.is_careful or state.iteration >= _CAREFUL_AFTER

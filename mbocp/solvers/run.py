@@ -85,7 +85,6 @@ def run(
                 break
             state = solver.step(state)
             if first + state.iteration == history[-1].iteration:
-                history[-1] = replace(history[-1], increment=state.increment)
                 continue  # no step was taken; `terminate` knows why
             record = _record(state, phase, first, time.perf_counter() - clock)
             history.append(record)

@@ -120,7 +120,7 @@ def _functions(mechanics: JointMechanics, scheme: str) -> tuple[ca.Function, ca.
         for i in range(s)
     ]
     step = PartitionedStep(mechanics, scheme, compares_coordinates=False)
-    rows = step(chain, node(x0, d0, own[2]), node(x1, d1, own[0]), stages, Affine(u, {}), h)
+    rows = step(chain, node(x0, d0, own[2]), node(x1, d1, own[0]), stages, [Affine(u, {})] * s, h)
     c = Affine.join([rows.kinematic, rows.momentum, *rows.stages, *rows.constraints])
     out = [ca.densify(c.value), ca.densify(chain.jacobian(c))]
     d = ca.SX.sym("d", 2 * nv)

@@ -1,4 +1,4 @@
-"""Multipliers that Newton begins with where states are curved, and the step that it does not take."""
+"""Multipliers that Newton begins with where states are curved."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import mbocp
 from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.problem import Problem
-from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
-from mbocp.solvers import GlobalisedNewton, run
+from mbocp.solvers import GlobalisedNewton
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -47,22 +46,3 @@ def test_plain_states_begin_without() -> None:
     programme = formulation.programme
     state = GlobalisedNewton(control_weight=programme.control_weight).init(programme, guess)
     assert not state.native.m.any()
-
-
-@pytest.mark.parametrize("problem", [flight, reach])
-def test_the_last_increment_is_that_of_a_step_from_the_result(problem: object) -> None:
-    formulation = formulate(problem())  # type: ignore[operator]
-    programme = formulation.programme
-    guess, _ = make_guess("line", formulation)
-    solver = GlobalisedNewton(control_weight=programme.control_weight)
-    found = run(solver, programme, guess)
-    assert found.status == "converged"
-    assert found.record.residual <= 1e-9
-    assert found.record.increment <= 1e-9
-    native = kernel_programme(programme)
-    found.iterate.load_into(native)
-    native.evaluate()
-    assert native.factorise(0.0, 0.0).ok or native.factorise(0.0, 10.0 * programme.control_weight).ok
-    assert native.solve().increment <= 1e-9
-    again = run(solver, programme, Iterate.read_from(native, programme))
-    assert again.history[-1].iteration <= 1
