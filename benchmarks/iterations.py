@@ -139,16 +139,7 @@ def iteration_tables(tasks: int, seed: int, robots: Sequence[str] = ROBOTS) -> I
             rows += [_row(name, k, counts) for k in range(len(_METHODS))]
         yield Table(
             f"Iterations, {tasks} random tasks a robot, seed {seed}, {title}",
-            (
-                "robot",
-                "method",
-                "solved",
-                "median",
-                "90th percentile",
-                "mean",
-                "more than the other",
-                "cost higher",
-            ),
+            _COLUMNS,
             rows,
             "Statistics over the tasks that both solve. "
             f"Same guess, tolerance 1e-9, at most {_MOST} iterations; cost higher: by more than 1 %.",

@@ -62,7 +62,7 @@ def split_functions(text: str, piece: int = _PIECE, of_lanes: Lanes | None = Non
     written: list[str] = []
     for i, block in enumerate(blocks):
         if i == first:
-            written += chain(lanes.header(of_lanes, wide.called) if of_lanes is not None else ())
+            written += lanes.header(of_lanes, wide.called) if of_lanes is not None else ()
             written += chain(
                 composed.header(text, wide.largest_input) if wide.composed else (), _replacements(plain)
             )
