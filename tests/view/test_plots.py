@@ -12,12 +12,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
 from mbocp.exceptions import ResultFileError, UnknownFrame
-from mbocp.robot import Robot, load_robot
-from mbocp.solution import Column, IterationRecord, Labels, Solution, Status
+from mbocp.robot import load_robot
+from mbocp.solution import Column, IterationRecord, Status
 from mbocp.view.figures import style
 from mbocp.view.figures.path import frame_paths
 from mbocp.view.figures.style import PALETTE, line_style, shorten
@@ -35,6 +36,7 @@ from mbocp.view.plots import (
 )
 from tests.mechanics.models import cart_pendulum, spherical_pendulum
 from tests.solution.fabricated import arm, fabricate, humanoid, limited, pendulum
+from tests.view.motions import hanging, motion
 
 
 def titles(figure: Figure) -> list[str]:
@@ -54,20 +56,6 @@ def legend(axes: Axes | Figure) -> list[str]:
     found = axes.get_legend() if isinstance(axes, Axes) else axes.legends[0]
     assert found is not None
     return [text.get_text() for text in found.get_texts()]
-
-
-def motion(robot: Robot, q_end: Any, **others: Any) -> Solution:
-    labels = Labels.of_robot(robot)
-    s = np.linspace(0.0, 1.0, 21)
-    dq = pin.difference(robot.model, robot.q0, np.asarray(q_end, dtype=float))
-    qs = np.array([pin.integrate(robot.model, robot.q0, x * x * (3 - 2 * x) * dq) for x in s])
-    q, v, u = list(labels.q), list(labels.v), list(labels.u)
-    made = fabricate(q, v, u, num_steps=20, num_constraints=robot.nc, qs=qs, labels=labels)
-    return dataclasses.replace(made, **others)
-
-
-def hanging(robot: Robot, *frames: str) -> Robot:
-    return dataclasses.replace(robot, trace_frames=frames)
 
 
 @pytest.mark.parametrize("make", [pendulum, arm, humanoid, limited])
@@ -313,11 +301,11 @@ def test_an_interrupted_picture_leaves_the_old_one(tmp_path: Path, monkeypatch: 
     path = tmp_path / "picture.png"
     path.write_bytes(b"old")
 
-    def interrupted(self: Figure, target: Any, **options: Any) -> None:
+    def interrupted(self: FigureCanvasAgg, target: Any) -> None:
         target.write(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Figure, "savefig", interrupted)
+    monkeypatch.setattr(FigureCanvasAgg, "print_png", interrupted)
     with pytest.raises(KeyboardInterrupt):
         save_figure(style.new_figure(3, 2), path)
     assert path.read_bytes() == b"old"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from mbocp._arrays import Array
@@ -102,7 +103,10 @@ class FramePaths:
         if self.is_planar:
             return
         figure = axes.get_figure()
-        figure.draw_without_rendering()
+        canvas: Any = FigureCanvasAgg(figure)
+        renderer = canvas.get_renderer()
+        figure.get_layout_engine().execute(figure)  # alone: to draw all panels would take longer
+        axes.draw(renderer)
         place, page = axes.get_window_extent(), figure.bbox
         margin = 0.02 * min(place.width, place.height)
         left, right = max(place.x0 - margin, page.x0), min(place.x1 + margin, page.x1)
@@ -113,7 +117,7 @@ class FramePaths:
                 return
             self._zoom *= _SHRINK
             axes.set_box_aspect(self._aspect, zoom=self._zoom)
-            figure.draw_without_rendering()
+            axes.draw(renderer)
 
     def _draw_arrows(self, axes: Any, path: Array, color: str) -> None:
         """Draw a few arrows along the motion, evenly spaced along the path, of one length."""

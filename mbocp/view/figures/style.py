@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from mbocp._arrays import Array
@@ -43,6 +45,8 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#2
 GREY = "#8A8A8A"
 WARNING = "#B03A00"
 SUFFIXES = (".png", ".pdf", ".svg")
+DPI = 160  # of files and of the layout: how wide text is in inches depends on it
+_GAP = 0.06  # [inch] between a panel with its labels and its neighbours or the edge of the page
 
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2)))
 _STYLE: Any = {
@@ -96,7 +100,7 @@ def house_style() -> Iterator[None]:
 
 def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure [inch] that no global state knows about."""
-    return Figure(figsize=(width, height), layout="constrained")
+    return Figure((width, height), DPI, layout=ConstrainedLayoutEngine(w_pad=_GAP, h_pad=_GAP))
 
 
 def plain_text(text: str) -> str:
@@ -204,7 +208,7 @@ def calm_limits(axes: Axes, values: Array) -> None:
         axes.set_ylim(middle - half, middle + half)
 
 
-def save_figure(figure: Figure, path: str | Path, *, dpi: int = 160) -> Path:
+def save_figure(figure: Figure, path: str | Path, *, dpi: int = DPI) -> Path:
     """Write a figure as PNG, PDF or SVG, by the suffix; an interrupted write leaves the old file whole.
 
     Raises
@@ -218,5 +222,19 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 160) -> Path:
         raise ResultFileError(path, f"{got}: use {', '.join(SUFFIXES)}")
     drawn = io.BytesIO()
     with house_style():
-        figure.savefig(drawn, format=suffix[1:], dpi=dpi)
+        if suffix == ".png":
+            _write_png(figure, drawn, dpi)
+        else:
+            figure.savefig(drawn, format=suffix[1:], dpi=dpi)
     return replace_file(path, drawn.getvalue())
+
+
+def _write_png(figure: Figure, target: io.BytesIO, dpi: int) -> None:
+    """Lay out and draw once; `Figure.savefig` does both twice."""
+    before = figure.dpi
+    figure.set_dpi(dpi)
+    try:
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.print_png(target)
+    finally:
+        figure.set_dpi(before)
