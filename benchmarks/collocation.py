@@ -33,6 +33,7 @@ _OPTIONS: dict[str, Any] = {
     "print_time": False,
     "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 300},
 }
+_PARTS = ("f", "g", "grad_f", "jac_g", "hess_l")  # of CasADi's statistics
 _COMPILED: dict[str, Any] = {
     "jit": True,
     "compiler": "shell",
@@ -42,9 +43,10 @@ _COMPILED: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Found:
-    """What IPOPT came to."""
+    """What IPOPT came to; `functions`: what of the time was the functions' [s]."""
 
     seconds: float
+    functions: float
     iterations: int
     cost: float
     qs: Any
@@ -64,10 +66,18 @@ class Collocation:
     at_stages : bool
         Whether each stage has controls of its own.
     is_compiled : bool
+    limit : float
+        After which IPOPT gives up [s].
     """
 
     def __init__(
-        self, problem: mbocp.Problem, num_stages: int, *, at_stages: bool, is_compiled: bool = True
+        self,
+        problem: mbocp.Problem,
+        num_stages: int,
+        *,
+        at_stages: bool,
+        is_compiled: bool = True,
+        limit: float = 1e3,
     ) -> None:
         self._problem, self._s, self._at_stages = problem, num_stages, at_stages
         self._mechanics = JointMechanics(problem.robot)
@@ -82,7 +92,8 @@ class Collocation:
         rows, cost = step.map(N)(ca.horzcat(start, X[:, :-1]), X, W)
         g = ca.vertcat(ca.vec(rows), self._end()(X[:, -1]))
         nlp = {"x": unknowns, "f": ca.sum2(cost), "g": g}
-        self._solver = ca.nlpsol("collocation", "ipopt", nlp, _OPTIONS | (_COMPILED if is_compiled else {}))
+        how = {**_OPTIONS, "ipopt": {**_OPTIONS["ipopt"], "max_wall_time": limit}}
+        self._solver = ca.nlpsol("collocation", "ipopt", nlp, how | (_COMPILED if is_compiled else {}))
 
     def solve(self, begin: Motion) -> Found:
         """Solve from a motion with as many steps.
@@ -107,6 +118,7 @@ class Collocation:
         xs = np.vstack([states[:1], w])
         return Found(
             seconds,
+            sum(stats.get(f"t_wall_nlp_{name}", 0.0) for name in _PARTS),
             stats["iter_count"],
             float(found["f"]),
             xs[:, : robot.nq],

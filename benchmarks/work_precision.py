@@ -10,20 +10,27 @@ with the steps, which a "~" says.
 - The error of the motion is the largest of a joint [rad, m] at the nodes that all solutions have.
 - The error of the adjoint is that of the derivative of the cost to go in velocities that the constraints
   allow, :math:`Z^T M \mu^p`, by its largest value.
-- The rival is CasADi with IPOPT by Gauss collocation (`benchmarks.collocation`), compiled, from the
-  same guess.
+- The rival is CasADi with IPOPT by Gauss collocation (`benchmarks.collocation`), from the same guess. Its
+  functions are interpreted: a C compiler takes minutes for those of a Panda or a drone, for each number of
+  steps. What it takes without its functions is told, too, and is less than any compiled ones would take.
 
-Times are those of solvers alone, with functions from the cache, the least of a few.
+Times are those of solvers alone, with functions from the cache, the least of a few. Each point is a line of
+JSON as soon as it is known; what is there already is not measured again. A scheme of a system that has taken
+longer than the limit is left where it is, and that is told.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -40,16 +47,20 @@ from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
 from mbocp.integrators import PAIRS, TABLEAUX, TAU
 
-__all__ = ["SYSTEMS", "Point", "System", "main", "reached", "sweep"]
+__all__ = ["SYSTEMS", "Log", "Point", "System", "main", "measure", "reached", "sweep"]
 
 _DATA = Path(__file__).parent.parent / "tests" / "data" / "reference_costs.json"
+_OUT = Path("build/work_precision.jsonl")
 _ASKED = (1e-4, 1e-6)
 _LEVELS = 6
 _FEW = 3  # solves, of which the fastest counts
 _ROUND_OFF = 1e-11  # of a cost: below it there is nothing to see
 _NEXT = 2.0**4 - 1.0  # of Richardson's extrapolation at order four
-_RIVAL_LEVELS = 3  # each is compiled anew
-_RIVALS = ("ipopt/gauss2", "ipopt/gauss2/stages", "ipopt/gauss3/stages")
+_LIMIT = 20.0  # [s] of a scheme and a system, compiling aside
+_GROWTH = 2.0  # of times from one number of steps to the next, at least
+_LONG = 3.0  # [s]: solves that are not repeated
+_RIVALS = ("ipopt/gauss2", "ipopt/gauss2/stages")
+FEW_SCHEMES = ("se1", "midpoint", "gauss2", "gauss2/stages", "lobatto3", "lobatto3/stages", "rk4", *_RIVALS)
 SCHEMES = (
     *TAU,
     *PAIRS,
@@ -57,6 +68,8 @@ SCHEMES = (
     "gauss2/linear",
     "lobatto3/linear",
     *(name for name in TABLEAUX if name != "euler"),
+    *_RIVALS,
+    "ipopt/gauss3/stages",
 )
 
 
@@ -90,7 +103,11 @@ SYSTEMS = (
 
 @dataclass(frozen=True)
 class Point:
-    """A solve: its time [s], and errors of the cost (a part of it), the motion [rad, m] and the adjoints."""
+    """A solve: its time [s], and errors of the cost (a part of it), the motion [rad, m] and the adjoints.
+
+    Of one that does not converge all but the number of steps is NaN. `functions` is the part of the time that
+    a rival's functions take [s], and `spent` what the measurement took [s].
+    """
 
     steps: int
     seconds: float
@@ -98,6 +115,47 @@ class Point:
     cost: float
     motion: float
     adjoint: float
+    functions: float = 0.0
+    spent: float = 0.0
+
+    @classmethod
+    def failed(cls, steps: int, spent: float) -> Point:
+        """One that did not converge."""
+        return cls(steps, math.nan, 0, math.nan, math.nan, math.nan, spent=spent)
+
+
+class Log:
+    """Points that are known, one line of JSON for each.
+
+    Parameters
+    ----------
+    path : Path, optional
+        None: they are kept in memory alone.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._path, self._known = path, dict[tuple[str, str, int], Point]()
+        for line in path.read_text(encoding="utf-8").splitlines() if path and path.exists() else ():
+            row = json.loads(line)
+            if "scheme" in row:
+                point = Point(**row["point"])
+                self._known[row["system"], row["scheme"], point.steps] = point
+
+    def get(self, system: str, scheme: str, steps: int) -> Point | None:
+        """The point, if it is known."""
+        return self._known.get((system, scheme, steps))
+
+    def add(self, system: str, scheme: str, point: Point) -> None:
+        """Keep a point."""
+        self._known[system, scheme, point.steps] = point
+        self.write({"system": system, "scheme": scheme, "point": asdict(point)})
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Append a line."""
+        if self._path is not None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
 
 
 @dataclass(frozen=True)
@@ -158,36 +216,76 @@ def _truth(system: System, level: int) -> _Truth:
     return _Truth(cost, np.array(qs), adjoints[1] + (adjoints[1] - adjoints[0]) / _NEXT)
 
 
-def sweep(system: System, scheme: str, truth: _Truth, levels: int = _LEVELS) -> list[Point]:
-    """Points of a scheme, from the fewest steps on; of those that do not converge there is none."""
-    points, robot = [], system.problem.robot
+def sweep(
+    system: System,
+    scheme: str,
+    truth: Callable[[], _Truth],
+    log: Log,
+    *,
+    levels: int = _LEVELS,
+    limit: float = _LIMIT,
+) -> list[Point]:
+    """Points of a scheme or a rival, from the fewest steps on; of those that do not converge there is none.
+
+    Parameters
+    ----------
+    truth : callable
+        Asked where a point is not known yet.
+    limit : float
+        Of what all points may take [s].
+    """
+    one = _rival if scheme.startswith("ipopt/") else _own
+    points, spent, last = [], 0.0, 0.0
     for steps in (system.steps * 2**k for k in range(levels)):
-        problem = _problem_with(system, scheme, steps)
-        solutions = [mbocp.solve(problem) for _ in range(1 + _FEW)]
-        if not solutions[0].converged:
-            continue
-        seconds = min(sum(phase.wall_time_s for phase in s.phases) for s in solutions)
-        last = solutions[-1]
-        errors = truth.errors(robot, last.cost, last.qs, _adjoints(robot, last))
-        points.append(Point(steps, seconds, last.iterations, *errors))
+        point = log.get(system.name, scheme, steps)
+        if point is None and spent + _GROWTH * last > limit:
+            words = f"{steps} steps and more would take over {limit:g} s"
+            print(f"{system.name}: {scheme}: {words}; --limit", flush=True)
+            log.write({"system": system.name, "left out": f"{scheme}: {words}"})
+            break
+        if point is None:
+            point = one(system, scheme, steps, truth(), limit)
+            log.add(system.name, scheme, point)
+        last, spent = point.spent, spent + point.spent
+        points += [point] if np.isfinite(point.cost) else []
     return points
 
 
-def rival(system: System, name: str, truth: _Truth, levels: int = _RIVAL_LEVELS) -> list[Point]:
-    """Points of CasADi with IPOPT, from mbocp's first guess."""
+def _own(system: System, scheme: str, steps: int, truth: _Truth, limit: float) -> Point:
+    """A solve by mbocp; the first takes functions from the cache or compiles them, and is not timed."""
+    problem = _problem_with(system, scheme, steps)
+    first = mbocp.solve(problem)
+    spent = _seconds(first)
+    if not first.converged:
+        return Point.failed(steps, spent)
+    solutions = [mbocp.solve(problem) for _ in range(_FEW if spent < _LONG else 1)]
+    last, times = solutions[-1], [_seconds(s) for s in solutions]
+    errors = truth.errors(problem.robot, last.cost, last.qs, _adjoints(problem.robot, last))
+    return Point(steps, min(times), last.iterations, *errors, spent=spent + sum(times))
+
+
+def _seconds(solution: mbocp.Solution) -> float:
+    return float(sum(phase.wall_time_s for phase in solution.phases))
+
+
+def _rival(system: System, name: str, steps: int, truth: _Truth, limit: float) -> Point:
+    """A solve by CasADi with IPOPT, from mbocp's first guess."""
+    begun = time.perf_counter()
     _, scheme, *more = name.split("/")
-    points = []
-    for steps in (system.steps * 2**k for k in range(levels)):
-        problem = _problem_with(system, "lobatto2" if system.problem.robot.nc else "midpoint", steps)
-        formulation = formulate(problem)
-        guess, _ = make_guess(guess_candidates(problem)[0], formulation)
-        begin = formulation.motion_of(guess)
-        solver = Collocation(problem, PAIRS[scheme].num_stages, at_stages=bool(more))
-        found = min((solver.solve(begin) for _ in range(_FEW)), key=lambda f: f.seconds)
-        if found.converged:
-            errors = truth.errors(problem.robot, found.cost, found.qs, None)
-            points.append(Point(steps, found.seconds, found.iterations, *errors))
-    return points
+    problem = _problem_with(system, "lobatto2" if system.problem.robot.nc else "midpoint", steps)
+    formulation = formulate(problem)
+    guess, _ = make_guess(guess_candidates(problem)[0], formulation)
+    begin = formulation.motion_of(guess)
+    num_stages = PAIRS[scheme].num_stages
+    solver = Collocation(problem, num_stages, at_stages=bool(more), is_compiled=False, limit=limit)
+    found = solver.solve(begin)
+    for _ in range(_FEW - 1 if found.seconds < _LONG else 0):
+        found = min(found, solver.solve(begin), key=lambda f: f.seconds)
+    spent = time.perf_counter() - begun
+    if not found.converged:
+        return Point.failed(steps, spent)
+    errors = truth.errors(problem.robot, found.cost, found.qs, None)
+    return Point(steps, found.seconds, found.iterations, *errors, functions=found.functions, spent=spent)
 
 
 def reached(points: Sequence[Point], asked: float) -> tuple[float, float, str]:
@@ -234,32 +332,41 @@ def table_of(system: System, results: dict[str, list[Point]]) -> Table:
         for steps, seconds, mark in found[name]:
             is_known = np.isfinite(steps)
             cells += [f"{mark}{steps:.0f}", f"{mark}{_ms(seconds)}"] if is_known else ["", ""]
-        ratio = best / found[name][-1][1]
+        seconds = found[name][-1][1]
+        ratio, share = best / seconds, _share_of_functions(points)
         cells.append(f"{ratio:.2g}" if np.isfinite(ratio) else "")
+        cells.append(_ms((1.0 - share) * seconds) if share and np.isfinite(seconds) else "")
         cells += [_order(points, what) for what in ("cost", "motion", "adjoint")]
         rows.append(tuple(cells))
     columns = [f"{what} to {asked:.0e}" for asked in _ASKED for what in ("steps", "ms")]
     orders = ("order of cost", "of motion", "of adjoint")
-    return Table(system.name, ("scheme", "iterations", *columns, "se1 / it", *orders), rows)
+    return Table(
+        system.name, ("scheme", "iterations", *columns, "se1 / it", "ms without functions", *orders), rows
+    )
+
+
+def _share_of_functions(points: Sequence[Point]) -> float:
+    """Part of a rival's time that its functions take, of its finest steps; 0 where they are compiled."""
+    return points[-1].functions / points[-1].seconds if points else 0.0
 
 
 def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.3g}" if seconds < 1.0 else f"{1e3 * seconds:.0f}"
 
 
-def measure(system: System, schemes: Sequence[str], levels: int) -> dict[str, list[Point]]:
+def measure(
+    system: System, schemes: Sequence[str], levels: int, log: Log, limit: float = _LIMIT
+) -> dict[str, list[Point]]:
     """All points of a system; schemes that do not go with it are left out."""
-    truth, results = _truth(system, levels), dict[str, list[Point]]()
+    truth, results = cache(lambda: _truth(system, levels)), dict[str, list[Point]]()
     for name in schemes:
-        if name.startswith("ipopt/"):
-            results[name] = rival(system, name, truth, min(levels, _RIVAL_LEVELS))
-            continue
         try:
-            _problem_with(system, name, system.steps)
+            if not name.startswith("ipopt/"):
+                _problem_with(system, name, system.steps)
         except ProblemError as error:
             print(f"{system.name}: without {name}: {error}", flush=True)
         else:
-            results[name] = sweep(system, name, truth, levels)
+            results[name] = sweep(system, name, truth, log, levels=levels, limit=limit)
     return results
 
 
@@ -306,15 +413,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
         prog="python -m benchmarks.work_precision", description=__doc__.split("\n")[0]
     )
     parser.add_argument("--systems", nargs="*", default=(), help="names; all, if there are none")
-    parser.add_argument("--schemes", nargs="*", help="as se1, gauss2/stages, ipopt/gauss2/stages")
+    parser.add_argument("--schemes", nargs="*", help="as se1, gauss2/stages, ipopt/gauss2/stages; else a few")
+    parser.add_argument("--all", action="store_true", help="all schemes: an hour in place of a quarter")
     parser.add_argument("--levels", type=int, default=_LEVELS, help="how often steps are doubled, and one")
+    parser.add_argument("--limit", type=float, default=_LIMIT, help="[s] of a scheme and a system")
+    parser.add_argument("--out", type=Path, default=_OUT, help="lines of JSON, from which it goes on")
     parser.add_argument("--markdown", action="store_true", help="for the documentation")
     parser.add_argument("--plot", type=Path, help="a folder for the diagrams")
     options = parser.parse_args(arguments)
     one_core()
-    show(header(), markdown=options.markdown)
+    machine, log = header(), Log(options.out)
+    show(machine, markdown=options.markdown)
+    log.write({"machine": dict(machine.rows)})
+    schemes = options.schemes or (SCHEMES if options.all else FEW_SCHEMES)
     for system in _chosen(options.systems):
-        results = measure(system, options.schemes or (*SCHEMES, *_RIVALS), options.levels)
+        results = measure(system, schemes, options.levels, log, options.limit)
         show(table_of(system, results), markdown=options.markdown)
         if options.plot:
             options.plot.mkdir(parents=True, exist_ok=True)

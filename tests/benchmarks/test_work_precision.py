@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 import mbocp
 from benchmarks.collocation import Collocation
 from benchmarks.newton import EXAMPLES
-from benchmarks.work_precision import SYSTEMS, Point, reached
+from benchmarks.work_precision import SYSTEMS, Log, Point, measure, reached
 from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
 
@@ -36,6 +38,35 @@ def test_errors_that_are_small_from_the_first_steps_on_or_do_not_fall() -> None:
     flat = [replace(p, cost=0.1) for p in points(2.0, 1.0)]
     assert np.isnan(reached(flat, 1e-4)[0])
     assert np.isnan(reached([], 1e-4)[0])
+
+
+SMALL = SYSTEMS[0]  # the elastic pendulum
+
+
+def test_points_are_known_from_then_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    schemes, path = ("midpoint", "gauss2/stages", "ipopt/gauss2"), tmp_path / "points.jsonl"
+    found = measure(SMALL, schemes, 3, Log(path))
+    assert [len(points) for points in found.values()] == [3, 3, 3]
+    own, rival = found["midpoint"][-1], found["ipopt/gauss2"][-1]
+    assert own.functions == 0.0
+    assert 0.0 < rival.functions < rival.seconds
+    assert rival.motion < own.motion  # order four in place of two
+    assert len(path.read_text().splitlines()) == 9
+
+    def solve(*_: object) -> None:
+        raise AssertionError("a point that is known is measured again")
+
+    monkeypatch.setattr("benchmarks.work_precision.mbocp.solve", solve)
+    monkeypatch.setattr(Collocation, "solve", solve)
+    assert str(measure(SMALL, schemes, 3, Log(path))) == str(found)  # with NaN
+
+
+def test_what_would_take_too_long_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "points.jsonl"
+    found = measure(SMALL, ("midpoint",), 4, Log(path), limit=1e-6)
+    assert [point.steps for point in found["midpoint"]] == [20]
+    assert "midpoint: 40 steps and more would take over 1e-06 s" in capsys.readouterr().out
+    assert "left out" in json.loads(path.read_text().splitlines()[-1])
 
 
 def test_systems_exist() -> None:
