@@ -15,7 +15,7 @@ from mbocp.guesses.simulated import simulated
 from mbocp.integrators import PAIRS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
-from tests.mechanics.models import chain
+from tests.mechanics.models import BODY, ORIGIN, chain
 from tests.mechanics.models import robot as robot_of
 
 ON_CONSTRAINTS = [name for name, pair in PAIRS.items() if pair.holds_constraints]
@@ -32,6 +32,23 @@ def to_round_off(monkeypatch: pytest.MonkeyPatch) -> None:
 def arm(gravity: float) -> Robot:
     """Two links, the axis of the first vertical, nothing that dissipates."""
     model = chain("RZ RX")[0]
+    model.gravity.linear = np.array([0.0, 0.0, -gravity])
+    return robot_of(model)
+
+
+def top() -> Robot:
+    """A body on a ball joint in gravity, with three different moments of inertia."""
+    model = chain("Spherical")[0]
+    model.gravity.linear = np.array([0.0, 0.0, -9.81])
+    return robot_of(model)
+
+
+def flyer(gravity: float) -> Robot:
+    """A free-flyer with a second body on a hinge."""
+    model = chain("FreeFlyer")[0]
+    side = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.1]))
+    hinge = model.addJoint(1, pin.JointModelRX(), side, "hinge")
+    model.appendBodyToJoint(hinge, BODY, ORIGIN)
     model.gravity.linear = np.array([0.0, 0.0, -gravity])
     return robot_of(model)
 
@@ -84,13 +101,65 @@ def test_momentum_on_a_sphere_over_ten_thousand_steps(scheme: str) -> None:
     assert np.abs(np.einsum("ij,ij->i", qs, vs)).max() < 1e-11
 
 
+@pytest.mark.parametrize("scheme", PAIRS)
+def test_momentum_of_a_top_over_ten_thousand_steps(scheme: str) -> None:
+    """Angular momentum about the vertical through the pivot; the other two vary."""
+    robot = top()
+    turned = pin.exp3_quat(np.array([0.4, -0.8, 0.2]))
+    qs, vs = motion(robot, scheme, 0.01, turned, np.array([0.5, -1.0, 6.0]), CHUNK)
+    pairs = zip(qs, vs, strict=True)
+    kept = np.array([pin.Quaternion(q).toRotationMatrix() @ robot.momentum(q, v) for q, v in pairs])
+    scale = np.abs(kept).max()
+    assert np.ptp(kept[:, 2]) < 1e-13 * scale
+    assert np.ptp(kept[:, 0]) > 0.1 * scale
+    assert np.abs(np.linalg.norm(qs, axis=1) - 1.0).max() < 1e-13
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", PAIRS)
+def test_momentum_of_a_free_flyer_over_ten_thousand_steps(scheme: str) -> None:
+    """All six components, in the world and about its origin, while a hinge on it moves."""
+    robot = flyer(0.0)
+    q, v = np.array([0.0] * 6 + [1.0, 0.4]), np.array([0.1, -0.05, 0.02, 0.5, 1.2, -0.7, 0.9])
+    qs, vs = motion(robot, scheme, 0.02, q, v, CHUNK)
+    pairs = list(zip(qs, vs, strict=True))
+    kept = np.array(
+        [pin.XYZQUATToSE3(q[:7]).act(pin.Force(robot.momentum(q, v)[:6])).vector for q, v in pairs]
+    )
+    linear, angular = kept[:, :3], kept[:, 3:]
+    reach = 1.0 + np.linalg.norm(qs[:, :3], axis=1).max()  # [m] by which round-off of forces turns
+    scale = np.linalg.norm(kept[0])  # those of turning bodies are larger than their sum
+    assert np.ptp(linear, axis=0).max() < 1e-13 * scale
+    assert np.ptp(angular, axis=0).max() < 1e-13 * scale * reach
+    assert np.ptp([robot.momentum(q, v)[6] for q, v in pairs]) > 0.1  # that of the hinge varies
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", PAIRS)
 def test_energy_stays_within_bounds_over_a_hundred_thousand_steps(scheme: str) -> None:
     """Ten times as many steps have no larger errors, and no trend."""
-    robot = arm(9.81)
-    dt = 0.02 if scheme == "lobatto2" else 0.05
-    q, v = np.array([0.5, -0.3]), np.zeros(2)
+    check_energy(
+        arm(9.81), scheme, 0.02 if scheme == "lobatto2" else 0.05, np.array([0.5, -0.3]), np.zeros(2)
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", PAIRS)
+def test_energy_of_a_top_stays_within_bounds_over_a_hundred_thousand_steps(scheme: str) -> None:
+    turned = pin.exp3_quat(np.array([0.4, -0.8, 0.2]))
+    check_energy(top(), scheme, 0.01 if scheme == "lobatto2" else 0.02, turned, np.array([0.2, -0.4, 1.5]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", PAIRS)
+def test_energy_of_a_free_flyer_stays_within_bounds_over_a_hundred_thousand_steps(scheme: str) -> None:
+    """Without gravity, so that it does not fall out of the numbers."""
+    q, v = np.array([0.0] * 6 + [1.0, 0.4]), np.array([0.01, -0.005, 0.002, 0.5, 1.2, -0.7, 0.9])
+    check_energy(flyer(0.0), scheme, 0.02, q, v)
+
+
+def check_energy(robot: Robot, scheme: str, dt: float, q: Array, v: Array) -> None:
+    """Over ten times 10,000 steps, of which each begins where the one before ended."""
     start = energies(robot, q[None], v[None])[0]
     largest, means = [], []
     for _ in range(10):
