@@ -23,7 +23,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.accuracy.errors import local_errors
-from mbocp.accuracy.mesh import Wanted, control_shares, halved, lengths_for
+from mbocp.accuracy.mesh import Wanted, control_shares
+from mbocp.accuracy.meshes import MOST_STEPS, Mesh, first_mesh
 from mbocp.accuracy.of_solution import motion_of, with_accuracy
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
@@ -35,7 +36,6 @@ __all__ = ["refined"]
 Work: TypeAlias = Callable[[Problem, Solution | None], Solution]
 
 _ROUNDS = 8
-_MOST_STEPS = 20_000
 _MORE = 4  # times as many steps where the first do not lead to a motion
 _AIM_STEP, _AIM_COST = 0.5, 0.6  # of what is asked: errors of the next round are not known exactly
 _SURE = 1.2  # what the estimate of the cost's error may be wrong by
@@ -64,21 +64,21 @@ def refined(
         rounds, the time or the most steps, the status is `under_resolved`.
     """
     begun, rounds, failed, taken = time.perf_counter(), list[_Round](), None, 0
-    lengths, before = _even(problem, problem.num_steps), warm_start
+    mesh, before = first_mesh(problem), warm_start
     for _ in range(_ROUNDS):
-        pair = _pair(problem, lengths, before, work)
+        pair = _pair(problem, mesh, before, work)
         taken += sum(solution.iterations for solution in pair)
         if pair[-1].is_stationary:
             rounds.append(_Round.of(problem, *pair, deadline=deadline))
             if rounds[-1].is_enough(problem):
                 break
-            lengths, before = rounds[-1].next_lengths(problem), rounds[-1].solution
+            mesh, before = rounds[-1].next_mesh(problem, mesh), rounds[-1].solution
         else:
             failed = pair[-1]
             if rounds or failed.status in (Status.INTERRUPTED, Status.TIME_LIMIT):
                 break
-            lengths, before = _even(problem, _MORE * len(lengths)), None
-        if 2 * len(lengths) > _MOST_STEPS or time.perf_counter() > deadline:
+            mesh, before = mesh.even(_MORE), None
+        if 2 * mesh.num_steps > MOST_STEPS or time.perf_counter() > deadline:
             break
     if not rounds and failed is not None:
         return failed
@@ -101,7 +101,7 @@ class _Round:
     @classmethod
     def of(cls, problem: Problem, coarse: Solution, fine: Solution, *, deadline: float) -> _Round:
         errors = local_errors(problem.robot, motion_of(fine), deadline=deadline)
-        away = abs(coarse.cost - fine.cost) / (2.0 ** _cost_order(problem) - 1.0)
+        away = abs(coarse.cost - fine.cost) / (2.0 ** _sure_order(problem) - 1.0)
         if _sums_up(problem):
             away = max(away, float(_shares(problem, fine, errors).sum()))
         share = away / abs(fine.cost) if fine.cost else (math.inf if away else 0.0)
@@ -111,12 +111,14 @@ class _Round:
         asked = _asked(problem)
         return bool(self.errors.max() <= asked and _SURE * self.cost_error <= asked)
 
-    def next_lengths(self, problem: Problem) -> Array:
-        """Lengths of the coarser steps of the next round."""
+    def next_mesh(self, problem: Problem, mesh: Mesh) -> Mesh:
+        """The coarser steps of the next round."""
         asked, fine, dts = _asked(problem), self.solution, np.diff(self.solution.t)
         shares, error = _shares(problem, fine, self.errors), self.cost_error * abs(fine.cost)
         told = float(shares.sum())
-        if told > 0.0 and math.isfinite(error):
+        if not told > 0.0:
+            shares, told = dts, float(dts.sum())
+        if math.isfinite(error):
             most = _CALIBRATED if _sums_up(problem) else math.inf
             shares = shares * min(error / told, most)
         wanted = Wanted(
@@ -125,7 +127,7 @@ class _Round:
             _AIM_COST * asked * abs(fine.cost),
             _cost_order(problem),
         )
-        return lengths_for(dts, self.errors, shares, wanted, most=_MOST_STEPS + 2)
+        return mesh.next(dts, self.errors, shares, wanted)
 
 
 def _asked(problem: Problem) -> float:
@@ -134,6 +136,12 @@ def _asked(problem: Problem) -> float:
 
 def _cost_order(problem: Problem) -> int:
     return cost_order(problem.controls, problem.scheme)
+
+
+def _sure_order(problem: Problem) -> int:
+    """Order of which the cost can be sure: one where controls leap at times that are found."""
+    leaps = problem.has_free_lengths and problem.widest_limits.any_finite
+    return 1 if leaps else _cost_order(problem)
 
 
 def _sums_up(problem: Problem) -> bool:
@@ -151,15 +159,11 @@ def _shares(problem: Problem, solution: Solution, errors: Array) -> Array:
     return control_shares(solution.us, np.diff(solution.t), weights)
 
 
-def _even(problem: Problem, count: int) -> Array:
-    return np.full(count, problem.duration / count)
-
-
-def _pair(problem: Problem, lengths: Array, before: Solution | None, work: Work) -> list[Solution]:
+def _pair(problem: Problem, mesh: Mesh, before: Solution | None, work: Work) -> list[Solution]:
     """Solutions with steps and with their halves; the first alone if it fails."""
     pair: list[Solution] = []
-    for dts in (lengths, halved(lengths)):
-        stepped = problem.with_(accuracy=None, num_steps=len(dts), lengths=dts)
+    for steps in (mesh, mesh.halved()):
+        stepped = steps.of(problem)
         found = work(stepped, before)
         if not found.is_stationary and before is not None and found.status is not Status.INTERRUPTED:
             found = work(stepped, None)

@@ -61,7 +61,8 @@ def _horizon(problem: Problem) -> str:
     if problem.duration_range is not None:
         T = f"between {problem.duration_range[0]:g} and {problem.duration_range[1]:g} s"
     how = {"linear": ", controls linear", "stages": ", controls at its stages"}.get(problem.controls, "")
-    return f"{T} in {problem.num_steps} steps by scheme {problem.scheme}{how}"
+    why = ", which suits it" if problem.chooses_scheme else ""
+    return f"{T} in {problem.num_steps} steps by scheme {problem.scheme}{why}{how}"
 
 
 def _configuration(robot: Robot, q: Array, shown: BoolArray) -> str:

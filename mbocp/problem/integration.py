@@ -29,6 +29,7 @@ __all__ = [
 ]
 
 Scheme: TypeAlias = Literal[
+    "auto",
     "se1",
     "se2",
     "midpoint",

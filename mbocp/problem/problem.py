@@ -31,6 +31,7 @@ from mbocp.problem.consistency import check_end_conditions
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.coordinates import COORDINATES, check_coordinates
 from mbocp.problem.cost import Cost
+from mbocp.problem.default_scheme import AUTO_SCHEME, chosen_scheme
 from mbocp.problem.duration import check_duration
 from mbocp.problem.ends import checked_start, completed_goal
 from mbocp.problem.file.changes import changed
@@ -59,6 +60,7 @@ from mbocp.problem.phase_limits import limits_along, limits_of_phases, widest_li
 from mbocp.problem.phases import Phase, free_phases
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.step_counts import first_count
 from mbocp.problem.step_table import check_accuracy, check_lengths, check_takes_steps
 from mbocp.problem.switches import SwitchTable, switch_table
 from mbocp.problem.together import (
@@ -144,9 +146,12 @@ class Problem:
         In which coordinates the mechanics are written: the joints' own, or positions and directors of all
         bodies, see `mbocp.mechanics.natural_coordinates`. Start, goal and results are in those of the joints
         in either case.
-    scheme : {"se1", "se2", "midpoint", "semi_implicit_euler", "gauss2", "gauss3", "lobatto2", "lobatto3", \
-            "euler", "heun", "rk4", "rkf5"}
-        How time is discretised, see `mbocp.integrators`; the last four are explicit.
+    scheme : {"auto", "se1", "se2", "midpoint", "semi_implicit_euler", "gauss2", "gauss3", "lobatto2", \
+            "lobatto3", "euler", "heun", "rk4", "rkf5"}
+        How time is discretised, see `mbocp.integrators`; the last four are explicit. Of a problem that is
+        made, never "auto", which takes what suits it, see `mbocp.problem.default_scheme`.
+    chooses_scheme : bool
+        Whether the scheme was left open, and another may be taken where the problem changes.
     lie : {"plain", "baumgarte", "munthe_kaas"}
         How explicit schemes keep rotations on their manifold: not at all, by stabilisation, or by
         construction.
@@ -222,6 +227,7 @@ class Problem:
     phases: tuple[Phase, ...] = field(init=False, repr=False, default=())
     _bounds_of_sum: tuple[float, float] = field(init=False, repr=False, default=(0.0, math.inf))
     _members: tuple[tuple[int, Problem], ...] = field(init=False, repr=False, default=())
+    chooses_scheme: bool = field(init=False, repr=False, default=False)
     clearance: Clearance | None = field(init=False, repr=False, default=None)
     switches: SwitchTable | None = field(init=False, repr=False, default=None)
     limits: Bounds = field(default_factory=Bounds)
@@ -245,6 +251,7 @@ class Problem:
             return
         self._take_time()
         check_choice("coordinates", self.coordinates, COORDINATES)
+        self._take_scheme()
         check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)
         check_controls(self.controls, self.scheme)
         check_has_actuators(self.robot)
@@ -507,9 +514,16 @@ class Problem:
         duration, duration_range = check_duration(self.duration, self.duration_range)
         steps = check_integer("horizon.steps", self.num_steps, minimum=1)
         self._set(accuracy=check_accuracy(self.accuracy))
+        if self.accuracy is not None and self.lengths is None and not self.phase:
+            steps = first_count(self)
         self._set(lengths=check_lengths(self.lengths, steps, duration))
         impacts = tuple(sorted({int(step) for step in self.impacts}))
         self._set(duration=duration, duration_range=duration_range, num_steps=steps, impacts=impacts)
+
+    def _take_scheme(self) -> None:
+        """Choose a scheme where the problem leaves it open."""
+        if self.scheme == AUTO_SCHEME:
+            self._set(scheme=chosen_scheme(self), chooses_scheme=True)
 
     def _take_phases(self) -> None:
         """Check phases against the horizon; find what they hold, and what durations sum up to."""

@@ -12,13 +12,11 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_finite, check_number
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
-from mbocp.problem.goal import Goal
 from mbocp.problem.path import PathConstraint
-from mbocp.terms import OwnTerm
+from mbocp.problem.step_counts import Placed, base_counts
 
-__all__ = ["FIRST_STEPS", "check_accuracy", "check_lengths", "check_takes_steps", "scaled_lengths"]
+__all__ = ["check_accuracy", "check_lengths", "check_takes_steps", "scaled_lengths"]
 
-FIRST_STEPS = 20  # with which the search for steps begins
 _FINEST, _COARSEST = 1e-10, 0.1  # what flows are sure of; beyond, a motion is hardly one
 _ROUND_OFF = 1e-9  # relative: durations that are the same
 _WIDEST = 1e6  # ratio of the longest step and the shortest
@@ -76,7 +74,7 @@ def scaled_lengths(lengths: Sequence[float] | Array, duration: float) -> Array:
     return scaled
 
 
-class Stepped(Protocol):
+class Stepped(Placed, Protocol):
     """What a problem says that steps of different lengths may not go with, see `mbocp.problem.Problem`."""
 
     # fmt: off
@@ -84,8 +82,6 @@ class Stepped(Protocol):
     def accuracy(self) -> float | None: ...
     @property
     def lengths(self) -> Array | None: ...
-    @property
-    def phase(self) -> Sequence[object]: ...
     @property
     def has_free_duration(self) -> bool: ...
     @property
@@ -97,19 +93,9 @@ class Stepped(Protocol):
     @property
     def coordinates(self) -> str: ...
     @property
-    def via(self) -> Sequence[object]: ...
-    @property
     def frame_constraints(self) -> Sequence[PathConstraint]: ...
     @property
-    def terms(self) -> Sequence[OwnTerm]: ...
-    @property
     def cost(self) -> Cost: ...
-    @property
-    def obstacle(self) -> Sequence[object]: ...
-    @property
-    def self_collision(self) -> object: ...
-    @property
-    def goal(self) -> Goal: ...
     # fmt: on
 
 
@@ -126,25 +112,31 @@ def check_takes_steps(problem: Stepped) -> None:
     if problem.accuracy is not None and problem.lengths is not None:
         raise ProblemError(f"{key}: horizon.lengths gives the steps; leave one of them out")
     coordinates = COORDINATES[problem.coordinates]
-    spans = [constraint.span for constraint in problem.frame_constraints]
-    spans += [term.span for term in problem.terms if term.role == "path"]
-    has_parts = any(span.since is not None or span.until is not None for span in spans)
     refused: list[tuple[object, str]] = [
-        (problem.phase, "[[phase]], of which each has a number of steps"),
-        (problem.has_free_duration, "a free horizon.duration, whose steps are as long as each other"),
-        (problem.holds or problem.releases or problem.impacts, "constraints that begin or end along the way"),
-        (not coordinates.has_joint_states, f'coordinates = "{problem.coordinates}"'),
-        (problem.via, "[[via]], which are at nodes of equal steps"),
-        (has_parts, "from and until of [[path]]"),
-        (any(constraint.kind == "follow" for constraint in problem.frame_constraints), 'kind = "follow"'),
+        (
+            problem.holds or problem.releases or problem.impacts,
+            "constraints that begin or end along the way, which flows of a robot do not follow",
+        ),
+        (
+            not coordinates.has_joint_states,
+            f'coordinates = "{problem.coordinates}", whose steps are not compared with flows of joints',
+        ),
         (problem.cost.is_trajectory, "a target for each step"),
     ]
-    if problem.accuracy is not None:
+    if problem.lengths is not None:
+        spans = [constraint.span for constraint in problem.frame_constraints]
+        spans += [term.span for term in problem.terms if term.role == "path"]
+        has_parts = any(span.since is not None or span.until is not None for span in spans)
+        kinds = [constraint.kind for constraint in problem.frame_constraints]
         refused += [
-            (problem.obstacle, "[[obstacle]]"),
-            (problem.self_collision is not None, "self_collision"),
-            (problem.goal.periodic is not None, "goal.periodic"),
+            (problem.phase, "[[phase]], of which each has a number of steps"),
+            (problem.has_free_duration, "a free horizon.duration, whose steps are as long as each other"),
+            (problem.via, "[[via]], which are at nodes of equal steps"),
+            (has_parts, "from and until of [[path]]"),
+            ("follow" in kinds, 'kind = "follow"'),
         ]
     for is_there, words in refused:
         if is_there:
             raise ProblemError(f"{key}: does not go with {words}; give horizon.steps in its place")
+    if problem.accuracy is not None:
+        base_counts(problem)

@@ -17,7 +17,7 @@ from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 
-__all__ = ["TO_THE_CALLER", "warn_alternating", "warn_limits", "warn_singular"]
+__all__ = ["TO_THE_CALLER", "has_equations_throughout", "warn_alternating", "warn_limits", "warn_singular"]
 
 _BESIDE = (
     "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
@@ -44,11 +44,7 @@ def warn_alternating(
     if not (SCHEMES[scheme].alternates and goal.is_exact and goal.rate_active.any()):
         return
     for constraint in path:
-        term, span = constraint.term, constraint.span
-        is_equation = np.asarray(constraint.lower) == np.asarray(constraint.upper)
-        is_equation[list(term.rows_with_progress)] = False
-        always = span.has_start and span.has_end(num_steps, dt)
-        if always and is_equation.any() and not term.has_velocity:
+        if has_equations_throughout(constraint, num_steps, dt):
             warnings.warn(
                 f"path {constraint.name!r}: equations at all nodes, and a velocity at the end; "
                 f'integrator.scheme = "{scheme}" moves by mean velocities, so that those across the '
@@ -57,6 +53,15 @@ def warn_alternating(
                 ProblemWarning,
                 stacklevel=TO_THE_CALLER,
             )
+
+
+def has_equations_throughout(constraint: PathConstraint, num_steps: int, dt: float) -> bool:
+    """Whether a frame keeps equations on its position or orientation at all nodes."""
+    term, span = constraint.term, constraint.span
+    is_equation = np.asarray(constraint.lower) == np.asarray(constraint.upper)
+    is_equation[list(term.rows_with_progress)] = False
+    always = span.has_start and span.has_end(num_steps, dt)
+    return bool(always and is_equation.any() and not term.has_velocity)
 
 
 def warn_limits(robot: Robot, bounds: Bounds, q: Array, key: str) -> None:

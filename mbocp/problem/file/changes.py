@@ -11,6 +11,7 @@ from mbocp._files import parse_toml
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
+from mbocp.problem.default_scheme import AUTO_SCHEME
 from mbocp.problem.duration import duration_from
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.read import from_tables
@@ -21,7 +22,8 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.named_phase import horizon_of
 from mbocp.problem.phase_holds import takes_switches
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.step_table import FIRST_STEPS, scaled_lengths
+from mbocp.problem.step_counts import FIRST_STEPS
+from mbocp.problem.step_table import scaled_lengths
 
 __all__ = ["changed"]
 
@@ -50,7 +52,7 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
         values = {**duration_from(written), **values}
         if tables:  # at once: what they ask for may need it
             tables["horizon"] = {"duration": written}
-    if values.get("accuracy") is not None:
+    if values.get("accuracy") is not None and not values.get("phase", problem.phase):
         values.setdefault("num_steps", FIRST_STEPS)
     values = {**_new_lengths(problem, values), **values}
     if values.get("phase"):
@@ -64,6 +66,8 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
         }
     if isinstance(values.get("goal"), Goal):
         values.setdefault("goals", ())  # in the place of several
+    if problem.chooses_scheme and "scheme" not in tables.get("integrator", ()):
+        values.setdefault("scheme", AUTO_SCHEME)  # what suits may be another now
     known = [field.name for field in fields(problem) if field.init]
     for name, value in values.items():
         if name in _VALUES and not isinstance(value, _VALUES[name]):
@@ -111,6 +115,8 @@ def _maker(problem: P, tables: Mapping[str, Any]) -> Callable[..., P]:
 def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
     """Write the problem down, put keys into its tables, and read it again."""
     document = parse_toml(to_toml(tables_of(problem)))
+    if problem.chooses_scheme:
+        document["integrator"]["scheme"] = AUTO_SCHEME
     for name, value in tables.items():
         table = plain(value)
         if name in ("phase", "via", "path", "obstacle", "guess"):  # lists, and a kind with what belongs to it

@@ -7,6 +7,7 @@ import math
 import re
 import warnings
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import MbocpError
+from mbocp.integrators import SCHEMES
+from mbocp.problem.default_scheme import AUTO_SCHEME
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.first_motion import FirstMotion, first_motion
 from mbocp.robot import Robot
@@ -22,7 +25,9 @@ from mbocp.robot.joints import joint_kind
 __all__ = ["first_file"]
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-_STEPS = 100
+_STEPS = 100  # of schemes of low order; half of them for others
+_HIGH_ORDER = 4
+_WORDS = {1: "of first order", 2: "of second order", 4: "of fourth order"}
 _MAX_ROWS = 60  # joints that are listed
 _COLUMN = 36  # where comments begin
 
@@ -46,15 +51,15 @@ def first_file(robot: Robot, table: Mapping[str, Any], path: Path) -> str:
     motion = first_motion(robot)
     refused: MbocpError | None = None
     for has_limits, enforce in ((True, "exact"), (False, "exact"), (False, "penalty")):
-        text = _text(robot, table, path, motion, has_limits=has_limits, enforce=enforce)
+        write = partial(_text, robot, table, path, motion, has_limits=has_limits, enforce=enforce)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                parse_problem(text, source=path)
+                problem = parse_problem(write(AUTO_SCHEME), source=path)
         except MbocpError as error:
             refused = refused or error
         else:
-            return text
+            return write(problem.scheme)
     raise refused or MbocpError(f"robot {robot.name!r}: no first motion was found")
 
 
@@ -63,21 +68,24 @@ def _text(
     table: Mapping[str, Any],
     path: Path,
     motion: FirstMotion,
+    scheme: str,
     *,
     has_limits: bool,
     enforce: str,
 ) -> str:
     stem = path.stem
+    order = SCHEMES[scheme].order if scheme in SCHEMES else 0
+    steps = _STEPS if order < _HIGH_ORDER else _STEPS // 2
     sections = [
         _head(robot, stem, motion),
         _robot(table),
-        ["[horizon]", _with(f"duration = {motion.duration:.1f}", "s"), _with(f"steps = {_STEPS}", "")],
+        ["[horizon]", _with(f"duration = {motion.duration:.1f}", "s"), _with(f"steps = {steps}", "")],
         ["[start]", *_q(robot, motion, "start")],
         _goal(robot, motion, enforce),
         _limits(motion)
         if has_limits
         else ["# [limits]  # effort, velocity and position = true: the robot's own"],
-        _integrator(robot),
+        ["[integrator]", _with(f'scheme = "{scheme}"', _WORDS.get(order, ""))],
         _hints(robot),
     ]
     return "\n\n".join("\n".join(lines) for lines in sections if lines) + "\n"
@@ -226,15 +234,6 @@ def _limits(motion: FirstMotion) -> list[str]:
     }
     kept = [_with(f"{key} = true", words[key]) for key in words if motion.is_limited.get(key)]
     return ["[limits]", *kept] if kept else []
-
-
-def _integrator(robot: Robot) -> list[str]:
-    if robot.drives:
-        return [
-            "[integrator]",
-            _with('scheme = "rk4"', "of fourth order; takes controls that are velocities"),
-        ]
-    return ["[integrator]", _with('scheme = "midpoint"', "of second order")]
 
 
 def _hints(robot: Robot) -> list[str]:

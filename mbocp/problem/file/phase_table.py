@@ -16,7 +16,7 @@ from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.named_phase import Horizon, NamedPhase, horizon_of
 from mbocp.problem.phase_holds import PhaseHold, PhaseRelease
 from mbocp.problem.phase_limits import in_phase
-from mbocp.problem.step_table import FIRST_STEPS
+from mbocp.problem.step_counts import FIRST_STEPS
 from mbocp.robot import Robot
 from mbocp.terms.cost import Reader, shortest
 from mbocp.terms.span import SPAN, AtVia, Share
@@ -88,7 +88,7 @@ def horizon_from(table: HorizonTable, phases: Sequence[NamedPhase]) -> Horizon:
         If a key is missing, and there are no phases to say it.
     """
     own = horizon_of(phases) if phases else None
-    table = _completed(table)
+    table = _completed(table, has_phases=bool(phases))
     missing = [key for key in ("duration", "steps") if getattr(table, key) is None]
     if own is None and missing:
         key = "horizon" if len(missing) == 2 else f"horizon.{missing[0]}"
@@ -104,13 +104,13 @@ def horizon_from(table: HorizonTable, phases: Sequence[NamedPhase]) -> Horizon:
     return Horizon(steps, fields["duration"], fields["duration_range"])
 
 
-def _completed(table: HorizonTable) -> HorizonTable:
+def _completed(table: HorizonTable, *, has_phases: bool) -> HorizonTable:
     """The table with the number of steps, and the duration, that other keys say."""
     says = [key for key in ("steps", "accuracy", "lengths") if getattr(table, key) is not None]
     if len(says) > 1:
         raise ProblemError(f"horizon: {' and '.join(says)} both say which steps there are; give one of them")
     if table.accuracy is not None:
-        return table.model_copy(update={"steps": FIRST_STEPS})
+        return table if has_phases else table.model_copy(update={"steps": FIRST_STEPS})
     if table.lengths is None:
         return table
     duration = sum(table.lengths) if table.duration is None else table.duration

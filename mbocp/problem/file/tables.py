@@ -77,6 +77,8 @@ class ProblemFields(Protocol):
     @property
     def scheme(self) -> str: ...  # noqa: D102
     @property
+    def chooses_scheme(self) -> bool: ...  # noqa: D102
+    @property
     def lie(self) -> str: ...  # noqa: D102
     @property
     def substeps(self) -> int: ...  # noqa: D102

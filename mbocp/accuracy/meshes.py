@@ -1,0 +1,143 @@
+r"""Meshes that a search for steps changes: lengths of all steps, or numbers of equal steps.
+
+Steps of given lengths may be short where errors are large. Where lengths are found with the motion, or belong
+to phases, or where something is at nodes of equal steps, it is their numbers that change: of each phase, or
+of all. With A the error of the cost of n steps times n^q, the fewest steps in all with a given sum of
+A / n^q have :math:`n \propto A^{1/(q+1)}`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.accuracy.mesh import Wanted, halved, lengths_for
+from mbocp.problem import Problem
+from mbocp.problem.step_counts import base_counts, has_places
+
+__all__ = ["MOST_STEPS", "Mesh", "first_mesh"]
+
+MOST_STEPS = 20_000
+_FINER, _COARSER = 8.0, 2.0  # by which numbers change from one round to the next
+_FEWEST = 4  # steps of a phase
+_FLOOR = 1e-3  # of the mean share: where errors vanish steps do not
+
+
+class Mesh(Protocol):
+    """Steps, coarse ones, of which each is halved for the finer solution."""
+
+    @property
+    def num_steps(self) -> int:
+        """How many there are."""
+        ...
+
+    def of(self, problem: Problem) -> Problem:
+        """The problem with these steps."""
+        ...
+
+    def halved(self) -> Mesh:
+        """Twice as many."""
+        ...
+
+    def even(self, factor: int) -> Mesh:
+        """As many times the steps, and as long as each other where lengths are given."""
+        ...
+
+    def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> Mesh:
+        """Steps whose errors, halved, are as wanted.
+
+        Parameters
+        ----------
+        dts : ndarray, shape (2 N,)
+            Lengths of the halved steps [s].
+        errors, shares : ndarray, shape (2 N,)
+            Their local errors [rad, m] and shares in the error of the cost.
+        wanted : Wanted
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Lengths:
+    """Steps of given lengths [s], shape (N,)."""
+
+    dts: Array
+
+    @property
+    def num_steps(self) -> int:
+        return len(self.dts)
+
+    def of(self, problem: Problem) -> Problem:
+        return problem.with_(accuracy=None, num_steps=self.num_steps, lengths=self.dts)
+
+    def halved(self) -> _Lengths:
+        return _Lengths(halved(self.dts))
+
+    def even(self, factor: int) -> _Lengths:
+        count = factor * self.num_steps
+        return _Lengths(np.full(count, self.dts.sum() / count))
+
+    def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Lengths:
+        return _Lengths(lengths_for(dts, errors, shares, wanted, most=MOST_STEPS + 2))
+
+
+_Whole: TypeAlias = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """Numbers of equal steps, of each phase or of all; they are multiples of `bases`."""
+
+    counts: _Whole
+    bases: _Whole
+
+    @property
+    def num_steps(self) -> int:
+        return sum(self.counts)
+
+    def of(self, problem: Problem) -> Problem:
+        if not problem.phase:
+            return problem.with_(accuracy=None, num_steps=self.num_steps)
+        pairs = zip(problem.phase, self.counts, strict=True)
+        return problem.with_(
+            accuracy=None,
+            phase=tuple(replace(phase, steps=count) for phase, count in pairs),
+            duration=problem.duration,
+            duration_range=problem.duration_range,
+        )
+
+    def halved(self) -> _Counts:
+        return self.even(2)
+
+    def even(self, factor: int) -> _Counts:
+        return _Counts(tuple(factor * count for count in self.counts), self.bases)
+
+    def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Counts:
+        fine = 2 * np.array(self.counts, dtype=np.float64)
+        starts = np.append(0, np.cumsum(fine)[:-1]).astype(int)
+        worst, q = np.maximum.reduceat(errors, starts), wanted.cost_order
+        local = (worst / wanted.step) ** (1.0 / (wanted.order + 1))
+        sums = np.add.reduceat(shares, starts)
+        roots = (np.maximum(sums, _FLOOR * sums.mean()) * fine**q) ** (1.0 / (q + 1))
+        needed = roots * (roots.sum() / wanted.cost) ** (1.0 / q) / fine
+        factors = np.clip(np.fmax(local, needed), 1.0 / _COARSER, _FINER)
+        return _multiples(np.ceil(factors * fine / 2.0), self.bases)
+
+
+def _multiples(counts: Array, bases: _Whole) -> _Counts:
+    pairs = zip(np.maximum(counts, _FEWEST), bases, strict=True)
+    return _Counts(tuple(base * int(np.ceil(count / base)) for count, base in pairs), bases)
+
+
+def first_mesh(problem: Problem) -> Mesh:
+    """Steps with which a search begins: 20, or those that phases say."""
+    if problem.phase:
+        counts = np.array([phase.steps for phase in problem.phase], dtype=np.float64)
+        return _multiples(counts, base_counts(problem))
+    follows = any(constraint.kind == "follow" for constraint in problem.frame_constraints)
+    if problem.has_free_lengths or follows or has_places(problem):
+        return _Counts((problem.num_steps,), base_counts(problem))
+    return _Lengths(np.full(problem.num_steps, problem.duration / problem.num_steps))
