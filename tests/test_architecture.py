@@ -9,10 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from mbocp._exports import homes_in
+
 PACKAGE = Path(__file__).parents[1] / "mbocp"
 
 # A layer imports itself and those before it. What composes the layers comes last.
 LAYERS = (
+    "_exports",
     "_text",
     "_tolerances",
     "_numbers",
@@ -57,8 +60,8 @@ ALONE = {
     "meshes": {"_text", "exceptions", "_files", "_arrays", "_linear"},
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
-    "programme": {"exceptions", "_arrays", "_environment", "_native"},
-    "solvers": {"exceptions", "_arrays", "_linear", "programme"},
+    "programme": {"exceptions", "_exports", "_arrays", "_environment", "_native"},
+    "solvers": {"exceptions", "_exports", "_arrays", "_linear", "programme"},
     "exceptions": {"_text"},
 }
 
@@ -170,3 +173,22 @@ def test_public_names_exist(path):
     assert len(set(public)) == len(public)
     missing = [name for name in public if not hasattr(module, name)]
     assert not missing
+
+
+LATE = [path for path in SOURCES if path.name == "__init__.py" and "names_of(__name__" in path.read_text()]
+
+
+@pytest.mark.parametrize("path", LATE, ids=module_name)
+def test_names_that_are_imported_late_are_those_that_are_shown(path):
+    """And none is that of a module: once that is imported, it would stand in the name's place."""
+    homes = homes_in(path.read_text())
+    assert set(homes) == set(importlib.import_module(module_name(path)).__all__)
+    assert not set(homes) & {module.stem for module in path.parent.iterdir()}
+
+
+def test_terms_add_themselves_in_one_order():
+    """Modules whose terms stand in lists are imported by `kinds` alone, in the order of the documentation."""
+    listed = {f"mbocp.terms.{name}" for name in ("running", "time", "end", "frame_path", "kept", "follow")}
+    names = {module_name(path) for path in SOURCES}
+    users = {module_name(path) for path in SOURCES if imported_modules(path, names) & listed}
+    assert users == {"mbocp.terms.kinds"}

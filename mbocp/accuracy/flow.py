@@ -26,6 +26,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.formulation.sources import sources_digest
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.programme.compilation import CompiledFunctions, load_functions
@@ -181,20 +182,18 @@ def _step(rate: ca.Function, size: int) -> ca.Function:
 
     `size`: number of the coefficients u of the controls.
     """
-    from scipy.integrate import DOP853  # slow to import, and wanted only where accuracy is asked for
-
     nq, ns, nu = (rate.numel_in(i) for i in range(3))
     x, u, h = ca.MX.sym("x", nq + ns), ca.MX.sym("u", size), ca.MX.sym("h")
     s0, ds = ca.MX.sym("s0"), ca.MX.sym("ds")
     blocks = ca.vertsplit(u, nu) if nu else [u]
     slopes: list[ca.MX] = []
-    for row, c in zip(DOP853.A, DOP853.C, strict=False):
+    for row, c in zip(SLOPES, NODES, strict=True):
         at = x + h * _sum(row, slopes) if slopes else x
         share, applied = s0 + float(c) * ds, blocks[-1]
         for block in reversed(blocks[:-1]):
             applied = block + share * applied
         slopes.append(ca.vertcat(*rate.call([at[:nq], at[nq:], applied])))
-    return ca.Function("step", [x, u, h, s0, ds], [x + h * _sum(DOP853.B, slopes)])
+    return ca.Function("step", [x, u, h, s0, ds], [x + h * _sum(WEIGHTS, slopes)])
 
 
 @lru_cache(maxsize=64)

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from mbocp._arrays import BoolArray
 from mbocp.cli.console import output
-from mbocp.integrators import SCHEMES
+from mbocp.integrators.schemes import SCHEMES
 from mbocp.problem.coordinates import COORDINATES
 
 if TYPE_CHECKING:

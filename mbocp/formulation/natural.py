@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import spsolve
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.algebraic import impulses
@@ -289,6 +287,9 @@ def _acting(problem: Problem, mechanics: NaturalMechanics) -> BoolArray:
 
 def _impulses(programme: StagewiseProgramme, at: StateLayout, xs: Array, us: Array, acts: BoolArray) -> Array:
     """Impulses y of the rows that act, by least squares of the momentum rows, shape (N, ny)."""
+    from scipy import sparse  # slow to import, and wanted only for this
+    from scipy.sparse.linalg import spsolve
+
     N, ny = programme.num_steps, programme.kinds[0].ny
     theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
     step = programme.functions.function("jacobian").map(N)

@@ -1,28 +1,28 @@
 """Time discretisation: one step of the mechanics as equations between two states."""
 
-from mbocp.integrators.controls import (
-    CONTROLS,
-    ControlKind,
-    basis_slopes,
-    control_basis,
-    control_means,
-    control_powers,
-    cost_order,
-    shares_of,
-)
-from mbocp.integrators.euler import (
-    EULER_SCHEMES,
-    TAU,
-    VELOCITY_TAU,
-    State,
-    StepRows,
-    evaluation_point,
-    step_rows,
-)
-from mbocp.integrators.pairs import PAIRS, Pair
-from mbocp.integrators.points import evaluation_points
-from mbocp.integrators.schemes import SCHEMES, SchemeData, schemes_with
-from mbocp.integrators.tableaux import LIE_METHODS, TABLEAUX, Tableau
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mbocp._exports import names_of
+
+if TYPE_CHECKING:
+    from mbocp.integrators.controls import (
+        CONTROLS,
+        ControlKind,
+        basis_slopes,
+        control_basis,
+        control_means,
+        control_powers,
+        cost_order,
+        shares_of,
+    )
+    from mbocp.integrators.euler import State, StepRows, evaluation_point, step_rows
+    from mbocp.integrators.pairs import PAIRS, Pair
+    from mbocp.integrators.points import evaluation_points
+    from mbocp.integrators.schemes import SCHEMES, SchemeData, schemes_with
+    from mbocp.integrators.tableaux import LIE_METHODS, TABLEAUX, Tableau
+    from mbocp.integrators.tau import EULER_SCHEMES, TAU, VELOCITY_TAU
 
 __all__ = [
     "CONTROLS",
@@ -50,3 +50,5 @@ __all__ = [
     "shares_of",
     "step_rows",
 ]
+
+__getattr__ = names_of(__name__, __file__)

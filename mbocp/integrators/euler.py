@@ -31,32 +31,21 @@ Constraints hold at the nodes, not at :math:`q_\tau` as in Appendix C:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable
 from typing import NamedTuple
 
 import casadi as ca
 
+from mbocp.integrators.tau import TAU, VELOCITY_TAU
 from mbocp.mechanics import Mechanics
 
 __all__ = [
-    "EULER_SCHEMES",
-    "TAU",
-    "VELOCITY_TAU",
     "State",
     "StepRows",
     "evaluation_point",
     "kinematic_velocity",
     "step_rows",
 ]
-
-# Appendix B: where in its step a scheme looks at state and forces.
-TAU: Mapping[str, float] = MappingProxyType(
-    {"se1": 1.0, "se2": 0.0, "midpoint": 0.5, "semi_implicit_euler": 0.0}
-)
-# Where in its step the velocity is that the configuration moves with.
-VELOCITY_TAU: Mapping[str, float] = MappingProxyType({**TAU, "semi_implicit_euler": 1.0})
-EULER_SCHEMES = tuple(TAU)
 
 Difference = Callable[[ca.SX, ca.SX], ca.SX]
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from mbocp.integrators.euler import VELOCITY_TAU
 from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
+from mbocp.integrators.tau import VELOCITY_TAU
 
 __all__ = ["SCHEMES", "SchemeData", "schemes_with"]
 

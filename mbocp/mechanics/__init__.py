@@ -1,13 +1,17 @@
 """Equations of motion of a robot, symbolic in CasADi, by choice of coordinates."""
 
-from typing import TypeAlias
+from __future__ import annotations
 
-from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity, duals_of_momenta
-from mbocp.mechanics.joint import JointMechanics
-from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
-from mbocp.mechanics.natural_coordinates.space import NaturalSpace, natural_mechanics
+from typing import TYPE_CHECKING
 
-Mechanics: TypeAlias = JointMechanics | NaturalMechanics
+from mbocp._exports import names_of
+
+if TYPE_CHECKING:
+    from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity, duals_of_momenta
+    from mbocp.mechanics.either import Mechanics
+    from mbocp.mechanics.joint import JointMechanics
+    from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
+    from mbocp.mechanics.natural_coordinates.space import NaturalSpace, natural_mechanics
 
 __all__ = [
     "JointMechanics",
@@ -19,3 +23,5 @@ __all__ = [
     "duals_of_momenta",
     "natural_mechanics",
 ]
+
+__getattr__ = names_of(__name__, __file__)

@@ -1,19 +1,26 @@
 """The optimal control problem, from Python or from a file."""
 
-from mbocp.problem.contact_bounds import ContactBounds
-from mbocp.problem.contact_force import ContactForce
-from mbocp.problem.cost import Cost
-from mbocp.problem.file.load import load_problem, parse_problem
-from mbocp.problem.file.write import problem_to_toml
-from mbocp.problem.goal import Goal
-from mbocp.problem.guess import Guess
-from mbocp.problem.integration import Stabilisation
-from mbocp.problem.limits import Bounds
-from mbocp.problem.path import PathConstraint
-from mbocp.problem.problem import Problem, ProblemWarning
-from mbocp.problem.solver import SolverOptions
-from mbocp.problem.via import ViaPoint
-from mbocp.terms import FrameGoal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mbocp._exports import names_of
+
+if TYPE_CHECKING:
+    from mbocp.problem.contact_bounds import ContactBounds
+    from mbocp.problem.contact_force import ContactForce
+    from mbocp.problem.cost import Cost
+    from mbocp.problem.file.load import load_problem, parse_problem
+    from mbocp.problem.file.write import problem_to_toml
+    from mbocp.problem.goal import Goal
+    from mbocp.problem.guess import Guess
+    from mbocp.problem.integration import Stabilisation
+    from mbocp.problem.limits import Bounds
+    from mbocp.problem.path import PathConstraint
+    from mbocp.problem.problem import Problem, ProblemWarning
+    from mbocp.problem.solver import SolverOptions
+    from mbocp.problem.via import ViaPoint
+    from mbocp.terms import FrameGoal
 
 __all__ = [
     "Bounds",
@@ -33,3 +40,5 @@ __all__ = [
     "parse_problem",
     "problem_to_toml",
 ]
+
+__getattr__ = names_of(__name__, __file__)

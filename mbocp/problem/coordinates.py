@@ -1,21 +1,12 @@
-"""What problems in each choice of coordinates can have, and its checks."""
+"""What problems in each choice of coordinates can have."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mbocp.exceptions import ProblemError
-from mbocp.integrators import SCHEMES
-from mbocp.mechanics import natural_mechanics
-from mbocp.problem.goal import Goal
-from mbocp.problem.limits import LIMITS, Bounds
-from mbocp.problem.via import ViaPoint
-from mbocp.robot import Robot
-from mbocp.terms import RATE_TERMS
-
-__all__ = ["COORDINATES", "CoordinatesData", "check_coordinates"]
+__all__ = ["COORDINATES", "CoordinatesData"]
 
 
 @dataclass(frozen=True)
@@ -75,75 +66,3 @@ COORDINATES: Mapping[str, CoordinatesData] = MappingProxyType(
         ),
     }
 )
-
-
-def check_coordinates(
-    robot: Robot,
-    coordinates: str,
-    scheme: str,
-    limits: Bounds,
-    goal: Goal,
-    *,
-    via: Sequence[ViaPoint] = (),
-    is_free: bool = False,
-) -> None:
-    """Refuse, by name, options that natural coordinates do not have.
-
-    Raises
-    ------
-    ProblemError
-        For explicit schemes, limits on joints, velocities of frames that are not zero, states of joints at
-        via points, and where the duration
-        `is_free`.
-    UnsupportedRobot
-        For joints that natural coordinates do not know.
-    """
-    data = COORDINATES[coordinates]
-    if data.needs_constraints and not SCHEMES[scheme].takes_natural:
-        able = ", ".join(f'"{name}"' for name, data in SCHEMES.items() if data.takes_natural)
-        raise ProblemError(
-            f'integrator.scheme: got "{scheme}", but natural coordinates are tied by constraints, which are '
-            f"solved with each step by {able} alone; take one of these, or coordinates = "
-            '"joint"'
-        )
-    if data.limits_joints and data.takes_free_duration:
-        return
-    mechanics = natural_mechanics(robot)
-    if not mechanics.tree.turning:
-        return  # the same as joint coordinates
-    if is_free and not data.takes_free_duration:
-        raise ProblemError(
-            "horizon.duration, or that of a phase: natural coordinates take steps of a given length; give a "
-            'number, or take coordinates = "joint"'
-        )
-    for point in via:
-        if point.is_free and not data.takes_free_duration:
-            raise ProblemError(
-                f"via {point.name!r}: time: natural coordinates take steps of a given length; give the "
-                'time as a number, or share, or take coordinates = "joint"'
-            )
-    for frame in goal.frames:
-        if frame.rates.any():
-            raise ProblemError(
-                f"goal.frame: a velocity of {frame.name!r}, but in natural coordinates velocities of bodies "
-                'are those over a step: take 0, which is rest in any case, or coordinates = "joint"'
-            )
-    if goal.a_active.any():
-        raise ProblemError(
-            "goal.a: natural coordinates have no accelerations of joints; leave it out, or take "
-            'coordinates = "joint"'
-        )
-    for point in via:
-        asked = point.goal
-        if asked.q_active.any() or asked.rate_active.any() or any(frame.rates.size for frame in asked.frames):
-            raise ProblemError(
-                f"via {point.name!r}: natural coordinates have no joint positions and velocities; give "
-                'poses of frames, or take coordinates = "joint"'
-            )
-    of_joints = [term.letter for term in RATE_TERMS.values() if term.needs_joints]
-    for letter in ("q", "v", *of_joints):
-        if limits.finite(letter).any() and not data.limits_joints:
-            raise ProblemError(
-                f"{LIMITS[letter]}: natural coordinates have no joint positions and velocities to limit; "
-                'take coordinates = "joint", or path constraints'
-            )

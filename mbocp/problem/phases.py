@@ -18,18 +18,17 @@ from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.problem.named_phase import NamedPhase, are_alike, phase_lengths, phase_nodes
 from mbocp.problem.phase_holds import begin_with_impacts, end_with_partings
+from mbocp.problem.phase_time import least_time
 
 __all__ = [
     "Mark",
     "Phase",
     "free_phases",
-    "least_time",
     "node_times",
     "phases_between",
     "step_lengths",
 ]
 
-_SHORTEST = 1e-3  # of the mean length of a step at the least duration: a phase takes some time
 _ROOM = 0.05  # of that mean length: what a guess leaves for the steps of a phase at least, where bounds do
 
 
@@ -173,11 +172,6 @@ def free_phases(
         first_last, leap = nodes[phase.name], leaps[i] + parts[i]
         found.append(Phase(*first_last, phase.duration, low, high, least, most, phase.name, leap))
     return tuple(found)
-
-
-def least_time(count: int, num_steps: int, duration: float) -> float:
-    """Least time [s] of a phase of some of the steps, of which all take at least `duration` [s]."""
-    return _SHORTEST * count * duration / num_steps
 
 
 class Horizon(Protocol):

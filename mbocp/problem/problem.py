@@ -29,7 +29,8 @@ from mbocp.problem.completion import (
 )
 from mbocp.problem.consistency import check_end_conditions
 from mbocp.problem.contact_bounds import ContactBounds
-from mbocp.problem.coordinates import COORDINATES, check_coordinates
+from mbocp.problem.coordinate_checks import check_coordinates
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
 from mbocp.problem.default_scheme import AUTO_SCHEME, chosen_scheme
 from mbocp.problem.duration import check_duration

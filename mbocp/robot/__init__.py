@@ -6,45 +6,50 @@ holonomic constraints; the symbolic functions of the same model come from `mbocp
 
 from __future__ import annotations
 
-from mbocp.robot.collision.source import CollisionSphere
-from mbocp.robot.collision.spheres import LinkSpheres
-from mbocp.robot.describe import describe
-from mbocp.robot.gathering import gather, load_stored
-from mbocp.robot.loading.checks import SingularMassMatrix
-from mbocp.robot.loading.load import load_robot, robot_from_spec
-from mbocp.robot.loading.sources import RobotEntry, list_robots
-from mbocp.robot.loading.world import load_parts
-from mbocp.robot.loops.constraints import Constraint, Hinge, Point, PointOnLine, PointOnPlane, Rod, Weld
-from mbocp.robot.loops.coupling import Coupling
-from mbocp.robot.loops.equations import Kinematics, constraint_rows
-from mbocp.robot.loops.redundancy import singular_closure
-from mbocp.robot.parts import (
-    Actuation,
-    Connector,
-    Drive,
-    FrameActuator,
-    Label,
-    Limits,
-    QuarticSpring,
-    SpringDamper,
-)
-from mbocp.robot.payload import Payload
-from mbocp.robot.placed import PlacedRobot
-from mbocp.robot.poses.inverse_kinematics import InverseKinematics
-from mbocp.robot.poses.target import FrameTarget
-from mbocp.robot.resistance import JointResistance
-from mbocp.robot.robot import Robot
-from mbocp.robot.stored import RobotFiles
-from mbocp.robot.warnings import (
-    IgnoredKeysWarning,
-    ImpossibleInertiaWarning,
-    InitialPoseWarning,
-    MissingMeshWarning,
-    NormalisationWarning,
-    NotModelledWarning,
-    RobotChangedWarning,
-    RobotNotStoredWarning,
-)
+from typing import TYPE_CHECKING
+
+from mbocp._exports import names_of
+
+if TYPE_CHECKING:
+    from mbocp.robot.collision.source import CollisionSphere
+    from mbocp.robot.collision.spheres import LinkSpheres
+    from mbocp.robot.description import describe
+    from mbocp.robot.gathering import gather, load_stored
+    from mbocp.robot.loading.checks import SingularMassMatrix
+    from mbocp.robot.loading.load import load_robot, robot_from_spec
+    from mbocp.robot.loading.sources import RobotEntry, list_robots
+    from mbocp.robot.loading.world import load_parts
+    from mbocp.robot.loops.constraints import Constraint, Hinge, Point, PointOnLine, PointOnPlane, Rod, Weld
+    from mbocp.robot.loops.coupling import Coupling
+    from mbocp.robot.loops.equations import Kinematics, constraint_rows
+    from mbocp.robot.loops.redundancy import singular_closure
+    from mbocp.robot.parts import (
+        Actuation,
+        Connector,
+        Drive,
+        FrameActuator,
+        Label,
+        Limits,
+        QuarticSpring,
+        SpringDamper,
+    )
+    from mbocp.robot.payload import Payload
+    from mbocp.robot.placed import PlacedRobot
+    from mbocp.robot.poses.inverse_kinematics import InverseKinematics
+    from mbocp.robot.poses.target import FrameTarget
+    from mbocp.robot.resistance import JointResistance
+    from mbocp.robot.robot import Robot
+    from mbocp.robot.stored import RobotFiles
+    from mbocp.robot.warnings import (
+        IgnoredKeysWarning,
+        ImpossibleInertiaWarning,
+        InitialPoseWarning,
+        MissingMeshWarning,
+        NormalisationWarning,
+        NotModelledWarning,
+        RobotChangedWarning,
+        RobotNotStoredWarning,
+    )
 
 __all__ = [
     "Actuation",
@@ -93,3 +98,5 @@ __all__ = [
     "robot_from_spec",
     "singular_closure",
 ]
+
+__getattr__ = names_of(__name__, __file__)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
-from mbocp.integrators import control_basis
+from mbocp.integrators.controls import control_basis
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy

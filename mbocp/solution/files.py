@@ -13,7 +13,6 @@ from pathlib import Path
 from mbocp.exceptions import ResultFileError
 from mbocp.solution.atomic import replace_file
 from mbocp.storage.content import FileContent
-from mbocp.storage.hdf5 import content_of, image_of
 from mbocp.storage.reading import read_image
 from mbocp.storage.seal import LARGEST, sealed
 
@@ -28,6 +27,8 @@ def write_content(path: str | Path, content: FileContent) -> Path:
     ResultFileError
         If the file cannot be written, or would be too large to be read.
     """
+    from mbocp.storage.hdf5 import image_of  # HDF5 only for those who save
+
     whole = sealed(image_of(content))
     if len(whole) > LARGEST:
         raise ResultFileError(path, f"would have {len(whole)} bytes; a result file has {LARGEST} at most")
@@ -42,4 +43,6 @@ def read_content(path: str | Path) -> FileContent:
     ResultFileError
         If there is no such file, it is not a result of mbocp, it is damaged, or a newer mbocp wrote it.
     """
+    from mbocp.storage.hdf5 import content_of  # HDF5 only for those who load
+
     return content_of(path, read_image(path))

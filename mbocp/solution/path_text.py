@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from mbocp._numbers import is_number
-from mbocp.terms import PATH_TERMS, FrameGoal
 from mbocp.terms.span import SPAN, AtVia, End, Place, Share, Span
+
+if TYPE_CHECKING:
+    from mbocp.terms import FrameGoal
 
 __all__ = ["PathRow", "are_pairs", "rows_of_path", "rows_of_term", "rows_of_via"]
 
@@ -46,6 +48,8 @@ def rows_of_path(table: Mapping[str, Any], nodes: Mapping[str, Place]) -> dict[s
     nodes : mapping of str to (int, int)
         First and last ones of via points and phases, by name.
     """
+    from mbocp.terms import PATH_TERMS  # slow to import, and wanted only where there is a path
+
     kind = PATH_TERMS.get(str(table.get("kind")))
     name, unit = str(table.get("name", "")), "" if kind is None else kind.unit
     pairs = {f"{name}.{axis}": table[axis] for axis in "xyz" if are_pairs([table.get(axis)])}

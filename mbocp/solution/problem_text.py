@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -12,18 +12,16 @@ from mbocp._arrays import Array
 from mbocp._files import parse_toml
 from mbocp._numbers import is_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, Unreadable
-from mbocp.robot import FrameTarget
-from mbocp.robot.collision.hull import hull_of
-from mbocp.robot.collision.obstacle import MESH, SIZES, Obstacle
-from mbocp.robot.poses.target import target_from_words
 from mbocp.solution.path_text import PathRow, are_pairs, rows_of_path, rows_of_term, rows_of_via
 from mbocp.solution.phase_text import PhasePlace, bounds_in_phases, hold_names, phase_places
 from mbocp.solution.via_text import ViaPlace, via_places
-from mbocp.terms import RATE_TERMS, FrameGoal
-from mbocp.terms.frame_goal import FURTHER_KEYS
-from mbocp.terms.frame_tolerance import tolerance_bounds
+from mbocp.terms.rates import RATE_TERMS
 from mbocp.terms.span import Place, Span
-from mbocp.terms.spline import curve_through
+
+if TYPE_CHECKING:
+    from mbocp.robot import FrameTarget
+    from mbocp.robot.collision.obstacle import Obstacle
+    from mbocp.terms import FrameGoal
 
 __all__ = [
     "PathRow",
@@ -208,6 +206,11 @@ def _frame_goals(problem: _Problem | None, place: int | None) -> list[FrameGoal]
 def _frame_goals_of(asked: dict[str, Any]) -> list[FrameGoal]:
     """Goals of frames of a goal or a via point."""
     tables = asked.get("frame", [])
+    if not tables:
+        return []
+    from mbocp.robot.poses.target import target_from_words  # slow to import, and few results have poses
+    from mbocp.terms.frame_goal import FURTHER_KEYS, FrameGoal
+
     found = []
     for table in tables if isinstance(tables, list) else [tables]:
         try:
@@ -217,6 +220,15 @@ def _frame_goals_of(asked: dict[str, Any]) -> list[FrameGoal]:
         except (MbocpError, AttributeError, TypeError, ValueError):
             continue
     return found
+
+
+def _rows_of_goals(goals: list[FrameGoal]) -> dict[str, PathRow]:
+    """What tolerances of the end say."""
+    if not goals:
+        return {}
+    from mbocp.terms.frame_tolerance import tolerance_bounds  # slow to import, and few results have poses
+
+    return {row: PathRow(*bounds, Span()) for row, bounds in tolerance_bounds(goals).items()}
 
 
 def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathRow]:
@@ -242,10 +254,7 @@ def path_rows_of(problem_text: str, place: int | None = None) -> dict[str, PathR
     found: dict[str, PathRow] = {}
     for table in problem.path:
         found |= rows_of_path(table, nodes)
-    found |= {
-        row: PathRow(*bounds, Span())
-        for row, bounds in tolerance_bounds(_frame_goals(problem, place)).items()
-    }
+    found |= _rows_of_goals(_frame_goals(problem, place))
     for table in problem.via:
         found |= rows_of_via(str(table.get("name", "")), _frame_goals_of(table))
     for table in problem.terms:
@@ -375,6 +384,8 @@ def _line(table: dict[str, Any]) -> Array | None:
     through = np.array(points, dtype=np.float64)
     is_closed = table.get("closed") is True and len(points) > 2
     gaps = np.diff(np.vstack([through, through[: int(is_closed)]]), axis=0)
+    from mbocp.terms.spline import curve_through  # slow to import, and few results have curves
+
     return curve_through(through, is_closed=is_closed).drawn if gaps.any(axis=1).all() else through
 
 
@@ -386,6 +397,9 @@ def obstacles_of(problem_text: str) -> tuple[Obstacle, ...]:
     InvalidValue
         If the text is TOML, but no problem.
     """
+    from mbocp.robot.collision.hull import hull_of  # slow to import, and wanted only for pictures
+    from mbocp.robot.collision.obstacle import MESH, SIZES, Obstacle
+
     problem, found = _parsed(problem_text), []
     for table in problem.obstacle if problem is not None else ():
         sizes = [table.get(key) for key in SIZES.get(str(table.get("shape")), ())]

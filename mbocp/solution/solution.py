@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ResultFileError
-from mbocp.problem import Problem
-from mbocp.robot import Robot
 from mbocp.solution._values import same
 from mbocp.solution.data import SolutionData
 from mbocp.solution.export import solution_dict, write_csv
 from mbocp.solution.files import read_content, write_content
 from mbocp.solution.formats import export_motion
-from mbocp.solution.its_robot import files_to_store, problem_of, robot_of
 from mbocp.solution.labelled import dataset_of
 from mbocp.solution.limits import ActiveLimit, active_limits
 from mbocp.solution.stored import content_of, fields_of
-from mbocp.terms import OwnTerm
 
 if TYPE_CHECKING:
     import xarray
+
+    from mbocp.problem import Problem
+    from mbocp.robot import Robot
+    from mbocp.terms import OwnTerm
 
 __all__ = ["Solution"]
 
@@ -245,6 +245,8 @@ class Solution(SolutionData):
         RobotNotStoredWarning
             If the robot cannot be put into it, or its meshes are left out for their size.
         """
+        from mbocp.solution.its_robot import files_to_store  # as slow to import as all else
+
         return write_content(path, content_of(self, files_to_store(self, meshes)))
 
     def load_robot(self) -> Robot:
@@ -262,6 +264,8 @@ class Solution(SolutionData):
         RobotChangedWarning
             If files of the robot are others on this machine by now; those that the result holds are used.
         """
+        from mbocp.solution.its_robot import robot_of  # as slow to import as all else
+
         return robot_of(self)
 
     def load_problem(
@@ -281,6 +285,8 @@ class Solution(SolutionData):
         ProblemFileError
             If the problem's text or an override is wrong, or a term of one's own is missing.
         """
+        from mbocp.solution.its_robot import problem_of  # as slow to import as all else
+
         return problem_of(self, overrides, terms)
 
     @classmethod

@@ -9,11 +9,11 @@ from functools import partial
 
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.fbsm_gradient import Switch
+from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.phases import STOPPED, Outcome, Phases, how_it_ended
 from mbocp.solvers.progress import WINDOW, has_stalled
 from mbocp.solvers.records import Status
 from mbocp.solvers.registry import make_solver
-from mbocp.solvers.run import SolverResult
 from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.within_limits import solve_within_limits
 

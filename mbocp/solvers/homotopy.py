@@ -18,10 +18,10 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.bounds import StateBounds
 from mbocp.programme.kernel import kernel_programme
+from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.limits import why_limits_cannot_be_kept
 from mbocp.solvers.phases import STOPPED
 from mbocp.solvers.records import Status
-from mbocp.solvers.run import SolverResult
 
 __all__ = ["beyond", "brought_back", "can_leave_out_limits", "widened", "without_limits"]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mbocp.programme.iterate import Iterate
+from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.phases import STOPPED, Phases, how_it_ended
 from mbocp.solvers.polish import Judged, can_be_polished, meets, polisher
 from mbocp.solvers.records import Status
-from mbocp.solvers.run import SolverResult
 from mbocp.solvers.settings import SolverSettings
 
 __all__ = ["run_interior"]

@@ -11,10 +11,10 @@ from typing import Any
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
+from mbocp.solvers.iterating import Callback, SolverResult, StopTest, run
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import IterationRecord, Phase, Status
-from mbocp.solvers.run import Callback, SolverResult, StopTest, run
 
 __all__ = ["STOPPED", "Outcome", "Phases", "Start", "how_it_ended"]
 

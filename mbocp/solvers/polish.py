@@ -14,12 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mbocp.programme import StagewiseProgramme
+from mbocp.solvers.iterating import SolverResult, StopTest
 from mbocp.solvers.limits import largest_product, resumed, why_limits_cannot_be_kept
 from mbocp.solvers.monolithic import GlobalisedNewton
 from mbocp.solvers.newton import NewtonState
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.round_off import has_a_say, relative_residual
-from mbocp.solvers.run import SolverResult, StopTest
 
 __all__ = ["Judged", "can_be_polished", "meets", "polisher"]
 

@@ -14,9 +14,9 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.programme import BoundMultipliers, Iterate, StagewiseProgramme
 from mbocp.programme.units import Units
+from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.phases import Outcome, Start
 from mbocp.solvers.records import IterationRecord
-from mbocp.solvers.run import SolverResult
 from mbocp.solvers.settings import SolverSettings
 
 __all__ = ["Run", "counted_in", "iterate_in", "run_in"]

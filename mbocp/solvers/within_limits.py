@@ -9,12 +9,12 @@ from itertools import groupby
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.solvers.homotopy import brought_back, can_leave_out_limits, without_limits
 from mbocp.solvers.interior import run_interior
+from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.limits import why_limits_cannot_be_kept
 from mbocp.solvers.phases import STOPPED, Outcome, Phases, how_it_ended
 from mbocp.solvers.progress import has_stalled, is_nearly_feasible
 from mbocp.solvers.records import Status
 from mbocp.solvers.registry import make_solver
-from mbocp.solvers.run import SolverResult
 from mbocp.solvers.settings import SolverSettings
 
 __all__ = ["solve_within_limits"]

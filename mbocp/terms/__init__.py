@@ -1,46 +1,50 @@
 """What a problem is made of: terms of its cost, path constraints, end conditions; one class each."""
 
-from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
-from mbocp.terms.contact import ContactKeys, ContactTerm
-from mbocp.terms.cost import (
-    COST_TERMS,
-    CostTerm,
-    CostWeights,
-    Reader,
-    RunningTerm,
-    TermNumbers,
-    Weighted,
-)
-from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
+from __future__ import annotations
 
-from mbocp.terms.time import Time  # isort: skip  # keys in the order of the documentation
-from mbocp.terms.end import ExactGoal, TerminalCost  # isort: skip  # after the running cost, as in the file
-from mbocp.terms.end_acceleration import AccelerationEnd
-from mbocp.terms.frame_goal import FrameGoal
-from mbocp.terms.frame_tolerance import FrameTolerance, ToleranceTerm, frame_tolerances
-from mbocp.terms.frames import FrameEnd, FrameProjections, FrameShape
-from mbocp.terms.held import MeetingTerm
-from mbocp.terms.kinematics import Kinematics
-from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
-from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
-from mbocp.terms.path import PATH_TERMS, PathTerm
-from mbocp.terms.periodic import PeriodicEnd, StartEnd, StartState
+from typing import TYPE_CHECKING
 
-from mbocp.terms.frame_path import (  # isort: skip  # kinds in the order of the documentation
-    AngularSpeed,
-    Distance,
-    Orientation,
-    Position,
-    Speed,
-)
-from mbocp.terms.kept import Line, OrientationKept  # isort: skip  # after them
-from mbocp.terms.follow import Follow  # isort: skip
-from mbocp.terms.point import Point, Sizes
-from mbocp.terms.rates import RATE_TERMS, RateTerm
-from mbocp.terms.span import Span
-from mbocp.terms.via import ViaFrameShape, ViaTerm
+from mbocp._exports import names_of
 
-PATH_KEYS = {kind: term.Keys for kind, term in PATH_TERMS.items()} | {ContactTerm.kind: ContactKeys}
+if TYPE_CHECKING:
+    from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
+    from mbocp.terms.contact import ContactKeys, ContactTerm
+    from mbocp.terms.cost import CostTerm, CostWeights, Reader, RunningTerm, TermNumbers, Weighted
+    from mbocp.terms.end_acceleration import AccelerationEnd
+    from mbocp.terms.frame_goal import FrameGoal
+    from mbocp.terms.frame_tolerance import FrameTolerance, ToleranceTerm, frame_tolerances
+    from mbocp.terms.frames import FrameEnd, FrameProjections, FrameShape
+    from mbocp.terms.held import MeetingTerm
+    from mbocp.terms.kinds import (
+        COST_TERMS,
+        PATH_KEYS,
+        PATH_TERMS,
+        AngularSpeed,
+        ControlRate,
+        Distance,
+        Effort,
+        ExactGoal,
+        Follow,
+        Line,
+        Orientation,
+        OrientationKept,
+        Position,
+        Potential,
+        Speed,
+        TerminalCost,
+        Time,
+        Tracking,
+        Velocity,
+    )
+    from mbocp.terms.kinematics import Kinematics
+    from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
+    from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
+    from mbocp.terms.path import PathTerm
+    from mbocp.terms.periodic import PeriodicEnd, StartEnd, StartState
+    from mbocp.terms.point import Point, Sizes
+    from mbocp.terms.rates import RATE_TERMS, RateTerm
+    from mbocp.terms.span import Span
+    from mbocp.terms.via import ViaFrameShape, ViaTerm
 
 __all__ = [
     "COST_TERMS",
@@ -106,3 +110,5 @@ __all__ = [
     "running_terms",
     "terminal_cost",
 ]
+
+__getattr__ = names_of(__name__, __file__)

@@ -11,11 +11,12 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import casadi as ca
+if TYPE_CHECKING:
+    import casadi as ca
 
-from mbocp.terms.point import Point
+    from mbocp.terms.point import Point
 
 __all__ = ["RATE_TERMS", "RateTerm"]
 
@@ -150,6 +151,8 @@ class PowerLimit(RateTerm):
 
     def values(self, at: Point) -> ca.SX:
         """Of every control [W]."""
+        import casadi as ca  # slow to import, and results ask for names and units alone
+
         u = ca.SX.sym("u", at.mechanics.nu)
         pushes = ca.jacobian(at.mechanics.force(at.q, at.v, u), u)  # B(q): forces are affine in u
         return at.control * (pushes.T @ at.v)

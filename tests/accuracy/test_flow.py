@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import DOP853, solve_ivp
 
 import mbocp
 from mbocp._arrays import Array
 from mbocp.accuracy import flow as flows
+from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.accuracy.flow import Flow
 from mbocp.robot import Robot
 from tests.integrators.conftest import interpreted_functions
@@ -106,3 +107,9 @@ def test_loops_stay_closed_and_energy_stays() -> None:
     assert np.abs(np.einsum("nij,nj->ni", jacobians, speeds)).max() < 1e-9
     if not robot.resistances and not robot.forces:
         assert np.ptp(flow.energies(nodes, speeds)) < 1e-9
+
+
+def test_the_method_has_the_numbers_of_scipy() -> None:
+    np.testing.assert_array_equal(SLOPES, DOP853.A[:12, :12])
+    np.testing.assert_array_equal(WEIGHTS, DOP853.B)
+    np.testing.assert_array_equal(NODES, DOP853.C[:12])

@@ -88,14 +88,3 @@ def test_help_is_quick_and_light() -> None:
     assert time.perf_counter() - clock < 5.0  # [s] with a wide margin for a busy machine
     for command in ("solve", "replay", "plot", "info", "robots", "doctor"):
         assert command in done.stdout
-
-
-def test_problems_are_loaded_without_scipy() -> None:
-    """Its parts take as long to import as Pinocchio; those that are wanted are imported where they are."""
-    code = (
-        "import sys, mbocp\n"
-        f"mbocp.load_problem({str(EXAMPLES / 'arms' / 'ur5_reach.toml')!r})\n"
-        "assert 'scipy' not in sys.modules, sorted(n for n in sys.modules if n.startswith('scipy'))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

@@ -15,11 +15,11 @@ from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import Status
 from mbocp.solvers import SolverSettings, Start, interior, run_strategy
+from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.limits import resumed
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.polish import Judged
 from mbocp.solvers.round_off import has_a_say
-from mbocp.solvers.run import SolverResult
 from tests.campaign.tasks import draw
 
 pytestmark = pytest.mark.usefixtures("interpreted")

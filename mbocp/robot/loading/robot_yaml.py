@@ -25,7 +25,6 @@ from mbocp._text import shown
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
 from mbocp.robot.loading.actuator_tables import ActuationTable
 from mbocp.robot.loading.constraint_tables import ConstraintTable, PointTable, WeldTable
-from mbocp.robot.loading.safe_yaml import parse_yaml
 from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.urdf import Urdf
 from mbocp.robot.warnings import IgnoredKeysWarning
@@ -105,6 +104,8 @@ def read_robot_yaml(path: Path) -> RobotYaml:
     IgnoredKeysWarning
         For keys that are not known.
     """
+    from mbocp.robot.loading.safe_yaml import parse_yaml  # YAML only for robots that have such a file
+
     try:
         data = parse_yaml(read_text(path, expected="a robot.yaml", limit=MAX_BYTES))
     except Unreadable as error:

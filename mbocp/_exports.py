@@ -1,0 +1,62 @@
+"""Public names of a package that are imported when they are first asked for.
+
+A package such as `mbocp.robot` shows names of many modules: whoever wants one of them need not wait for all.
+Its `__init__.py` imports them for type checkers alone, and the same lines say where each name is::
+
+    if TYPE_CHECKING:
+        from mbocp.robot.robot import Robot
+
+    __all__ = ["Robot"]
+    __getattr__ = names_of(__name__, __file__)
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+__all__ = ["homes_in", "names_of"]
+
+
+def names_of(package: str, source: str) -> Callable[[str], Any]:
+    """A `__getattr__` (PEP 562) for a package.
+
+    Parameters
+    ----------
+    package, source : str
+        Its `__name__` and `__file__`.
+    """
+    homes: dict[str, tuple[str, str]] = {}
+
+    def find(name: str) -> Any:
+        if not homes:
+            homes.update(homes_in(Path(source).read_text(encoding="utf-8")))
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        module, there = homes[name]
+        found = getattr(import_module(module), there)
+        setattr(sys.modules[package], name, found)  # asked once
+        return found
+
+    return find
+
+
+def homes_in(source: str) -> dict[str, tuple[str, str]]:
+    """Module of each name, and its name there, as the imports under `if TYPE_CHECKING:` say."""
+    return {alias.asname or alias.name: (module, alias.name) for module, alias in _imports(source)}
+
+
+def _imports(source: str) -> Iterator[tuple[str, ast.alias]]:
+    for block in (node for node in ast.parse(source).body if isinstance(node, ast.If)):
+        if (
+            isinstance(block, ast.If)
+            and isinstance(block.test, ast.Name)
+            and block.test.id == "TYPE_CHECKING"
+        ):
+            for node in block.body:
+                if isinstance(node, ast.ImportFrom) and node.module is not None:
+                    yield from ((node.module, alias) for alias in node.names)

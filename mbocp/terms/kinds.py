@@ -1,0 +1,41 @@
+"""All kinds of terms, in the order of the documentation: a class adds itself to its list when it is defined.
+
+Modules with terms of a list are imported here and nowhere else, so that their order is always the same.
+"""
+
+# isort: off
+from __future__ import annotations
+
+from mbocp.terms.cost import COST_TERMS
+from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
+from mbocp.terms.time import Time
+from mbocp.terms.end import ExactGoal, TerminalCost
+from mbocp.terms.path import PATH_TERMS
+from mbocp.terms.frame_path import AngularSpeed, Distance, Orientation, Position, Speed
+from mbocp.terms.kept import Line, OrientationKept
+from mbocp.terms.follow import Follow
+from mbocp.terms.contact import ContactKeys, ContactTerm
+
+__all__ = [
+    "COST_TERMS",
+    "PATH_KEYS",
+    "PATH_TERMS",
+    "AngularSpeed",
+    "ControlRate",
+    "Distance",
+    "Effort",
+    "ExactGoal",
+    "Follow",
+    "Line",
+    "Orientation",
+    "OrientationKept",
+    "Position",
+    "Potential",
+    "Speed",
+    "TerminalCost",
+    "Time",
+    "Tracking",
+    "Velocity",
+]
+
+PATH_KEYS = {kind: term.Keys for kind, term in PATH_TERMS.items()} | {ContactTerm.kind: ContactKeys}

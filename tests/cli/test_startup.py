@@ -1,0 +1,87 @@
+"""What commands import: what they do not need is what they need not wait for."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.solution.fabricated import limited
+
+UR5 = Path(__file__).parents[2] / "examples" / "arms" / "ur5_reach.toml"
+MECHANICS = {"casadi", "coal", "pinocchio"}
+NEVER = {"h5py", "matplotlib", "meshcat", "scipy", "yaml"}  # for a solve that writes nothing
+HEAVY = MECHANICS | NEVER | {"numpy", "pydantic", "rich"}
+SHELL = """
+import json, sys
+from mbocp.cli.app import app
+sys.argv = ["mbocp", *{words!r}]
+try:
+    app()
+except SystemExit as done:
+    assert not done.code, done.code
+"""
+TOLD = "\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))\n"
+
+
+def modules(code: str) -> set[str]:
+    """All modules that are there after some code."""
+    done = subprocess.run([sys.executable, "-c", code + TOLD], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def heavy(code: str) -> set[str]:
+    return {name.partition(".")[0] for name in modules(code)} & HEAVY
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With limits, and a path."""
+    return limited().save(tmp_path_factory.mktemp("startup") / "limited.h5")
+
+
+def test_the_package_alone_imports_nothing_heavy() -> None:
+    assert not heavy("import mbocp")
+    assert not heavy("import mbocp\ndir(mbocp)")
+
+
+def test_help_imports_nothing_heavy() -> None:
+    assert heavy(SHELL.format(words=["--help"])) <= {"rich"}
+
+
+def test_info_needs_no_mechanics(result: Path) -> None:
+    assert heavy(SHELL.format(words=["info", str(result)])) == {"h5py", "numpy", "pydantic", "rich"}
+
+
+def test_check_needs_neither_scipy_nor_files() -> None:
+    used = heavy(SHELL.format(words=["check", str(UR5), "--quiet"]))
+    assert not used & NEVER
+    assert used >= MECHANICS  # else the test would see nothing
+
+
+def test_a_solve_needs_neither_scipy_nor_files() -> None:
+    """Nor does what it prints: only `-o` needs HDF5."""
+    used = heavy("import mbocp.solving, mbocp.cli.summary, mbocp.accuracy")
+    assert not used & NEVER
+    assert used >= MECHANICS
+
+
+@pytest.mark.slow
+def test_nothing_of_that_comes_while_it_solves() -> None:
+    assert not heavy(SHELL.format(words=["solve", str(UR5)])) & NEVER
+
+
+def test_plots_and_replays_do_not_need_each_other() -> None:
+    assert "meshcat" not in heavy("import mbocp.view.plots")
+    assert not heavy("import mbocp.view.of_solution") & {"matplotlib", "scipy"}
+
+
+def test_a_result_leaves_most_of_the_package_alone() -> None:
+    """A fifth of the modules is enough to read one."""
+    everything = len(list(Path(UR5.parents[2], "mbocp").rglob("*.py")))
+    read = [name for name in modules("from mbocp.solution import Solution") if name.startswith("mbocp.")]
+    assert len(read) < everything / 5
