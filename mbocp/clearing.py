@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from mbocp.problem import Guess, Problem
 from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_rows_and_room
 from mbocp.solution import Solution
+from mbocp.solution.later import retold
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase, Status
 
@@ -101,7 +102,7 @@ def solve_clear(
         words = f"way {number} around obstacles, inverse dynamics"
         if again.converged:
             return _found_from(solution, again, "other ways", guess_used=words)
-        solution = replace(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
+        solution = retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
         if again.status in _STOPPED:
             break
     return solution
@@ -174,7 +175,7 @@ def _after(before: list[Attempt], solution: Solution) -> Solution:
         return solution
     taken = sum(attempt.outcome.iterations for attempt in before)
     spent = sum(phase.wall_time_s for attempt in before for phase in attempt.phases)
-    return replace(
+    return retold(
         solution,
         guess_used=before[0].guess_used,
         iterations=taken + solution.iterations,
@@ -187,7 +188,7 @@ def _cleared(
     near: Problem, solution: Solution, found: Attempt, attempt: Try, read: Read, deadline: float
 ) -> Solution:
     """The solution, or one with rows and room at the nodes for what it touches, there or between them."""
-    solution = replace(solution, advice=solution.advice + _of_room(near))
+    solution = retold(solution, advice=solution.advice + _of_room(near))
     for _ in range(_ROUNDS):
         if not solution.is_stationary or time.perf_counter() > deadline:
             break
@@ -215,7 +216,7 @@ def _found_from(
 ) -> Solution:
     """A solution that was found after another; what both took."""
     spent = before.wall_time_s
-    return replace(
+    return retold(
         again,
         advice=again.advice + words,
         guess_used=before.guess_used if guess_used is None else guess_used,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from mbocp.exceptions import CompilationTimeout, ProblemError
 from mbocp.formulation import Motion
 from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution
+from mbocp.solution.later import retold
 
 __all__ = ["follows_fast", "with_accuracy"]
 
@@ -56,4 +56,4 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
         return solution
     spent = time.perf_counter() - begun
     phases = (*solution.phases, Phase("accuracy", 0, spent))
-    return replace(solution, accuracy=found, phases=phases, wall_time_s=solution.wall_time_s + spent)
+    return retold(solution, accuracy=found, phases=phases, wall_time_s=solution.wall_time_s + spent)

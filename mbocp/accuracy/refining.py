@@ -29,6 +29,7 @@ from mbocp.accuracy.of_solution import motion_of, with_accuracy
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution
+from mbocp.solution.later import retold
 from mbocp.solvers import Status
 
 __all__ = ["refined"]
@@ -86,7 +87,7 @@ def refined(
     more, spent = taken - solution.iterations, time.perf_counter() - begun - solution.wall_time_s
     phases = (Phase("coarser steps", more, spent), *solution.phases)
     wall_time_s = solution.wall_time_s + spent
-    return replace(solution, iterations=taken, phases=phases, wall_time_s=wall_time_s)
+    return retold(solution, iterations=taken, phases=phases, wall_time_s=wall_time_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +180,7 @@ def _told(problem: Problem, rounds: list[_Round], failed: Solution | None, deadl
     last, asked = rounds[-1], _asked(problem)
     solution = with_accuracy(problem, last.solution, deadline)
     accuracy = replace(solution.accuracy, asked=asked, cost_error=last.cost_error, rounds=len(rounds))
-    solution = replace(solution, accuracy=accuracy, guess_used=rounds[0].guess_used)
+    solution = retold(solution, accuracy=accuracy, guess_used=rounds[0].guess_used)
     if last.is_enough(problem):
         return solution
     why = (
@@ -194,4 +195,4 @@ def _told(problem: Problem, rounds: list[_Round], failed: Solution | None, deadl
         f"horizon.accuracy = {asked:g} is not reached: with {solution.num_steps} steps one is wrong by "
         f"{last.errors.max():.2g} at most, the cost by {last.cost_error:.2g} of it; {why}"
     )
-    return replace(solution, status=status, advice=f"{words}; {solution.advice}")
+    return retold(solution, status=status, advice=f"{words}; {solution.advice}")

@@ -305,25 +305,15 @@ def _of_joints(joints: ConfigurationSpace) -> str:
 
 def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, Array]:
     problem, space, joints, end = pieces.problem, pieces.space, pieces.joints, pieces.end
-    goal, robot, N, rates = problem.goal, problem.robot, problem.num_steps, problem.stabilisation
-    given = TermNumbers(problem.heaviest_cost, robot, joints, N, problem.terms)
-    lengths = filled_lengths(problem, given_lengths(problem))
+    goal, robot, rates = problem.goal, problem.robot, problem.stabilisation
+    given = TermNumbers(problem.heaviest_cost, robot, joints, problem.num_steps, problem.terms)
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "force": np.ones(1),
         STEP_SHARE: np.array([1.0 / problem.num_timed_steps]),
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
-    rows: dict[str, Array] = {
-        HAS_BEFORE: has_step_before(problem)[:, None],
-        ADVANCES: advances(problem),
-        BEGINS_PHASE: begins_phase(N, phase_starts(problem))[:, None],
-        TIME: evaluation_times(problem, pieces.signature.steps.tau)[:, None],
-        **switch_numbers(problem),
-        STRETCH: (lengths / problem.dt)[:, None],
-        SPACING: (spacings(lengths) / problem.dt)[:, None],
-        **{share_of(name): shares for name, shares in problem.weight_shares.items()},
-    }
+    rows = _rows_of_stages(pieces) if layout.stage else {}
     for term in pieces.signature.cost:
         named |= term.numbers(given)
         rows |= term.stage_numbers(given)
@@ -347,3 +337,19 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     for end_term in pieces.signature.ends:
         at_end |= end_term.numbers()
     return concatenated(named, layout.theta), np.ascontiguousarray(rho), concatenated(at_end, layout.terminal)
+
+
+def _rows_of_stages(pieces: Pieces) -> dict[str, Array]:
+    """Parameters of the stages that are no numbers of cost terms, shapes (N, any), by name."""
+    problem = pieces.problem
+    lengths = filled_lengths(problem, given_lengths(problem))
+    return {
+        HAS_BEFORE: has_step_before(problem)[:, None],
+        ADVANCES: advances(problem),
+        BEGINS_PHASE: begins_phase(problem.num_steps, phase_starts(problem))[:, None],
+        TIME: evaluation_times(problem, pieces.signature.steps.tau)[:, None],
+        **switch_numbers(problem),
+        STRETCH: (lengths / problem.dt)[:, None],
+        SPACING: (spacings(lengths) / problem.dt)[:, None],
+        **{share_of(name): shares for name, shares in problem.weight_shares.items()},
+    }

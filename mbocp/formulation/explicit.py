@@ -95,7 +95,7 @@ class ExplicitFormulation:
             groups=(),
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
-            turning=turning_factors(robot.model, space, at),
+            turning=turning_factors(robot.turns, space, at),
             x_start=np.concatenate(start),
             speed_bounds=free_speed_bounds(problem),
             labels=RowLabels(robot.v_labels, "rate", robot.speed_labels),

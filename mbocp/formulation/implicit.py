@@ -89,7 +89,7 @@ class ImplicitFormulation:
             groups=(),
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
-            turning=turning_factors(robot.model, space, at),
+            turning=turning_factors(robot.turns, space, at),
             x_start=np.concatenate(start),
             speed_bounds=problem.limits_along()["v"],
             labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels),

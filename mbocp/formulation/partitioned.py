@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.formulation.algebraic import Algebraic
@@ -35,6 +33,7 @@ from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violatio
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
 from mbocp.robot import Label
+from mbocp.robot.nodes import steps_between
 
 __all__ = ["PartitionedFormulation"]
 
@@ -79,7 +78,7 @@ class PartitionedFormulation:
             groups=(),
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
-            turning=turning_factors(robot.model, space, at),
+            turning=turning_factors(robot.turns, space, at),
             x_start=np.concatenate(start),
             speed_bounds=problem.limits_along()["v"],
             labels=RowLabels(
@@ -130,9 +129,8 @@ class PartitionedFormulation:
         return zero_multipliers(self.programme, xs, ys, us)
 
     def _rates(self, motion: Motion) -> list[Array]:
-        model, qs, vs = self.problem.robot.model, motion.qs, motion.vs
-        mean = np.array([pin.difference(model, a, b) for a, b in pairwise(qs)])
-        mean = mean.reshape(len(qs) - 1, model.nv) / motion.dts[:, None]
+        vs = motion.vs
+        mean = steps_between(self.problem.robot, motion.qs) / motion.dts[:, None]
         return [
             6 * c * (1 - c) * mean + (1 - c) * (1 - 3 * c) * vs[:-1] + c * (3 * c - 2) * vs[1:]
             for c in self.pair.c

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -115,6 +116,27 @@ class _RowWords:
         return f"constraint {labels.constraints[row - at.ndx - of_stages].name} {when}"
 
 
+@dataclass(frozen=True, eq=False)
+class _WordsLater:
+    """The same, made when a row is asked for: few solves do."""
+
+    make: Callable[[], _RowWords]
+
+    @cached_property
+    def words(self) -> _RowWords:
+        return self.make()
+
+    def __call__(self, stage: int, row: int) -> str:
+        return self.words(stage, row)
+
+    def __reduce__(self) -> tuple[Callable[[_RowWords], _RowWords], tuple[_RowWords]]:
+        return _as_they_are, (self.words,)
+
+
+def _as_they_are(words: _RowWords) -> _RowWords:
+    return words
+
+
 def row_describer(
     problem: Problem,
     space: ConfigurationSpace | NaturalSpace,
@@ -124,6 +146,17 @@ def row_describer(
     bounds: StateBounds,
 ) -> Callable[[int, int], str]:
     """(stage, row) -> words, see `StagewiseProgramme.describe_row`."""
+    return _WordsLater(partial(_row_words, problem, space, at, rows, labels, bounds))
+
+
+def _row_words(
+    problem: Problem,
+    space: ConfigurationSpace | NaturalSpace,
+    at: StateLayout,
+    rows: EndRows,
+    labels: RowLabels,
+    bounds: StateBounds,
+) -> _RowWords:
     robot, of_end = problem.robot, tuple(rows.words(problem.robot, problem.goal))
     for term in problem.terms:
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)

@@ -17,7 +17,7 @@ from mbocp.problem.phases import node_times
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 
-__all__ = ["Trajectory", "read_trajectory"]
+__all__ = ["Trajectory", "read_trajectory", "times_of"]
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
@@ -72,7 +72,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         hamiltonians = formulation.hamiltonians(iterate, motion, duals)
     drifts, violation = formulation.drifts(iterate.xs), formulation.violation(iterate, motion)
     return Trajectory(
-        t=_times(problem, motion.dts),
+        t=times_of(problem, motion.dts),
         qs=motion.qs,
         vs=motion.vs,
         ps=momenta_of(problem.robot, motion.qs, motion.vs),
@@ -95,7 +95,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
     )
 
 
-def _times(problem: Problem, dts: Array) -> Array:
+def times_of(problem: Problem, dts: Array) -> Array:
     """Times of the nodes [s]."""
     if problem.has_free_lengths or problem.impacts:
         times = np.append(0.0, np.cumsum(dts))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from mbocp.formulation import Formulation
@@ -15,10 +17,15 @@ from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
 
-__all__ = ["guess_candidates", "plain_guess"]
+__all__ = ["guess_candidates", "kinds_in_turn", "plain_guess"]
 
 
 def guess_candidates(problem: Problem) -> tuple[str, ...]:
+    """Kinds of guess to try in turn, see `kinds_in_turn`."""
+    return tuple(kinds_in_turn(problem))
+
+
+def kinds_in_turn(problem: Problem) -> Iterator[str]:
     """Kinds of guess to try in turn: the one that was asked for, or those that suit the problem.
 
     A goal that is given in full is approached on the straight line, with the controls that this takes, and so
@@ -26,13 +33,17 @@ def guess_candidates(problem: Problem) -> tuple[str, ...]:
     begin by doing so. Zero control and a forward simulation always satisfies the dynamics.
     """
     if problem.guess.kind != "auto":
-        return (problem.guess.kind,)
+        yield problem.guess.kind
+        return
     if COORDINATES[problem.coordinates].takes_joint_guess:
-        return ("joint", *guess_candidates(problem.with_(coordinates="joint")))
-    kinds = ["line"] if is_whole(problem) or problem.via or follows_path(problem) else []
+        yield "joint"
+        yield from kinds_in_turn(problem.with_(coordinates="joint"))
+        return
+    if is_whole(problem) or problem.via or follows_path(problem):
+        yield "line"
     if can_hold(problem):
-        kinds.append("hold")
-    return (*kinds, "control")
+        yield "hold"
+    yield "control"
 
 
 def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:

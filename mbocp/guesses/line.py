@@ -20,6 +20,7 @@ from mbocp.guesses.ways import Way
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
+from mbocp.robot.nodes import steps_between
 
 __all__ = ["at_rest", "driven_line", "is_whole", "line"]
 
@@ -70,7 +71,7 @@ def driven_line(formulation: Formulation, way: Way | None = None) -> Iterate:
     problem = formulation.problem
     robot, N, dts = problem.robot, problem.num_steps, given_lengths(problem)
     qs = _evenly(problem, way)
-    rate = np.array([pin.difference(robot.model, qs[n], qs[n + 1]) / dts[n] for n in range(N)])
+    rate = steps_between(robot, qs) / dts[:, None]
     us = np.zeros((N, robot.nu))
     us[:, robot.nu - len(robot.drives) :] = _NUDGE
     motion = Motion(qs, np.vstack([rate, rate[-1]]), us, dts)
@@ -130,7 +131,7 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
         qs = (way or usual_way(problem))(q_start, blend)
     qs[0] = problem.q_start
     qs = carried(problem, qs)
-    steps = np.array([pin.difference(model, qs[n], qs[n + 1]) / dts[n] for n in range(N)])
+    steps = steps_between(robot, qs) / dts[:, None]
     steps = repeated(steps, is_impact)
     if tau == 1.0:
         vs = np.vstack([v_start, steps])

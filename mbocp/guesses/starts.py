@@ -15,7 +15,7 @@ from mbocp.formulation import Formulation
 from mbocp.guesses.around import around
 from mbocp.guesses.carried import Carried
 from mbocp.guesses.from_solution import iterate_from_solution
-from mbocp.guesses.kinds import guess_candidates
+from mbocp.guesses.kinds import guess_candidates, kinds_in_turn
 from mbocp.guesses.line import driven_line, line
 from mbocp.guesses.make import make_guess
 from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
@@ -103,14 +103,15 @@ def guesses_in_turn(formulation: Formulation, warm_start: Warm) -> Iterator[tupl
     if warm_start is not None:
         yield "warm start", partial(_warm, formulation, warm_start)
         return
-    own, *others = guess_candidates(formulation.problem)
+    candidates = kinds_in_turn(formulation.problem)
+    own = next(candidates)
     yield own, partial(make_guess, own, formulation)
     if formulation.problem.guess.kind == "auto":
         for words, way in islice(branch_ways(formulation.problem), _MAX_BRANCHES):
             yield words, partial(_along, formulation, words, way)
         for words, way in _ways_around(formulation, _MAX_AROUND):
             yield words, partial(_along, formulation, words, way)
-    for kind in others:
+    for kind in candidates:
         yield kind, partial(make_guess, kind, formulation)
 
 

@@ -21,6 +21,7 @@ from mbocp.problem import Problem
 from mbocp.problem.frames import goal_branches
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind, velocity_slice
+from mbocp.robot.nodes import interpolated
 from mbocp.robot.poses.bounds import inside, joint_bounds
 
 __all__ = [
@@ -239,5 +240,5 @@ def _on_the_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> A
         way = closed_path(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
         if way is not None:
             return way
-    qs = np.array([pin.interpolate(robot.model, q_start, q_goal, s) for s in shares])
+    qs = interpolated(robot, q_start, q_goal, shares)
     return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs

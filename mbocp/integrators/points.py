@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pinocchio as pin
-
 from mbocp._arrays import Array
 from mbocp.robot import Robot
+from mbocp.robot.nodes import moved
 
 __all__ = ["evaluation_points"]
 
@@ -36,5 +34,4 @@ def evaluation_points(robot: Robot, tau: float, qs: Array, vs: Array, dts: Array
         return qs[at], vs[at]
     v_taus: Array = (1.0 - tau) * vs[:-1] + tau * vs[1:]
     steps = tau * dts[:, None] * v_taus
-    q_taus = [pin.integrate(robot.model, q, step) for q, step in zip(qs[:-1], steps, strict=True)]
-    return np.array(q_taus), v_taus
+    return moved(robot, qs[:-1], steps), v_taus

@@ -246,6 +246,8 @@ def frame_projections(
     basis : ndarray, shape (nv, k)
         Directions in which the configuration can move.
     """
+    if not goal.conditions:
+        return FrameProjections(np.zeros((0, 0)), np.zeros((0, 0)))
     free = basis @ null_space(D_q @ basis, RANK_TOLERANCE)
     moving = reachable @ null_space(rates, RANK_TOLERANCE)
     return FrameProjections(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -111,7 +112,12 @@ class Bounds:
     @property
     def any_finite(self) -> bool:
         """Whether anything is bounded."""
-        return any(bool(self.finite(letter).any()) for letter in LIMITS)
+        return bool(self.letters)
+
+    @cached_property
+    def letters(self) -> frozenset[str]:
+        """Letters of `LIMITS` that have a bound."""
+        return frozenset(letter for letter in LIMITS if self.finite(letter).any())
 
     @property
     def fields(self) -> dict[str, Array]:

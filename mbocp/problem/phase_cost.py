@@ -36,6 +36,8 @@ def weight_shares(cost: Cost, phases: Sequence[NamedPhase], robot: Robot) -> dic
 
 def _weights_of_phases(cost: Cost, phases: Sequence[NamedPhase], robot: Robot) -> dict[str, Array]:
     """Weights in each phase, shape (phases, size), of those terms that a phase names."""
+    if not phases:
+        return {}
     known = weights_by_key()
     keys = [key for key in known if any(key in phase.weights for phase in phases)]
     found = {}

@@ -85,9 +85,8 @@ def rate_limits(robot: Robot, bounds: Bounds) -> tuple[RateLimit, ...]:
     """The limits of rates among bounds, one for each key that limits something."""
     found = []
     for term in RATE_TERMS.values():
-        is_limited = bounds.finite(term.letter)
-        if is_limited.any():
-            found.append(_limit(robot, bounds, term, np.flatnonzero(is_limited)))
+        if term.letter in bounds.letters:
+            found.append(_limit(robot, bounds, term, np.flatnonzero(bounds.finite(term.letter))))
     return tuple(found)
 
 
@@ -122,7 +121,7 @@ def check_rates(robot: Robot, bounds: Bounds) -> None:
     InvalidValue
         If a rate of a control cannot be zero, as it is in the first step.
     """
-    for term in RATE_TERMS.values():
+    for term in (term for term in RATE_TERMS.values() if term.letter in bounds.letters):
         for i in np.flatnonzero(bounds.finite(term.letter)):
             _check_one(robot, bounds, term, int(i))
 

@@ -32,8 +32,11 @@ __all__ = [
     "cache_limit",
     "cached",
     "entries",
+    "environment",
     "folders",
     "is_private",
+    "is_sound",
+    "is_trusted",
     "own_content",
     "private_folder",
     "scratch_folder",
@@ -46,6 +49,7 @@ _TRAILER = len(_MAGIC) + 64
 _BUILD, _PRIVATE, _LOCK = "build-", "mbocp-stages-", "lock"
 _TRIES = 100  # to make a folder that no other process sweeps away before it is locked
 _LIMIT = 2000  # [MB]
+_VARIABLES = ("MBOCP_CACHE_DIR", "XDG_CACHE_HOME", "HOME", "CC", "PATH")
 _IN_USE = 3600 * 10**9  # [ns] after its last use in which an entry is not removed
 
 
@@ -62,14 +66,24 @@ def cache_folder() -> Path:
         return private_folder(Path("~/.cache/mbocp/stages"), str(error))
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        state = folder.stat()
-        trusted = state.st_uid == os.getuid() and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        trusted = is_trusted(folder)
         reason = "somebody else may write to it"
         if trusted and _forbids_code(folder):
             trusted, reason = False, "it is on a disk that forbids to execute files (noexec)"
     except OSError as error:
         trusted, reason = False, str(error)
     return folder if trusted else private_folder(folder, reason)
+
+
+def is_trusted(folder: Path) -> bool:
+    """Whether a folder is the user's, and nobody else may write to it."""
+    state = folder.stat()
+    return state.st_uid == os.getuid() and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def environment() -> tuple[str | None, ...]:
+    """Variables that say where functions are kept, and by which compiler they are translated."""
+    return tuple(map(os.environ.get, _VARIABLES))
 
 
 def private_folder(instead_of: Path, reason: str) -> Path:
@@ -103,7 +117,7 @@ def folders() -> list[Path]:
 
 def cached(name: str) -> Path | None:
     """Sound entry of that name in the folders."""
-    return next((folder / name for folder in folders() if _is_sound(folder / name)), None)
+    return next((folder / name for folder in folders() if is_sound(folder / name)), None)
 
 
 def own_content(path: Path) -> bytes | None:
@@ -214,7 +228,8 @@ def _is_own_file(state: os.stat_result) -> bool:
     return stat.S_ISREG(state.st_mode) and state.st_uid == os.getuid()
 
 
-def _is_sound(library: Path) -> bool:
+def is_sound(library: Path) -> bool:
+    """Whether an entry is the user's, with the right checksum behind it."""
     try:
         state = library.lstat()
     except OSError:

@@ -28,7 +28,10 @@ from mbocp.programme import composed, generated, lanes, pieces, processor, split
 from mbocp.programme.cache import (
     cache_folder,
     cached,
+    environment,
     is_private,
+    is_sound,
+    is_trusted,
     private_folder,
     scratch_folder,
     sealed,
@@ -113,12 +116,15 @@ def load_functions(
     CompilationTimeout
         If the deadline passes before the functions are there.
     """
-    cc = compiler()
     wide = Lanes(number_of_lanes(), frozenset(in_lanes))
+    place = _place(f"{key}{_sources_digest()}", wide, environment())
+    if place.is_sound:
+        return CompiledFunctions(place.library, {}, compiled_now=False)
+    cc = compiler()
     depends_on = key_of(key, str(wide), _sources_digest(), _casadi_version(), *_translation(cc, _flags()))
-    library = library_of(depends_on)
-    if library is not None:
-        return CompiledFunctions(library, {}, compiled_now=False)
+    place.library = library_of(depends_on)
+    if place.library is not None:
+        return CompiledFunctions(place.library, {}, compiled_now=False)
     check_deadline(deadline, "the functions were to be built")
     functions = build()
     check_deadline(deadline, "the functions were built")
@@ -133,7 +139,29 @@ def load_functions(
     known = cached(unit.name)
     library = _compiled(unit, deadline) if known is None else known
     remember(depends_on, library)
+    place.library = library
     return CompiledFunctions(library, {}, compiled_now=known is None)
+
+
+@dataclass(eq=False)
+class _Place:
+    """Where this process has found functions before."""
+
+    library: Path | None = None
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the library is still what was found."""
+        try:
+            return self.library is not None and is_trusted(self.library.parent) and is_sound(self.library)
+        except OSError:  # the folder has gone
+            return False
+
+
+@lru_cache(maxsize=1024)
+def _place(key: str, wide: Lanes, set_by_user: tuple[str | None, ...]) -> _Place:
+    """Of functions that depend on `key`: nothing is hashed, and no folder is searched, a second time."""
+    return _Place()
 
 
 @cache

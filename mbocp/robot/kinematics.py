@@ -28,6 +28,7 @@ __all__ = [
     "gravity_potential",
     "mass_matrices",
     "mass_matrix",
+    "turns",
     "velocity_from_momentum",
 ]
 
@@ -142,6 +143,18 @@ def frame_jacobians(model: pin.Model, qs: Array, frame: int, reference: pin.Refe
     for node, q in enumerate(qs):
         jacobian = pin.computeFrameJacobian(model, data, q, frame, reference)
         found[node] = jacobian.reshape(6, model.nv)  # Pinocchio hands out a single column as a vector
+    return found
+
+
+def turns(model: pin.Model) -> Array:
+    """Angle [rad] by unit of each joint velocity, shape (nv,)."""
+    data, found = model.createData(), np.zeros(model.nv)
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for index, joint in list(enumerate(model.joints))[1:]:
+        if joint.nv and joint.shortname() != "JointModelMimic":
+            at = slice(joint.idx_v, joint.idx_v + joint.nv)
+            jacobian = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)
+            found[at] = np.linalg.norm(jacobian.reshape(6, model.nv)[3:, at], axis=0)  # (6,) where nv is 1
     return found
 
 

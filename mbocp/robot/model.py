@@ -212,6 +212,11 @@ class RobotModel:
         """Whether every joint's configuration is a plain vector (nq == nv, no circles, no quaternions)."""
         return all(joints.joint_kind(self.model, j).is_vector for j in range(1, self.model.njoints))
 
+    @cached_property
+    def turns(self) -> Array:
+        """Angle [rad] by unit of each component of v, shape (nv,); 0: it turns nothing."""
+        return frozen_array(kinematics.turns(self.model))
+
     @property
     def sources(self) -> tuple[Path, ...]:
         """The URDFs that it was read from."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
+from mbocp.solution.later import Later, complete
 from mbocp.solution.phase_text import PhasePlace
 from mbocp.solution.problem_text import (
     duration_range_of,
@@ -89,7 +90,10 @@ def _absent() -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SolutionData:
-    """Fields of a `Solution`, which explains them; those who write, read and examine one know it so."""
+    """Fields of a `Solution`, which explains them; those who write, read and examine one know it so.
+
+    What a solve has just found works most of them out when one of them is asked for, see `later`.
+    """
 
     status: Status
     advice: str = ""
@@ -182,6 +186,10 @@ class SolutionData:
             object.__setattr__(self, name, json_copy(name, getattr(self, name)))
         sizes = {"q": self.nq, "v": self.nv, "p": self.nv, "u": self.nu, "mu": 2 * self.nv}
         object.__setattr__(self, "labels", self.labels.completed(**sizes, lam=self.nc, zeta=self.nc))
+
+    def __getstate__(self) -> dict[str, Any]:
+        complete(self)
+        return dict(vars(self))
 
     @property
     def goal_place(self) -> int | None:
@@ -345,3 +353,7 @@ class SolutionData:
         if meanings and len(meanings) != len(names):
             raise DimensionMismatch("control_momentum_meanings", len(meanings), len(names))
         return meanings or ("",) * len(names)
+
+
+for _field in fields(SolutionData):
+    setattr(SolutionData, _field.name, Later(_field.name))

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
-from functools import cache
+from dataclasses import asdict, replace
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 
 from mbocp import __version__
-from mbocp._arrays import Array
+from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.resolution import unresolved
-from mbocp.formulation.trajectory import read_trajectory
+from mbocp.formulation.trajectory import read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.approach import Approach, nearest_approach
 from mbocp.problem.file.write import problem_to_toml
+from mbocp.programme import Iterate
 from mbocp.robot import Robot, RobotFiles, singular_closure
+from mbocp.solution.accuracy import Accuracy
+from mbocp.solution.later import deferred
 from mbocp.solution.records import Labels, StartRecord
 from mbocp.solution.solution import Solution
 from mbocp.solvers import Outcome, Phase, SolverResult, Status
@@ -68,48 +72,64 @@ def read_solution(
     approach: Approach | None = None
     last = result.record
     with timed(phases, "diagnostics"):
-        trajectory = read_trajectory(formulation, result.iterate)
-        meanings = _meanings(problem.robot, trajectory.control_momentum_names)
-        told = left_out + _singular(problem.robot, trajectory.qs)
+        motion = formulation.motion_of(result.iterate)
+        t = times_of(problem, motion.dts)
+        told = left_out + _singular(problem.robot, motion.qs)
+        status, advice = _resolution(formulation, result, replace(motion, dts=np.diff(t)))
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
         with timed(phases, "gains"):
             gains = feedback_gains(formulation, result.iterate)
-    own = (trajectory.u_values, tuple(trajectory.u_shares.tolist()))
-    motion = Motion(trajectory.qs, trajectory.vs, trajectory.us, np.diff(trajectory.t), *own)
-    status, advice = _resolution(formulation, result, motion)
     clearance = problem.clearance if asked is None else asked.clearance
     if clearance is not None:
         with timed(phases, "clearance"):
-            approach = nearest_approach(clearance, trajectory.t, trajectory.qs)
+            approach = nearest_approach(clearance, t, motion.qs)
         status, advice = _cleared(approach, status, advice)
-    return Solution(
-        status=status,
-        advice=advice + _compiled_long(problem, result, phases) + told,
-        solver=outcome.solver,
-        iterations=sum(p.iterations for p in phases),
-        cost=last.cost,
-        residual=last.residual,
-        increment=last.increment,
-        unknowns=formulation.programme.num_unknowns,
-        wall_time_s=time.perf_counter() - begun,
-        phases=tuple(phases),
-        history=result.history,
+    now = {
+        "status": status,
+        "advice": advice + _compiled_long(problem, result, phases) + told,
+        "solver": outcome.solver,
+        "iterations": sum(p.iterations for p in phases),
+        "cost": float(last.cost),
+        "residual": float(last.residual),
+        "increment": float(last.increment),
+        "unknowns": formulation.programme.num_unknowns,
+        "wall_time_s": time.perf_counter() - begun,
+        "phases": tuple(phases),
+        "history": result.history,
         **_told(approach),
-        problem_name=problem.name,
-        robot_name=problem.robot.name,
-        robot_spec=dict(problem.robot.spec),
-        robot_files=_files(problem.robot),
-        problem_text=problem_to_toml(problem if asked is None else asked),
-        guess_used=guess_used,
-        starts=starts,
-        options=asdict(problem.solver),
-        versions=dict(_versions()),
-        labels=Labels.of_robot(problem.robot, formulation.constraint_labels),
-        control_momentum_meanings=meanings,
-        gains=gains,
-        **trajectory.fields(),
-    )
+        "t": frozen_array(t),
+        "qs": frozen_array(motion.qs),
+        "vs": frozen_array(motion.vs),
+        "us": frozen_array(motion.us),
+        "eta": result.iterate.eta,
+        "gains": frozen_array(gains),
+        "u_values": frozen_array(motion.values),
+        "u_shares": frozen_array(motion.shares),
+        "problem_name": problem.name,
+        "robot_name": problem.robot.name,
+        "guess_used": guess_used,
+        "starts": starts,
+        "accuracy": Accuracy(),
+        "robot_files": _files(problem.robot),
+    }
+    return deferred(Solution, now, partial(_rest, formulation, result.iterate, asked or problem))
+
+
+def _rest(formulation: Formulation, iterate: Iterate, asked: Problem) -> dict[str, Any]:
+    """Fields of a solution that nobody needs to solve the next problem."""
+    problem = formulation.problem
+    robot = problem.robot
+    diagnostics = read_trajectory(formulation, iterate)
+    return {
+        **diagnostics.fields(),
+        "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
+        "robot_spec": dict(robot.spec),
+        "problem_text": problem_to_toml(asked),
+        "options": asdict(problem.solver),
+        "versions": dict(_versions()),
+        "labels": Labels.of_robot(robot, formulation.constraint_labels),
+    }
 
 
 def _files(robot: Robot) -> RobotFiles | None:
@@ -154,11 +174,11 @@ def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) 
 def _told(approach: Approach | None) -> dict[str, Any]:
     """Fields of a solution."""
     if approach is None:
-        return {}
+        return {"clearance": math.nan, "clearance_between": "", "clearance_time": math.nan}
     return {
-        "clearance": approach.distance,
+        "clearance": float(approach.distance),
         "clearance_between": approach.between,
-        "clearance_time": approach.time,
+        "clearance_time": float(approach.time),
     }
 
 

@@ -52,12 +52,12 @@ def test_half_a_turn_off_is_another_root() -> None:
 
 
 def test_another_guess_is_tried_where_it_was_left_to_mbocp(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(starts, "guess_candidates", lambda problem: ("hold", "joint"))
+    monkeypatch.setattr(starts, "kinds_in_turn", lambda problem: iter(("hold", "joint")))
     s = mbocp.solve(swing(cost={"velocity": 1.0}))
     assert s.converged, s.advice
     assert abs(s.qs[-1, 0]) == pytest.approx(np.pi, abs=1e-6)
     assert len(s.history) > s.iterations  # the guess that failed is part of the history
-    monkeypatch.setattr(starts, "guess_candidates", lambda problem: ("hold", "control"))
+    monkeypatch.setattr(starts, "kinds_in_turn", lambda problem: iter(("hold", "control")))
     s = mbocp.solve(swing(solver={"max_iterations": 6}, cost={}))
     assert s.status is Status.OTHER_ROOT  # no other guess leads anywhere: that says most
 

@@ -8,6 +8,7 @@ import pytest
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
+from mbocp.robot.kinematics import turns
 from tests.mechanics.models import chain
 
 
@@ -18,5 +19,5 @@ from tests.mechanics.models import chain
 def test_angles_of_joints_count(kinds: str, angles: list[int]) -> None:
     model, _ = chain(kinds)
     layout = StateLayout(nz=model.nq, nv=model.nv, ns=model.nv, is_flat=False)
-    factors = turning_factors(model, ConfigurationSpace(model, "quaternion"), layout)
+    factors = turning_factors(turns(model), ConfigurationSpace(model, "quaternion"), layout)
     np.testing.assert_allclose(factors, [*angles, *[0] * model.nv], atol=1e-15)

@@ -11,7 +11,7 @@ import pytest
 
 import mbocp
 from mbocp.formulation import build, sources, transcribe
-from mbocp.programme import keys
+from mbocp.programme import compilation, keys
 from mbocp.programme.compilation import load_functions
 from mbocp.terms import running
 
@@ -43,6 +43,32 @@ def test_the_same_code_is_compiled_once_whatever_it_depends_on(folder: Path) -> 
     assert (first.function("f")(1.0), other.function("f")(1.0)) == (2.0, 3.0)
     for key, found in (("one", first), ("two", second), ("three", other)):
         assert load_functions(key, never).library == found.library
+
+
+def test_a_process_searches_for_functions_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = load_functions("key", times(2.0))
+    monkeypatch.setattr(compilation, "library_of", lambda key: pytest.fail("searched again"))
+    assert load_functions("key", never).library == first.library
+
+
+def test_functions_that_have_gone_since_are_made_again(folder: Path) -> None:
+    library = load_functions("key", times(2.0)).library
+    assert library is not None
+    library.unlink()
+    again = load_functions("key", times(2.0))
+    assert again.compiled_now
+    assert again.library == library
+    assert library.is_file()
+
+
+def test_functions_of_another_folder_are_not_taken(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = load_functions("key", times(2.0))
+    monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "other"))
+    other = load_functions("key", times(2.0))
+    assert other.compiled_now
+    assert first.library != other.library
 
 
 def pendulum() -> mbocp.Problem:
@@ -100,6 +126,7 @@ def test_what_is_no_file_of_a_key_is_made_anew(folder: Path, tmp_path: Path, dam
     elif damage == "link":
         (tmp_path / "name").write_bytes(name)
         file.symlink_to(tmp_path / "name")
+    compilation._place.cache_clear()  # what another process knows
     again = load_functions("key", times(2.0))
     assert not again.compiled_now
     assert again.library == library

@@ -1,0 +1,46 @@
+"""Configurations of many nodes at once; of robots whose joints are plain vectors without a loop over them.
+
+The arithmetic is Pinocchio's in either case, to the last bit.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.robot.model import RobotModel
+
+__all__ = ["interpolated", "moved", "steps_between"]
+
+
+def interpolated(robot: RobotModel, q0: Array, q1: Array, shares: Array) -> Array:
+    """Configurations at shares of the way from one to another, shape (n, nq)."""
+    if _is_plain(robot):
+        way: Array = np.asarray(q0) + np.asarray(shares)[:, None] * (np.asarray(q1) - np.asarray(q0))
+        return way
+    return _rows([pin.interpolate(robot.model, q0, q1, share) for share in shares], robot.nq)
+
+
+def moved(robot: RobotModel, qs: Array, steps: Array) -> Array:
+    """Configurations, shape (n, nq), moved along tangent vectors, shape (n, nv)."""
+    if _is_plain(robot):
+        return qs + steps
+    return _rows([pin.integrate(robot.model, *at) for at in zip(qs, steps, strict=True)], robot.nq)
+
+
+def steps_between(robot: RobotModel, qs: Array) -> Array:
+    """Tangent vectors from each configuration to the next, shape (n - 1, nv)."""
+    if _is_plain(robot):
+        return np.diff(qs, axis=0)
+    return _rows([pin.difference(robot.model, *at) for at in pairwise(qs)], robot.nv)
+
+
+def _is_plain(robot: RobotModel) -> bool:
+    return robot.is_vector_space and not len(robot.model.mimicking_joints)
+
+
+def _rows(found: list[Array], width: int) -> Array:
+    return np.array(found).reshape(len(found), width)

@@ -1,0 +1,67 @@
+"""Fields of a frozen dataclass that are worked out when one of them is first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+__all__ = ["Later", "complete", "deferred", "is_complete", "retold"]
+
+T = TypeVar("T")
+
+_REST = "_rest"  # in the place of the fields that are not there yet, what gives them
+
+
+class Later:
+    """Stands in a class for a field that an instance may not have yet; one that is there takes its place."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        """Value of the field, with which all others are worked out."""
+        if instance is None or is_complete(instance):
+            raise AttributeError(self.name)
+        complete(instance)
+        return vars(instance)[self.name]
+
+
+def deferred(cls: type[T], now: Mapping[str, Any], rest: Callable[[], Mapping[str, Any]]) -> T:
+    """Instance of a dataclass with some of its fields.
+
+    Parameters
+    ----------
+    cls : type
+        Whose other fields are `Later`.
+    now : mapping
+        Fields that are there, as the instance has them.
+    rest : callable
+        Gives the others. It is called at most once, and checked with the others as the class does.
+    """
+    instance = object.__new__(cls)
+    vars(instance).update(now)
+    vars(instance)[_REST] = rest
+    return instance
+
+
+def is_complete(instance: object) -> bool:
+    """Whether all fields are there."""
+    return _REST not in vars(instance)
+
+
+def complete(instance: object) -> None:
+    """Work out the fields that are missing."""
+    rest = vars(instance).get(_REST)
+    if rest is None:
+        return
+    given = {name: value for name, value in vars(instance).items() if name != _REST}
+    whole = type(instance)(**{**rest(), **given})
+    vars(instance).update({name: value for name, value in vars(whole).items() if name not in given})
+    vars(instance).pop(_REST, None)
+
+
+def retold(instance: T, **changes: Any) -> T:
+    """Copy with other values of fields that are there, which nothing else depends on."""
+    other = object.__new__(type(instance))
+    vars(other).update({**vars(instance), **changes})
+    return other
