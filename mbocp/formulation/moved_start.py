@@ -18,15 +18,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.goal import independent_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
-from mbocp.problem.free_start import start_bounds
+from mbocp.problem.free_start import kept_at_start, start_bounds
 from mbocp.problem.periodic import Periodic, impact_axes, numbers_of
-from mbocp.terms import PeriodicEnd, Sizes, StartEnd, StartState
+from mbocp.problem.seam import compared
+from mbocp.terms import KeptRows, PeriodicEnd, Sizes, StartEnd, StartState
 
 __all__ = ["free_directions", "move_bounds", "move_names", "moved_start", "start_ends", "with_moves"]
 
@@ -79,7 +80,7 @@ def _sides(problem: Problem) -> tuple[Array, Array]:
 
 def start_ends(problem: Problem, space: ConfigurationSpace) -> tuple[PeriodicEnd | StartEnd, ...]:
     """Conditions on the start: that the end is its image, and that it keeps the robot's constraints."""
-    robot, free = problem.robot, problem.start_free
+    robot = problem.robot
     start = StartState(
         sizes=Sizes(space.nz, robot.nv, robot.nu, space.nz, robot.nv),
         free=free_directions(problem),
@@ -90,13 +91,28 @@ def start_ends(problem: Problem, space: ConfigurationSpace) -> tuple[PeriodicEnd
     periodic = problem.goal.periodic
     if periodic is not None:
         found.append(_periodic_end(problem, periodic, space, start))
-    if robot.nc and free is not None:
-        strikes = periodic is not None and bool(
-            periodic.impact
-        )  # then the image keeps the constraints' rates
-        if free.q.any() or not strikes:
-            found.append(StartEnd(start, robot.nc, of_q=bool(free.q.any()), of_v=not strikes))
+    kept = _kept(problem)
+    if kept is not None:
+        held = problem.switches.held if problem.switches is not None else ()
+        found.append(StartEnd(start, *kept, held))
     return tuple(found)
+
+
+def _kept(problem: Problem) -> tuple[KeptRows, KeptRows] | None:
+    """Rows of the configuration and of the velocity that a free start has to keep."""
+    free, periodic = problem.start_free, problem.goal.periodic
+    if free is None:
+        return None
+    given = (problem.robot, free, problem.q_start, problem.v_start, problem.switches)
+    places, rates = (_numbers(kept_at_start(*given, of_rates=of_rates)) for of_rates in (False, True))
+    if periodic is not None and periodic.impact:  # then the image keeps the constraints' rates
+        rates = KeptRows()
+    return (places, rates) if places.count + rates.count else None
+
+
+def _numbers(masks: tuple[BoolArray, BoolArray]) -> KeptRows:
+    own, held = (tuple(int(i) for i in np.flatnonzero(mask)) for mask in masks)
+    return KeptRows(own, held)
 
 
 def _periodic_end(
@@ -108,9 +124,9 @@ def _periodic_end(
     held, so that constraints hold at both sides of it for other reasons, and all is compared.
     """
     robot, image = problem.robot, periodic.image(problem.robot)
-    basis = np.eye(robot.nv) if periodic.impact else tangent_space(robot, problem.q_start)
-    D_q = independent_rows(image.compared, basis, basis)
-    D_v = independent_rows(np.ones(robot.nv, dtype=np.bool_), basis, basis)
+    positions, velocities = _compared(problem, periodic)
+    D_q = independent_rows(image.compared, positions, positions)
+    D_v = independent_rows(np.ones(robot.nv, dtype=np.bool_), velocities, velocities)
     A_z, moved, places = np.eye(space.nz), np.zeros(space.nz), numbers_of(robot)
     at = {
         place: where for place, where in zip(places, _coordinates(space, robot.nv), strict=True) if place >= 0
@@ -122,6 +138,16 @@ def _periodic_end(
     axes = impact_axes(robot, periodic.impact) if periodic.impact else ()
     frame_id = robot.frame_names.index(periodic.impact) if periodic.impact else -1
     return PeriodicEnd(start, len(D_q), len(D_v), frame_id, axes, D_q, D_v, A_z, image.A, moved)
+
+
+def _compared(problem: Problem, periodic: Periodic) -> tuple[Array, Array]:
+    """Bases of the directions in which positions and velocities are compared, shapes (nv, any)."""
+    robot, table = problem.robot, problem.switches
+    if table is not None:
+        ends = problem.q_start, problem.goal.q
+        return compared(table, problem.start_free, periodic, ends)
+    basis = np.eye(robot.nv) if periodic.impact else tangent_space(robot, problem.q_start)
+    return basis, basis
 
 
 def _coordinates(space: ConfigurationSpace, nv: int) -> list[int]:

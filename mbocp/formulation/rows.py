@@ -17,6 +17,7 @@ from mbocp.formulation.reactions import reaction_rows
 from mbocp.formulation.switches import labels_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
+from mbocp.mechanics.held import held_labels
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 from mbocp.robot import Label
@@ -188,9 +189,10 @@ def _start_words(problem: Problem, space: ConfigurationSpace | NaturalSpace) -> 
             for prefix, D in (("cycle of ", term.D_q), ("cycle of the rate of ", term.D_v)):
                 found += [prefix + names[int(np.argmax(np.abs(row)))].name for row in D]
             continue
-        labels = problem.robot.constraint_labels
-        found += [f"constraint {label.name} at the start" for label in labels if term.of_q]
-        found += [f"rate of constraint {label.name} at the start" for label in labels if term.of_v]
+        own, held = problem.robot.constraint_labels, held_labels(term.held)
+        for prefix, kept in (("", term.places), ("rate of ", term.rates)):
+            labels = [*(own[i] for i in kept.own), *(held[i] for i in kept.held)]
+            found += [f"{prefix}constraint {label.name} at the start" for label in labels]
     return tuple(found)
 
 

@@ -137,32 +137,33 @@ def with_held(problem: Problem, lams: Array) -> Array:
 
 
 def switched_violation(table: SwitchTable, qs: Array, vs: Array) -> ConstraintViolation:
-    """Largest violation of what acts, at the nodes after the steps in which it does.
+    """Largest violation of what acts, at the start and at the nodes after the steps in which it does.
 
     What is held where it is counts from where it was when its span began. Velocities count there, too, after
     an impact.
     """
-    robot, N = table.robot, len(table.rows)
+    robot, count = table.robot, len(table.rows) + 1
     kept = list(robot.kept_rows)
+    own = np.zeros((count, 0)), np.zeros((count, 0))
     if robot.nc:
         residuals, jacobians = robot.closure_along(qs)
-        own = residuals[1:, kept], np.einsum("nij,nj->ni", jacobians[1:, kept], vs[1:])
-    else:
-        own = np.zeros((N, 0)), np.zeros((N, 0))
+        own = residuals[:, kept], np.einsum("nij,nj->ni", jacobians[:, kept], vs)
+    at_start = [np.hstack(table.acting_at_start(of_rates=of_rates))[None] for of_rates in (False, True)]
+    acts = np.hstack([table.own, table.rows])
     names = [label.name for label in (*robot.constraint_labels, *table.labels)]
-    position, velocity = np.zeros((N + 1, len(names))), np.zeros((N + 1, len(names)))
-    rates = np.einsum("nij,nj->ni", table.jacobians(qs[1:]), vs[1:]) * table.rows
-    velocity[1:] = np.hstack([own[1] * table.own, rates])
-    position[1:] = np.hstack([own[0] * table.own, _places(table, qs)])
+    rates = np.einsum("nij,nj->ni", table.jacobians(qs), vs)
+    position = np.hstack([own[0], _places(table, qs)]) * np.vstack([at_start[0], acts])
+    velocity = np.hstack([own[1], rates]) * np.vstack([at_start[1], acts])
     return worst_violation(position, velocity, names)
 
 
 def _places(table: SwitchTable, qs: Array) -> Array:
-    """How far what is held has moved since its span began, shape (N, rows)."""
+    """How far what is held is from where its span began, or from coinciding, shape (N + 1, rows)."""
     anchors = table.anchors
-    found = np.zeros(table.rows.shape)
+    found = np.zeros((len(qs), anchors.shape[1]))
+    found[0] = table.residuals(qs[:1], qs[:1])[0]
     for first in np.unique(anchors[anchors >= 0]):
         steps = np.flatnonzero((anchors == first).any(axis=1))
         residuals = table.residuals(qs[steps + 1], np.tile(qs[first], (len(steps), 1)))
-        found[steps] = np.where(anchors[steps] == first, residuals, found[steps])
+        found[steps + 1] = np.where(anchors[steps] == first, residuals, found[steps + 1])
     return found

@@ -54,7 +54,15 @@ def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) 
 
 
 def completed_goal(
-    robot: Robot, goal: Goal, limits: Bounds, q_start: Array, q_before: Array, *, num_steps: int, scheme: str
+    robot: Robot,
+    goal: Goal,
+    limits: Bounds,
+    q_start: Array,
+    q_before: Array,
+    *,
+    num_steps: int,
+    scheme: str,
+    closes_loops: bool = True,
 ) -> Goal:
     """Return a goal with the configuration that its poses and loops leave open.
 
@@ -63,6 +71,8 @@ def completed_goal(
     q_start, q_before : ndarray, shape (nq,)
         Configuration of the start, and the last that is known before the goal, of which the goal is to be
         near: that of a via point, or of the start [m, rad, unit quaternion xyzw].
+    closes_loops : bool
+        Whether all constraints of the robot hold at the end.
 
     Raises
     ------
@@ -89,7 +99,7 @@ def completed_goal(
         check_end_conditions(robot, goal, num_steps)
         warn_singular(robot, goal.q, "goal.q")
     if goal.periodic is not None and not goal.poses:  # where guesses end
-        goal = replace(goal, q=goal.periodic.guess(robot, q_start))
+        goal = replace(goal, q=goal.periodic.guess(robot, q_start, closes_loops=closes_loops))
     if goal.q_active.any() or goal.poses:
         warn_limits(robot, limits, goal.q, "goal.q")
     return goal

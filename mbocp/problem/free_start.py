@@ -21,11 +21,14 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.periodic import numbers_of
+from mbocp.problem.switches import SwitchTable
 from mbocp.robot import Robot
 
-__all__ = ["FreeStart", "check_free_start", "check_periodic", "start_bounds"]
+__all__ = ["FreeStart", "check_free_start", "check_periodic", "kept_at_start", "start_bounds"]
 
 _KEY = "start.free"
+_NUM_POSES = 2  # beside the start, at which a row that nothing free moves has no derivative either
+_SPREAD = 0.2  # [m, rad]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,8 +99,16 @@ def check_free_start(
     start: tuple[Array, Array],
     *,
     coordinates: str,
+    switches: SwitchTable | None = None,
 ) -> None:
     """Refuse a free start that does not fit robot, limits or coordinates.
+
+    Parameters
+    ----------
+    start : tuple of ndarray
+        The given configuration and velocity, the guess of what is free.
+    switches : SwitchTable, optional
+        What acts when, where that changes.
 
     Raises
     ------
@@ -112,7 +123,7 @@ def check_free_start(
             f"{_KEY}: controls of robot {robot.name!r} prescribe velocities, and its start has to be given; "
             "leave the key out"
         )
-    _check_loops(robot, free, start[0])
+    _check_constraints(robot, free, *start, switches)
     _check_bounds(robot, free, limits, *start)
 
 
@@ -134,17 +145,63 @@ def check_periodic(robot: Robot, goal: Goal, coordinates: str) -> None:
         )
 
 
-def _check_loops(robot: Robot, free: FreeStart, q: Array) -> None:
+def kept_at_start(
+    robot: Robot, free: FreeStart, q: Array, v: Array, switches: SwitchTable | None, *, of_rates: bool
+) -> tuple[BoolArray, BoolArray]:
+    """Which rows of constraints a free start has to keep, and does not keep by itself.
+
+    Parameters
+    ----------
+    q, v : ndarray
+        The given start, the guess of what is free.
+    switches : SwitchTable, optional
+        What acts when, where that changes.
+    of_rates : bool
+        Whether of velocities.
+
+    Returns
+    -------
+    own : ndarray of bool, shape (nc,)
+        Of the robot's constraints.
+    held : ndarray of bool, shape (rows,)
+        Of the held frames.
+    """
+    every = np.ones(robot.nc, dtype=np.bool_), np.zeros(0, dtype=np.bool_)
+    own, held = every if switches is None else switches.acting_at_start(of_rates=of_rates)
+    mask = free.v if of_rates else free.q
+    if of_rates and np.any(v) and free.q.any():
+        return own, held
+    touched = np.zeros(len(own) + len(held), dtype=np.bool_)
+    for at in (q, *_beside(robot, q)):
+        G = _all_rows(robot, at, switches)
+        touched |= np.abs(G[:, mask]).max(axis=1, initial=0.0) > RANK_TOLERANCE
+    return own & touched[: len(own)], held & touched[len(own) :]
+
+
+def _all_rows(robot: Robot, q: Array, switches: SwitchTable | None) -> Array:
+    """Derivatives of the robot's constraints and of what is ever held, shape (any, nv)."""
+    own = robot.constraint_jacobian(q) if robot.nc else np.zeros((0, robot.nv))
+    return own if switches is None else np.vstack([own, switches.jacobians(q[None])[0]])
+
+
+def _beside(robot: Robot, q: Array) -> list[Array]:
+    """Configurations at which nothing is special."""
+    rng = np.random.default_rng(0)
+    return [robot.integrate(q, rng.normal(scale=_SPREAD, size=robot.nv)) for _ in range(_NUM_POSES)]
+
+
+def _check_constraints(
+    robot: Robot, free: FreeStart, q: Array, v: Array, switches: SwitchTable | None
+) -> None:
     """What is free has to be able to keep the constraints."""
-    if not robot.nc:
-        return
-    G = robot.constraint_jacobian(q)
     for part, mask in (("q", free.q), ("v", free.v)):
-        if part == "q" and not mask.any():
-            continue
-        if np.linalg.matrix_rank(G[:, mask], tol=RANK_TOLERANCE) < robot.nc:
+        rows = np.concatenate(kept_at_start(robot, free, q, v, switches, of_rates=part == "v"))
+        G = _all_rows(robot, q, switches)[rows][:, mask]
+        if np.linalg.matrix_rank(G, tol=RANK_TOLERANCE) < len(G):
+            is_held = switches is not None and bool(switches.held)
+            what = "what is held from the start" if is_held else "the constraints"
             raise ProblemError(
-                f"{_KEY}.{part}: what is free of {part} cannot keep the constraints of robot {robot.name!r}; "
+                f"{_KEY}.{part}: what is free of {part} cannot keep {what} of robot {robot.name!r}; "
                 f'say true for all of {part}, or "v" for a given configuration'
             )
 

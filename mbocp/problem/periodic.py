@@ -127,12 +127,13 @@ class Periodic:
                 "moves along: an impulse there has many values; name one that joints move, along whole axes"
             )
 
-    def guess(self, robot: Robot, q: Array) -> Array:
+    def guess(self, robot: Robot, q: Array, *, closes_loops: bool = True) -> Array:
         """Image of a configuration, with constraints kept by moving what is not compared; shape (nq,)."""
         image = self.image(robot)
         q_image = image.configuration(robot, q)
         apart = np.flatnonzero(~image.compared)
-        return project_on_constraints(robot, q_image, apart) if robot.nc and apart.size else q_image
+        closes = robot.nc and apart.size and closes_loops
+        return project_on_constraints(robot, q_image, apart) if closes else q_image
 
     def after_impact(self, robot: Robot, q: Array, v: Array) -> Array:
         """Velocity after the impact, where there is one, shape (nv,)."""

@@ -60,6 +60,7 @@ from mbocp.problem.phase_holds import Switches, checked_switches
 from mbocp.problem.phase_limits import limits_along, limits_of_phases, widest_limits
 from mbocp.problem.phases import Phase, free_phases
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
+from mbocp.problem.seam import check_seam
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.step_counts import first_count
 from mbocp.problem.step_table import check_accuracy, check_lengths, check_takes_steps
@@ -69,7 +70,6 @@ from mbocp.problem.together import (
     check_has_actuators,
     check_leaps,
     check_method,
-    check_switches_of_ends,
     check_weights,
 )
 from mbocp.problem.via import ViaPoint
@@ -568,6 +568,7 @@ class Problem:
             self.via[-1].goal.q if self.via else self.q_start,
             num_steps=self.num_steps,
             scheme=self.scheme,
+            closes_loops=self.switches is None or bool(self.switches.own[-1].all()),
         )
         self._set(goal=goal)
 
@@ -609,12 +610,12 @@ class Problem:
     def _check_free_start(self) -> None:
         """Refuse a free start, and a periodic motion, where they do not fit the rest."""
         check_periodic(self.robot, self.goal, self.coordinates)
-        has_switches = bool(self.holds or self.releases or self.impacts)
-        check_switches_of_ends(self.start_free, self.goal, has_switches=has_switches)
-        if self.start_free is not None:
-            state = (self.q_start, self.v_start)
-            limits = self.limits_of_ends[0]
-            check_free_start(self.robot, self.start_free, limits, state, coordinates=self.coordinates)
+        table, free = self.switches, self.start_free
+        if table is not None:
+            check_seam(table, free, self.goal.periodic, (self.q_start, self.goal.q))
+        if free is not None:
+            state, limits = (self.q_start, self.v_start), self.limits_of_ends[0]
+            check_free_start(self.robot, free, limits, state, coordinates=self.coordinates, switches=table)
 
     def _check_cost(self) -> None:
         """Refuse weights that do not fit the robot, or do not go with the goal."""

@@ -16,7 +16,7 @@ from mbocp.mechanisms.held import independent_rows_held
 from mbocp.problem.hold import Hold, Release, holds_in
 from mbocp.robot import Label, Robot
 
-__all__ = ["Begin", "SwitchTable", "check_impacts", "switch_table"]
+__all__ = ["Begin", "SwitchTable", "check_impacts", "rows_by_frame", "switch_table"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +73,11 @@ class SwitchTable:
         return held_labels(self.held)
 
     @property
+    def coincides(self) -> BoolArray:
+        """Which rows of the held frames say where these are, and not that they stay, shape (rows,)."""
+        return np.array([not frame.is_anchored for frame in self.held for _ in frame.rows], dtype=np.bool_)
+
+    @property
     def anchors(self) -> Array:
         """The node from which each row is held, by step, shape (N, rows); -1 where it does not act."""
         found = np.full(self.rows.shape, -1)
@@ -101,10 +106,28 @@ class SwitchTable:
         timed = np.flatnonzero(~self.is_impact)
         return self.in_step(q, len(self.rows) - 1 if of_rates else int(timed[-1]))
 
+    def acting_at_start(self, *, of_rates: bool) -> tuple[BoolArray, BoolArray]:
+        """Which rows a start has to keep, of the robot's constraints (nc,) and of the held frames (rows,).
+
+        Before an impact velocities are whatever they are, and what is held where it is, is there.
+        """
+        if not of_rates:
+            return self.own[0], self.rows[0] & self.coincides
+        takes_time = not self.is_impact[0]
+        return self.own[0] & takes_time, self.rows[0] & takes_time
+
+    def at_start(self, q: Array, *, of_rates: bool) -> Array:
+        """Derivatives of the rows that a start has to keep, shape (any, nv)."""
+        return self.derivatives(q, *self.acting_at_start(of_rates=of_rates))
+
     def in_step(self, q: Array, step: int) -> Array:
         """Derivatives of all rows that act in a step, at a configuration, shape (any, nv)."""
-        own = self.robot.constraint_jacobian(q)[self.own[step]]
-        return np.vstack([own, self.jacobians(q[None])[0][self.rows[step]]])
+        return self.derivatives(q, self.own[step], self.rows[step])
+
+    def derivatives(self, q: Array, own: BoolArray, rows: BoolArray) -> Array:
+        """Derivatives of some rows of the robot's constraints and of the held frames, shape (any, nv)."""
+        of_robot = self.robot.constraint_jacobian(q)[own]
+        return np.vstack([of_robot, self.jacobians(q[None])[0][rows]])
 
     def along(self, qs: Array, own: Array) -> Array:
         """Derivatives of all rows, zero where they do not act, shape (N, nc + rows, nv).
@@ -213,6 +236,16 @@ def _wanted_rows(holds: Sequence[Hold], held: Sequence[HeldFrame], num_steps: in
         for hold, frame in zip(holds, held, strict=True)
     ]
     return np.hstack(columns) if columns else np.zeros((num_steps, 0), dtype=np.bool_)
+
+
+def rows_by_frame(held: Sequence[HeldFrame]) -> dict[str, list[list[int]]]:
+    """Rows that say the same under other names, row by row of each frame that there is."""
+    found: dict[str, list[list[int]]] = {}
+    for frame, where in zip(held, _rows_of(held), strict=True):
+        rows = found.setdefault(repr(frame.signature), [[] for _ in frame.rows])
+        for row, place in zip(rows, range(where.start, where.stop), strict=True):
+            row.append(place)
+    return found
 
 
 def _rows_of(held: Sequence[HeldFrame]) -> list[slice]:

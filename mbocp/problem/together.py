@@ -10,7 +10,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
-from mbocp.problem.free_start import FreeStart
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.solver import SolverOptions
@@ -24,7 +23,6 @@ __all__ = [
     "check_has_actuators",
     "check_leaps",
     "check_method",
-    "check_switches_of_ends",
     "check_weights",
 ]
 
@@ -65,21 +63,6 @@ def check_leaps(switches: SwitchTable, coordinates: str) -> None:
     """
     if not COORDINATES[coordinates].lands_softly:
         check_impacts(switches)
-
-
-def check_switches_of_ends(free: FreeStart | None, goal: Goal, *, has_switches: bool) -> None:
-    """Refuse a free start or a periodic motion where constraints begin or end along the way.
-
-    Raises
-    ------
-    ProblemError
-    """
-    if has_switches and (free or goal.periodic):
-        key = "start.free" if free else "goal.periodic"
-        raise ProblemError(
-            f"{key}: constraints begin or end along the way, and where they do depends on the start; "
-            "give the start, and a goal"
-        )
 
 
 def check_weights(cost: Cost, goal: Goal, *, is_free: bool, has_more: bool) -> None:

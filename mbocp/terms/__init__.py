@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from mbocp.terms.own import OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
     from mbocp.terms.own_parts import OwnEnd, OwnPath, OwnPathConstraint, own_ends, running_terms
     from mbocp.terms.path import PathTerm
-    from mbocp.terms.periodic import PeriodicEnd, StartEnd, StartState
+    from mbocp.terms.periodic import KeptRows, PeriodicEnd, StartEnd, StartState
     from mbocp.terms.point import Point, Sizes
     from mbocp.terms.rates import RATE_TERMS, RateTerm
     from mbocp.terms.span import Span
@@ -70,6 +70,7 @@ __all__ = [
     "FrameShape",
     "FrameTolerance",
     "HullSlots",
+    "KeptRows",
     "Kinematics",
     "Line",
     "MeetingTerm",

@@ -6,16 +6,17 @@ They are functions of the last state, which remembers the move of the start: `mb
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.point import Point, Sizes
 
-__all__ = ["PeriodicEnd", "StartEnd", "StartState"]
+__all__ = ["KeptRows", "PeriodicEnd", "StartEnd", "StartState"]
 
 
 @dataclass(frozen=True)
@@ -60,21 +61,43 @@ class StartState:
 
 
 @dataclass(frozen=True)
+class KeptRows:
+    """Rows of constraints by number.
+
+    Attributes
+    ----------
+    own : tuple of int
+        Of the robot's constraints.
+    held : tuple of int
+        Of the held frames, all of them one after the other.
+    """
+
+    own: tuple[int, ...] = ()
+    held: tuple[int, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self.own) + len(self.held)
+
+
+@dataclass(frozen=True)
 class StartEnd:
     r"""Constraints at the free start, :math:`\Phi(q_0) = 0` and :math:`\Phi_q v_0 = 0`.
 
     Attributes
     ----------
     start : StartState
-    num_constraints : int
-    of_q, of_v : bool
-        Which of the two are conditions.
+    places, rates : KeptRows
+        Which rows are conditions on the configuration, and which on the velocity.
+    held : tuple of HeldFrame
+        Frames whose rows are counted.
     """
 
     start: StartState
-    num_constraints: int
-    of_q: bool
-    of_v: bool
+    places: KeptRows
+    rates: KeptRows
+    held: tuple[HeldFrame, ...] = ()
 
     is_cost: ClassVar[bool] = False
     weights: ClassVar[tuple[str, ...]] = ()
@@ -87,12 +110,14 @@ class StartEnd:
     @property
     def rows(self) -> int:
         """Number of conditions."""
-        return self.num_constraints * (self.of_q + self.of_v)
+        return self.places.count + self.rates.count
 
     @property
     def signature(self) -> dict[str, Any]:
         """What its functions depend on."""
-        return {"term": "start", "free": self.start.free, "of_q": self.of_q, "of_v": self.of_v}
+        kept = [asdict(rows) for rows in (self.places, self.rates)]
+        held = [frame.signature for frame in self.held]
+        return {"term": "start", "free": self.start.free, "kept": kept, "held": held}
 
     def parameters(self) -> dict[str, int]:
         """The given start."""
@@ -104,9 +129,12 @@ class StartEnd:
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Rows that are zero where the start keeps the constraints."""
-        z, v = self.start.expression(at, p, "start")
-        rows = [at.mechanics.constraints(z)] if self.of_q else []
-        return ca.vertcat(*rows, *([at.mechanics.constraint_jacobian(z) @ v] if self.of_v else []))
+        (z, v), own = self.start.expression(at, p, "start"), at.mechanics
+        places = own.constraints(z)[list(self.places.own), 0]
+        held = held_rows(self.held, own, z, z)[list(self.places.held), 0]
+        rates = (own.constraint_jacobian(z) @ v)[list(self.rates.own), 0]
+        held_rates = (held_jacobian(self.held, own, z) @ v)[list(self.rates.held), 0]
+        return ca.vertcat(places, held, rates, held_rates)
 
 
 @dataclass(frozen=True)

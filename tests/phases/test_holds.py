@@ -221,7 +221,5 @@ def test_all_that_begin_together_begin_alike() -> None:
 def test_phases_and_spans_do_not_contradict_each_other() -> None:
     with pytest.raises(MbocpError, match="follow from what the phases hold"):
         hits().with_(holds=(Hold(name="tip", frame="tip", spans=((1, 2),)),))
-    with pytest.raises(MbocpError, match=r"goal.periodic: constraints begin or end along the way"):
-        hits(goal={"periodic": True})
     with pytest.raises(MbocpError, match="impacts: phases have none of their own"):
         hits({}, {"hold": []}).with_(impacts=(3,))
