@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,22 +16,14 @@ from pathlib import Path
 
 from PIL import Image
 
+from mbocp.view.browser import browse, find_browser
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gallery"
 ROOMS = ("arms", "worlds", "free_flyer", "legged", "walking", "loops", "receding", "paper", "so3", "optima")
 NO_SINGLE_MOTION = {"lattice"}  # thousands of tasks, for `mbocp study`
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SIZE = (840, 560)  # [pixels], of the window
 MOMENT = 0.4  # part of the motion that has passed in the picture
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--hide-scrollbars",
-    "--virtual-time-budget=10000",
-)
 
 
 def examples() -> Iterator[Path]:
@@ -85,12 +76,11 @@ def mbocp(*words: str | Path) -> str:
 
 def photograph(page: Path, picture: Path, time: float, size: tuple[int, int] = SIZE) -> bool:
     """A picture of a replay at a time [s]; False without a browser."""
-    browser = next((found for known in BROWSERS if (found := shutil.which(known))), None)
-    if browser is None:
+    if find_browser() is None:
         return False
-    window = f"--window-size={size[0]},{size[1]}"
-    command = [browser, *FLAGS, window, f"--user-data-dir={FOLDER / 'profile'}", f"--screenshot={picture}"]
-    subprocess.run([*command, f"{page.as_uri()}#t={time:g}"], capture_output=True, timeout=180, check=True)
+    browse(
+        f"{page.as_uri()}#t={time:g}", FOLDER / "profile", f"--screenshot={picture}", size=size, timeout=180.0
+    )
     return True
 
 

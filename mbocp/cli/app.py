@@ -198,7 +198,14 @@ def explain(
 @app.command(epilog=examples("replay"))
 @reporting
 def replay(
-    result: ResultFile,
+    results: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RESULT...",
+            help="What `mbocp solve -o` wrote; of several, the others move beside the first.",
+            show_default=False,
+        ),
+    ],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE.html", help="Page to write. [default: RESULT.html]"),
@@ -210,13 +217,45 @@ def replay(
         list[str] | None,
         typer.Option("--trace", metavar="FRAME", help="Frame that leaves a trace. Repeatable."),
     ] = None,
+    ghosts: Annotated[
+        int, typer.Option(metavar="N", help="Draw the robot, faint, at N times from start to end.")
+    ] = 0,
+    ghost_at: Annotated[
+        list[float] | None,
+        typer.Option("--ghost-at", metavar="TIME", help="And at this time [s]. Repeatable."),
+    ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AZIMUTH,ELEVATION",
+            help="From where to look [deg]. [default: where most can be seen]",
+            show_default=False,
+        ),
+    ] = None,
     speed: Annotated[float, typer.Option(help="1 is true speed.")] = 1.0,
+    frames: Annotated[
+        Path | None,
+        typer.Option(
+            "--frames", metavar="DIR", help="Write pictures (PNG) instead of a page; needs Chromium."
+        ),
+    ] = None,
+    movie: Annotated[
+        Path | None,
+        typer.Option(
+            "--movie",
+            metavar="FILE.gif|mp4",
+            help="Write a film instead of a page; needs Chromium, and ffmpeg for MP4.",
+        ),
+    ] = None,
+    fps: Annotated[float, typer.Option(help="Pictures a second, of --frames and --movie.")] = 25.0,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Size of the pictures [pixel].")] = "960x640",
     quiet: Quiet = False,
 ) -> None:
-    """Replay a result: one page that works offline, or live in the browser."""
-    from mbocp.cli.results import replay_result
+    """Replay results: one page that works offline, live in the browser, or as pictures or a film."""
+    from mbocp.cli.replay import Look, Recording, replay_results
 
-    replay_result(result, output, live=live, trace=trace, speed=speed, quiet=quiet)
+    look = Look(tuple(trace or ()), ghosts, tuple(ghost_at or ()), camera, speed)
+    replay_results(results, output, look, Recording(frames, movie, fps, size), live=live, quiet=quiet)
 
 
 @app.command(epilog=examples("plot"))

@@ -13,7 +13,12 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "check": ("mbocp check reach.toml -o reach.html",),
     "explain": ("mbocp explain reach.toml", "mbocp explain failed.h5 --no-search"),
-    "replay": ("mbocp replay reach.h5", "mbocp replay reach.h5 --open --trace tool0 --speed 0.5"),
+    "replay": (
+        "mbocp replay reach.h5",
+        "mbocp replay reach.h5 --open --trace tool0 --speed 0.5",
+        "mbocp replay reach.h5 finer.h5 --ghosts 5 -o both.html",
+        "mbocp replay reach.h5 --movie reach.gif --camera 60,20",
+    ),
     "plot": ("mbocp plot reach.h5", "mbocp plot reach.h5 -o reach.pdf"),
     "report": ("mbocp report reach.h5 -o reach.html",),
     "info": ("mbocp info reach.h5", "mbocp info reach.h5 --json"),

@@ -1,11 +1,11 @@
-"""What is done with a saved result: replay, plot, info."""
+"""What is done with a saved result: plot, report, info."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -19,35 +19,7 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["plot_result", "print_info", "replay_result", "report_result"]
-
-
-def replay_result(
-    result: Path,
-    output: Path | None,
-    *,
-    live: bool,
-    trace: Sequence[str] | None,
-    speed: float,
-    quiet: bool,
-) -> None:
-    """Write a replay page, or show the motion in a browser."""
-    if not speed > 0.0:
-        raise InvalidValue("--speed", speed, "a positive number; 1 is true speed")
-    path = output if output is not None or live else result.with_suffix(".html")
-    if path is not None:
-        check_output(path, "-o", PAGES)
-    from mbocp.view.of_solution import replay_solution
-
-    signals.leave_in_order()
-    solution, robot = _load(result)
-    options: dict[str, Any] = {"robot": robot, "trace": trace, "speed": speed}
-    with _named(result, "cannot be drawn"):
-        if path is not None:
-            replay_solution(solution, path, **options)
-            _tell(f"replay: {path}", quiet)
-        if live:
-            replay_solution(solution, **options)
+__all__ = ["load_result", "named", "plot_result", "print_info", "report_result", "tell"]
 
 
 def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
@@ -57,10 +29,10 @@ def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
     from mbocp.view.plots import plot_solution
 
     signals.leave_in_order()
-    solution, robot = _load(result)
-    with _named(result, "cannot be drawn"):
+    solution, robot = load_result(result)
+    with named(result, "cannot be drawn"):
         plot_solution(solution, path, robot=robot)
-    _tell(f"plot: {path}", quiet)
+    tell(f"plot: {path}", quiet)
 
 
 def report_result(result: Path, output: Path | None, *, quiet: bool) -> None:
@@ -70,10 +42,10 @@ def report_result(result: Path, output: Path | None, *, quiet: bool) -> None:
     from mbocp.view.report import write_report
 
     signals.leave_in_order()
-    solution, robot = _load(result)
-    with _named(result, "cannot be drawn"):
+    solution, robot = load_result(result)
+    with named(result, "cannot be drawn"):
         write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in _rows(solution)])
-    _tell(f"report: {path}", quiet)
+    tell(f"report: {path}", quiet)
 
 
 def print_info(result: Path, *, as_json: bool) -> None:
@@ -114,18 +86,19 @@ def _held(solution: Solution) -> str:
     return f"{words}; {left_out} meshes were left out" if left_out else words
 
 
-def _load(result: Path) -> tuple[Solution, Robot]:
+def load_result(result: Path) -> tuple[Solution, Robot]:
+    """A result and its robot."""
     from mbocp.solution import Solution
 
     solution = Solution.load(result)
     if not solution.robot_spec:
         raise ResultFileError(result, "does not say which robot it is about, which this needs")
-    with _named(result, "its robot cannot be loaded"):
+    with named(result, "its robot cannot be loaded"):
         return solution, solution.load_robot()
 
 
 @contextmanager
-def _named(result: Path, what: str) -> Iterator[None]:
+def named(result: Path, what: str) -> Iterator[None]:
     """Name the file where its robot is gone, or its numbers diverged or are too large to be drawn."""
     try:
         yield
@@ -133,6 +106,7 @@ def _named(result: Path, what: str) -> Iterator[None]:
         raise ResultFileError(result, f"{what}: {error}") from error
 
 
-def _tell(line: str, quiet: bool) -> None:
+def tell(line: str, quiet: bool) -> None:
+    """Print a line, unless it has to be quiet."""
     if not quiet:
         typer.echo(line)

@@ -58,11 +58,14 @@ def upright(gravity: Array) -> Array:
     return np.asarray(np.eye(3) + K + K @ K / (1.0 + cosine))
 
 
-def fit_camera(points: Array, paths: Array) -> Camera:
-    """Camera that holds all `points`, (M, 3), and sees `paths`, (K, 3), as broadside as it can [m]."""
-    azimuth = _azimuth(paths)
+def fit_camera(points: Array, paths: Array, direction: tuple[float, float] | None = None) -> Camera:
+    """Camera that holds all `points`, (M, 3), and sees `paths`, (K, 3), as broadside as it can [m].
+
+    `direction`: azimuth and elevation from which it looks, instead [rad].
+    """
+    azimuth, elevation = direction or (_azimuth(paths), ELEVATION)
     back = np.array(
-        [np.cos(ELEVATION) * np.cos(azimuth), np.cos(ELEVATION) * np.sin(azimuth), np.sin(ELEVATION)]
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     )
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     up = np.cross(back, right)

@@ -13,7 +13,7 @@ from mbocp._tolerances import STAYS
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.robot.large import working_data
 
-__all__ = ["MAX_SAMPLES", "Motion", "sample_motion"]
+__all__ = ["MAX_SAMPLES", "Motion", "pose_at", "sample_motion"]
 
 _MAX_COORDINATE = 1e9  # [m, rad] of a configuration that can be drawn; as for the corners of meshes
 MAX_SAMPLES = 6000  # key frames of one replay: of a long motion there are fewer a second
@@ -88,6 +88,11 @@ def sample_motion(model: pin.Model, t: ArrayLike, qs: ArrayLike, samples_per_sec
     times = np.linspace(0.0, duration, max(count, min(len(t), 2)))
     sampled = np.array([_configuration(model, t - t[0], qs, time) for time in times])
     return _placed(model, times, sampled)
+
+
+def pose_at(model: pin.Model, t: ArrayLike, qs: ArrayLike, time: float) -> Array:
+    """Configuration at a time [s] from the first to the last, shape (nq,); see `sample_motion`."""
+    return _configuration(model, *_checked(model, t, qs), time)
 
 
 def _checked(model: pin.Model, t: ArrayLike, qs: ArrayLike) -> tuple[Array, Array]:

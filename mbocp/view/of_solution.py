@@ -6,16 +6,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from mbocp.exceptions import ReplayError
 from mbocp.robot.kinematics import WORLD
 from mbocp.solution.problem_text import goal_targets_of, other_goal_targets_of
 from mbocp.view.marks import marks_of_result
-from mbocp.view.replay import open_replay, write_replay
+from mbocp.view.movie import Film, frame_times, pictures_of, write_frames, write_movie
+from mbocp.view.replay import OtherMotion, open_replay, replay_page, write_replay
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["drawn_of", "replay_solution"]
+__all__ = ["drawn_of", "film_solution", "replay_solution"]
+
+_MAX_GHOSTS = 50
 
 
 def replay_solution(
@@ -24,6 +30,9 @@ def replay_solution(
     *,
     robot: Robot | None = None,
     trace: Sequence[str] | None = None,
+    ghosts: int | Sequence[float] = 0,
+    others: Sequence[Solution] = (),
+    direction: tuple[float, float] | None = None,
     speed: float = 1.0,
 ) -> Path | None:
     """Write the motion as a page, or show it in a browser.
@@ -35,7 +44,11 @@ def replay_solution(
         Page to write; without it the motion is shown live, until Ctrl-C.
     robot : Robot, optional
         Default: the one of the solution, see `Solution.load_robot`.
-    trace, speed
+    ghosts : int or sequence of float
+        Times [s] at which the robot is drawn once more, faint; or how many, evenly spread from start to end.
+    others : sequence of Solution
+        Shown at the same time, each in a colour of its own; up to four.
+    trace, direction, speed
         As of `mbocp.view.replay.write_replay`.
 
     Returns
@@ -48,14 +61,83 @@ def replay_solution(
     ReplayError, UnknownFrame
         As `mbocp.view.replay.write_replay`.
     """
-    shown = solution.load_robot() if robot is None else robot
-    for frame in trace or ():
-        shown.frame_id(frame)
-    drawn = {**drawn_of(solution, shown), "trace": trace, "speed": speed}
+    shown, drawn = _drawn(solution, robot, trace, ghosts, others, direction, speed)
     if path is None:
         open_replay(shown, solution.t, solution.qs, **drawn)
         return None
     return write_replay(shown, solution.t, solution.qs, path, **drawn)
+
+
+def film_solution(
+    solution: Solution,
+    *,
+    frames: str | Path | None = None,
+    movie: str | Path | None = None,
+    film: Film | None = None,
+    robot: Robot | None = None,
+    trace: Sequence[str] | None = None,
+    ghosts: int | Sequence[float] = 0,
+    others: Sequence[Solution] = (),
+    direction: tuple[float, float] | None = None,
+) -> None:
+    """Draw the motion as PNG pictures in a folder, or as a film; Chromium draws it.
+
+    Parameters
+    ----------
+    solution : Solution
+    frames : str or Path, optional
+        Folder for the pictures.
+    movie : str or Path, optional
+        File .gif or .mp4; the latter needs ffmpeg.
+    film : Film, optional
+        Pictures a second, speed and size.
+    robot, trace, ghosts, others, direction
+        As of `replay_solution`.
+
+    Raises
+    ------
+    ReplayError
+        As `replay_solution`; and if there is no Chromium or no ffmpeg.
+    """
+    how = film or Film()
+    shown, drawn = _drawn(solution, robot, trace, ghosts, others, direction, how.speed)
+    page = replay_page(shown, solution.t, solution.qs, **drawn)
+    longest = max(float(each.t[-1] - each.t[0]) for each in (solution, *others))
+    pictures = pictures_of(page, frame_times(longest, how), how.size)
+    if frames is not None:
+        write_frames(pictures, frames)
+    if movie is not None:
+        write_movie(pictures, movie, how.frames_per_second)
+
+
+def _drawn(
+    solution: Solution,
+    robot: Robot | None,
+    trace: Sequence[str] | None,
+    ghosts: int | Sequence[float],
+    others: Sequence[Solution],
+    direction: tuple[float, float] | None,
+    speed: float,
+) -> tuple[Robot, dict[str, Any]]:
+    """The robot, and what a replay draws, as arguments of `write_replay`."""
+    shown = solution.load_robot() if robot is None else robot
+    for frame in trace or ():
+        shown.frame_id(frame)
+    times = _spread(solution, ghosts) if isinstance(ghosts, int) else ghosts
+    beside = [
+        OtherMotion(other.load_robot(), other.t, other.qs, other.problem_name or f"motion {k}")
+        for k, other in enumerate(others, 2)
+    ]
+    more = {"trace": trace, "speed": speed, "ghosts": times, "others": beside, "direction": direction}
+    return shown, {**drawn_of(solution, shown), **more}
+
+
+def _spread(solution: Solution, count: int) -> list[float]:
+    """Times of so many ghosts; of one it is the end."""
+    if not 0 <= count <= _MAX_GHOSTS:
+        raise ReplayError(f"replay: ghosts: got {count}, expected from 0 to {_MAX_GHOSTS}")
+    first, last = float(solution.t[0]), float(solution.t[-1])
+    return [last] if count == 1 else [float(time) for time in np.linspace(first, last, count)]
 
 
 def drawn_of(solution: Solution, robot: Robot) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,15 +13,38 @@ from numpy.typing import ArrayLike
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_file
 from mbocp.view.marks import Marks
+from mbocp.view.meshcat.ghosts import COLOURS, Other
 from mbocp.view.meshcat.live import LiveReplay, ends_gently
 from mbocp.view.meshcat.page import Below, render_page
 from mbocp.view.meshcat.scene import Scene, build_scene
-from mbocp.view.motion import Motion, sample_motion
+from mbocp.view.motion import Motion, pose_at, sample_motion
 
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
-__all__ = ["open_replay", "replay_page", "write_replay"]
+__all__ = ["OtherMotion", "open_replay", "replay_page", "write_replay"]
+
+_STEEPEST = 89.0  # [deg]; from straight above there is no upright
+
+
+@dataclass(frozen=True)
+class OtherMotion:
+    """A motion that is shown beside the first.
+
+    Attributes
+    ----------
+    robot : Robot
+    t : array_like, shape (N + 1,)
+        Times [s].
+    qs : array_like, shape (N + 1, nq)
+        Configurations [m, rad, unit quaternion xyzw].
+    name : str
+    """
+
+    robot: Robot
+    t: ArrayLike
+    qs: ArrayLike
+    name: str
 
 
 def write_replay(
@@ -34,6 +58,9 @@ def write_replay(
     other_goals: Sequence[FrameTarget] = (),
     marks: Marks | None = None,
     spheres: Sequence[LinkSpheres] = (),
+    ghosts: Sequence[float] = (),
+    others: Sequence[OtherMotion] = (),
+    direction: tuple[float, float] | None = None,
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -60,6 +87,12 @@ def write_replay(
         Via points, lines and obstacles, see `mbocp.view.marks.marks_of`.
     spheres : sequence of LinkSpheres
         Spheres to draw over the robot, see `Robot.collision_spheres`.
+    ghosts : sequence of float
+        Times [s], as those of `t`, at which the robot is drawn once more, faint.
+    others : sequence of OtherMotion
+        Motions that are shown at the same time, each in a colour of its own; up to four.
+    direction : (float, float), optional
+        Azimuth and elevation [deg] from which the camera looks; by default where most can be seen.
     title : str
         Shown above the picture; by default the robot's name.
     speed : float
@@ -88,6 +121,9 @@ def write_replay(
         other_goals=other_goals,
         marks=marks,
         spheres=spheres,
+        ghosts=ghosts,
+        others=others,
+        direction=direction,
         title=title,
         speed=speed,
         samples_per_second=samples_per_second,
@@ -108,6 +144,9 @@ def replay_page(
     other_goals: Sequence[FrameTarget] = (),
     marks: Marks | None = None,
     spheres: Sequence[LinkSpheres] = (),
+    ghosts: Sequence[float] = (),
+    others: Sequence[OtherMotion] = (),
+    direction: tuple[float, float] | None = None,
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -115,13 +154,23 @@ def replay_page(
 ) -> str:
     """The page that `write_replay` writes, as text; `below` is what stands under the picture."""
     motion = _motion(robot, t, qs, speed, samples_per_second)
+    beside = _others(others, speed, samples_per_second)
     scene = build_scene(
-        robot, motion, trace=trace, goals=goals, other_goals=other_goals, marks=marks, spheres=spheres
+        robot,
+        motion,
+        trace=trace,
+        goals=goals,
+        other_goals=other_goals,
+        marks=marks,
+        spheres=spheres,
+        ghosts=_ghosts(robot, t, qs, ghosts),
+        others=beside,
+        direction=_direction(direction),
     )
     return render_page(
         scene,
         title=title or robot.name,
-        subtitle=_subtitle(robot, motion, title),
+        subtitle=_subtitle(robot, motion, title, beside),
         speed=speed,
         below=below,
     )
@@ -136,6 +185,9 @@ def open_replay(
     goals: Sequence[FrameTarget] = (),
     other_goals: Sequence[FrameTarget] = (),
     marks: Marks | None = None,
+    ghosts: Sequence[float] = (),
+    others: Sequence[OtherMotion] = (),
+    direction: tuple[float, float] | None = None,
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
@@ -160,7 +212,16 @@ def open_replay(
     """
     motion = _motion(robot, t, qs, speed, samples_per_second)
     scene = build_scene(
-        robot, motion, trace=trace, goals=goals, other_goals=other_goals, marks=marks, speed=speed
+        robot,
+        motion,
+        trace=trace,
+        goals=goals,
+        other_goals=other_goals,
+        marks=marks,
+        ghosts=_ghosts(robot, t, qs, ghosts),
+        others=_others(others, speed, samples_per_second),
+        speed=speed,
+        direction=_direction(direction),
     )
     serve(scene, title=title or robot.name, browser=browser)
 
@@ -190,6 +251,43 @@ def _motion(robot: Robot, t: ArrayLike, qs: ArrayLike, speed: float, samples_per
         raise ReplayError(f"replay of {robot.name!r}: {error}") from error
 
 
-def _subtitle(robot: Robot, motion: Motion, title: str) -> str:
+def _ghosts(robot: Robot, t: ArrayLike, qs: ArrayLike, times: Sequence[float]) -> list[Motion]:
+    """The robot's poses at the times, which are between the first and the last."""
+    nodes = np.asarray(t, dtype=np.float64)
+    for time in times:
+        if not nodes[0] <= time <= nodes[-1]:
+            raise ReplayError(
+                f"replay: ghosts: got {time:g} s, expected times from {nodes[0]:g} to {nodes[-1]:g} s"
+            )
+    return [sample_motion(robot.model, [0.0], [pose_at(robot.model, t, qs, time)]) for time in times]
+
+
+def _others(others: Sequence[OtherMotion], speed: float, samples_per_second: float) -> list[Other]:
+    if len(others) > len(COLOURS):
+        raise ReplayError(
+            f"replay: got {1 + len(others)} motions, expected at most {1 + len(COLOURS)} in one picture"
+        )
+    motions = [_motion(other.robot, other.t, other.qs, speed, samples_per_second) for other in others]
+    return [Other(other.robot, motion, other.name) for other, motion in zip(others, motions, strict=True)]
+
+
+def _direction(degrees: tuple[float, float] | None) -> tuple[float, float] | None:
+    if degrees is None:
+        return None
+    azimuth, elevation = degrees
+    if not (np.isfinite(azimuth) and abs(elevation) <= _STEEPEST):
+        raise ReplayError(
+            f"replay: direction: got azimuth {azimuth:g} and elevation {elevation:g} [deg], "
+            f"expected an elevation from -{_STEEPEST:g} to {_STEEPEST:g}"
+        )
+    return float(np.deg2rad(azimuth)), float(np.deg2rad(elevation))
+
+
+def _subtitle(robot: Robot, motion: Motion, title: str, others: Sequence[Other] = ()) -> str:
     shown = f"{motion.duration:.3g} s" if motion.duration > 0.0 else "one pose"
-    return f"{robot.name} · {shown}" if title and title != robot.name else shown
+    words = [robot.name] if title and title != robot.name else []
+    beside = [
+        f"{colour}: {other.name}, {other.motion.duration:.3g} s"
+        for colour, other in zip(COLOURS, others, strict=False)
+    ]
+    return " · ".join([*words, shown, *beside])

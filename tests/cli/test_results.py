@@ -140,7 +140,8 @@ def test_replay_live(result: Path, run: Run, monkeypatch: pytest.MonkeyPatch) ->
     assert done.exit_code == 0
     marks = calls[0].pop("marks")
     assert (marks.via, marks.lines) == ((), ())
-    assert calls == [{"trace": ["tool0"], "goals": [], "other_goals": [], "title": "arm", "speed": 0.5}]
+    nothing = {"goals": [], "other_goals": [], "ghosts": [], "others": [], "direction": None}
+    assert calls == [{"trace": ["tool0"], "title": "arm", "speed": 0.5, **nothing}]
     assert not result.with_suffix(".html").exists()
 
 

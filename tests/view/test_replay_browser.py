@@ -2,38 +2,22 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-
 import numpy as np
 import pytest
 from PIL import Image
 
 from mbocp.robot import load_robot
+from mbocp.view import browser
 from mbocp.view.replay import write_replay
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SIZE = (900, 600)
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--virtual-time-budget=10000",
-    f"--window-size={SIZE[0]},{SIZE[1]}",
-)
 
 pytestmark = pytest.mark.slow
 
 
 def browse(page, *extra: str, time: float | None = None) -> str:
-    browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    assert browser, "these tests need Chromium: apt-get install chromium"
     address = page.as_uri() + ("" if time is None else f"#t={time}")
-    command = [browser, *FLAGS, f"--user-data-dir={page.parent / 'profile'}", *extra, address]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    return done.stdout
+    return browser.browse(address, page.parent / "profile", *extra, size=SIZE).stdout
 
 
 def picture(page, time: float) -> np.ndarray:

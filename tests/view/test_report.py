@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import json
 import re
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,9 @@ from PIL import Image
 
 from mbocp.robot import load_robot
 from mbocp.solution import Labels, Solution
+from mbocp.view import browser
 from mbocp.view.report import write_report
-from tests.view.test_replay_browser import FLAGS, browse
+from tests.view.test_replay_browser import SIZE, browse
 
 T, STEPS = 2.0, 20
 
@@ -110,8 +110,7 @@ def test_a_pointer_on_a_plot_moves_the_robot(page: Path) -> None:
     document = browse(copy, "--dump-dom")
     now = float(document.split('data-now="')[1].split('"')[0])
     assert now == pytest.approx(expected, abs=0.01)
-    log = subprocess.run(
-        ["chromium", *FLAGS, f"--user-data-dir={page.parent / 'log'}", "--enable-logging=stderr",
-         "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=120, check=True,
-    ).stderr  # fmt: skip
+    log = browser.browse(
+        page.as_uri(), page.parent / "log", "--enable-logging=stderr", "--dump-dom", size=SIZE
+    ).stderr
     assert not [line for line in log.splitlines() if "CONSOLE" in line and "Error" in line]

@@ -1,15 +1,16 @@
-"""A robot in another pose, faint: where it is to end."""
+"""Robots that are drawn faintly: the same one in other poses, and others that move beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
-from mbocp.view.meshcat.commands import Command, set_object, set_transform
+from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_transform
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
 from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion import Motion
@@ -17,14 +18,51 @@ from mbocp.view.motion import Motion
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["ghost_commands", "ghost_points"]
+__all__ = [
+    "COLOURS",
+    "Other",
+    "ghost_commands",
+    "ghost_points",
+    "other_commands",
+    "other_tracks",
+    "path_points",
+]
 
 _OPACITY = 0.35
+_OTHER_OPACITY = 0.55
+COLOURS = {  # of other motions, told apart by people with any colour vision
+    "orange": (0.90, 0.45, 0.05),
+    "blue": (0.10, 0.45, 0.80),
+    "green": (0.05, 0.60, 0.45),
+    "pink": (0.80, 0.40, 0.65),
+}
+
+
+@dataclass(frozen=True)
+class Other:
+    """A motion of another result, shown at the same time.
+
+    Attributes
+    ----------
+    robot : Robot
+    motion : Motion
+    name : str
+        What it is called on the page.
+    """
+
+    robot: Robot
+    motion: Motion
+    name: str
 
 
 def ghost_points(robot: Robot, poses: Sequence[Motion]) -> list[Array]:
     """Places of the joints in each pose, shape (1, 3) each [m], for the camera."""
     return [pose.positions[0, joint][None, :] for pose in poses for joint in range(1, robot.model.njoints)]
+
+
+def path_points(motion: Motion) -> Array:
+    """Places of all joints along a motion, shape (K, 3) [m], for the camera."""
+    return np.asarray(motion.positions[:, 1:].reshape(-1, 3))
 
 
 def ghost_commands(robot: Robot, poses: Sequence[Motion], root: str) -> Iterator[Command]:
@@ -38,38 +76,66 @@ def ghost_commands(robot: Robot, poses: Sequence[Motion], root: str) -> Iterator
     root : str
         Node under which they are drawn.
     """
-    library, missing = MeshLibrary(robot), joints_without_visuals(robot)
+    library = MeshLibrary(robot)
     for k, pose in enumerate(poses):
-        for joint in range(robot.model.njoints):
-            yield set_transform(_node(root, k, joint), pose.rotations[0, joint], pose.positions[0, joint])
-        for index, visual in enumerate(robot.visual_model.geometryObjects):
-            joint, path = visual.parentJoint, f"{_node(root, k, visual.parentJoint)}/{index}"
-            if joint == 0:
-                continue  # stands where the robot stands
-            try:
-                drawn = _faint(library.draw(visual))
-            except ReplayError:  # told where the robot itself is drawn
-                missing.add(joint)
-                continue
-            yield set_object(path, drawn)
-            yield set_transform(path, visual.placement.rotation, visual.placement.translation)
-        for joint, sticks, _ in skeleton(robot.model, missing):
-            for i, stick in enumerate(sticks):
-                yield set_object(f"{_node(root, k, joint)}/stick_{i}", _faint(stick))
+        yield from _copy(robot, library, pose, f"{root}/ghost_{k}", {"opacity": _OPACITY})
 
 
-def _node(root: str, number: int, joint: int) -> str:
-    return f"{root}/ghost_{number}/joint_{joint}"
-
-
-def _faint(drawn: dict[str, Any]) -> dict[str, Any]:
-    """The same object with materials that one sees through."""
-    materials = [
-        {
-            **material,
-            "transparent": True,
-            "opacity": _OPACITY * float(np.clip(material.get("opacity", 1.0), 0, 1)),
+def other_commands(others: Sequence[Other], root: str) -> Iterator[Command]:
+    """Draw other robots at the start of their motions, each in a colour of its own."""
+    for k, (other, colour) in enumerate(zip(others, COLOURS.values(), strict=False)):
+        paint = {
+            "opacity": _OTHER_OPACITY,
+            "color": colour_number(colour),
+            "map": None,
+            "vertexColors": False,
         }
-        for material in drawn.get("materials", ())
-    ]
+        yield from _copy(other.robot, MeshLibrary(other.robot), other.motion, f"{root}/other_{k}", paint)
+
+
+def other_tracks(others: Sequence[Other], root: str) -> Iterator[Track]:
+    """Their motions."""
+    for k, other in enumerate(others):
+        motion = other.motion
+        for joint in range(1, motion.model.njoints):
+            if motion.moves(joint):
+                node = _node(f"{root}/other_{k}", joint)
+                yield Track(node, "position", motion.times, motion.positions[:, joint])
+                yield Track(node, "quaternion", motion.times, motion.quaternions[:, joint])
+
+
+def _copy(
+    robot: Robot, library: MeshLibrary, motion: Motion, root: str, paint: dict[str, Any]
+) -> Iterator[Command]:
+    """Draw a robot at the first pose of a motion, in materials that are painted over."""
+    missing = joints_without_visuals(robot)
+    for joint in range(robot.model.njoints):
+        yield set_transform(_node(root, joint), motion.rotations[0, joint], motion.positions[0, joint])
+    for index, visual in enumerate(robot.visual_model.geometryObjects):
+        joint, path = visual.parentJoint, f"{_node(root, visual.parentJoint)}/{index}"
+        if joint == 0:
+            continue  # stands where the robot stands
+        try:
+            drawn = _painted(library.draw(visual), paint)
+        except ReplayError:  # told where the robot itself is drawn
+            missing.add(joint)
+            continue
+        yield set_object(path, drawn)
+        yield set_transform(path, visual.placement.rotation, visual.placement.translation)
+    for joint, sticks, _ in skeleton(robot.model, missing):
+        for i, stick in enumerate(sticks):
+            yield set_object(f"{_node(root, joint)}/stick_{i}", _painted(stick, paint))
+
+
+def _node(root: str, joint: int) -> str:
+    return f"{root}/joint_{joint}"
+
+
+def _painted(drawn: dict[str, Any], paint: dict[str, Any]) -> dict[str, Any]:
+    """The same object with materials that one sees through."""
+    materials = []
+    for material in drawn.get("materials", ()):
+        opacity = paint["opacity"] * float(np.clip(material.get("opacity", 1.0), 0, 1))
+        changed = {**material, **paint, "transparent": True, "opacity": opacity}
+        materials.append({key: value for key, value in changed.items() if value is not None})
     return {**drawn, "materials": materials}

@@ -25,7 +25,14 @@ from mbocp.view.meshcat.commands import (
     shape_object,
 )
 from mbocp.view.meshcat.connectors import connector_commands
-from mbocp.view.meshcat.ghosts import ghost_commands, ghost_points
+from mbocp.view.meshcat.ghosts import (
+    Other,
+    ghost_commands,
+    ghost_points,
+    other_commands,
+    other_tracks,
+    path_points,
+)
 from mbocp.view.meshcat.goals import goal_commands, goal_placements, mark_commands, mark_points
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
@@ -88,7 +95,9 @@ def build_scene(
     marks: Marks | None = None,
     spheres: Sequence[LinkSpheres] = (),
     ghosts: Sequence[Motion] = (),
+    others: Sequence[Other] = (),
     speed: float = 1.0,
+    direction: tuple[float, float] | None = None,
 ) -> Scene:
     """Compose the scene of a motion.
 
@@ -108,8 +117,12 @@ def build_scene(
         Spheres that are drawn over the robot.
     ghosts : sequence of Motion
         Poses in which the robot is drawn once more, faint.
+    others : sequence of Other
+        Motions of other results, shown at the same time.
     speed : float
         Seconds of motion per second of watching; the animation's key times are divided by it.
+    direction : (float, float), optional
+        Azimuth and elevation from which the camera looks [rad]; by default where most can be seen.
 
     Raises
     ------
@@ -125,11 +138,15 @@ def build_scene(
     drawn_marks = marks or Marks()
     lines = [*paths, *_connector_ends(robot, motion), *ends, *mark_points(robot, drawn_marks, motion)]
     lines += [np.tile(point, (len(motion.times), 1)) for point in ghost_points(robot, ghosts)]
-    swept = _swept(motion, corners, lines) @ turn.T
+    swept = (
+        np.vstack([_swept(motion, corners, lines), *(path_points(other.motion) for other in others)]) @ turn.T
+    )
     size = max(float(np.linalg.norm(np.ptp(swept, axis=0))), 1e-3)
     picked = _poses(motion)
     camera = fit_camera(
-        swept, np.vstack([motion.positions[picked, 1:].reshape(-1, 3), *(x[picked] for x in lines)]) @ turn.T
+        swept,
+        np.vstack([motion.positions[picked, 1:].reshape(-1, 3), *(x[picked] for x in lines)]) @ turn.T,
+        direction,
     )
     connectors, connector_tracks = connector_commands(robot.connectors, motion, WORLD, size)
     arrows = force_arrows(drawn_marks.forces, motion, FORCES, size)
@@ -144,12 +161,14 @@ def build_scene(
         *obstacle_commands(robot, drawn_marks.obstacles, lambda joint: joint_node(motion, joint), size),
         *sphere_commands(robot, spheres, lambda joint: joint_node(motion, joint)),
         *ghost_commands(robot, ghosts, WORLD),
+        *other_commands(others, WORLD),
         *arrows.commands,
     ]
-    tracks = [*_joint_tracks(motion), *connector_tracks, *arrows.tracks]
+    tracks = [*_joint_tracks(motion), *connector_tracks, *arrows.tracks, *other_tracks(others, WORLD)]
+    duration = max([motion.duration, *(other.motion.duration for other in others)])
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]
-    animation = set_animation(timed, motion.duration / speed + HOLD) if timed else None
-    return Scene(tuple(commands), animation, camera, motion.duration, arrows.words)
+    animation = set_animation(timed, duration / speed + HOLD) if timed else None
+    return Scene(tuple(commands), animation, camera, duration, arrows.words)
 
 
 def joint_node(motion: Motion, joint: int) -> str:
