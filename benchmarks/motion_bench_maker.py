@@ -3,8 +3,9 @@
 They are in the source archive of the package `vamp-planner`, which pip downloads into a folder. Each is
 solved in minimum time within limits of torque, velocity and jerk, and the motion is checked at a thousand
 poses a second. Times of motions are compared with those of a path of lines that TOPP-RA times within limits
-of torque and velocity, at rest in its corners: VAMP's path where that package can be imported, otherwise that
-of `mbocp.guesses.around`.
+of torque and velocity, at rest in its corners, and with those of a cubic spline through the corners, which
+need not rest there, and may touch something: VAMP's path where that package can be imported, otherwise that
+of `mbocp.guesses.around`. With `--guess vamp` each solve begins with VAMP's path.
 
 Results are lines of JSON, so that a run can be stopped and taken up again.
 
@@ -38,14 +39,14 @@ import yaml
 
 import mbocp
 from benchmarks.machine import header
-from benchmarks.straight_path import fastest_on_line, has_toppra
+from benchmarks.straight_path import fastest_on_line, fastest_on_spline, has_toppra
 from benchmarks.tables import Table, show
 from mbocp._arrays import Array
 from mbocp.guesses.around import around
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 
-__all__ = ["Line", "archive", "names", "problem_of", "scene_of", "table_of"]
+__all__ = ["Line", "Task", "archive", "names", "problem_of", "scene_of", "table_of"]
 
 _NAME, _VERSION = "vamp-planner", "0.6.4"
 _JOINTS = tuple(f"panda_joint{k}" for k in range(1, 8))
@@ -144,15 +145,28 @@ def _problem(scene: tuple[list[dict[str, Any]], Array, Array], starts: int, step
 
 
 @dataclass(frozen=True)
+class Task:
+    """One problem, how many starts it may have, how many steps, and where it begins, see `Line`."""
+
+    scene: str
+    number: int
+    starts: int = 1
+    steps: int = _STEPS
+    guess: str = "auto"
+
+
+@dataclass(frozen=True)
 class Line:
     """What one problem came to.
 
     Attributes
     ----------
+    guess : {"auto", "vamp"}
+        Where the first solve began.
     status : str
         Of the solution; "refused" where start or goal touch something.
-    duration, timed : float
-        Of the motion, and of the path that TOPP-RA timed [s]; NaN where there is none.
+    duration, timed, smooth : float
+        Of the motion, and of the path and of its spline that TOPP-RA timed [s]; NaN where there is none.
     clearance : float
         Smallest at a thousand poses a second [m].
     seconds, cpu : float
@@ -162,9 +176,11 @@ class Line:
     scene: str
     number: int
     starts: int
+    guess: str
     status: str
     duration: float = np.nan
     timed: float = np.nan
+    smooth: float = np.nan
     clearance: float = np.nan
     iterations: int = 0
     seconds: float = np.nan
@@ -177,26 +193,26 @@ class Line:
         return self.status == "converged" and self.clearance >= 0.0
 
 
-def measure(task: tuple[str, int, int, int]) -> Line:
+def measure(task: Task) -> Line:
     """Solve one problem from one start; from all where that comes to nothing."""
-    scene, number, starts, steps = task
-    read, _ = scene_of(scene, number), _robot()
+    read, _ = scene_of(task.scene, task.number), _robot()
     begun, processor = time.perf_counter(), time.process_time()
     try:
-        problem = _problem(read, 1, steps)
+        problem = _guessed(_problem(read, 1, task.steps), task.guess)
     except mbocp.MbocpError as error:
-        return Line(scene, number, starts, "refused", words=str(error))
+        return Line(task.scene, task.number, task.starts, task.guess, "refused", words=str(error))
     solution = mbocp.solve(problem)
-    if starts > 1 and not (solution.converged and solution.clearance >= 0.0):
-        solution = mbocp.solve(_problem(read, starts, steps))
+    if task.starts > 1 and not (solution.converged and solution.clearance >= 0.0):
+        solution = mbocp.solve(_guessed(_problem(read, task.starts, task.steps), task.guess))
     seconds, cpu = time.perf_counter() - begun, time.process_time() - processor
     return Line(
-        scene,
-        number,
-        starts,
+        task.scene,
+        task.number,
+        task.starts,
+        task.guess,
         str(solution.status),
         solution.duration,
-        _timed(problem),
+        *_timed(problem),
         solution.clearance,
         solution.iterations,
         seconds,
@@ -205,13 +221,20 @@ def measure(task: tuple[str, int, int, int]) -> Line:
     )
 
 
-def _timed(problem: Problem) -> float:
-    """Duration of a path of lines, timed by TOPP-RA, at rest in the corners [s]."""
+def _guessed(problem: Problem, guess: str) -> Problem:
+    """The problem with VAMP's path as its guess, where that is asked for and there is one."""
+    path = _vamp_path(problem) if guess == "vamp" else None
+    return problem if path is None or len(path) < 3 else problem.with_(guess={"kind": "way", "q": path[1:-1]})
+
+
+def _timed(problem: Problem) -> tuple[float, float]:
+    """Durations of a path of lines, at rest in the corners, and of its spline, both timed by TOPP-RA [s]."""
     corners = _path(problem)
     if corners is None or not has_toppra():
-        return float("nan")
-    legs = pairwise(corners)
-    return sum(fastest_on_line(problem.robot, a, b, None, grid=_GRID).duration for a, b in legs)
+        return float("nan"), float("nan")
+    robot = problem.robot
+    lines = sum(fastest_on_line(robot, a, b, None, grid=_GRID).duration for a, b in pairwise(corners))
+    return lines, fastest_on_spline(robot, np.array(corners), None, grid=_GRID).duration
 
 
 def _path(problem: Problem) -> list[Array] | None:
@@ -253,13 +276,13 @@ def _corners(places: Array) -> list[Array]:
     return [*_corners(places[: far + 1])[:-1], *_corners(places[far:])]
 
 
-def run(tasks: Sequence[tuple[str, int, int, int]], results: Path, processes: int) -> list[Line]:
+def run(tasks: Sequence[Task], results: Path, processes: int) -> list[Line]:
     """Lines of all tasks: those of the file, and those that are missing there, which are added to it."""
     known = (
         [Line(**json.loads(text)) for text in results.read_text().splitlines()] if results.exists() else []
     )
-    done = {(line.scene, line.number, line.starts) for line in known}
-    left = [task for task in tasks if task[:3] not in done]
+    done = {_key(line) for line in known}
+    left = [task for task in tasks if _key(task) not in done]
     with multiprocessing.get_context("spawn").Pool(processes) as pool, results.open("a") as file:
         for line in pool.imap_unordered(measure, left):
             known.append(line)
@@ -273,8 +296,12 @@ def run(tasks: Sequence[tuple[str, int, int, int]], results: Path, processes: in
                 f"{line.cpu:.2f} s of CPU",
             )
             print(*told, sep=" | ", flush=True)
-    wanted = {task[:3] for task in tasks}
-    return [line for line in known if (line.scene, line.number, line.starts) in wanted]
+    wanted = {_key(task) for task in tasks}
+    return [line for line in known if _key(line) in wanted]
+
+
+def _key(one: Line | Task) -> tuple[str, int, int, str]:
+    return one.scene, one.number, one.starts, one.guess
 
 
 def table_of(lines: Sequence[Line]) -> Table:
@@ -284,14 +311,25 @@ def table_of(lines: Sequence[Line]) -> Table:
         mine = [line for line in lines if scene in (line.scene, "all") and line.status != "refused"]
         if mine:
             rows.append((scene, *_cells(mine)))
-    columns = ("scene", "clear", "wall [ms]", "CPU [ms]", "within 2 s", "shorter by [%]", "longer")
+    columns = (
+        "scene",
+        "clear",
+        "wall [ms]",
+        "CPU [ms]",
+        "within 2 s",
+        "shorter by [%]",
+        "longer",
+        "than the spline",
+        "longer",
+    )
     refused = sum(line.status == "refused" for line in lines)
     path = (
         "VAMP's path" if importlib.util.find_spec("vamp") is not None else "the way of mbocp.guesses.around"
     )
     note = (
         f"Clear: converged and touching nothing at 1 kHz. Times: median / 98 %. Shorter than {path}, timed "
-        f"by TOPP-RA without limits of jerk, at rest in corners: mean / least. {refused} problems are left "
+        f"by TOPP-RA without limits of jerk, at rest in corners, and than a spline through these, which may "
+        f"touch something: mean / least. {refused} problems are left "
         "out: their start or goal touches something."
     )
     return Table("MotionBenchMaker, Panda, minimum time", columns, rows, note)
@@ -299,8 +337,6 @@ def table_of(lines: Sequence[Line]) -> Table:
 
 def _cells(lines: Sequence[Line]) -> tuple[str, ...]:
     clear = [line for line in lines if line.is_clear]
-    gains = np.array([100.0 * (1.0 - line.duration / line.timed) for line in clear])
-    gains = gains[np.isfinite(gains)]
     spreads = []
     for times in ([line.seconds for line in lines], [line.cpu for line in lines]):
         spreads.append(" / ".join(f"{1e3 * t:.0f}" for t in np.percentile(times, [50, 98])))
@@ -309,9 +345,17 @@ def _cells(lines: Sequence[Line]) -> tuple[str, ...]:
         f"{len(clear)} of {len(lines)}",
         *spreads,
         f"{within} of {len(lines)}",
-        f"{gains.mean():.1f} / {gains.min():.1f}" if len(gains) else "",
-        f"{np.count_nonzero(gains < -100.0 * _SAME)} of {len(gains)}",
+        *_gains([line.duration / line.timed for line in clear]),
+        *_gains([line.duration / line.smooth for line in clear]),
     )
+
+
+def _gains(ratios: list[float]) -> tuple[str, str]:
+    """Mean and least gain in percent, and how many are none."""
+    gains = 100.0 * (1.0 - np.array(ratios))
+    gains = gains[np.isfinite(gains)]
+    told = f"{gains.mean():.1f} / {gains.min():.1f}" if len(gains) else ""
+    return told, f"{np.count_nonzero(gains < -100.0 * _SAME)} of {len(gains)}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -319,11 +363,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.motion_bench_maker", description=__doc__)
     parser.add_argument("--each", type=int, help="problems of each of the seven scenes; all 100 by default")
     parser.add_argument("--starts", type=int, default=1, help="where one alone comes to nothing")
+    parser.add_argument(
+        "--guess", choices=("auto", "vamp"), default="auto", help="where the first solve begins"
+    )
     parser.add_argument("--steps", type=int, default=_STEPS)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--results", type=Path, default=Path("motion_bench_maker.jsonl"))
     options = parser.parse_args(arguments)
-    tasks = [(scene, number, options.starts, options.steps) for scene, number in names(options.each)]
+    tasks = [Task(*name, options.starts, options.steps, options.guess) for name in names(options.each)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         lines = run(tasks, options.results, options.processes)

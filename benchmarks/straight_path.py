@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.util
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +17,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot import Robot
 
-__all__ = ["Straight", "fastest_on_line", "has_toppra", "slowest_joint_alone"]
+__all__ = ["Straight", "fastest_on_line", "fastest_on_spline", "has_toppra", "slowest_joint_alone"]
 
 _GRID = 1000  # intervals of the path
 
@@ -84,10 +85,31 @@ def fastest_on_line(
         If TOPP-RA finds no timing.
     """
     import toppra
+
+    way = q1 - q0
+    path = toppra.SimplePath(np.array([0.0, 1.0]), np.array([q0, q1]), np.array([way, way]))
+    return _fastest(robot, path, np.linspace(0.0, 1.0, grid + 1), acceleration)
+
+
+def fastest_on_spline(
+    robot: Robot, corners: Array, acceleration: Array | None, grid: int = _GRID
+) -> Straight:
+    """The fastest timing of a cubic spline through some configurations, shape (m, n), from rest to rest.
+
+    It leaves the lines between them, and need not rest in them; otherwise as `fastest_on_line`.
+    """
+    import toppra
+
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    path = toppra.SplineInterpolator(along / along[-1], corners)
+    return _fastest(robot, path, np.linspace(0.0, 1.0, grid + 1), acceleration)
+
+
+def _fastest(robot: Robot, path: Any, nodes: Array, acceleration: Array | None) -> Straight:
     from toppra import algorithm, constraint
 
     logging.getLogger("toppra").setLevel(logging.ERROR)
-    data, limits, way = robot.model.createData(), robot.limits, q1 - q0
+    data, limits = robot.model.createData(), robot.limits
 
     def torque(q: Array, v: Array, a: Array) -> Array:
         return np.array(pin.rnea(robot.model, data, q, v, a))
@@ -98,8 +120,6 @@ def fastest_on_line(
     ]
     if acceleration is not None:
         asked.append(constraint.JointAccelerationConstraint(_both(acceleration)))
-    path = toppra.SimplePath(np.array([0.0, 1.0]), np.array([q0, q1]), np.array([way, way]))
-    nodes = np.linspace(0.0, 1.0, grid + 1)
     _, rates, _ = algorithm.TOPPRA(
         asked, path, gridpoints=nodes, solver_wrapper="seidel"
     ).compute_parameterization(0.0, 0.0)
@@ -107,13 +127,14 @@ def fastest_on_line(
         raise RuntimeError("TOPP-RA finds no timing")
     lengths = np.diff(nodes)
     duration = float(np.sum(2.0 * lengths / (rates[1:] + rates[:-1])))
-    rate_changes = np.diff(rates**2) / (2.0 * lengths)
-    largest = max(
-        np.max(np.abs(torque(q0 + nodes[at] * way, rates[at] * way, rate_changes[n] * way)) / limits.effort)
-        for n in range(grid)
+    changes = np.diff(rates**2) / (2.0 * lengths)
+    q, slope, bend = (np.array([path(s, order) for s in nodes]) for order in (0, 1, 2))
+    torques = [
+        torque(q[at], rates[at] * slope[at], changes[n] * slope[at] + rates[at] ** 2 * bend[at])
+        for n in range(len(lengths))
         for at in (n, n + 1)
-    )
-    return Straight(duration, float(largest))
+    ]
+    return Straight(duration, float(np.max(np.abs(torques) / limits.effort)))
 
 
 def _both(limit: Array) -> Array:
