@@ -26,6 +26,7 @@ from benchmarks.machine import header
 from benchmarks.tables import Table, show
 from benchmarks.touching import Touching
 from mbocp._arrays import Array
+from mbocp.guesses.around import has_no_way
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 
@@ -82,6 +83,7 @@ def record_of(problem: Problem, number: int, starts: int) -> dict[str, Any]:
     return {
         "number": number,
         "obstacles": len(problem.obstacle),
+        "way": solution.converged or not has_no_way(problem),
         "line": touching.first(solution.t, line) is not None,
         "status": str(solution.status),
         "iterations": solution.iterations,
@@ -101,6 +103,7 @@ def scene_table(records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
             continue
         done = [one for one in found if one["status"] == "converged"]
         blocked = [one for one in found if one["line"]]
+        possible = [one for one in found if one["way"]]
         seconds = np.array([one["seconds"] for one in found])
         rows.append(
             (
@@ -108,15 +111,27 @@ def scene_table(records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
                 str(len(found)),
                 str(len(blocked)),
                 f"{100.0 * len(done) / len(found):.1f} %",
+                f"{len(done)} of {len(possible)}",
                 f"{100.0 * np.mean([one['status'] == 'converged' for one in blocked] or [1.0]):.1f} %",
                 str(sum(one["touches"] is not None for one in done)),
                 f"{1e3 * np.median(seconds):.0f} ms",
                 f"{1e3 * np.quantile(seconds, 0.95):.0f} ms",
             )
         )
-    columns = ("", "scenes", "line blocked", "converged", "of blocked", "of them touch", "median", "95 %")
+    columns = (
+        "",
+        "scenes",
+        "line blocked",
+        "converged",
+        "with a way",
+        "of blocked",
+        "of them touch",
+        "median",
+        "95 %",
+    )
     note = (
         f"{_DURATION:g} s in {_STEPS} steps, {_FEWEST} to {_MOST} spheres and boxes, and the robot itself. "
+        '"with a way": of scenes whose line touches nothing, or where a search has found a way. '
         '"touch": coal finds a link in contact at one of 1000 poses a second.'
     )
     return Table("Random scenes", columns, rows, note)

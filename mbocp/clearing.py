@@ -16,7 +16,7 @@ import numpy as np
 
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation
-from mbocp.guesses.around import around, near_the_way
+from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.guesses.carried import Carried
 from mbocp.problem import Guess, Problem
 from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
@@ -32,6 +32,7 @@ _ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 _ROUGH = 2e-2  # residual of a motion that shows what it comes near
 _DEEP = 0.01  # [m]: what is so deep in something does not come out of it by itself
 _OTHER_WAYS, _CORNERS = 3, 60  # tried where one comes to nothing; configurations that say one
+_NO_WAY = "a search has found no way around the obstacles: there may be none"
 _STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)
 _METHODS = ("auto", "monolithic")  # those that can end there
 
@@ -93,7 +94,11 @@ def solve_clear(
         Time of `time.perf_counter` after which nothing is solved again.
     """
     solution = _solved(problem, warm_start, attempt, read, deadline)
-    if warm_start is not None or not _may_be_on_the_wrong_side(problem, solution):
+    if warm_start is not None or solution.converged or solution.status in _STOPPED:
+        return solution
+    if has_no_way(problem):
+        return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")
+    if not _may_be_on_the_wrong_side(problem):
         return solution
     for number, other in enumerate(_with_other_ways(problem), start=2):
         if time.perf_counter() > deadline:
@@ -108,11 +113,10 @@ def solve_clear(
     return solution
 
 
-def _may_be_on_the_wrong_side(problem: Problem, solution: Solution) -> bool:
+def _may_be_on_the_wrong_side(problem: Problem) -> bool:
     """Whether a solve that has come to nothing may come to something on another way."""
     is_ours = problem.clearance is not None and not problem.goals and problem.guess.kind == "auto"
-    is_over = solution.converged or solution.status in _STOPPED
-    return is_ours and problem.solver.starts == 1 and not is_over and problem.solver.max_iterations is None
+    return is_ours and problem.solver.starts == 1 and problem.solver.max_iterations is None
 
 
 def _with_other_ways(problem: Problem) -> Iterator[Problem]:

@@ -10,6 +10,7 @@ Kuffner, LaValle, "RRT-Connect: an efficient approach to single-query path plann
 
 from __future__ import annotations
 
+from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -25,9 +26,11 @@ from mbocp.problem.reserves import with_first_reserve
 from mbocp.robot import Robot
 from mbocp.robot.joints import configuration_slice, joint_kind
 
-__all__ = ["around", "near_the_way"]
+__all__ = ["around", "has_no_way", "near_the_way"]
 
 _SIZE = WaySize(step=0.2, resolution=0.02, most=10_000, cuts=300)  # [rad, m] in the configuration space
+_LONGER = 40_000  # configurations of a second search, where the first finds nothing ...
+_WIDER = 2.0  # ... among places that are so many times as far away
 _AROUND = 0.5  # [rad, m] from the line, beside what it is long
 _RESERVES = (0.03, 0.01, 0.0)  # [m] beyond the margins, the first with which a way is found
 _NEAR = 1e-3  # [m] beyond a reserve: how near does not matter there
@@ -79,11 +82,26 @@ def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
     if not seed and _is_free(problem, clearance, ends):
         return None
     at_ends, ranges = float(clearance.least(ends).min()), _ranges(problem)
-    for reserve in dict.fromkeys(min(wanted, at_ends) for wanted in _RESERVES):
-        path = clearance.way(ends, ranges, reserve, seed, _SIZE)
+    reserves = dict.fromkeys(min(wanted, at_ends) for wanted in _RESERVES)
+    searches = [(reserve, ranges, _SIZE) for reserve in reserves]
+    if not seed:
+        wider = np.vstack([ranges[:2], _WIDER * ranges[2]])
+        searches.append((min(reserves), wider, replace(_SIZE, most=_LONGER)))
+    for reserve, within, size in searches:
+        path = clearance.way(ends, within, reserve, seed, size)
         if path is not None:
             return through(problem.robot, _rounded(problem.robot, clearance, path, reserve)[1:])
     return None
+
+
+def has_no_way(problem: Problem) -> bool:
+    """Whether something is in the way of the line, and no way around it has been found."""
+    clearance = problem.clearance
+    if clearance is None or problem.waypoints or problem.goals or problem.robot.nc:
+        return False
+    return around(problem) is None and not _is_free(
+        problem, clearance, np.array([problem.q_start, problem.goal.q])
+    )
 
 
 def _is_free(problem: Problem, clearance: Clearance, ends: Array) -> bool:

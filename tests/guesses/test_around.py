@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.guesses.around import around
+from benchmarks.scenes import scene
+from mbocp.guesses import around as search
+from mbocp.guesses.around import around, has_no_way
 from mbocp.guesses.ways import straight
 from mbocp.problem import Problem, load_problem
 from mbocp.solution import Solution
@@ -76,3 +78,24 @@ def test_a_saved_result_has_clearance_and_obstacles(slalom, solved, tmp_path):
     for one, other in zip(drawn, slalom.obstacle, strict=True):
         np.testing.assert_array_equal(one.sizes, other.sizes)
         np.testing.assert_array_equal(one.position, other.position)
+
+
+def test_where_no_way_is_found_the_result_says_so():
+    shut = scene("ur5", 54)
+    assert around(shut) is None
+    assert has_no_way(shut)
+    solution = mbocp.solve(shut, solver="monolithic")
+    assert not solution.converged
+    assert solution.advice.endswith("no way around the obstacles: there may be none")
+
+
+def test_of_a_clear_line_nobody_says_that_there_is_no_way(slalom):
+    assert not has_no_way(slalom)
+    assert not has_no_way(slalom.with_(obstacle=slalom.obstacle[2:]))
+
+
+def test_a_second_search_looks_farther(monkeypatch):
+    """The first finds nothing between these obstacles."""
+    assert around(scene("ur5", 27)) is not None
+    monkeypatch.setattr(search, "_LONGER", 1)
+    assert around(scene("ur5", 27)) is None
