@@ -25,11 +25,11 @@ __all__ = ["LanesTime", "lanes_table"]
 
 _CASES = (
     Case("UR5", "arms/ur5_reach.toml", SE1),
-    Case("UR5, limits", "arms/ur5_limits.toml"),
+    Case("UR5, limits", "arms/ur5_limits.toml", SE1),
     Case("Panda", "arms/panda_reach.toml", SE1),
     Case("unicycle", "so3/unicycle_pendulum.toml"),
-    Case("drone", "free_flyer/drone_flip.toml"),
-    Case("drone, limits", "free_flyer/drone_flip.toml", ("limits.effort=8",)),
+    Case("drone", "free_flyer/drone_flip.toml", SE1),
+    Case("drone, limits", "free_flyer/drone_flip.toml", (*SE1, "limits.effort=8")),
     Case("rigid pendulum", "paper/rigid_pendulum.toml"),
 )
 _STEPS = 4  # of the solver before the iterate that is measured

@@ -43,10 +43,10 @@ class _Case:
 _ALL = "limits={effort=true, velocity=true, position=true}"
 _UNICYCLE = "so3/unicycle_pendulum.toml"
 CASES = (
-    _Case("UR5 within its limits", "arms/ur5_limits.toml"),
-    _Case("UR5 before a wall, tool below 2.5 m/s", "arms/ur5_limits.toml", ("limits={}", _WALL)),
+    _Case("UR5 within its limits", "arms/ur5_limits.toml", SE1),
+    _Case("UR5 before a wall, tool below 2.5 m/s", "arms/ur5_limits.toml", (*SE1, "limits={}", _WALL)),
     _Case("Panda within its limits, in 1.1 s", "arms/panda_reach.toml", (*SE1, _ALL, "horizon.duration=1.1")),
-    _Case("drone, thrust and climb limited", "free_flyer/drone_flip.toml", (_BOX,)),
+    _Case("drone, thrust and climb limited", "free_flyer/drone_flip.toml", (*SE1, _BOX)),
     _Case("unicycle, Q RK", _UNICYCLE, ("integrator.lie=plain",)),
     _Case("unicycle, Q RK-MK", _UNICYCLE),
     _Case("unicycle, DCM RK", _UNICYCLE, ("integrator.lie=plain", "robot.rotations=dcm")),

@@ -56,7 +56,7 @@ CASES = (
     Case("ur5_reach", "arms/ur5_reach.toml", SE1),
     Case("panda_reach", "arms/panda_reach.toml", SE1),
     Case("kinova_reach", "arms/kinova_reach.toml", SE1),
-    Case("drone_flip", "free_flyer/drone_flip.toml"),
+    Case("drone_flip", "free_flyer/drone_flip.toml", SE1),
     Case("elastic_pendulum", "paper/elastic_pendulum.toml"),
     Case("rigid_pendulum", "paper/rigid_pendulum.toml"),
 )

@@ -34,7 +34,7 @@ ROBOTS = (
     Case("ur5_reach", "arms/ur5_reach.toml", SE1),
     Case("panda_reach", "arms/panda_reach.toml", SE1),
     Case("kinova_reach", "arms/kinova_reach.toml", SE1),
-    Case("drone_flip", "free_flyer/drone_flip.toml"),
+    Case("drone_flip", "free_flyer/drone_flip.toml", SE1),
 )
 _DISTURBANCE = 1e-6  # relative, of the controls of an optimum: near enough for a full step
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "fbsm_bb+monolithic", "fbsm_bb+fbsm_newton", "auto")

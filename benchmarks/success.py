@@ -39,8 +39,7 @@ def tasks(number: int = 12) -> Iterator[tuple[str, str, mbocp.Problem]]:
             path = EXAMPLES / "paper" / f"{name}.toml"
             yield "paper", f"{name} {steps}", mbocp.load_problem(path, [*form, f"horizon.steps={steps}"])
     for name in _ROBOTS:
-        settings = SE1 if name.startswith("arms") else ()
-        yield "examples", name, mbocp.load_problem(EXAMPLES / f"{name}.toml", settings)
+        yield "examples", name, mbocp.load_problem(EXAMPLES / f"{name}.toml", SE1)
     rng, drone = np.random.default_rng(7), mbocp.load_problem(EXAMPLES / "free_flyer/drone_flip.toml").robot
     arm, pendulum = (mbocp.load_robot(name, damping=False) for name in ("ur5", "double_pendulum"))
     for velocity in (1.0, 0.0):

@@ -23,7 +23,7 @@ ROBOTS = sorted(
     path
     for folder in ("arms", "free_flyer")
     for path in (EXAMPLES / folder).glob("*.toml")
-    if not any(table in path.read_text() for table in ("[limits]", "[[path]]", "[[via]]", "[[obstacle]]"))
+    if not any(table in path.read_text() for table in ("[limits]", "[[path]]", "via]]", "[[obstacle]]"))
 )
 
 

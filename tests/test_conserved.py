@@ -41,7 +41,11 @@ ARMS = (("arms/ur5_reach", "shoulder_pan_joint"), ("arms/panda_reach", "panda_jo
 
 
 def load(name: str, *settings: str) -> Problem:
-    scheme = ("integrator.scheme=se1", "horizon.steps=100") if name.startswith("arms") else ()
+    scheme = (
+        ("integrator.scheme=se1", "horizon.steps=100")
+        if name.startswith("arms")
+        else ("integrator.scheme=se1",)
+    )
     return mbocp.load_problem(EXAMPLES / f"{name}.toml", [*scheme, *settings])
 
 

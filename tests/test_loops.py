@@ -16,6 +16,7 @@ from mbocp.solution import Solution
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "loops"
 PLANAR = ("four_bar", "slider_crank", "five_bar", "parallelogram_arm")
+TURNING = ("four_bar", "slider_crank")  # whose cranks go all round
 SPATIAL = ("delta", "stewart")
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb+fbsm_newton", "fbsm_bb+monolithic")
 ORDER = {"se1": 1, "midpoint": 2}
@@ -29,7 +30,8 @@ SLOW = [
 
 
 def example(name: str, steps: int, coordinates: str = "joint") -> Problem:
-    changes = {"horizon.steps": steps, "coordinates": coordinates}
+    scheme = "midpoint" if name in TURNING else "se1"
+    changes = {"horizon.steps": steps, "coordinates": coordinates, "integrator.scheme": scheme}
     return mbocp.load_problem(EXAMPLES / f"{name}.toml", changes)
 
 

@@ -34,7 +34,7 @@ CASES = {
     "cart and elastic pendulum, rkf5": (
         "paper/cart_pendulum_elastic", "horizon.steps=20", "integrator.scheme=rkf5", "integrator.substeps=2",
     ),
-    "drone": ("free_flyer/drone_flip", "horizon.steps=20"),
+    "drone": ("free_flyer/drone_flip", "horizon.steps=20", "integrator.scheme=se1"),
     "drone, midpoint": ("free_flyer/drone_flip", "horizon.steps=20", "integrator.scheme=midpoint"),
     "drone, rk4": ("free_flyer/drone_flip", "horizon.steps=20", "integrator.scheme=rk4"),
     "arm": ("arms/ur5_reach", "horizon.steps=20", "integrator.scheme=se1"),

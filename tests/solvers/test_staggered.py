@@ -27,7 +27,11 @@ ROBOTS = ("arms/ur5_reach", "arms/panda_reach", "free_flyer/drone_flip")
 
 def solve(name: str, method: str, *settings: str) -> mbocp.Solution:
     path = EXAMPLES / (name if "/" in name else f"paper/{name}")
-    scheme = ("integrator.scheme=se1", "horizon.steps=100") if name.startswith("arms") else ()
+    scheme = (
+        ("integrator.scheme=se1", "horizon.steps=100")
+        if name.startswith("arms")
+        else ("integrator.scheme=se1",)
+    )
     return mbocp.solve(mbocp.load_problem(f"{path}.toml", [*scheme, *settings]), solver=method)
 
 

@@ -28,8 +28,9 @@ class Held:
     """A kernel programme with a swept trajectory near the guess, controls and eta disturbed."""
 
     def __init__(self, name: str, steps: int, *settings: str, disturbance: float = 1e-3) -> None:
+        settings = ("integrator.scheme=se1", *settings)
         if name.startswith("arms"):  # few steps, but no longer ones
-            settings = (f"horizon.duration={0.02 * steps}", "integrator.scheme=se1", *settings)
+            settings = (f"horizon.duration={0.02 * steps}", *settings)
         problem = mbocp.load_problem(EXAMPLES / f"{name}.toml", [f"horizon.steps={steps}", *settings])
         formulation = formulate(problem)
         self.programme = formulation.programme
