@@ -1,4 +1,8 @@
-"""Forces as arrows whose place, direction and length follow the motion, at one scale for all."""
+"""Forces as arrows whose place, direction and length follow the motion, at one scale for all.
+
+They are seen through bodies, as what is gripped hides the frame that holds it: they are drawn last, without
+comparing depths, with their front faces alone.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +27,8 @@ _USUAL = 0.98  # quantile of sizes that is drawn at `_LONGEST` at most: a short 
 _NOTHING = 1e-6  # a scale of zero has no inverse
 _COLOUR = (0.80, 0.10, 0.45)  # RGB
 _CENTIMETRE = 0.01  # [m]
+_DRAWN_LAST = 10  # renderOrder of three.js, where bodies have 0
+_FRONT_FACES = 0  # of three.js
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +88,11 @@ def force_arrows(marks: Sequence[ForceMark], motion: Motion, root: str, size: fl
 
 
 def _add(found: ForceArrows, path: str, shape: mg.Geometry, values: dict[str, Array], times: Array) -> None:
-    material = mg.MeshPhongMaterial(color=colour_number(_COLOUR))
-    found.commands.append(set_object(path, shape_object(shape, material)))
+    through = {"transparent": True, "depthTest": False, "depthWrite": False}  # after all that is opaque
+    material = mg.MeshPhongMaterial(color=colour_number(_COLOUR), side=_FRONT_FACES, **through)
+    drawn = shape_object(shape, material)
+    drawn["object"]["renderOrder"] = _DRAWN_LAST
+    found.commands.append(set_object(path, drawn))
     for name, value in values.items():
         found.commands.append(set_property(path, name, [float(x) for x in value[0]]))
         if np.ptp(value, axis=0).any():
