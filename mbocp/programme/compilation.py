@@ -12,6 +12,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import math
+import multiprocessing
 import os
 import platform
 import warnings
@@ -23,6 +24,7 @@ from pathlib import Path
 
 import casadi as ca
 
+from mbocp._environment import available_workers
 from mbocp.exceptions import CompilationError
 from mbocp.programme import composed, generated, lanes, pieces, processor, splitting
 from mbocp.programme.cache import (
@@ -38,6 +40,7 @@ from mbocp.programme.cache import (
     trim,
 )
 from mbocp.programme.compiler import check_deadline, compiler, run_compiler
+from mbocp.programme.files import spread
 from mbocp.programme.keys import key_of, library_of, remember
 from mbocp.programme.lanes import Lanes
 from mbocp.programme.processor import instruction_flags, number_of_lanes
@@ -50,6 +53,7 @@ _FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
 _OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-aliasing")
 _SCHEDULE = ("-fschedule-insns", "-fsched-pressure")  # of dense functions 4 % less, of others 5 % more
 _DENSE = 10  # operations per number that goes in or out: joint coordinates have dozens, natural ones 5
+_MOST_FILES = 4
 _LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
 _LARGE_END = 20_000  # the same for what is called once where others are called at every step
 
@@ -233,6 +237,12 @@ class _Unit:
         """Of the library."""
         return f"{key_of(self.source, *_translation(self.cc, self.flags))}.so"
 
+    @cached_property
+    def files(self) -> list[str]:
+        """Of the source, for the cores that there are; one where this process is a worker among others."""
+        is_worker = multiprocessing.parent_process() is not None
+        return spread(self.source, 1 if is_worker else min(available_workers(), _MOST_FILES))
+
 
 def _compiled(unit: _Unit, deadline: float) -> Path:
     """Compile into the folder that is used; where it cannot be written, into a temporary one."""
@@ -255,9 +265,17 @@ def _compile(unit: _Unit, library: Path, deadline: float) -> Path:
     if library.is_dir():  # nothing could be moved into its place
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(library))
     with scratch_folder(library.parent) as scratch:
-        source, built = scratch / "stage.c", scratch / "stage.so"
-        source.write_text(unit.source, encoding="utf-8")
-        run_compiler([*unit.cc, *unit.flags, "-o", str(built), str(source), "-lm"], scratch, deadline)
+        built = scratch / "stage.so"
+        files = [scratch / f"stage{i}.c" for i in range(len(unit.files))]
+        for file, text in zip(files, unit.files, strict=True):
+            file.write_text(text, encoding="utf-8")
+        compile_one = [*unit.cc, *unit.flags]
+        if len(files) == 1:
+            run_compiler([*compile_one, "-o", str(built), str(files[0]), "-lm"], scratch, deadline)
+        else:
+            objects = [str(file.with_suffix(".o")) for file in files]
+            parts = [[*compile_one, "-c", "-o", o, str(file)] for o, file in zip(objects, files, strict=True)]
+            run_compiler([*compile_one, "-o", str(built), *objects, "-lm"], scratch, deadline, before=parts)
         body = built.read_bytes() if built.is_file() else b""
         if not body:
             raise CompilationError(

@@ -93,7 +93,13 @@ def check_deadline(deadline: float, doing: str) -> None:
         raise CompilationTimeout(doing)
 
 
-def run_compiler(command: Sequence[str], scratch: Path, deadline: float = math.inf) -> None:
+def run_compiler(
+    command: Sequence[str],
+    scratch: Path,
+    deadline: float = math.inf,
+    *,
+    before: Sequence[Sequence[str]] = (),
+) -> None:
     """Run a compiler to its end.
 
     Parameters
@@ -104,6 +110,8 @@ def run_compiler(command: Sequence[str], scratch: Path, deadline: float = math.i
         Folder for its temporary files.
     deadline : float
         Time of `time.perf_counter` at which it is killed.
+    before : sequence of sequence of str
+        Commands of the same compiler that run first, side by side.
 
     Raises
     ------
@@ -114,7 +122,8 @@ def run_compiler(command: Sequence[str], scratch: Path, deadline: float = math.i
     OSError
         If the disk is full.
     """
-    code, messages = _outcome(command, scratch, deadline)
+    whole = [_SHELL, "-c", _side_by_side(before, command)] if before else command
+    code, messages = _outcome(whole, scratch, deadline)
     if code == 0:
         return
     said = messages[-_MAX_OUTPUT:].decode(errors="replace").strip()
@@ -126,6 +135,15 @@ def run_compiler(command: Sequence[str], scratch: Path, deadline: float = math.i
     raise CompilationError(
         f"the C compiler {command[0]} failed on generated functions ({how}); set CC to "
         f"another compiler. It said:\n{said}"
+    )
+
+
+def _side_by_side(commands: Sequence[Sequence[str]], last: Sequence[str]) -> str:
+    """Lines of a shell that runs commands at once, and a last one where all of them end well."""
+    begun = [f"{shlex.join(command)} & p{i}=$!" for i, command in enumerate(commands)]
+    waits = [f"wait $p{i} || failed=$?" for i in range(len(commands))]
+    return "\n".join(
+        [*begun, "failed=0", *waits, "[ $failed = 0 ] || exit $failed", f"exec {shlex.join(last)}"]
     )
 
 

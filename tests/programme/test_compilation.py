@@ -18,6 +18,7 @@ from mbocp.problem import Problem
 from mbocp.programme import compilation
 from mbocp.programme.compilation import NoCompilerWarning, load_functions
 from mbocp.programme.compiler import compiler
+from mbocp.robot.payload import Payload
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -75,6 +76,41 @@ def test_tasks_of_one_shape_share_their_functions(folder: Path) -> None:
     programme = transcribe(penalised)
     assert not programme.functions.compiled_now  # only the end is another one
     assert programme.end_functions.compiled_now
+
+
+def within_limits(**others: object) -> Problem:
+    """Two links below a height, slower than a speed, with torques within bounds."""
+    words: dict[str, object] = {
+        "goal": {"q": [0.4, -0.3], "v": [0.0, 0.0]},
+        "limits": {"effort": 20.0, "velocity": 6.0},
+        "path": [{"name": "below", "kind": "position", "frame": "link2", "z": [-10.0, 3.0]}],
+        **others,
+    }
+    return Problem.create("double_pendulum", 1.0, 8, **words)  # type: ignore[arg-type]
+
+
+def test_bounds_are_parameters(folder: Path) -> None:
+    first = transcribe(within_limits())
+    assert first.functions.compiled_now
+    higher = [{"name": "other", "kind": "position", "frame": "link2", "z": [-3.0, 7.0]}]
+    for others in (
+        {"limits": {"effort": 31.0, "velocity": [[-2.0, 5.0], [-6.0, 6.0]]}},
+        {"limits": {"velocity": 6.0}},
+        {"path": higher},
+        {"path": higher, "start": {"q": [0.1, 0.2]}, "cost": {"effort": 3.0, "velocity": 2.0}},
+    ):
+        programme = transcribe(within_limits(**others))
+        assert not programme.functions.compiled_now, others
+        assert not programme.end_functions.compiled_now, others
+    assert len(list(folder.glob("*.so"))) == LIBRARIES
+
+
+def test_masses_of_a_payload_are_no_parameters(folder: Path) -> None:
+    robot = mbocp.load_robot("double_pendulum")
+    for mass in (1.0, 2.0):
+        carrying = robot.with_payload(Payload(frame="link2", mass=mass, name="ball"))
+        goal = {"q": [0.4, -0.3], "v": [0.0, 0.0]}
+        assert transcribe(Problem.create(carrying, 1.0, 8, goal=goal)).functions.compiled_now
 
 
 @pytest.mark.parametrize("damage", ["truncated", "overwritten", "empty", "foreign"])

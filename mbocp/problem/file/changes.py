@@ -79,7 +79,8 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
             raise ProblemError(
                 f"{name}: a problem has no such field: {suggest(name, dict.fromkeys(words), 40)}"
             )
-    return replace(_with_tables(problem, tables) if tables else problem, **values)
+    made = _with_tables(problem, tables) if tables else problem
+    return replace(made, **values) if values or made is problem else made  # what has been made is checked
 
 
 def _new_lengths(problem: ProblemFields, values: Mapping[str, Any]) -> dict[str, Any]:
