@@ -1,7 +1,7 @@
 """What the site adds to the pages: navigation from the index, tables of keys, pictures and replays.
 
-Pages say in comments where: `<!-- keys: robot goal.q -->`, `<!-- keys -->` for all, `<!-- gallery -->`, and
-`<!-- example: arms/cup -->`. Read as plain Markdown they are pages without these.
+Pages say in comments where: `<!-- keys: robot goal.q -->`, `<!-- keys -->` for all, `<!-- gallery -->`,
+`<!-- notebooks -->`, and `<!-- example: arms/cup -->`. Read as plain Markdown they are pages without these.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import make_gallery
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
-_COMMENT = re.compile(r"^<!-- (keys|example|gallery)(?:: ([^>]+))? -->$", re.MULTILINE)
+_COMMENT = re.compile(r"^<!-- (keys|example|gallery|notebooks)(?:: ([^>]+))? -->$", re.MULTILINE)
 _OUTSIDE = re.compile(r"\]\((\.\./[^)#]+\.md)\)")  # to pages that are not of the site
 _PAGE = re.compile(r"\]\((\w+)\.md\)")
 _TITLES = {
@@ -121,6 +121,18 @@ def _card(example: Path) -> Iterator[str]:
     yield ""
 
 
+def notebooks() -> str:
+    """All notebooks, one below the other: text and code."""
+    files = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+    cells = (cell for file in files for cell in json.loads(file.read_text(encoding="utf-8"))["cells"])
+    return "\n\n".join(_cell(cell["cell_type"], "".join(cell["source"])) for cell in cells)
+
+
+def _cell(kind: str, source: str) -> str:
+    """A cell as Markdown; its headings stand below the page's own."""
+    return f"```python\n{source}\n```" if kind == "code" else re.sub(r"^#", "##", source, flags=re.MULTILINE)
+
+
 def _title(name: str) -> str:
     """First paragraph of the comment at the head of an example."""
     lines = (ROOT / "examples" / f"{name}.toml").read_text(encoding="utf-8").splitlines()
@@ -140,7 +152,12 @@ def _numbers(summary: Path) -> str:
 
 
 def _expanded(app: Sphinx, name: str, content: list[str]) -> None:
-    makers = {"keys": key_table, "example": picture, "gallery": lambda _: gallery()}
+    makers = {
+        "keys": key_table,
+        "example": picture,
+        "gallery": lambda _: gallery(),
+        "notebooks": lambda _: notebooks(),
+    }
     content[0] = _COMMENT.sub(lambda found: makers[found.group(1)](found.group(2)), content[0])
     content[0] = _OUTSIDE.sub(r"](path:\1)", content[0])
     if name == app.config.root_doc:

@@ -217,13 +217,17 @@ class Solution(SolutionData):
         *,
         robot: Robot | None = None,
         trace: Sequence[str] | None = None,
+        ghosts: int | Sequence[float] = 0,
+        others: Sequence[Solution] = (),
+        direction: tuple[float, float] | None = None,
         speed: float = 1.0,
     ) -> Path | None:
         """Write the motion as a page that works offline, or show it live if no `path` is given.
 
         Parameters and errors are those of `mbocp.view.of_solution.replay_solution`.
         """
-        return mbocp.replay_solution(self, path, robot=robot, trace=trace, speed=speed)
+        more: dict[str, Any] = {"ghosts": ghosts, "others": others, "direction": direction}
+        return mbocp.replay_solution(self, path, robot=robot, trace=trace, speed=speed, **more)
 
     def save(self, path: str | Path, *, meshes: bool | None = None) -> Path:
         """Write everything into one self-describing HDF5 file; an interrupted save leaves the old file whole.
