@@ -229,3 +229,51 @@ def test_motions_called_converged_touch_nothing(seed: int) -> None:
     assert found.clearance == pytest.approx(nearest.distance - nearest.margin)
     assert found.converged
     assert found.clearance >= -1e-9
+
+
+def around_stones(name: str) -> Problem:
+    """Another robot than an arm of six joints, a stone that is carried, another scheme."""
+    points = 0.6 * clouds(3, 16)
+    stone = {"name": "stone", "shape": "mesh", "vertices": (points - points.mean(axis=0)).tolist()}
+    cost = {"effort": 1e-3, "velocity": "auto"}
+    if name == "panda":
+        start, goal = [[side, 0.3, 0.0, -1.9, 0.0, 2.2, 0.8] for side in (-0.8, 0.8)]
+        lock = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
+        told: dict[str, Any] = {"start": {"q": start}, "goal": {"q": goal, "v": 0}, "scheme": "midpoint"}
+        stones = [{**stone, "position": [0.55, 0.0, 0.35]}]
+        return Problem.create({"name": "panda", "lock": lock}, 2.0, 40, obstacle=stones, cost=cost, **told)
+    ends = {"start": {"q": [-1.0, 0, 0, 0, 0, 0, 1]}, "goal": {"q": [1.0, 0.1, 0, 0, 0, 0, 1], "v": 0}}
+    stones = [{**stone, "position": [0.0, 0.1, 0.05]}]
+    drone = {"name": "hector", "actuated": ["root_joint"]}
+    return Problem.create(drone, 2.0, 40, obstacle=stones, cost=cost, scheme="gauss2", **ends)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["panda", "drone"])
+def test_others_touch_nothing(name: str) -> None:
+    """At a thousand poses a second by coal, while the motion without the stone would hit it."""
+    p = around_stones(name)
+    assert p.clearance is not None
+    found, straight = mbocp.solve(p), mbocp.solve(p.with_(obstacle=[]))
+    assert found.converged
+    nearest = nearest_approach(p.clearance, found.t, found.qs)
+    assert found.clearance == pytest.approx(nearest.distance - nearest.margin)
+    assert found.clearance >= -1e-9
+    assert nearest_approach(p.clearance, straight.t, straight.qs).distance < -0.01
+
+
+@pytest.mark.usefixtures("interpreted")
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
+def test_a_stone_that_is_carried_is_gone_around(planar: Robot, scheme: str) -> None:
+    """It moves with the first link, and the last one has to pass it; by coal at a thousand poses a second."""
+    small = (0.3 * np.array(STONE)).tolist()
+    held = stone(frame="l1", vertices=small, position=[0.45, 1.1, 0.0])
+    ends = {"start": {"q": [0.0, 0.9, 0.1]}, "goal": {"q": [0.0, 2.2, 0.2], "v": 0}}
+    words: dict[str, Any] = {"cost": {"effort": 1.0, "velocity": 10.0}, "scheme": scheme, **ends}
+    p = Problem.create(planar, 1.0, 24, obstacle=[held], solver="monolithic", **words)
+    assert p.clearance is not None
+    found = mbocp.solve(p, check=True)
+    nearest = nearest_approach(p.clearance, found.t, found.qs)
+    assert -1e-6 < nearest.distance < 0.05
+    straight = mbocp.solve(Problem.create(planar, 1.0, 24, solver="monolithic", **words), check=True)
+    assert nearest_approach(p.clearance, straight.t, straight.qs).distance < -5e-3
