@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from mbocp.formulation import formulate
 from mbocp.formulation.base import Formulation
+from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.held import held_jacobians
 from mbocp.problem import Problem
+from mbocp.problem.hold import HOLD_KINDS, Hold
 from mbocp.programme.kernel import kernel_programme
+from mbocp.terms import MeetingTerm, Point
 from tests.formulation.stages import check_derivatives
 from tests.holds.cases import CASES, arm, drone, pendulum
 
@@ -48,6 +52,36 @@ def test_derivatives_of_free_held_and_leaping_steps(name: str, scheme: str) -> N
     formulation = formulate(problem)
     for stage in (0, problem.impacts[0], problem.impacts[0] + 1):
         check_derivatives(formulation, stage, alone=[0, formulation.layout.ds.start])
+
+
+@pytest.mark.parametrize("scheme", ["se1", "midpoint"])
+@pytest.mark.parametrize("name", ["pendulum", "drone"])
+def test_derivatives_of_leaps_of_bodies(name: str, scheme: str) -> None:
+    """In natural coordinates."""
+    start = {"v_start": np.zeros(6)} if name == "drone" else {}
+    problem = CASES[name](scheme, coordinates="natural", **start)
+    formulation = formulate(problem)
+    for stage in (problem.impacts[0], problem.impacts[0] + 1):
+        check_derivatives(formulation, stage, alone=[0, formulation.layout.ds.start])
+
+
+def test_derivatives_of_conditions_where_frames_meet() -> None:
+    """Places and rates of each kind of hold at the node where it is taken on, against differences."""
+    robot, rng, step = arm().robot, np.random.default_rng(0), 1e-6
+    for kind in HOLD_KINDS:
+        held = Hold(name="it", frame="tool0", kind=kind, at="coincide").held(robot)
+        term = MeetingTerm(held, tuple(range(len(held.rows))), has_place=True, has_rate=True)
+        q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
+        h, x = term.expression(Point(JointMechanics(robot), q, v), {}), ca.vertcat(q, v)
+        m = ca.SX.sym("m", h.numel())
+        f = ca.Function("f", [x, m], [h, ca.jacobian(h, x), ca.hessian(ca.dot(m, h), x)[0]])
+        at, weights, d = rng.normal(size=12), rng.normal(size=h.numel()), rng.normal(size=12)
+        (_, slopes, bends), (ahead, back) = (
+            [np.asarray(ca.DM(out)) for out in f(at, weights)],
+            ([np.asarray(ca.DM(out)) for out in f(at + s * step * d, weights)] for s in (1, -1)),
+        )
+        assert np.allclose(slopes @ d, (ahead[0] - back[0]).ravel() / (2 * step), atol=1e-7)
+        assert np.allclose(bends @ d, (ahead[1] - back[1]).T @ weights / (2 * step), atol=1e-6)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
