@@ -23,7 +23,7 @@ PENDULUM: dict[str, Any] = {"name": "double_pendulum", "payload": pendulum().rob
 MU = 0.2
 
 
-def lands(**contact: Any) -> Problem:
+def lands(coordinates: str = "joint", **contact: Any) -> Problem:
     """The tip of a double pendulum swings onto a point, and rests there on what pushes along y."""
     hold = {"name": "tip", "frame": "tip", "kind": "point"}
     path = {"kind": "contact_force", "constraint": "tip", "normal": [0, 1, 0], "friction": MU, **contact}
@@ -35,7 +35,8 @@ def lands(**contact: Any) -> Problem:
         {"name": "off", "steps": 3, "duration": 0.2},
     ]
     goal = {"q": [-0.5, 0.7]}
-    return Problem.create(PENDULUM, phase=phases, start={"q": [0.3, 0.4]}, goal=goal, scheme="midpoint")
+    told: dict[str, Any] = {"start": {"q": [0.3, 0.4]}, "goal": goal, "coordinates": coordinates}
+    return Problem.create(PENDULUM, phase=phases, scheme="midpoint", **told)
 
 
 def impulse(problem: Problem, solution: Solution) -> Array:
@@ -59,6 +60,27 @@ def test_an_impulse_stays_in_the_cone() -> None:
         assert bool(normal >= -room - 1e-7 and in_cone) is is_inside
     assert bound.cost > free.cost
     assert bound.limit_violation < 1e-6
+
+
+@pytest.mark.parametrize(("coordinates", "facets"), [("joint", 4), ("natural", None), ("natural", 4)])
+def test_multipliers_of_an_impact_stay_in_cones_and_pyramids(coordinates: str, facets: int | None) -> None:
+    """By the impulses among the multipliers, over the length of a mean step [N]."""
+    shape = {} if facets is None else {"facets": facets}
+    for impulses in (True, False):
+        problem = lands(coordinates, impulses=impulses, **shape)
+        (contact,), step = problem.contacts, problem.impacts[0]
+        solution, room = mbocp.solve(problem, check=True), 0.01 * contact.scale
+        table = problem.switches
+        assert table is not None
+        own = solution.lams[step : step + 1, -table.rows.shape[1] :] / problem.dt  # bodies' rows come first
+        normal, *across = contact.wrenches(own)[0, :3]
+        worst = (
+            contact.values_of(own)[0, 1:].min()
+            if facets
+            else np.hypot(MU * normal, room) - np.linalg.norm(across)
+        )
+        least = -room if facets else 0.0
+        assert bool(normal >= -room - 1e-5 and worst >= least - 1e-5) is impulses
 
 
 def test_newtons_bound_no_impulse() -> None:
