@@ -14,7 +14,6 @@ from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.guesses.ways import Way, given_way, position_limits, straight, through
@@ -25,6 +24,7 @@ from mbocp.problem.pair_clearances import WaySize
 from mbocp.problem.reserves import with_first_reserve
 from mbocp.robot import Robot
 from mbocp.robot.joints import configuration_slice, joint_kind
+from mbocp.robot.nodes import between
 
 __all__ = ["around", "has_no_way", "near_the_way"]
 
@@ -32,7 +32,8 @@ _SIZE = WaySize(step=0.2, resolution=0.02, most=10_000, cuts=300)  # [rad, m] in
 _LONGER = 40_000  # configurations of a second search, where the first finds nothing ...
 _WIDER = 2.0  # ... among places that are so many times as far away
 _AROUND = 0.5  # [rad, m] from the line, beside what it is long
-_RESERVES = (0.03, 0.01, 0.0)  # [m] beyond the margins, the first with which a way is found
+_RESERVES = (0.03, 0.01, 0.0)  # [m] beyond the margins, the first with which a way is found ...
+_OF_ENDS, _QUICK = 0.9, 3000  # ... but no more of what the ends have, and in so many configurations
 _NEAR = 1e-3  # [m] beyond a reserve: how near does not matter there
 _FOUND: WeakKeyDictionary[Clearance, dict[tuple[bytes, bytes, int], Way | None]] = WeakKeyDictionary()
 _PLACES, _ROUNDS = 60, 60  # of a way whose corners are rounded
@@ -82,11 +83,11 @@ def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
     if not seed and _is_free(problem, clearance, ends):
         return None
     at_ends, ranges = float(clearance.least(ends).min()), _ranges(problem)
-    reserves = dict.fromkeys(min(wanted, at_ends) for wanted in _RESERVES)
-    searches = [(reserve, ranges, _SIZE) for reserve in reserves]
+    *larger, least = dict.fromkeys(min(wanted, _OF_ENDS * at_ends) for wanted in _RESERVES)
+    quick, wider = replace(_SIZE, most=_QUICK), np.vstack([ranges[:2], _WIDER * ranges[2]])
+    searches = [*((reserve, ranges, quick) for reserve in larger), (least, ranges, _SIZE)]
     if not seed:
-        wider = np.vstack([ranges[:2], _WIDER * ranges[2]])
-        searches.append((min(reserves), wider, replace(_SIZE, most=_LONGER)))
+        searches.append((least, wider, replace(_SIZE, most=_LONGER)))
     for reserve, within, size in searches:
         path = clearance.way(ends, within, reserve, seed, size)
         if path is not None:
@@ -128,14 +129,14 @@ def _ranges(problem: Problem) -> Array:
 
 def _rounded(robot: Robot, clearance: Clearance, path: Array, reserve: float) -> Array:
     """The way as many places, each drawn to the middle of its neighbours as long as all stay clear."""
-    model, places = robot.model, through(robot, path[1:])(path[0], np.linspace(0.0, 1.0, _PLACES))
+    places, half = (
+        through(robot, path[1:])(path[0], np.linspace(0.0, 1.0, _PLACES)),
+        np.full(_PLACES - 2, 0.5),
+    )
     known = float(clearance.least(places, reserve + _NEAR).min())
     for _ in range(_ROUNDS):
-        inner = [
-            pin.interpolate(model, q, pin.interpolate(model, a, b, 0.5), 0.5)
-            for a, q, b in zip(places[:-2], places[1:-1], places[2:], strict=True)
-        ]
-        moved = np.array([places[0], *inner, places[-1]])
+        inner = between(robot, places[1:-1], between(robot, places[:-2], places[2:], half), half)
+        moved = np.vstack([places[:1], inner, places[-1:]])
         least = float(clearance.least(moved, reserve + _NEAR).min())
         if least < min(reserve, known):
             break

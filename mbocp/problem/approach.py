@@ -16,6 +16,8 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.problem.clearance import Clearance
 from mbocp.robot.large import working_data
+from mbocp.robot.model import RobotModel
+from mbocp.robot.nodes import between
 
 __all__ = ["Approach", "nearest_approach", "poses_between"]
 
@@ -122,7 +124,7 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
     """
     if not clearance.rows or not np.isfinite(qs).all():
         return None
-    times, sampled = poses_between(clearance.robot.model, t, qs)
+    times, sampled = poses_between(clearance.robot, t, qs)
     pairs, bounds, margins = _bounds(clearance, sampled)
     distances, at = _Distances(clearance, pairs), -1
     best: Approach | None = None
@@ -140,17 +142,14 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
     return best
 
 
-def poses_between(model: pin.Model, t: Array, qs: Array) -> tuple[Array, Array]:
+def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]:
     """Times and configurations between the nodes, a thousand a second, and the nodes."""
     t = np.asarray(t, dtype=np.float64)
     times = np.linspace(t[0], t[-1], min(int(np.ceil((t[-1] - t[0]) * _RATE)) + 1, _MOST))
     times = np.union1d(times, t)
     step = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
     shares = (times - t[step]) / (t[step + 1] - t[step])
-    if model.nq == model.nv:  # coordinates of a vector space
-        return times, qs[step] + shares[:, None] * (qs[step + 1] - qs[step])
-    found = [pin.interpolate(model, qs[k], qs[k + 1], s) for k, s in zip(step, shares, strict=True)]
-    return times, np.array(found)
+    return times, between(robot, qs[step], qs[step + 1], shares)
 
 
 def _bounds(clearance: Clearance, qs: Array) -> tuple[list[tuple[int, int, bool]], Array, list[float]]:

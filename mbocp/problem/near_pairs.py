@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.problem.clearance import Clearance
+from mbocp.robot.nodes import between
 
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
@@ -42,11 +42,11 @@ def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
     clearance, rows = problem.clearance, rows_of(problem)
     if clearance is None or rows is None or rows.chosen is None or not np.isfinite(qs).all():
         return ()
-    robot = problem.robot
-    shares = np.arange(_BETWEEN) / _BETWEEN
-    between = [robot.integrate(a, s * robot.difference(a, b)) for a, b in pairwise(qs) for s in shares]
+    first = np.repeat(np.arange(len(qs) - 1), _BETWEEN)
+    shares = np.tile(np.arange(_BETWEEN) / _BETWEEN, len(qs) - 1)
+    sampled = np.vstack([between(problem.robot, qs[first], qs[first + 1], shares), qs[-1:]])
     near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    least = (clearance.pair_values(np.array([*between, qs[-1]]), near) - clearance.margins).min(axis=0)
+    least = (clearance.pair_values(sampled, near) - clearance.margins).min(axis=0)
     least[list(rows.chosen)] = np.inf
     if least.min() >= 0.0:
         return ()

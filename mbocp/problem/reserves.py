@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +11,7 @@ from mbocp._arrays import Array
 from mbocp.problem.approach import poses_between
 from mbocp.problem.clearance import Clearance
 from mbocp.problem.near_pairs import missing_pairs, rows_of
+from mbocp.robot.nodes import between
 
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
@@ -38,8 +38,7 @@ def with_first_reserve(problem: Problem, qs: Array) -> Problem:
     rows = rows_of(problem)
     if rows is None or not _is_exact(rows):
         return problem
-    robot = problem.robot
-    middles = np.array([robot.integrate(a, 0.5 * robot.difference(a, b)) for a, b in pairwise(qs)])
+    middles = between(problem.robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
     values = rows.pair_values(qs)
     cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles)
     wanted = _CLOSER * np.maximum(cut.max(axis=0), 0.0) + _RESERVE
@@ -47,7 +46,7 @@ def with_first_reserve(problem: Problem, qs: Array) -> Problem:
 
 
 def with_rows_and_room(
-    problem: Problem, t: Array, qs: Array, lacks: float, between: str
+    problem: Problem, t: Array, qs: Array, lacks: float, touching: str
 ) -> tuple[Problem, bool] | None:
     """The problem with rows for what a motion touches that had none, and room where it cuts corners.
 
@@ -59,7 +58,7 @@ def with_rows_and_room(
     qs : ndarray, shape (N + 1, nq)
     lacks : float
         How deep the shapes of two things are in each other [m]; 0: they are not.
-    between : str
+    touching : str
         Which, as `mbocp.problem.approach.Approach` says it.
 
     Returns
@@ -72,7 +71,7 @@ def with_rows_and_room(
         return None
     missing, reserve, chosen = set(missing_pairs(problem, qs)), rows.reserves, rows.chosen
     if lacks > 0.0:
-        more = _lacking(rows, t, qs, lacks, between)
+        more = _lacking(rows, t, qs, lacks, touching)
         missing |= set(np.flatnonzero(more).tolist())
         if (reserve + more).max(initial=0.0) <= _MOST:  # else it jumps over something: that takes more steps
             reserve = reserve + more
@@ -83,12 +82,12 @@ def with_rows_and_room(
     return found, has_more_rows
 
 
-def _lacking(rows: Clearance, t: Array, qs: Array, lacks: float, between: str) -> Array:
+def _lacking(rows: Clearance, t: Array, qs: Array, lacks: float, touching: str) -> Array:
     """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing."""
     near = float(rows.margins.max(initial=0.0)) + _MOST
-    sampled = poses_between(rows.robot.model, t, qs)[1]
+    sampled = poses_between(rows.robot, t, qs)[1]
     least = rows.pair_values(sampled, near).min(axis=0) - rows.margins
-    meant = np.array([words == between for words in rows.links_of_pairs])
+    meant = np.array([words == touching for words in rows.links_of_pairs])
     near = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
     more = np.where(near, lacks + _RESERVE, 0.0)
     if _is_exact(rows):

@@ -13,7 +13,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot.model import RobotModel
 
-__all__ = ["interpolated", "moved", "steps_between"]
+__all__ = ["between", "interpolated", "moved", "steps_between"]
 
 
 def interpolated(robot: RobotModel, q0: Array, q1: Array, shares: Array) -> Array:
@@ -22,6 +22,14 @@ def interpolated(robot: RobotModel, q0: Array, q1: Array, shares: Array) -> Arra
         way: Array = np.asarray(q0) + np.asarray(shares)[:, None] * (np.asarray(q1) - np.asarray(q0))
         return way
     return _rows([pin.interpolate(robot.model, q0, q1, share) for share in shares], robot.nq)
+
+
+def between(robot: RobotModel, q0s: Array, q1s: Array, shares: Array) -> Array:
+    """Configurations at a share of the way from one to another each; shapes (n, nq), (n, nq), (n,)."""
+    if _is_plain(robot):
+        return q0s + np.asarray(shares)[:, None] * (q1s - q0s)
+    pairs = zip(q0s, q1s, shares, strict=True)
+    return _rows([pin.interpolate(robot.model, *at) for at in pairs], robot.nq)
 
 
 def moved(robot: RobotModel, qs: Array, steps: Array) -> Array:
