@@ -33,7 +33,7 @@ _LONGER = 40_000  # configurations of a second search, where the first finds not
 _WIDER = 2.0  # ... among places that are so many times as far away
 _AROUND = 0.5  # [rad, m] from the line, beside what it is long
 _RESERVES = (0.03, 0.01, 0.0)  # [m] beyond the margins, the first with which a way is found ...
-_OF_ENDS, _QUICK = 0.9, 3000  # ... but no more of what the ends have, and in so many configurations
+_QUICK = 3000  # ... in so many configurations, but for the last
 _NEAR = 1e-3  # [m] beyond a reserve: how near does not matter there
 _FOUND: WeakKeyDictionary[Clearance, dict[tuple[bytes, bytes, int], Way | None]] = WeakKeyDictionary()
 _PLACES, _ROUNDS = 60, 60  # of a way whose corners are rounded
@@ -83,7 +83,7 @@ def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
     if not seed and _is_free(problem, clearance, ends):
         return None
     at_ends, ranges = float(clearance.least(ends).min()), _ranges(problem)
-    *larger, least = dict.fromkeys(min(wanted, _OF_ENDS * at_ends) for wanted in _RESERVES)
+    *larger, least = dict.fromkeys(min(wanted, at_ends) for wanted in _RESERVES)
     quick, wider = replace(_SIZE, most=_QUICK), np.vstack([ranges[:2], _WIDER * ranges[2]])
     searches = [*((reserve, ranges, quick) for reserve in larger), (least, ranges, _SIZE)]
     if not seed:
