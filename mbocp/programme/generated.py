@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 __all__ = ["END", "HEAD", "Access", "Function", "Statement", "exported_names", "read_function"]
 
@@ -19,18 +20,16 @@ _LOAD = re.compile(r"  (a\d+)=arg\[(\d+)\]\? arg\[\2\]\[(\d+)\] : 0;")
 _STORE = re.compile(r"  if \(res\[(\d+)\]!=0\) res\[\1\]\[(\d+)\]=(a\d+);")
 _ASSIGNMENT = re.compile(r"  (a\d+)=([\w\s.,?:()+\-*/<>=!&|]+);")
 # What an expression without side effects does not hold: assignments, addresses, steps, comments.
-_NO_VALUE = re.compile(r"(?<![=<>!])=(?!=)|<<|>>|(?<!&)&(?!&)|\+\+|--|//|/\*")
-_NAME = re.compile(r"\b[A-Za-z_]\w*")
-_VARIABLE = re.compile(r"a\d+")
+# Nor names of the function's own arguments.
+_NO_VALUE = re.compile(r"(?<![=<>!])=(?!=)|<<|>>|(?<!&)&(?!&)|\+\+|--|//|/\*|\b(?:arg|res|iw|w|mem)\b")
+_VARIABLES = re.compile(r"\ba\d+\b")
 _CALL = "(arg, res, iw, w, mem);"
 _EXPORT = re.compile(
     rf"^CASADI_SYMBOL_EXPORT int (\w+)\({re.escape(_ARGUMENTS)}\) ?{{\s+return (\w+){re.escape(_CALL)}", re.M
 )
-_NOT_IN_VALUES = frozenset({"arg", "res", "iw", "w", "mem"})
 
 
-@dataclass(frozen=True)
-class Statement:
+class Statement(NamedTuple):
     """A line of a function: where it puts a value, the value, the variable it sets, those that it reads."""
 
     place: str
@@ -88,19 +87,16 @@ def read_function(name: str, body: Sequence[str]) -> Function | None:
         if not statements and (match := _DECLARATION.fullmatch(line)):
             declared.update(match[1].split(", "))
             continue
-        if match := _LOAD.fullmatch(line):
+        if "arg[" in line and (match := _LOAD.fullmatch(line)):
             number, element = int(match[2]), int(match[3])
             inputs[number] = max(inputs.get(number, 0), element + 1)
             statement = Statement(match[1], f"x{number}[{element}]", match[1], ())
-        elif match := _STORE.fullmatch(line):
+        elif line.startswith("  if (") and (match := _STORE.fullmatch(line)):
             number, element = int(match[1]), int(match[2])
             outputs[number] = max(outputs.get(number, 0), element + 1)
             statement = Statement(f"y{number}[{element}]", match[3], None, (match[3],))
         elif (match := _ASSIGNMENT.fullmatch(line)) and not _NO_VALUE.search(match[2]):
-            names = dict.fromkeys(_NAME.findall(match[2]))
-            if not _NOT_IN_VALUES.isdisjoint(names):
-                return None
-            reads = tuple(n for n in names if _VARIABLE.fullmatch(n))
+            reads = tuple(dict.fromkeys(_VARIABLES.findall(match[2])))
             statement = Statement(match[1], match[2], match[1], reads)
         else:
             return None

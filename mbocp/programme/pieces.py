@@ -85,7 +85,9 @@ def _read_first(statements: Iterable[Statement]) -> set[str]:
     read: set[str] = set()
     own: set[str] = set()
     for statement in statements:
-        read.update(name for name in statement.reads if name not in own)
+        for name in statement.reads:
+            if name not in own:
+                read.add(name)
         if statement.target is not None:
             own.add(statement.target)
     return read

@@ -235,7 +235,7 @@ def _in_lanes(function: Function) -> Function | None:
         value = s.value if s.target is None or s.value.startswith("x") else lanes.in_lanes(s.value)
         if value is None:
             return None
-        statements.append(replace(s, value=value))
+        statements.append(s._replace(value=value))
     return replace(function, statements=tuple(statements))
 
 
