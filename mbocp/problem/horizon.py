@@ -30,7 +30,7 @@ def check_horizon(steps: int, unknowns: int, *, by_others: bool = False) -> None
     MemoryLimitExceeded
     """
     each = bytes_per_step(unknowns, by_others=by_others)
-    if steps * each <= _SMALL and not is_given():
+    if steps <= _SMALL / each and not is_given():  # an integer may be beyond all floats
         return
     check_memory(
         min(steps * round(each), _MAX_FLOAT),
