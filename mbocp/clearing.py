@@ -34,6 +34,7 @@ _DEEP = 0.01  # [m]: what is so deep in something does not come out of it by its
 _OTHER_WAYS, _CORNERS = 3, 60  # tried where one comes to nothing; configurations that say one
 _NO_WAY = "a search has found no way around the obstacles: there may be none"
 _STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)
+_WITH_WAYS = ("auto", "way")  # guesses beside which there are others
 _METHODS = ("auto", "monolithic")  # those that can end there
 
 
@@ -115,16 +116,19 @@ def solve_clear(
 
 def _may_be_on_the_wrong_side(problem: Problem) -> bool:
     """Whether a solve that has come to nothing may come to something on another way."""
-    is_ours = problem.clearance is not None and not problem.goals and problem.guess.kind == "auto"
-    return is_ours and problem.solver.starts == 1 and problem.solver.max_iterations is None
+    has_ways = problem.clearance is not None and not problem.goals and problem.guess.kind in _WITH_WAYS
+    return has_ways and problem.solver.starts == 1 and problem.solver.max_iterations is None
 
 
 def _with_other_ways(problem: Problem) -> Iterator[Problem]:
-    """The problem with guesses that other random numbers lead to."""
-    for seed in range(1, 1 + _OTHER_WAYS):
+    """The problem with guesses that other random numbers lead to, and with ours where another was given."""
+    is_given = problem.guess.kind == "way"
+    for seed in range(0 if is_given else 1, 1 + _OTHER_WAYS):
         way = around(problem, seed)
         if way is None:
-            return
+            if seed:
+                return
+            continue  # the line is clear
         corners = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))[1:-1]
         found = copy.copy(problem)
         object.__setattr__(found, "guess", Guess(kind="way", q=corners))

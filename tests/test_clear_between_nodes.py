@@ -13,7 +13,7 @@ import pytest
 
 import mbocp
 from mbocp import clearing
-from mbocp.guesses.around import near_the_way
+from mbocp.guesses.around import around, near_the_way
 from mbocp.guesses.ways import straight
 from mbocp.problem import Problem
 from mbocp.problem.near_pairs import missing_pairs
@@ -163,3 +163,27 @@ def test_other_ways_are_tried_where_the_first_comes_to_nothing(around_a_post, mo
     assert solution.guess_used.startswith("way 2 around obstacles")
     assert "other ways" in [phase.name for phase in solution.phases]
     assert mbocp.solve(problem.with_(guess={"kind": "line"})).status is Status.UNDER_RESOLVED
+
+
+def test_other_ways_are_tried_where_a_given_one_comes_to_nothing(around_a_post, monkeypatch):
+    """Ours first."""
+    problem, seeds = around_a_post(30), []
+    middle = np.asarray(straight(problem)(problem.q_start, np.array([0.5])))
+    given = problem.with_(guess={"kind": "way", "q": middle.tolist()})
+
+    def other(problem, seed=0):
+        seeds.append(seed)
+        return around(problem, seed)
+
+    def touching(near, *arguments):
+        found = solved(near, *arguments)
+        is_given = len(near.guess.q) == len(middle)
+        return replace(found, status=Status.UNDER_RESOLVED) if is_given else found
+
+    solved = clearing._solved
+    monkeypatch.setattr("mbocp.clearing.around", other)
+    monkeypatch.setattr("mbocp.clearing._solved", touching)
+    solution = mbocp.solve(given)
+    assert seeds == [0]
+    assert solution.converged
+    assert solution.guess_used.startswith("way 2 around obstacles")
