@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
 import os
 
 from mbocp.exceptions import InvalidValue
 
-__all__ = ["available_workers", "number_from"]
+__all__ = ["available_threads", "available_workers", "number_from"]
 
 
 def number_from(
@@ -46,3 +47,8 @@ def number_from(
 def available_workers() -> int:
     """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def available_threads() -> int:
+    """Number of threads for one solve: 1 where this process is a worker among others."""
+    return 1 if multiprocessing.parent_process() is not None else available_workers()

@@ -2,18 +2,20 @@
 
 Which pairs of things need rows, and how much room the nodes have to leave, is known from a motion alone. So
 the problem is solved roughly first, until no row is missing, and then to the end. What touches something all
-the same is solved again from where it is.
+the same is solved again from where it is. Other ways, where one comes to nothing, are tried side by side.
 """
 
 from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import around, has_no_way, near_the_way
@@ -24,7 +26,7 @@ from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_row
 from mbocp.solution import Solution
 from mbocp.solution.later import retold
 from mbocp.solution.records import StartRecord
-from mbocp.solvers import Outcome, Phase, Status
+from mbocp.solvers import IterationRecord, Outcome, Phase, Status
 
 __all__ = ["Attempt", "solve_clear"]
 
@@ -74,12 +76,18 @@ class Attempt:
         return Carried.of(self.outcome.result.iterate, self.formulation.programme)
 
 
-Try = Callable[..., Attempt]  # of a problem, a start, and the residual of a rough solve
+Callback = Callable[[IterationRecord], object]
+Try = Callable[..., Attempt]  # of a problem, a start, the residual of a rough solve, and a callback
 Read = Callable[[Attempt], Solution]
 
 
 def solve_clear(
-    problem: Problem, warm_start: Solution | None, attempt: Try, read: Read, deadline: float
+    problem: Problem,
+    warm_start: Solution | None,
+    attempt: Try,
+    read: Read,
+    deadline: float,
+    callback: Callback | None = None,
 ) -> Solution:
     """Solution of a problem; one that touches nothing, if that can be had.
 
@@ -88,11 +96,14 @@ def solve_clear(
     problem : Problem
     warm_start : Solution, optional
     attempt : callable
-        Solves a problem from a start; roughly, where a third argument is the residual that will do.
+        Solves a problem from a start; roughly, where a third argument is the residual that will do; with
+        another callback for its solvers, where `callback` is given.
     read : callable
         Makes a solution of what `attempt` returns.
     deadline : float
         Time of `time.perf_counter` after which nothing is solved again.
+    callback : callable, optional
+        Called with every record.
     """
     solution = _solved(problem, warm_start, attempt, read, deadline)
     if warm_start is not None or solution.converged or solution.status in _STOPPED:
@@ -101,17 +112,44 @@ def solve_clear(
         return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")
     if not _may_be_on_the_wrong_side(problem):
         return solution
-    for number, other in enumerate(_with_other_ways(problem), start=2):
-        if time.perf_counter() > deadline:
-            break
-        again = _solved(other, None, attempt, read, deadline)
-        words = f"way {number} around obstacles, inverse dynamics"
+    return _by_other_ways(problem, solution, attempt, read, deadline, callback)
+
+
+def _by_other_ways(
+    problem: Problem,
+    known: Solution,
+    attempt: Try,
+    read: Read,
+    deadline: float,
+    callback: Callback | None,
+) -> Solution:
+    """Solution on the first other way that leads to one, or the known one; ways side by side."""
+    has_ours = problem.guess.kind == "way" and around(problem) is not None  # None: the line is clear
+    seeds = range(0 if has_ours else 1, 1 + _OTHER_WAYS)
+
+    def work(place: int, watch: Watch) -> Solution | None:
+        other = _on_way(problem, seeds[place])
+        if other is None or time.perf_counter() > deadline:
+            return None
+        return _solved(other, None, partial(attempt, callback=watch), read, deadline)
+
+    def ends(found: Solution | None) -> bool:
+        return found is None or found.converged or found.status in _STOPPED
+
+    begun = time.perf_counter()
+    row = SideBySide(work, len(seeds), callback, ends=ends, is_interrupted=_is_interrupted)
+    tried = [found for found in row.run(problem.solver.num_threads).values() if found is not None]
+    spent = time.perf_counter() - begun
+    for number, again in enumerate(tried, start=2):
         if again.converged:
-            return _found_from(solution, again, "other ways", guess_used=words)
-        solution = retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
-        if again.status in _STOPPED:
-            break
-    return solution
+            before = retold(known, wall_time_s=known.wall_time_s + spent - again.wall_time_s)
+            words = f"way {number} around obstacles, inverse dynamics"
+            return _found_from(before, again, "other ways", guess_used=words)
+    return retold(known, wall_time_s=known.wall_time_s + spent)
+
+
+def _is_interrupted(found: Solution | None) -> bool:
+    return found is not None and found.status is Status.INTERRUPTED
 
 
 def _may_be_on_the_wrong_side(problem: Problem) -> bool:
@@ -120,19 +158,15 @@ def _may_be_on_the_wrong_side(problem: Problem) -> bool:
     return has_ways and problem.solver.starts == 1 and problem.solver.max_iterations is None
 
 
-def _with_other_ways(problem: Problem) -> Iterator[Problem]:
-    """The problem with guesses that other random numbers lead to, and with ours where another was given."""
-    is_given = problem.guess.kind == "way"
-    for seed in range(0 if is_given else 1, 1 + _OTHER_WAYS):
-        way = around(problem, seed)
-        if way is None:
-            if seed:
-                return
-            continue  # the line is clear
-        corners = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))[1:-1]
-        found = copy.copy(problem)
-        object.__setattr__(found, "guess", Guess(kind="way", q=corners))
-        yield found
+def _on_way(problem: Problem, seed: int) -> Problem | None:
+    """The problem with a guess that these random numbers lead to; None where there is none."""
+    way = around(problem, seed)
+    if way is None:
+        return None
+    corners = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))[1:-1]
+    found = copy.copy(problem)
+    object.__setattr__(found, "guess", Guess(kind="way", q=corners))
+    return found
 
 
 def _solved(

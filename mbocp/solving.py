@@ -81,10 +81,10 @@ def solve(
     limit = problem.solver.time_limit
     deadline = math.inf if limit is None else time.perf_counter() + limit
     accuracy = follows_fast(problem) if accuracy is None else accuracy
-    attempt = partial(_attempted, callback=callback, deadline=deadline)
+    attempt = partial(_attempted, deadline=deadline, callback=callback)
     has_gains = gains or accuracy or problem.accuracy is not None
     read = partial(_read, asked=problem, with_gains=has_gains)
-    work = partial(solve_clear, attempt=attempt, read=read, deadline=deadline)
+    work = partial(solve_clear, attempt=attempt, read=read, deadline=deadline, callback=callback)
     if problem.accuracy is not None:
         solution = refined(problem, warm_start, work, deadline)
     else:

@@ -21,6 +21,7 @@ LAYERS = (
     "_numbers",
     "exceptions",
     "_environment",
+    "_threads",
     "_files",
     "_arrays",
     "_linear",

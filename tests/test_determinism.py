@@ -6,7 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,11 @@ def digest(solution: mbocp.Solution) -> str:
     for record in solution.history:
         found.update(repr((record.cost, record.residual, record.increment, record.step_length)).encode())
     return found.hexdigest()
+
+
+def digest_of(solution: mbocp.Solution, other: mbocp.Solution) -> str:
+    """That of a solution as if it had been asked for with the options of another one."""
+    return digest(replace(solution, problem_text=other.problem_text, options=other.options))
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

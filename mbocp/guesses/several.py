@@ -1,13 +1,13 @@
 """Solving from several guesses, and to several goals, side by side, and the best of what they lead to.
 
-This process takes one start after the other; where they take their time, other processes help it. Each start
-is solved as if it were the only one, so that the result does not depend on who solves it.
+This process takes one start after the other; where they take their time, other processes help it. Where it
+is to have threads, these help instead. Each start is solved as if it were the only one, so that the result
+does not depend on who solves it.
 """
 
 from __future__ import annotations
 
 import math
-import multiprocessing
 import threading
 import time
 from collections import Counter, deque
@@ -15,7 +15,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
-from mbocp._environment import available_workers
+from mbocp._environment import available_threads
+from mbocp._threads import SideBySide, Watch
 from mbocp.formulation import Formulation
 from mbocp.guesses.attempts import interrupted
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
@@ -57,9 +58,13 @@ def solve_from_starts(
             for guess in start_guesses(formulation, warm_start)
         ]
     clock = time.perf_counter()
+    threads = members[0][1].problem.solver.num_threads
     batch = _Batch(tasks, callback, deadline)
-    batch.run(_helpers() if workers is None else workers - 1)
-    batch.ease()
+    if threads > 1:
+        batch.run_in_threads(threads)
+    else:
+        batch.run(_helpers() if workers is None else workers - 1)
+    batch.ease(threads)
     tried = [tasks[i] for i in sorted(batch.outcomes)]
     ends = [
         with_end(task.formulation, batch.outcomes[i]) for i, task in enumerate(tasks) if i in batch.outcomes
@@ -72,7 +77,7 @@ def solve_from_starts(
             if batch.is_over:
                 break
             task = _Task(formulation, guess, place)
-            end = with_end(formulation, batch.solve(task, len(tried)))
+            end = with_end(formulation, batch.solve(task, len(tried), callback))
             tried, ends = [*tried, task], [*ends, end]
             if end.result.status is Status.CONVERGED:
                 break
@@ -86,7 +91,7 @@ def solve_from_starts(
 
 def _helpers() -> int:
     """Processes that may help: none where this one is a worker among others."""
-    return 0 if multiprocessing.parent_process() is not None else available_workers() - 1
+    return available_threads() - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,32 +159,56 @@ class _Batch:
             for process in processes:
                 process.close()
 
-    def solve(self, task: _Task, number: int) -> Outcome:
+    def run_in_threads(self, threads: int) -> None:
+        """The same with threads of this process."""
+
+        def work(number: int, watch: Watch) -> Outcome:
+            return self.solve(self.tasks[number], number, watch)
+
+        self._side_by_side(work, range(len(self.tasks)), threads)
+
+    def solve(self, task: _Task, number: int, callback: _Callback | None) -> Outcome:
         """Outcome of one start, in this process."""
-        start = Start(task.formulation.programme, task.guess.iterate, self.callback, label=_label(number))
+        start = Start(task.formulation.programme, task.guess.iterate, callback, label=_label(number))
         outcome = run_strategy(task.settings(self.deadline), start)
-        self.is_interrupted |= outcome.result.status is Status.INTERRUPTED
+        self.is_interrupted |= _is_interrupted(outcome)
         return outcome
 
-    def ease(self) -> None:
+    def ease(self, threads: int) -> None:
         """Give each start its further descents; the first to a goal those that it has where it is alone."""
-        seen: Counter[int | None] = Counter()
-        for number in sorted(self.outcomes):
+        numbers, seen = sorted(self.outcomes), Counter[int | None]()
+        among = {}
+        for number in numbers:
+            goal = self.tasks[number].goal
+            among[number] = seen[goal]
+            seen[goal] += 1
+        left = [number for number in numbers if self.tasks[number].guess.kind not in GIVEN_SOLUTIONS]
+
+        def work(place: int, watch: Watch) -> Outcome:
+            number = left[place]
+            if self.is_over:
+                return self.outcomes[number]
             task = self.tasks[number]
-            among = seen[task.goal]
-            seen[task.goal] += 1
-            if self.is_over or task.guess.kind in GIVEN_SOLUTIONS:
-                continue
-            start = Start(task.formulation.programme, task.guess.iterate, self.callback, label=_label(number))
-            found = better_of_eased(
-                task.formulation,
-                task.settings(self.deadline),
-                start,
-                self.outcomes[number],
-                number=among,
-            )
-            self.outcomes[number] = found
-            self.is_interrupted |= found.result.status is Status.INTERRUPTED
+            start = Start(task.formulation.programme, task.guess.iterate, watch, label=_label(number))
+            settings, plain = task.settings(self.deadline), self.outcomes[number]
+            return better_of_eased(task.formulation, settings, start, plain, number=among[number])
+
+        if not self.is_over:
+            self._side_by_side(work, left, threads)
+
+    def _side_by_side(
+        self, work: Callable[[int, Watch], Outcome], numbers: Sequence[int], threads: int
+    ) -> None:
+        """Outcomes of work(0), work(1), ... as those of the starts of these numbers."""
+        row = SideBySide(work, len(numbers), self.callback, is_interrupted=_is_interrupted)
+        try:
+            row.run(threads)
+        except KeyboardInterrupt:
+            if not (row.results or self.outcomes):
+                raise
+            self.is_interrupted = True
+        self.outcomes |= {numbers[place]: outcome for place, outcome in row.results.items()}
+        self.is_interrupted |= any(_is_interrupted(outcome) for outcome in row.results.values())
 
     def _next(self) -> int | None:
         try:
@@ -189,7 +218,7 @@ class _Batch:
 
     def _take(self) -> None:
         while not self.is_interrupted and (number := self._next()) is not None:
-            self.outcomes[number] = self.solve(self.tasks[number], number)
+            self.outcomes[number] = self.solve(self.tasks[number], number, self.callback)
 
     def _show(self) -> None:
         """Show the records of other processes, as if they came now."""
@@ -211,6 +240,10 @@ class _Batch:
                 self._waiting.append(number)
                 return
             self._brought[number] = found
+
+
+def _is_interrupted(outcome: Outcome) -> bool:
+    return outcome.result.status is Status.INTERRUPTED
 
 
 def _label(number: int) -> str:

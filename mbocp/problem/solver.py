@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mbocp._environment import available_threads
 from mbocp.exceptions import InvalidValue
 from mbocp.problem._checks import check_choice, check_integer, check_number, check_positive
 from mbocp.solvers.options import (
@@ -29,6 +30,8 @@ class SolverOptions(Options):
         Number of guesses from which the problem is solved; the best result is the solution.
     seed : int
         Of the random ones among them.
+    threads : int or "auto"
+        Threads of a solve, which change no bit of its result; "auto": as many as there are processors.
 
     Raises
     ------
@@ -38,6 +41,7 @@ class SolverOptions(Options):
 
     starts: int = 1
     seed: int = 0
+    threads: int | str = 1
 
     def __post_init__(self) -> None:
         check_choice("solver.method", self.method, METHODS)
@@ -51,6 +55,10 @@ class SolverOptions(Options):
         for key, least in (("starts", 1), ("seed", 0)):
             number = check_integer(f"solver.{key}", getattr(self, key), minimum=least)
             object.__setattr__(self, key, number)
+        if isinstance(self.threads, str):
+            check_choice("solver.threads", self.threads, ("auto",), "or a whole number of at least 1")
+        else:
+            object.__setattr__(self, "threads", check_integer("solver.threads", self.threads, minimum=1))
         if self.max_iterations is not None:
             limit = check_integer("solver.max_iterations", self.max_iterations, minimum=1)
             object.__setattr__(self, "max_iterations", limit)
@@ -64,3 +72,9 @@ class SolverOptions(Options):
             object.__setattr__(self, key, value)
         steps = check_integer("solver.switch_iterations", self.switch_iterations, minimum=1)
         object.__setattr__(self, "switch_iterations", steps)
+
+    @property
+    def num_threads(self) -> int:
+        """Number of threads of a solve here: no more than processors, one where others work beside us."""
+        available = available_threads()
+        return available if self.threads == "auto" else min(int(self.threads), available)

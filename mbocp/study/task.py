@@ -94,7 +94,7 @@ class _Watch:
 
 def make_problem(job: Job, overrides: Mapping[str, Any]) -> Problem:
     """Problem of a task; its robot is loaded once a process."""
-    document = apply_overrides(job.document, overrides)
+    document = apply_overrides(job.document, {**overrides, "solver.threads": 1})  # tasks have all processors
     if job.time_limit is not None and not _limits_time(document.get("solver")):
         document = apply_overrides(document, {"solver.time_limit": job.time_limit})
     folder = job.source.parent if job.source is not None else None

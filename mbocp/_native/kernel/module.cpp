@@ -18,6 +18,7 @@ namespace nb = nanobind;
 using namespace mbocp;
 using Input = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Output = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
+using Released = nb::call_guard<nb::gil_scoped_release>;  // other threads of Python go on meanwhile
 
 namespace {
 
@@ -27,6 +28,17 @@ Output to_array(const Numbers& values) {
     auto* copy = new Numbers(values);
     nb::capsule owner(copy, [](void* p) noexcept { delete static_cast<Numbers*>(p); });
     return Output(copy->data(), {copy->size()}, owner);
+}
+
+// An array of what is computed while other threads of Python go on.
+template <class Compute>
+Output computed(Compute compute) {
+    Numbers values;
+    {
+        nb::gil_scoped_release released;
+        values = compute();
+    }
+    return to_array(values);
 }
 
 // A property that reads a copy and writes in place after a check of the length; `field` finds the vector.
@@ -180,26 +192,29 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
                                          {rho_terminal.data(), rho_terminal.size()});
             },
             nb::arg("theta"), nb::arg("rho"), nb::arg("rho_terminal"))
-        .def("evaluate", &Programme::evaluate, nb::arg("share") = 1.0)
+        .def("evaluate", &Programme::evaluate, nb::arg("share") = 1.0, Released())
         .def(
             "factorise", [](Programme& p, double shift, double augment) { return p.riccati.factorise(shift, augment); },
-            nb::arg("shift") = 0.0, nb::arg("augment") = 0.0)
+            nb::arg("shift") = 0.0, nb::arg("augment") = 0.0, Released())
         .def(
             "solve", [](Programme& p, int refinements) { return p.riccati.solve(refinements); },
-            nb::arg("refinements") = 1)
-        .def("correct", &Programme::correct, nb::arg("alpha"))
-        .def("move", &Programme::move, nb::arg("alpha"))
-        .def("trial", &Programme::trial, nb::arg("alpha"))
+            nb::arg("refinements") = 1, Released())
+        .def("correct", &Programme::correct, nb::arg("alpha"), Released())
+        .def("move", &Programme::move, nb::arg("alpha"), Released())
+        .def("trial", &Programme::trial, nb::arg("alpha"), Released())
         .def("accept", &Programme::accept, nb::arg("alpha"), nb::arg("alpha_limits") = 1.0)
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false,
-             nb::arg("feedback") = false)
-        .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false, nb::arg("feedback") = false)
+             nb::arg("feedback") = false, Released())
+        .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false, nb::arg("feedback") = false, Released())
         .def(
             "end_sensitivity",
-            [](Programme& p, bool feedback) { return to_array(p.adjoint_sweep.end_sensitivity(feedback)); },
+            [](Programme& p, bool feedback) {
+                return computed([&] { return p.adjoint_sweep.end_sensitivity(feedback); });
+            },
             nb::arg("feedback") = false, nb::rv_policy::move)
         .def(
-            "reduced_hessian", [](Programme& p, double shift) { return to_array(p.reduced_hessian(shift)); },
+            "reduced_hessian",
+            [](Programme& p, double shift) { return computed([&] { return p.reduced_hessian(shift); }); },
             nb::arg("shift") = 0.0, nb::rv_policy::move)
         .def(
             "gains", [](const Programme& p) { return to_array(p.gains()); }, nb::rv_policy::move)
@@ -222,8 +237,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "start_limits",
             [](Programme& p, double barrier, double inside) { p.barrier.start(p.iterate, barrier, inside); },
-            nb::arg("barrier"), nb::arg("inside") = 1e-2)
-        .def("weigh", &Programme::weigh, nb::arg("barrier"))
+            nb::arg("barrier"), nb::arg("inside") = 1e-2, Released())
+        .def("weigh", &Programme::weigh, nb::arg("barrier"), Released())
         .def_prop_ro("num_limits", [](const Programme& p) { return p.barrier.limits().num_inequalities(); });
     array_property(
         programme, "limit_multipliers", [](const Programme& p) { return p.barrier.multipliers(); },

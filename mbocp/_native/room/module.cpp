@@ -105,9 +105,12 @@ std::size_t count_of(const Room& room, const Input& qs) {
 Output values(const Room& room, const Input& qs, double near) {
     const std::size_t count = count_of(room, qs), width = room.pairs.size();
     std::vector<double> found(count * width);
-    Placed placed;
-    for (std::size_t k = 0; k < count; ++k)
-        room.values(qs.data() + k * room.nq, placed, near, found.data() + k * width);
+    {
+        nb::gil_scoped_release released;
+        Placed placed;
+        for (std::size_t k = 0; k < count; ++k)
+            room.values(qs.data() + k * room.nq, placed, near, found.data() + k * width);
+    }
     return array_of(found);
 }
 
@@ -115,9 +118,12 @@ Output least(const Room& room, const Input& qs, const Input& lower, double most)
     const std::size_t count = count_of(room, qs);
     check(lower.size() == room.pairs.size(), "lower: one number for each pair");
     std::vector<double> found(count);
-    Placed placed;
-    for (std::size_t k = 0; k < count; ++k)
-        found[k] = room.least(qs.data() + k * room.nq, placed, lower.data(), most, -1e300);
+    {
+        nb::gil_scoped_release released;
+        Placed placed;
+        for (std::size_t k = 0; k < count; ++k)
+            found[k] = room.least(qs.data() + k * room.nq, placed, lower.data(), most, -1e300);
+    }
     return array_of(found);
 }
 

@@ -457,6 +457,7 @@ class SolverTable(Table):
     linear_solver: str = SolverOptions.linear_solver
     starts: int = SolverOptions.starts
     seed: int = SolverOptions.seed
+    threads: int | str = SolverOptions.threads
 
 
 class ProblemTable(Table):

@@ -29,7 +29,7 @@ from mbocp.solvers.iterating import Callback, SolverResult
 from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, calm_or_none, parameters
 from mbocp.solvers.nlp.iteration_callback import IterationCallback
 from mbocp.solvers.nlp.layout import NlpLayout
-from mbocp.solvers.nlp.log import IterationLog, whole_lines
+from mbocp.solvers.nlp.log import IterationLog, OfThread, whole_lines
 from mbocp.solvers.nlp.status_messages import advice_of, status_of
 from mbocp.solvers.records import IterationRecord, Status
 
@@ -37,6 +37,7 @@ __all__ = ["InteriorPoint"]
 
 _FATROP_RELAXES = 1e-8  # relative to a bound, absolute below one
 _THROWN = "exception was raised in the solver"
+_ALONE = threading.RLock()  # solvers kept in memory and the stream that they print to are there once
 _MAX_SOLVERS = 12  # solvers of different shapes kept in memory; a study with every formulation has six
 
 
@@ -75,13 +76,24 @@ class InteriorPoint:
         phase: str = "",
         first: int = 0,
     ) -> SolverResult:
-        """Solve from an iterate; its multipliers are not used.
+        """Solve from an iterate; its multipliers are not used. Other threads that want to do so wait.
 
         Raises
         ------
         ProblemError
             If there are more equations at the last node than fatrop takes.
         """
+        with _ALONE:
+            return self._run(programme, iterate, callback, phase, first)
+
+    def _run(
+        self,
+        programme: StagewiseProgramme,
+        iterate: Iterate,
+        callback: Callback | None,
+        phase: str,
+        first: int,
+    ) -> SolverResult:
         if self.name == "fatrop":
             _check_end(programme)
         compiled = _compiled(_Key.of(self, programme))
@@ -93,7 +105,8 @@ class InteriorPoint:
         iteration_callback.start(self.time_limit)
         p = parameters(programme)
         w0, solver = _packed(iterate, lay), compiled.solver()
-        with _interruptible(iteration_callback, log), contextlib.redirect_stdout(log), whole_lines():
+        printed = contextlib.redirect_stdout(OfThread(log))
+        with _interruptible(iteration_callback, log), printed, whole_lines():
             try:
                 found: dict[str, Any] | None = solver(x0=w0, p=p, **inner)
             except (

@@ -10,13 +10,16 @@ import contextlib
 import io
 import math
 import re
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 from mbocp.programme.kernel import nlp_helpers
 from mbocp.solvers.records import IterationRecord
 
-__all__ = ["IterationLog", "whole_lines"]
+__all__ = ["IterationLog", "OfThread", "whole_lines"]
 
 _NUMBER = r"[-+]?(?:\d+\.\d+e[-+]\d+|\d+\.\d+|nan|inf)"
 _LINE = re.compile(
@@ -36,6 +39,17 @@ def whole_lines() -> Iterator[None]:
         yield
     finally:
         native.end_whole_lines()
+
+
+class OfThread:
+    """The standard output of the thread that makes it: a stream; of other threads it stays what it is."""
+
+    def __init__(self, stream: io.TextIOBase) -> None:
+        self._stream, self._others, self._own = stream, sys.stdout, threading.get_ident()
+
+    def __getattr__(self, name: str) -> Any:
+        """Of the stream of the thread that asks."""
+        return getattr(self._stream if threading.get_ident() == self._own else self._others, name)
 
 
 class IterationLog(io.TextIOBase):
