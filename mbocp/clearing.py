@@ -24,7 +24,7 @@ from mbocp.problem import Guess, Problem
 from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_rows_and_room
 from mbocp.solution import Solution
-from mbocp.solution.later import retold
+from mbocp.solution.later import is_there, retold
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import IterationRecord, Outcome, Phase, Status
 
@@ -234,8 +234,11 @@ def _cleared(
     for _ in range(_ROUNDS):
         if not solution.is_stationary or time.perf_counter() > deadline:
             break
-        lacks = -solution.clearance if solution.clearance < -BOUND_TOLERANCE else 0.0
-        wider = with_rows_and_room(near, solution.t, solution.qs, lacks, solution.clearance_between)
+        lacks, touching = 0.0, ""
+        if is_there(solution, "clearance"):  # else nothing is nearer than it may be
+            lacks = -solution.clearance if solution.clearance < -BOUND_TOLERANCE else 0.0
+            touching = solution.clearance_between
+        wider = with_rows_and_room(near, solution.t, solution.qs, lacks, touching)
         if wider is None:
             break
         larger, has_more_rows = wider

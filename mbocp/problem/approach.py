@@ -2,28 +2,27 @@
 
 The motion is sampled at a thousand poses a second, on geodesics from node to node. Spheres say at once how
 near a link can be at most; where that may be nearer than what has been found, coal computes the distance of
-the link's own shapes.
+the link's own shapes. At other poses these are not nearer by more than their points have moved until then.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-import coal
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.problem.clearance import Clearance
-from mbocp.robot.large import working_data
+from mbocp.problem.shape_distances import LinkPair, ShapeDistances
 from mbocp.robot.model import RobotModel
 from mbocp.robot.nodes import between
 
-__all__ = ["Approach", "nearest_approach", "poses_between"]
+__all__ = ["Approach", "keeps_clear", "nearest_approach", "poses_between"]
 
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
 _NEAR = 0.1  # [m]: farther spheres are only looked at where nothing is as near
+_ITERATED = 1e-6  # [m] by which distances of shapes may be wrong: the tolerance of coal's iterations
 
 
 @dataclass(frozen=True)
@@ -66,52 +65,6 @@ class Approach:
         return f"{self.link} {how} at t = {self.time:.4g} s"
 
 
-Shape = tuple[int, pin.SE3, coal.CollisionGeometry]  # a joint, where on it, and what
-
-
-class _Distances:
-    """Distances of links and obstacles by their own shapes, at one configuration after the other.
-
-    Parameters
-    ----------
-    clearance : Clearance
-    pairs : list of (int, int, bool)
-        A link, and an obstacle or another link.
-    """
-
-    def __init__(self, clearance: Clearance, pairs: list[tuple[int, int, bool]]) -> None:
-        self._model = clearance.robot.model
-        self._data = working_data(self._model)
-        self._geometry = pin.GeometryModel()
-        self._first = [0]  # of the shapes of each pair
-        numbers: dict[tuple[int, bool], list[int]] = {}
-        for link, number, is_obstacle in pairs:
-            for key in ((link, False), (number, is_obstacle)):
-                if key not in numbers:
-                    shapes = _obstacle(clearance, key[0]) if key[1] else _link(clearance, key[0])
-                    numbers[key] = [self._add(shape) for shape in shapes]
-            for one in numbers[link, False]:
-                for other in numbers[number, is_obstacle]:
-                    self._geometry.addCollisionPair(pin.CollisionPair(one, other))
-            self._first.append(len(self._geometry.collisionPairs))
-        self._placed = pin.GeometryData(self._geometry)
-
-    def _add(self, shape: Shape) -> int:
-        joint, placement, geometry = shape
-        name = str(self._geometry.ngeoms)
-        return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, geometry)))
-
-    def place(self, q: Array) -> None:
-        """Take a configuration, shape (nq,)."""
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, q)
-
-    def of(self, pair: int) -> float:
-        """Of the nearest shapes of a pair, negative where they are in each other [m]."""
-        shapes = range(self._first[pair], self._first[pair + 1])
-        found = (pin.computeDistance(self._geometry, self._placed, k).min_distance for k in shapes)
-        return float(min(found, default=np.inf))
-
-
 def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | None:
     """Smallest distance beyond its margin of all pairs that are kept apart; None where there are none.
 
@@ -124,22 +77,86 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
     """
     if not clearance.rows or not np.isfinite(qs).all():
         return None
-    times, sampled = poses_between(clearance.robot, t, qs)
-    pairs, bounds, margins = _bounds(clearance, sampled)
-    distances, at = _Distances(clearance, pairs), -1
-    best: Approach | None = None
-    for flat in np.argsort(bounds, axis=None, kind="stable"):
-        n, k = divmod(int(flat), len(pairs))
-        if best is not None and bounds[n, k] >= best.distance - best.margin:
-            break
-        if n != at:
-            distances.place(sampled[n])
-            at = n
-        distance = distances.of(k)
-        if best is None or distance - margins[k] < best.distance - best.margin:
-            names = _names(clearance, pairs[k])
-            best = Approach(distance, margins[k], *names, float(times[n]), pairs[k][2])
-    return best
+    return _Search.of(clearance, t, qs, _NEAR).nearest()
+
+
+def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> bool:
+    """Whether no pair is nearer than its margin, or in each other, but for a tolerance [m].
+
+    It takes a part of the time of `nearest_approach`, and says the same. The parameters are those.
+    """
+    if not clearance.rows or not np.isfinite(qs).all():
+        return True
+    near = max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + 2.0 * max(_gaps(clearance))
+    search = _Search.of(clearance, t, qs, near)
+    lowered = np.maximum(search.margins, 0.0)
+    search.bounds += search.margins - lowered
+    search.margins = lowered
+    return search.nearest(-tolerance, is_any=True) is None
+
+
+@dataclass(eq=False)
+class _Search:
+    """Pairs at the poses of a motion, by how near they may be.
+
+    Attributes
+    ----------
+    clearance : Clearance
+    times, qs : ndarray, shapes (n,) and (n, nq)
+    pairs : list of (int, int, bool)
+        A link, and an obstacle or another link.
+    bounds : ndarray, shape (n, pairs)
+        Distances beyond margins are not less, those that have not been looked at [m].
+    margins : ndarray, shape (pairs,)
+        [m].
+    """
+
+    clearance: Clearance
+    times: Array
+    qs: Array
+    pairs: list[LinkPair]
+    bounds: Array
+    margins: Array
+    _looked_at: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # of poses
+    _joints: Array = field(default_factory=lambda: np.zeros((0, 0, 3, 4)))  # placements there
+
+    @classmethod
+    def of(cls, clearance: Clearance, t: Array, qs: Array, near: float) -> _Search:
+        """Of a motion. Pairs farther than `near` [m] may be taken for any that are."""
+        times, sampled = poses_between(clearance.robot, t, qs)
+        return cls(clearance, times, sampled, *_bounds(clearance, sampled, near))
+
+    def nearest(self, most: float = np.inf, *, is_any: bool = False) -> Approach | None:
+        """The smallest distance beyond its margin below `most` [m]; with `is_any` the first that is found."""
+        shapes = ShapeDistances(self.clearance, self.pairs)
+        best: Approach | None = None
+        while True:
+            n, k = divmod(int(self.bounds.argmin()), len(self.pairs))
+            if self.bounds[n, k] >= most:
+                return best
+            shapes.place(self.qs[n])
+            distance = shapes.of(k)
+            if distance - self.margins[k] < most:
+                most = distance - float(self.margins[k])
+                names, is_obstacle = _names(self.clearance, self.pairs[k]), self.pairs[k][2]
+                best = Approach(distance, float(self.margins[k]), *names, float(self.times[n]), is_obstacle)
+                if is_any:
+                    return best
+            self.bounds[n, k] = np.inf
+            if distance > 0.0:  # else how deep shapes are in each other may jump
+                self._raise(n, k, distance, most, shapes)
+
+    def _raise(self, n: int, k: int, distance: float, most: float, shapes: ShapeDistances) -> None:
+        """Raise bounds of a pair around a pose in which its distance is known."""
+        if not self._looked_at.size:  # from now on they become fewer
+            self._looked_at = np.union1d(np.flatnonzero((self.bounds < most).any(axis=1)), [n])
+            self._joints = self.clearance.joint_placements(self.qs[self._looked_at])
+        others = np.flatnonzero(self.bounds[:, k] < most)
+        here, there = np.searchsorted(self._looked_at, n), np.searchsorted(self._looked_at, others)
+        moved = shapes.moved(k, self._joints[here], self._joints[there])
+        least = distance - moved - np.minimum(moved, _ITERATED)
+        least = np.where(least > 0.0, least - self.margins[k], -np.inf)
+        self.bounds[others, k] = np.maximum(self.bounds[others, k], least)
 
 
 def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]:
@@ -152,44 +169,32 @@ def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]
     return times, between(robot, qs[step], qs[step + 1], shares)
 
 
-def _bounds(clearance: Clearance, qs: Array) -> tuple[list[tuple[int, int, bool]], Array, list[float]]:
+def _bounds(clearance: Clearance, qs: Array, near: float) -> tuple[list[LinkPair], Array, Array]:
     """Pairs of a link and an obstacle or link; bounds of their distances beyond margins; their margins."""
-    links = clearance.robot.collision_spheres
-    gaps = [0.0 if np.isnan(link.gap) else link.gap for link in links]
-    values = clearance.pair_values(qs, _NEAR) - clearance.margins
-    rounding = max([o.smoothing for o in clearance.obstacles], default=0.0)
-    columns: dict[tuple[int, int, bool], list[int]] = {}
+    gaps = _gaps(clearance)
+    values = clearance.pair_values(qs, near) - clearance.margins
+    columns: dict[LinkPair, list[int]] = {}
     for row, (sphere, k) in enumerate(clearance.pairs):
         columns.setdefault((clearance.spheres[sphere][0], k, True), []).append(row)
     for row, (a, b) in enumerate(clearance.sphere_pairs, start=len(clearance.pairs)):
         columns.setdefault((clearance.spheres[a][0], clearance.spheres[b][0], False), []).append(row)
-    pairs = list(columns)
-    found = [
-        values[:, rows].min(axis=1) - rounding - gaps[a] - (0.0 if is_obstacle else gaps[b])
-        for (a, b, is_obstacle), rows in columns.items()
-    ]
-    return pairs, np.array(found).T, [float(clearance.margins[rows[0]]) for rows in columns.values()]
+    pairs, order = list(columns), [row for rows in columns.values() for row in rows]
+    first = np.cumsum([0, *(len(rows) for rows in columns.values())])[:-1]
+    sticks = [gaps[a] + (0.0 if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
+    found = np.minimum.reduceat(values[:, order], first, axis=1) - _rounding(clearance) - sticks
+    return pairs, found, clearance.margins[np.array(order)[first]]
 
 
-def _names(clearance: Clearance, pair: tuple[int, int, bool]) -> tuple[str, str]:
+def _gaps(clearance: Clearance) -> list[float]:
+    """How far the shapes of each link are out of its spheres [m]."""
+    return [0.0 if np.isnan(link.gap) else link.gap for link in clearance.robot.collision_spheres]
+
+
+def _rounding(clearance: Clearance) -> float:
+    """By how much the spheres' clearances may be too large [m]."""
+    return max([o.smoothing for o in clearance.obstacles], default=0.0)
+
+
+def _names(clearance: Clearance, pair: LinkPair) -> tuple[str, str]:
     links, (link, number, is_obstacle) = clearance.robot.collision_spheres, pair
     return links[link].link, clearance.obstacles[number].name if is_obstacle else links[number].link
-
-
-def _link(clearance: Clearance, number: int) -> list[Shape]:
-    """Shapes of a link; its spheres where it has no others."""
-    robot = clearance.robot
-    link = robot.collision_spheres[number]
-    shapes = [s for s in robot.collision_model.geometryObjects if s.parentFrame == link.frame]
-    if shapes:
-        return [(int(s.parentJoint), s.placement, s.geometry) for s in shapes]
-    frame = robot.model.frames[link.frame]
-    spheres = zip(link.centers, link.radii, strict=True)
-    placed = ((frame.placement * pin.SE3(np.eye(3), np.array(c)), coal.Sphere(float(r))) for c, r in spheres)
-    return [(link.joint, at, ball) for at, ball in placed]
-
-
-def _obstacle(clearance: Clearance, number: int) -> list[Shape]:
-    obstacle = clearance.obstacles[number]
-    frame = clearance.robot.model.frames[clearance.robot.frame_id(obstacle.frame)]
-    return [(int(frame.parentJoint), frame.placement * obstacle.placement, obstacle.geometry)]

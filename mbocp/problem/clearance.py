@@ -207,6 +207,10 @@ class Clearance:
         """
         return self._pair_clearances.values(np.asarray(qs), near)
 
+    def joint_placements(self, qs: Array) -> Array:
+        """Rotation and origin of each joint at each configuration, shape (n, njoints, 3, 4) [m]."""
+        return self._pair_clearances.joint_placements(np.asarray(qs))
+
     def least(self, qs: Array, most: float = np.inf) -> Array:
         """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""
         return self._pair_clearances.least(np.asarray(qs), self.margins, most)

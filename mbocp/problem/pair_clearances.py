@@ -75,6 +75,10 @@ class PairClearances:
         """Clearances, shape (n, P) [m]; larger ones than `near` may be any number between `near` and them."""
         return np.asarray(self._room.values(_flat(qs), near)).reshape(len(qs), len(self.rows))
 
+    def joint_placements(self, qs: Array) -> Array:
+        """Rotation and origin of each joint at each configuration, shape (n, njoints, 3, 4) [m]."""
+        return np.asarray(self._room.joints(_flat(qs))).reshape(len(qs), self.model.njoints, 3, 4)
+
     def least(self, qs: Array, lower: Array, most: float = np.inf) -> Array:
         """Least clearance beyond `lower` at each configuration, `most` where it is larger, shape (n,) [m]."""
         return np.asarray(self._room.least(_flat(qs), _flat(lower), most))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-__all__ = ["Later", "complete", "deferred", "is_complete", "retold"]
+__all__ = ["Later", "complete", "deferred", "is_complete", "is_there", "retold"]
 
 T = TypeVar("T")
 
@@ -47,6 +47,11 @@ def deferred(cls: type[T], now: Mapping[str, Any], rest: Callable[[], Mapping[st
 def is_complete(instance: object) -> bool:
     """Whether all fields are there."""
     return _REST not in vars(instance)
+
+
+def is_there(instance: object, name: str) -> bool:
+    """Whether a field is there already."""
+    return name in vars(instance)
 
 
 def complete(instance: object) -> None:

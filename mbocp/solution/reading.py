@@ -22,7 +22,7 @@ from mbocp.formulation.resolution import unresolved
 from mbocp.formulation.trajectory import read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
-from mbocp.problem.approach import Approach, nearest_approach
+from mbocp.problem.approach import Approach, keeps_clear, nearest_approach
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.programme import Iterate
 from mbocp.robot import Robot, RobotFiles, singular_closure
@@ -83,7 +83,8 @@ def read_solution(
     clearance = problem.clearance if asked is None else asked.clearance
     if clearance is not None:
         with timed(phases, "clearance"):
-            approach = nearest_approach(clearance, t, motion.qs)
+            if not keeps_clear(clearance, t, motion.qs, BOUND_TOLERANCE):
+                approach = nearest_approach(clearance, t, motion.qs)
         status, advice = _cleared(approach, status, advice)
     now = {
         "status": status,
@@ -97,7 +98,6 @@ def read_solution(
         "wall_time_s": time.perf_counter() - begun,
         "phases": tuple(phases),
         "history": result.history,
-        **_told(approach),
         "t": frozen_array(t),
         "qs": frozen_array(motion.qs),
         "vs": frozen_array(motion.vs),
@@ -113,16 +113,23 @@ def read_solution(
         "accuracy": Accuracy(),
         "robot_files": _files(problem.robot),
     }
-    return deferred(Solution, now, partial(_rest, formulation, result.iterate, asked or problem))
+    if clearance is None or approach is not None:
+        now |= _told(approach)
+    rest = partial(_rest, formulation, result.iterate, asked or problem, t, motion.qs)
+    return deferred(Solution, now, rest)
 
 
-def _rest(formulation: Formulation, iterate: Iterate, asked: Problem) -> dict[str, Any]:
-    """Fields of a solution that nobody needs to solve the next problem."""
+def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, qs: Array) -> dict[str, Any]:
+    """Fields of a solution that nobody needs to solve the next problem.
+
+    Of a motion that keeps clear of everything, the nearest approach is among them.
+    """
     problem = formulation.problem
     robot = problem.robot
     diagnostics = read_trajectory(formulation, iterate)
     return {
         **diagnostics.fields(),
+        **_told(None if asked.clearance is None else nearest_approach(asked.clearance, t, qs)),
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
         "robot_spec": dict(robot.spec),
         "problem_text": problem_to_toml(asked),

@@ -114,6 +114,22 @@ Output values(const Room& room, const Input& qs, double near) {
     return array_of(found);
 }
 
+Output joints(const Room& room, const Input& qs) {
+    const std::size_t count = count_of(room, qs);
+    std::vector<double> found;
+    found.reserve(count * (room.joints.size() + 1) * 12);
+    Placed placed;
+    for (std::size_t k = 0; k < count; ++k) {
+        room.place_joints(qs.data() + k * room.nq, placed);
+        for (const Pose& pose : placed.joints)
+            for (std::size_t row = 0; row < 3; ++row) {
+                found.insert(found.end(), pose.axes.begin() + 3 * row, pose.axes.begin() + 3 * row + 3);
+                found.push_back(pose.origin[row]);
+            }
+    }
+    return array_of(found);
+}
+
 Output least(const Room& room, const Input& qs, const Input& lower, double most) {
     const std::size_t count = count_of(room, qs);
     check(lower.size() == room.pairs.size(), "lower: one number for each pair");
@@ -179,6 +195,8 @@ NB_MODULE(_room, module) {
             nb::kw_only(), "nq"_a, "joints"_a, "places"_a, "spheres"_a, "shapes"_a, "planes"_a, "pairs"_a)
         .def("values", &mbocp::values, "qs"_a, "near"_a,
              "Clearance of each pair at each configuration where it is below `near`, elsewhere a number between [m].")
+        .def("joints", &mbocp::joints, "qs"_a,
+             "Rotation and origin of each joint, the world first, as 3 x 4 matrices by rows at each configuration.")
         .def("least", &mbocp::least, "qs"_a, "lower"_a, "most"_a,
              "Least clearance beyond `lower` at each configuration, at most `most` [m].")
         .def("way", &mbocp::way, nb::kw_only(), "ends"_a, "lower"_a, "ranges"_a, "groups"_a, "reserve"_a, "step"_a,

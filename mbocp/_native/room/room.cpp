@@ -117,17 +117,22 @@ double from_planes(const Vec3& p, const Plane* planes, int count, double sharpne
 
 }  // namespace
 
-void Room::place(const double* q, Placed& placed) const {
+void Room::place_joints(const double* q, Placed& placed) const {
     placed.joints.resize(joints.size() + 1);
-    placed.places.resize(places.size() + 1);
-    placed.centers.resize(spheres.size());
-    placed.middles.resize(shapes.size());
-    placed.joints[0] = placed.places[0] = identity;
+    placed.joints[0] = identity;
     for (std::size_t j = 0; j < joints.size(); ++j) {
         const Joint& joint = joints[j];
         placed.joints[j + 1] =
             product(placed.joints[joint.parent], product(joint.placement, motion(joint, q + joint.first)));
     }
+}
+
+void Room::place(const double* q, Placed& placed) const {
+    place_joints(q, placed);
+    placed.places.resize(places.size() + 1);
+    placed.centers.resize(spheres.size());
+    placed.middles.resize(shapes.size());
+    placed.places[0] = identity;
     for (std::size_t k = 0; k < places.size(); ++k)
         placed.places[k + 1] = product(placed.joints[places[k].joint], places[k].placement);
     for (std::size_t k = 0; k < spheres.size(); ++k)

@@ -77,6 +77,9 @@ public:
     std::vector<Pair> pairs;
     int nq = 0;
 
+    // Place all joints at a configuration.
+    void place_joints(const double* q, Placed& placed) const;
+
     // Place all spheres and shapes at a configuration.
     void place(const double* q, Placed& placed) const;
 

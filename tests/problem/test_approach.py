@@ -1,0 +1,137 @@
+"""The nearest approach of a motion: where nothing is looked at, nothing is nearer."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mbocp import solve
+from mbocp.problem import Problem
+from mbocp.problem.approach import keeps_clear, nearest_approach, poses_between
+from mbocp.problem.clearance import Clearance
+from mbocp.problem.shape_distances import ShapeDistances
+from mbocp.solution.later import is_there
+
+START = np.array([-0.9, -0.9, 1.2, -1.8, -1.57, 0.0])
+OBSTACLES: list[dict[str, Any]] = [
+    {
+        "name": "box",
+        "shape": "box",
+        "margin": 0.01,
+        "size": [0.12, 0.12, 0.5],
+        "position": [0.45, -0.05, 0.15],
+    },
+    {"name": "ball", "shape": "sphere", "radius": 0.08, "position": [0.22, 0.3, 0.1], "margin": 0.03},
+    {"name": "floor", "shape": "halfspace", "position": [0, 0, -0.2]},
+]
+
+
+@pytest.fixture(scope="module")
+def clearance() -> Clearance:
+    """Of an arm with meshes."""
+    problem = Problem.create(
+        "ur5", 1.0, 8, start={"q": START}, goal={"q": START, "v": 0}, obstacle=OBSTACLES, self_collision=True
+    )
+    assert problem.clearance is not None
+    return problem.clearance
+
+
+def motion(seed: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times and configurations of four nodes."""
+    rng = np.random.default_rng(seed)
+    return np.array([0.0, 0.005, 0.01, 0.016]), START + np.cumsum(
+        spread * rng.standard_normal((4, 6)), axis=0
+    )
+
+
+def pairs_of(clearance: Clearance) -> tuple[list[tuple[int, int, bool]], list[float]]:
+    """Each pair of a link and an obstacle or a link, and its margin."""
+    found: dict[tuple[int, int, bool], float] = {}
+    for row, (a, k) in enumerate(clearance.pairs):
+        found.setdefault((clearance.spheres[a][0], k, True), clearance.margins[row])
+    for row, (a, b) in enumerate(clearance.sphere_pairs, start=len(clearance.pairs)):
+        found.setdefault((clearance.spheres[a][0], clearance.spheres[b][0], False), clearance.margins[row])
+    return list(found), list(found.values())
+
+
+def all_distances(clearance: Clearance, t: np.ndarray, qs: np.ndarray) -> np.ndarray:
+    """Distances beyond margins of all pairs at all poses."""
+    pairs, margins = pairs_of(clearance)
+    shapes, found = ShapeDistances(clearance, pairs), []
+    for q in poses_between(clearance.robot, t, qs)[1]:
+        shapes.place(q)
+        found.append([shapes.of(k) for k in range(len(pairs))])
+    return np.array(found) - margins
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10_000), spread=st.sampled_from([0.0, 1e-9, 0.03, 0.15, 0.4]))
+def test_it_is_the_least_of_all_pairs_at_all_poses(clearance, seed, spread):
+    t, qs = motion(seed, spread)
+    found = nearest_approach(clearance, t, qs)
+    assert found.distance - found.margin == pytest.approx(all_distances(clearance, t, qs).min(), abs=2e-6)
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10_000), spread=st.sampled_from([0.03, 0.15, 0.4]), aside=st.floats(-0.02, 0.02))
+def test_what_keeps_clear_has_no_approach_below_its_margin(clearance, seed, spread, aside):
+    """With margins that put the nearest approach to both sides of what is allowed."""
+    t, qs = motion(seed, spread)
+    least = all_distances(clearance, t, qs).min()
+    moved = copy.copy(clearance)
+    moved.__dict__["margins"] = clearance.margins + (least + aside if abs(aside) > 1e-5 else 0.0)
+    approach = nearest_approach(moved, t, qs)
+    is_clear = approach.distance >= max(approach.margin, 0.0) - 1e-9
+    deepest = (all_distances(clearance, t, qs) + pairs_of(clearance)[1]).min()
+    assert keeps_clear(moved, t, qs, 1e-9) == (is_clear and deepest >= -1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000), spread=st.floats(0.0, 1.0))
+def test_nothing_comes_nearer_than_its_points_move(clearance, seed, spread):
+    pairs, _ = pairs_of(clearance)
+    qs = motion(seed, spread)[1]
+    joints = clearance.joint_placements(qs)
+    shapes, found = ShapeDistances(clearance, pairs), []
+    for q in qs:
+        shapes.place(q)
+        found.append([shapes.of(k) for k in range(len(pairs))])
+    for k, values in enumerate(np.array(found).T):
+        moved = shapes.moved(k, joints[0], joints)
+        assert moved[0] == 0.0
+        assert (np.maximum(values[0], 0.0) - np.maximum(values, 0.0) <= moved + 2e-6).all()
+
+
+@given(seed=st.integers(0, 10_000))
+def test_joints_are_where_pinocchio_places_them(clearance, seed):
+    model = clearance.robot.model
+    data, qs = model.createData(), motion(seed, 1.0)[1]
+    for q, placed in zip(qs, clearance.joint_placements(qs), strict=True):
+        pin.forwardKinematics(model, data, q)
+        for joint in range(model.njoints):
+            np.testing.assert_allclose(placed[joint], data.oMi[joint].homogeneous[:3], atol=1e-14)
+
+
+def test_a_motion_without_numbers_keeps_clear_and_comes_near_to_nothing(clearance):
+    qs = np.full((2, 6), np.nan)
+    assert keeps_clear(clearance, np.array([0.0, 1.0]), qs, 0.0)
+    assert nearest_approach(clearance, np.array([0.0, 1.0]), qs) is None
+
+
+@pytest.mark.usefixtures("interpreted")
+def test_a_motion_that_keeps_clear_tells_how_near_it_comes_when_asked():
+    goal = {"q": START - np.array([0.3, 0, 0, 0, 0, 0]), "v": 0}
+    problem = Problem.create("ur5", 1.0, 6, start={"q": START}, goal=goal, obstacle=OBSTACLES)
+    found = solve(problem)
+    assert found.converged
+    assert not is_there(found, "clearance")
+    expected = nearest_approach(problem.clearance, found.t, found.qs)
+    assert (found.clearance, found.clearance_time) == (expected.distance, expected.time)
+    assert found.clearance_between == expected.between
+    assert is_there(found, "clearance")
