@@ -2,7 +2,8 @@ r"""Limits in Newton's method: a primal-dual barrier, [Waechter2006]_.
 
 Every limit has a slack, which a logarithm of weight mu in the cost keeps between its bounds, and multipliers
 of its own. The kernel eliminates them from the linear system, so that a step costs what it does without
-limits. Here is when mu falls: as soon as the conditions of the barrier problem hold to a multiple of it.
+limits. Here is when mu falls: as soon as the conditions of the barrier problem hold to a multiple of it. It
+falls far where that takes few iterations, and less far, but earlier, where it takes many.
 """
 
 from __future__ import annotations
@@ -42,6 +43,8 @@ _MARGIN = 0.1  # first distance of a slack from its bounds, relative to them and
 _WARM_FACTOR, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
 _SETTLED = 30.0  # defect of the barrier problem, by mu, below which mu falls ...
 _FACTOR, _POWER = 0.1, 1.7  # ... to the smaller of mu by this factor and to this power
+# Where limits bend much one mu takes many iterations, and one far below it more: it falls earlier, and less.
+_SLOW, _SLOW_SETTLED, _SLOW_POWER = 12, 300.0, 1.2  # iterations with one mu, and the two numbers after them
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
 _RAISE = 10.0  # from one last barrier to the next
@@ -230,14 +233,17 @@ def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
     """State with the smallest barrier parameter that the iterate allows; a new one starts a new filter."""
     last = max(_last_barrier(state.native, tolerance), state.least_barrier)
     barrier, evaluation = state.barrier, state.evaluation
-    while barrier > last and evaluation.barrier_error <= _SETTLED * barrier:
-        barrier = max(last, min(_FACTOR * barrier, barrier**_POWER))
+    is_slow = state.iteration - state.barrier_since > _SLOW
+    settled, power = (_SLOW_SETTLED, _SLOW_POWER) if is_slow else (_SETTLED, _POWER)
+    while barrier > last and evaluation.barrier_error <= settled * barrier:
+        barrier = max(last, min(_FACTOR * barrier, barrier**power))
         evaluation = state.native.weigh(barrier)
     if barrier == state.barrier:
         return state
     return replace(
         state,
         barrier=barrier,
+        barrier_since=state.iteration,
         evaluation=evaluation,
         filter=Filter.start(evaluation.violation),
         reference=None,

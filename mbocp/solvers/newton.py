@@ -120,6 +120,8 @@ class NewtonState:
         Parameter mu of the limits' barrier; 0: there are no limits.
     least_barrier : float
         Below which round-off makes the system singular, as far as that has been found.
+    barrier_since : int
+        Iteration with which mu fell last.
     failure : Status or None
         Why no step could be taken.
     failed_stage : int
@@ -145,6 +147,7 @@ class NewtonState:
     kind: StageKind | None = None
     barrier: float = 0.0
     least_barrier: float = 0.0
+    barrier_since: int = 0
     failure: Status | None = None
     failed_stage: int = -1
     sweeps: Sweeps | None = None

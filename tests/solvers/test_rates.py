@@ -123,13 +123,13 @@ ROBOTS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
 
 @pytest.mark.parametrize(("name", "integrator", "keys"), ROBOTS)
 def test_robots_of_all_kinds(name: str, integrator: dict[str, Any], keys: tuple[str, ...]) -> None:
-    """Free-flyers and closed loops, a little below what the motion does without limits."""
+    """Free-flyers and closed loops, a little below what the motion does without limits, and begun there."""
     problem = mbocp.load_problem(EXAMPLES / f"{name}.toml").with_(integrator=integrator)
     robot, free = problem.robot, solved(problem)
     rates = rates_along(robot, free.qs, free.vs, free.us, np.diff(free.t))
     limits = {key: (0.98 * np.abs(rates[key]).max(axis=0) + 1e-3).tolist() for key in keys}
     limited = problem.with_(limits=limits)
-    own, ipopt = (solved(limited, solver=method) for method in ("monolithic", "ipopt"))
+    own, ipopt = (solved(limited, solver=method, warm_start=free) for method in ("monolithic", "ipopt"))
     assert own.cost == pytest.approx(ipopt.cost, rel=1e-6)
     assert own.cost > free.cost
     assert own.limit_violation < 1e-6
