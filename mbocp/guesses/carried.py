@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp.programme import Iterate, StagewiseProgramme
 
 __all__ = ["Carried"]

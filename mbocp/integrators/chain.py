@@ -16,9 +16,11 @@ with the arguments :math:`a_k` of the links, linear in :math:`\xi` and in the li
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import casadi as ca
+
+from mbocp._dataclass import dataclass
 
 __all__ = ["Affine", "Chain"]
 

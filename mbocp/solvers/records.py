@@ -6,8 +6,9 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from enum import Enum
+
+from mbocp._dataclass import dataclass
 
 __all__ = ["IterationRecord", "Phase", "Status", "timed"]
 

@@ -19,7 +19,6 @@ corner of a cube is 0.58 of the true one.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import reduce
 from operator import add
 from typing import ClassVar
@@ -28,6 +27,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 
 __all__ = ["MOST_PLANES", "PLANE", "HullCore", "hull_measure", "plane_slots"]
 

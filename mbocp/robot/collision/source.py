@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
+from mbocp._dataclass import dataclass
 from mbocp.robot.loading.urdf import Urdf
 
 __all__ = ["CollisionSource", "CollisionSphere"]
