@@ -1,6 +1,6 @@
 """`python -m mbocp` is the command line."""
 
-from mbocp.cli import main
+from mbocp.cli import script
 
 if __name__ == "__main__":
-    main()
+    script()

@@ -80,11 +80,13 @@ class _Init:
         return method if instance is None else method.__get__(instance, owner)
 
 
-def _compiled_init(cls: type, frozen: bool) -> Callable[..., None]:
+def _compiled_init(cls: Any, frozen: bool) -> Callable[..., None]:
     """`__init__` that sets the fields in their order, and calls `__post_init__` where there is one."""
     names: dict[str, Any] = {"_unset": dataclasses.MISSING, "_set": object.__setattr__}
-    first, by_keyword, body = ["self"], [], []
-    for field in dataclasses.fields(cls):  # type: ignore[arg-type]  # it is one
+    first: list[str] = ["self"]
+    by_keyword: list[str] = []
+    body: list[str] = []
+    for field in dataclasses.fields(cls):
         name, value = field.name, field.name
         if field.default_factory is not dataclasses.MISSING:
             names[f"_new_{name}"] = field.default_factory
@@ -107,7 +109,7 @@ def _compiled_init(cls: type, frozen: bool) -> Callable[..., None]:
     exec(compile(text, f"<fields of {cls.__qualname__}>", "exec"), names)
     method: Callable[..., None] = names["__init__"]
     method.__qualname__, method.__module__ = f"{cls.__qualname__}.__init__", cls.__module__
-    method.__annotations__ = {f.name: f.type for f in dataclasses.fields(cls) if f.init} | {"return": None}  # type: ignore[arg-type]
+    method.__annotations__ = {f.name: f.type for f in dataclasses.fields(cls) if f.init} | {"return": None}
     return method
 
 
@@ -129,9 +131,9 @@ def _hash(self: Any) -> int:
 
 
 @cache
-def _compared(cls: type) -> Callable[[Any], tuple[Any, ...]]:
+def _compared(cls: Any) -> Callable[[Any], tuple[Any, ...]]:
     """From an instance to the fields that are compared and hashed."""
-    names = [field.name for field in dataclasses.fields(cls) if field.compare]  # type: ignore[arg-type]
+    names = [field.name for field in dataclasses.fields(cls) if field.compare]
     return attrgetter(*names) if len(names) > 1 else lambda self: tuple(getattr(self, name) for name in names)
 
 

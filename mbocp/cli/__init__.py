@@ -2,13 +2,43 @@
 
 from __future__ import annotations
 
+import atexit
+import os
 import sys
 
-__all__ = ["main"]
+__all__ = ["main", "script"]
+
+
+def script() -> None:
+    """Be the `mbocp` script: run the command line, and end the process as soon as all is written.
+
+    The interpreter would free its memory piece by piece, which takes as long as a solve.
+    """
+    status: list[int] = []  # when it is known
+    atexit.register(_end, status)  # the first to be registered is the last to be called
+    try:
+        main()
+    except SystemExit as end:
+        if end.code is None or isinstance(end.code, int):  # else a message, which the interpreter prints
+            status.append(end.code or 0)
+        raise
+    status.append(0)
+
+
+def _end(status: list[int]) -> None:
+    """End the process; threads are joined by then, and what else was registered has been called."""
+    if not status:
+        return  # the interpreter has something to say
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        return  # and of closed streams, too
+    os._exit(status[0])
 
 
 def main() -> None:
-    """Run the command line; the entry point of the `mbocp` script."""
+    """Run the command line, and raise `SystemExit`."""
     try:
         _run()
     except KeyboardInterrupt:  # in the moment before handlers stand
