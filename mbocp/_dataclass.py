@@ -2,8 +2,8 @@
 
 The standard one writes and compiles six functions for each frozen class. A solve has more than three hundred
 classes, and their functions took as long as NumPy, CasADi and Pinocchio take to import. Here `__eq__`,
-`__hash__`, `__repr__` and what guards frozen instances are the same functions for all classes, and `__init__`
-is compiled when it is first asked for. The fields are the standard library's: `fields`, `replace` and `asdict`
+`__hash__`, `__repr__` and what guards frozen instances are the same functions for all classes, and `__init__` is
+compiled when it is first asked for. The fields are the standard library's: `fields`, `replace` and `asdict`
 know them.
 
 `order`, `slots` and `InitVar` are not here.
@@ -122,12 +122,16 @@ def _repr(self: Any) -> str:
 def _eq(self: Any, other: object) -> Any:
     if other.__class__ is not self.__class__:
         return NotImplemented
-    values = _compared(self.__class__)
-    return values(self) == values(other)
+    return _compared_values(self) == _compared_values(other)
 
 
 def _hash(self: Any) -> int:
-    return hash(_compared(self.__class__)(self))
+    return hash(_compared_values(self))
+
+
+def _compared_values(instance: Any) -> tuple[Any, ...]:
+    kind: Any = type(instance)
+    return _compared(kind)(instance)
 
 
 @cache
