@@ -2,9 +2,9 @@
 
 The standard one writes and compiles six functions for each frozen class. A solve has more than three hundred
 classes, and their functions took as long as NumPy, CasADi and Pinocchio take to import. Here `__eq__`,
-`__hash__`, `__repr__` and what guards frozen instances are the same functions for all classes, and `__init__` is
-compiled when it is first asked for. The fields are the standard library's: `fields`, `replace` and `asdict`
-know them.
+`__hash__`, `__repr__` and what guards frozen instances are the same functions for all classes, and
+`__init__` is compiled when it is first asked for. The fields are the standard library's: `fields`, `replace`
+and `asdict` know them.
 
 `order`, `slots` and `InitVar` are not here.
 """
