@@ -59,6 +59,8 @@ _LIMIT = 600.0  # [s] of a problem, what is compiled for the first of them inclu
 _GRID = 200  # intervals of TOPP-RA on a line
 _CORNER = 1e-3  # [rad] from a line: what is no corner
 
+Scene = tuple[list[dict[str, Any]], Array, Array]  # obstacles, start and goal
+
 
 def archive() -> Path:
     """Folder of the unpacked archive, downloaded the first time by pip."""
@@ -92,7 +94,7 @@ def _placement(given: dict[str, Any]) -> pin.SE3:
     return pin.SE3(turn.matrix(), np.array(given["position"], dtype=float))
 
 
-def scene_of(scene: str, number: int) -> tuple[list[dict[str, Any]], Array, Array]:
+def scene_of(scene: str, number: int) -> Scene:
     """Obstacles as in a problem file, start and goal [rad]."""
     folder = archive() / "problems" / scene
     read = {
@@ -126,7 +128,7 @@ def problem_of(scene: str, number: int, starts: int = 1, steps: int = _STEPS) ->
     return _problem(scene_of(scene, number), starts, steps)
 
 
-def _problem(scene: tuple[list[dict[str, Any]], Array, Array], starts: int, steps: int) -> Problem:
+def _problem(scene: Scene, starts: int, steps: int, threads: int = 1) -> Problem:
     robot, (obstacles, q0, q1) = _robot(), scene
     alone = float(np.max(np.abs(q1 - q0) / robot.limits.velocity))
     return Problem.create(
@@ -140,19 +142,29 @@ def _problem(scene: tuple[list[dict[str, Any]], Array, Array], starts: int, step
         obstacle=obstacles,
         self_collision=True,
         integrator={"scheme": "midpoint"},
-        solver={"method": "monolithic", "starts": starts, "time_limit": _LIMIT},
+        solver={"method": "monolithic", "starts": starts, "time_limit": _LIMIT, "threads": threads},
     )
 
 
 @dataclass(frozen=True)
 class Task:
-    """One problem, how many starts it may have, how many steps, and where it begins, see `Line`."""
+    """One problem, how many starts, steps and threads it may have, and where it begins, see `Line`."""
 
     scene: str
     number: int
     starts: int = 1
     steps: int = _STEPS
     guess: str = "auto"
+    threads: int = 1
+
+    @property
+    def key(self) -> tuple[str, int, int, str, int]:
+        """What tells it from others, as in a line."""
+        return self.scene, self.number, self.starts, self.guess, self.threads
+
+    def problem(self, scene: Scene, starts: int = 1, finer: int = 1) -> Problem:
+        """From so many starts, with so many times the steps."""
+        return _guessed(_problem(scene, starts, finer * self.steps, self.threads), self.guess)
 
 
 @dataclass(frozen=True)
@@ -163,6 +175,8 @@ class Line:
     ----------
     guess : {"auto", "vamp"}
         Where the first solve began.
+    threads : int
+        Of the process that solved it.
     status : str
         Of the solution; "refused" where start or goal touch something.
     duration, timed, smooth : float
@@ -177,6 +191,7 @@ class Line:
     number: int
     starts: int
     guess: str
+    threads: int
     status: str
     duration: float = np.nan
     timed: float = np.nan
@@ -186,6 +201,11 @@ class Line:
     seconds: float = np.nan
     cpu: float = np.nan
     words: str = ""
+
+    @property
+    def key(self) -> tuple[str, int, int, str, int]:
+        """Of the task, see `Task.key`."""
+        return self.scene, self.number, self.starts, self.guess, self.threads
 
     @property
     def is_clear(self) -> bool:
@@ -198,20 +218,17 @@ def measure(task: Task) -> Line:
     read, _ = scene_of(task.scene, task.number), _robot()
     begun, processor = time.perf_counter(), time.process_time()
     try:
-        problem = _guessed(_problem(read, 1, task.steps), task.guess)
+        problem = task.problem(read)
     except mbocp.MbocpError as error:
-        return Line(task.scene, task.number, task.starts, task.guess, "refused", words=str(error))
+        return Line(*task.key, "refused", words=str(error))
     solution = mbocp.solve(problem)
     if solution.status == "under_resolved":  # what touches between nodes takes more steps, as it is told
-        solution = mbocp.solve(_guessed(_problem(read, 1, _FINER * task.steps), task.guess))
+        solution = mbocp.solve(task.problem(read, finer=_FINER))
     if task.starts > 1 and not _is_clear(solution):
-        solution = mbocp.solve(_guessed(_problem(read, task.starts, task.steps), task.guess))
+        solution = mbocp.solve(task.problem(read, task.starts))
     seconds, cpu = time.perf_counter() - begun, time.process_time() - processor
     return Line(
-        task.scene,
-        task.number,
-        task.starts,
-        task.guess,
+        *task.key,
         str(solution.status),
         solution.duration,
         *_timed(problem),
@@ -287,10 +304,10 @@ def run(tasks: Sequence[Task], results: Path, processes: int) -> list[Line]:
     known = (
         [Line(**json.loads(text)) for text in results.read_text().splitlines()] if results.exists() else []
     )
-    done = {_key(line) for line in known}
-    left = [task for task in tasks if _key(task) not in done]
+    done = {line.key for line in known}
+    left = [task for task in tasks if task.key not in done]
     with multiprocessing.get_context("spawn").Pool(processes) as pool, results.open("a") as file:
-        for line in pool.imap_unordered(measure, left):
+        for line in pool.imap_unordered(measure, left) if processes > 1 else map(measure, left):
             known.append(line)
             file.write(json.dumps(asdict(line)) + "\n")
             file.flush()
@@ -302,12 +319,8 @@ def run(tasks: Sequence[Task], results: Path, processes: int) -> list[Line]:
                 f"{line.cpu:.2f} s of CPU",
             )
             print(*told, sep=" | ", flush=True)
-    wanted = {_key(task) for task in tasks}
-    return [line for line in known if _key(line) in wanted]
-
-
-def _key(one: Line | Task) -> tuple[str, int, int, str]:
-    return one.scene, one.number, one.starts, one.guess
+    wanted = {task.key for task in tasks}
+    return [line for line in known if line.key in wanted]
 
 
 def table_of(lines: Sequence[Line]) -> Table:
@@ -374,9 +387,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--steps", type=int, default=_STEPS)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--threads", type=int, default=1, help="of each process")
     parser.add_argument("--results", type=Path, default=Path("motion_bench_maker.jsonl"))
     options = parser.parse_args(arguments)
-    tasks = [Task(*name, options.starts, options.steps, options.guess) for name in names(options.each)]
+    how = (options.starts, options.steps, options.guess, options.threads)
+    tasks = [Task(*name, *how) for name in names(options.each)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         lines = run(tasks, options.results, options.processes)
