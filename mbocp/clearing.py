@@ -10,11 +10,11 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation

@@ -16,7 +16,6 @@ PACKAGE = Path(__file__).parents[1] / "mbocp"
 # A layer imports itself and those before it. What composes the layers comes last.
 LAYERS = (
     "_exports",
-    "_dataclass",
     "_text",
     "_tolerances",
     "_numbers",
@@ -58,12 +57,12 @@ SOURCES = sorted(
     path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py" and path.name not in SCRIPTS
 )
 ALONE = {
-    "symbolic": {"_dataclass", "exceptions", "_native"},
-    "meshes": {"_dataclass", "_text", "exceptions", "_files", "_arrays", "_linear"},
-    "storage": {"_dataclass", "exceptions", "_arrays", "_files"},
+    "symbolic": {"exceptions", "_native"},
+    "meshes": {"_text", "exceptions", "_files", "_arrays", "_linear"},
+    "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
-    "programme": {"_dataclass", "exceptions", "_exports", "_arrays", "_environment", "_native"},
-    "solvers": {"_dataclass", "exceptions", "_exports", "_arrays", "_linear", "programme"},
+    "programme": {"exceptions", "_exports", "_arrays", "_environment", "_native"},
+    "solvers": {"exceptions", "_exports", "_arrays", "_linear", "programme"},
     "exceptions": {"_text"},
 }
 

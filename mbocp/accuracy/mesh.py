@@ -13,10 +13,11 @@ them. The fewest steps with a given sum of :math:`D h^{q+1}` have lengths :math:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 
 __all__ = ["Wanted", "control_shares", "halved", "lengths_for"]
 

@@ -8,13 +8,12 @@ A / n^q have :math:`n \propto A^{1/(q+1)}`.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.accuracy.mesh import Wanted, halved, lengths_for
 from mbocp.problem import Problem
 from mbocp.problem.step_counts import base_counts, has_places

@@ -16,13 +16,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.accuracy.errors import local_errors
 from mbocp.accuracy.mesh import Wanted, control_shares
 from mbocp.accuracy.meshes import MOST_STEPS, Mesh, first_mesh

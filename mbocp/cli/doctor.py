@@ -9,12 +9,11 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 import typer
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError
 
 __all__ = ["Check", "print_report", "report"]

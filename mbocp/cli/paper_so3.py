@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.text import Text
 
-from mbocp._dataclass import dataclass
 from mbocp.cli.console import output
 from mbocp.cli.paper import check_folder, progress
 from mbocp.cli.report import INTERRUPTED

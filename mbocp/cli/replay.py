@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp._numbers import finite_number
 from mbocp.cli import signals
 from mbocp.cli.results import load_result, named, tell

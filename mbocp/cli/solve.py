@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from mbocp._dataclass import dataclass
 from mbocp._files import is_file, is_folder
 from mbocp._text import shown
 from mbocp.cli import signals

@@ -9,13 +9,12 @@ method of theirs, so that nothing else has to ask which one it is.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.formulation.build import Pieces
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.formulation.algebraic import Algebraic
 from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.easing import eased_terms, easing_weights

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import casadi as ca
@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.formulation.algebraic import impulses
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.bounds import free_speed_bounds

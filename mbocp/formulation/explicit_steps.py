@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.formulation.accelerations import rate_of_speeds
 from mbocp.formulation.layout import StateLayout, start_move
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.mechanics import Mechanics
 
 __all__ = ["StateLayout", "StateSpace", "start_move"]

@@ -23,13 +23,13 @@ The rules are plain arithmetic: they take symbols of one step, and arrays of all
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.mechanics.rates import spacings
 
 __all__ = ["HAS_BEFORE", "MEMORY", "Block", "Passage", "memory_along", "ordered", "unit_of"]

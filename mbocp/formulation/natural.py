@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.formulation.algebraic import impulses
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of

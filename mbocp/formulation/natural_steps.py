@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from mbocp._dataclass import dataclass
+from dataclasses import dataclass
+
 from mbocp.formulation.implicit_steps import implicit_derivatives
 from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import TAU

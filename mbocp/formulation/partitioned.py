@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.formulation.algebraic import Algebraic
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.formulation.accelerations import acceleration_at, mean_acceleration
 from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import PAIRS, State

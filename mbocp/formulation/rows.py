@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp.formulation.goal import EndRows, acceleration_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY

@@ -7,9 +7,9 @@ step length are parameters.
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.memory import MEMORY, ordered
 from mbocp.formulation.sources import sources_digest

@@ -25,12 +25,11 @@ balance count in a unit of force that is one of the parameters, see `Units`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.formulation.layout import StateLayout, StateSpace, start_move
 from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH, idle_cost, spacing
 from mbocp.formulation.memory import HAS_BEFORE

@@ -20,11 +20,11 @@ given. Where all lengths are given and differ, they are parameters of the stages
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.switches import impacts_of
 from mbocp.problem import Problem

@@ -7,11 +7,11 @@ the folder asks that value, and never which one it is.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
 from mbocp.formulation.memory import HAS_BEFORE, MEMORY, Passage, unit_of

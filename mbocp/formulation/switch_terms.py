@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics.held import HeldFrame, held_labels
 

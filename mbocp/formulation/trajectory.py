@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities
 from mbocp.formulation.joint import momenta_of

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp.programme import Iterate, StagewiseProgramme
 
 __all__ = ["Carried"]

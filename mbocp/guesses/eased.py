@@ -12,12 +12,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.screening import Screening, can_screen

@@ -11,12 +11,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mbocp._arrays import frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.finer import finer
 from mbocp.guesses.line import is_whole, line

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.guesses.held import Stop, held_stops
 from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints

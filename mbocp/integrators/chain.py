@@ -16,11 +16,9 @@ with the arguments :math:`a_k` of the links, linear in :math:`\xi` and in the li
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import casadi as ca
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["Affine", "Chain"]
 

@@ -11,10 +11,9 @@ coefficients are those of tables II.1.1, II.1.2 and of section II.1.4 there.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from math import sqrt
 from types import MappingProxyType
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["PAIRS", "Pair"]
 

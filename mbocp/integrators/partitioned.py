@@ -43,10 +43,10 @@ With two stages this is RATTLE.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.pairs import PAIRS, Pair
 from mbocp.mechanics import JointMechanics

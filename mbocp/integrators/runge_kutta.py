@@ -18,12 +18,12 @@ is below the error of every method of order five and less.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.mechanics.forward import ForwardMechanics

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from mbocp._dataclass import dataclass
 from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.integrators.tau import VELOCITY_TAU

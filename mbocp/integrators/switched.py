@@ -26,10 +26,10 @@ ask of the others that their errors cancel.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.integrators.euler import Difference, State, StepRows, evaluation_point, kinematic_velocity
 from mbocp.mechanics import Mechanics
 from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows

@@ -9,13 +9,13 @@ numbers at 1, whose derivatives are infinite in the branch that is not taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.lie.groups import Circle, Group, Plane, Quaternion, RigidBody, RotationMatrix, Vector
 

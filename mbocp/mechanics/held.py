@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TypeAlias
 
@@ -30,7 +31,6 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
 from mbocp.robot import Label, Robot, constraint_rows

@@ -7,9 +7,9 @@ followed only to a picture, and only below the folders that belong to the robot.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
-from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE, is_file, read_bytes
 from mbocp._text import shortened
 from mbocp.exceptions import Unreadable

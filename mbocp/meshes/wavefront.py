@@ -5,13 +5,12 @@ meshcat's viewer can read OBJ itself, but gives up on a file whose objects diffe
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp._files import TEXT_LIMIT, is_file, read_bytes
 from mbocp._text import shortened
 from mbocp.meshes.parts import MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans

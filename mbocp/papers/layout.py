@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from rich.console import Console, Group
 from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["WIDTH", "Column", "PaperTable", "Section", "milliseconds", "norm", "ratio"]
 

@@ -7,12 +7,11 @@ the link's own shapes. At other poses these are not nearer by more than their po
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.problem.clearance import Clearance
 from mbocp.problem.shape_distances import LinkPair, ShapeDistances
 from mbocp.robot.model import RobotModel

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.problem.cause import Cause
 from mbocp.problem.first_motion import holding_controls
 from mbocp.problem.least_time import least_time

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_bool, check_integer, check_number, check_positive
 from mbocp.robot.loops.constraints import (

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["COORDINATES", "CoordinatesData"]
 

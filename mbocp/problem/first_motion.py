@@ -7,13 +7,12 @@ of what speeds and motors can is enough.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.problem._checks import check_bool, check_choice, check_finite
 from mbocp.problem.periodic import Periodic

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.integrators import CONTROLS, LIE_METHODS, SCHEMES, schemes_with
 from mbocp.problem._checks import check_choice, check_integer, check_number

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem.goal import Goal

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.mechanics import JointMechanics
 from mbocp.problem.switches import Begin, SwitchTable
 from mbocp.problem.via_constraint import AtNode

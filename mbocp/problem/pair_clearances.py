@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import NativeMismatch
 from mbocp.robot.collision.joint_table import joint_table, placement_numbers
 from mbocp.robot.joints import joint_kind

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, NamedTuple, Protocol, TypeVar
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice
 from mbocp.problem.hold import Hold, Release

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.problem.named_phase import NamedPhase, are_alike, phase_lengths, phase_nodes
 from mbocp.problem.phase_holds import begin_with_impacts, end_with_partings

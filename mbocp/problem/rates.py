@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array, IntArray, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.robot import Label, Robot

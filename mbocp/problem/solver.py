@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from mbocp._dataclass import dataclass
+from dataclasses import dataclass
+
 from mbocp._environment import available_threads
 from mbocp.exceptions import InvalidValue
 from mbocp.problem._checks import check_choice, check_integer, check_number, check_positive

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InconsistentStart, ProblemError
 from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError

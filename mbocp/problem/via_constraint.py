@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp._linear import independent_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.lie import ConfigurationSpace

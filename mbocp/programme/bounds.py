@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 
 __all__ = ["StateBounds"]
 

@@ -17,13 +17,13 @@ import os
 import platform
 import warnings
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp._environment import available_workers
 from mbocp.exceptions import CompilationError
 from mbocp.programme import composed, generated, lanes, pieces, processor, splitting

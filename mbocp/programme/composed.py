@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from mbocp._dataclass import dataclass
 from mbocp.programme.lanes import KIND
 
 __all__ = ["SOURCES", "ZEROS", "Composed", "entry", "fits", "head_of", "header", "read_composed", "work_of"]

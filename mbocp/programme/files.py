@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from mbocp._dataclass import dataclass
 from mbocp.programme.generated import END
 
 __all__ = ["spread"]

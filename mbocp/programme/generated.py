@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["END", "HEAD", "Access", "Function", "Statement", "exported_names", "read_function"]
 

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["KIND", "SOURCES", "Lanes", "header", "in_lanes", "one_by_one"]
 

@@ -7,9 +7,9 @@ kept in an array.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
-from mbocp._dataclass import dataclass
 from mbocp.programme.generated import END, Function, Statement
 
 __all__ = ["Pieces"]

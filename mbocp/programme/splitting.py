@@ -16,10 +16,9 @@ see `mbocp.programme.composed`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
-from mbocp._dataclass import dataclass
 from mbocp.programme import composed, lanes
 from mbocp.programme.composed import Composed, read_composed
 from mbocp.programme.generated import END, HEAD, Access, Function, Statement, exported_names, read_function

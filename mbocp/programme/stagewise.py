@@ -10,10 +10,9 @@ Nothing here knows of robots: what a state consists of is the formulation's affa
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.programme.bounds import StateBounds
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.programme.units import Units

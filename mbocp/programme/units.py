@@ -13,12 +13,11 @@ powers of two, so that nothing is lost on the way there and back.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mbocp._arrays import BoolArray, frozen_mask
-from mbocp._dataclass import dataclass
 
 __all__ = ["Units"]
 

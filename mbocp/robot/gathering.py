@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE, path_of, read_bytes
 from mbocp.exceptions import MbocpError, RobotFileError, Unreadable
 from mbocp.meshes.companions import MATERIALS, companions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ from typing import Any
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSource, CollisionSphere

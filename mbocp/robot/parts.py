@@ -5,12 +5,11 @@ All of it is data. A frame is an index into `pin.Model.frames`; frame 0 is the u
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 
 __all__ = [

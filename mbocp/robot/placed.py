@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["SEPARATOR", "PlacedRobot"]
 

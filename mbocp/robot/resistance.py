@@ -11,11 +11,11 @@ would stick.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 
 __all__ = ["FRICTION_SPEED", "JointResistance", "resistance_forces"]

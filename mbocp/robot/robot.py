@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import drives, joints, kinematics
 from mbocp.robot.collision.geometry import read_geometry

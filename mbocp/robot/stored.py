@@ -10,14 +10,13 @@ import tempfile
 import weakref
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator
 
-from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, RobotFileError

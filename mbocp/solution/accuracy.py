@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-
-from mbocp._dataclass import dataclass
+from dataclasses import dataclass
 
 __all__ = ["Accuracy"]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mbocp
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ResultFileError
 from mbocp.solution._values import same
 from mbocp.solution.data import SolutionData

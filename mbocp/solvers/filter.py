@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mbocp._dataclass import dataclass
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION
 
 if TYPE_CHECKING:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.limits import multipliers_of

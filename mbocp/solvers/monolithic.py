@@ -36,12 +36,11 @@ the filter.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate

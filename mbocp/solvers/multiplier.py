@@ -7,12 +7,12 @@ is linear in eta: :math:`\nabla_u H = h + G^T\eta`. The eta for which it is smal
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.solvers.sweep import Sweeps
 
 if TYPE_CHECKING:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme

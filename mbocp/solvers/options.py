@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
-from mbocp._dataclass import dataclass
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 __all__ = [

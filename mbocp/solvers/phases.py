@@ -6,10 +6,9 @@ import math
 import time
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.iterating import Callback, SolverResult, StopTest, run

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.iterating import SolverResult, StopTest
 from mbocp.solvers.limits import largest_product, resumed, why_limits_cannot_be_kept

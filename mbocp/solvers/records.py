@@ -6,9 +6,8 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from enum import Enum
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["IterationRecord", "Phase", "Status", "timed"]
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.fbsm_gradient import Switch
 from mbocp.solvers.options import Options

@@ -17,12 +17,12 @@ where :math:`\nabla_u H = 0`. So both have the same solutions; in closed loop th
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -14,7 +15,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
 from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
-from mbocp._dataclass import dataclass
 
 __all__ = ["MISSED", "Group", "Spread", "Summary", "summarise", "word"]
 

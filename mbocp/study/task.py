@@ -8,11 +8,10 @@ import time
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import CompilationTimeout
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp._numbers import as_float, is_number
 from mbocp._text import shown
 from mbocp.exceptions import ProblemFileError, StudyError

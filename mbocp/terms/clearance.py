@@ -11,13 +11,13 @@ table of hulls.
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.terms.distances import CORE, Core, core_of, distance_from_core
 from mbocp.terms.hulls import PLANE, HullCore, hull_measure, plane_slots
 from mbocp.terms.point import Point

@@ -18,12 +18,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 from pydantic import Field
 
-from mbocp._dataclass import dataclass
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Finite, Key, Table
 

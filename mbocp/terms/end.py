@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.lie import ConfigurationSpace
 from mbocp.terms.cost import CostTerm, CostWeights, Reader
 from mbocp.terms.point import Point, Sizes

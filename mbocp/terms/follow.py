@@ -12,6 +12,7 @@ point, as :math:`c'(s) \cdot (p - c(s)) = 0` says, and :math:`|p - c(s)| \le \de
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import casadi as ca
@@ -20,7 +21,6 @@ import pinocchio as pin
 from pydantic import Field
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp._text import shown
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import casadi as ca
@@ -10,7 +11,6 @@ import numpy as np
 from pydantic import Field
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot
 from mbocp.terms.path import PathNumbers, PathTerm, finite_bounds, one_bound

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.frame_goal import FrameGoal

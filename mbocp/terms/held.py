@@ -6,11 +6,11 @@ r"""What holds where a constraint is taken on: positions that coincide, velociti
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.point import Point
 

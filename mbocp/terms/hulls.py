@@ -19,6 +19,7 @@ corner of a cube is 0.58 of the true one.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import reduce
 from operator import add
 from typing import ClassVar
@@ -27,7 +28,6 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 
 __all__ = ["MOST_PLANES", "PLANE", "HullCore", "hull_measure", "plane_slots"]
 

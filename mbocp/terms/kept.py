@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import casadi as ca
@@ -11,7 +12,6 @@ import pinocchio as pin
 from pydantic import Field
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.robot.poses.target import normals_to

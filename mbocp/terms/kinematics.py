@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot

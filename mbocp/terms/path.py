@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import casadi as ca
@@ -19,7 +20,6 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import FrameTarget, Label, Robot

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import TranscriptionError
 from mbocp.mechanics import Mechanics
 

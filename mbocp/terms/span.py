@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import BeforeValidator, create_model
 
 from mbocp._arrays import BoolArray
-from mbocp._dataclass import dataclass
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError

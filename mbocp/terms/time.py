@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.terms.cost import Weighted
 from mbocp.terms.point import Point
 from mbocp.terms.written import Finite, Key, Table

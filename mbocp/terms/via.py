@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.lie.configuration import Part
 from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
 
-from mbocp._dataclass import dataclass
 from mbocp._numbers import as_float, finite_number, is_number
 from mbocp._text import shown
 

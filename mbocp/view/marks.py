@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.problem.phases import node_times
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.kinematics import WORLD

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_file
 from mbocp.view.marks import Marks

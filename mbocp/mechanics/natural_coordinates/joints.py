@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.mechanics.natural_coordinates.bodies import TURNING, Body
 
 __all__ = ["JointRow", "follower_row", "joint_rows", "perpendiculars"]

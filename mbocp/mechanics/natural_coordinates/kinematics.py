@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree, body_tree
 from mbocp.mechanics.natural_coordinates.joints import perpendiculars

@@ -8,12 +8,12 @@ See `mbocp.mechanics.symmetries.finding` for why these and no others.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.robot import Robot
 
 __all__ = ["Ansatz", "LieBlock", "Symmetry", "skew"]

@@ -6,11 +6,11 @@ The four systems are problem files, examples/paper, which an installed mbocp car
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import mbocp
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemFileError
 from mbocp.papers.pendulums.data import Strategy
 from mbocp.problem import Problem, load_problem

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp.papers.layout import Column, PaperTable, Section, milliseconds, ratio
 from mbocp.papers.pendulums.cases import SYSTEMS, Form
 from mbocp.papers.pendulums.data import Comparison, Printed, PrintedRow, Strategy

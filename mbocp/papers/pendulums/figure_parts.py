@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.view.figures.style import GREY, PALETTE, calm_limits, finish_axes, mark_time, strip_legend
 
 __all__ = [

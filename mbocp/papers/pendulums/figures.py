@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from mbocp._dataclass import dataclass
 from mbocp.papers.numbers import check_number
 from mbocp.papers.pendulums.figure_cart import figure_6, figure_7, figure_8
 from mbocp.papers.pendulums.figure_pendulum import figure_2, figure_3, figure_4

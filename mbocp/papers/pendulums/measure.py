@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError
 from mbocp.papers.pendulums.cases import Form, paper_problem, strategy_settings
 from mbocp.papers.pendulums.data import Strategy

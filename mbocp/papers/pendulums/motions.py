@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError, NotConverged
 from mbocp.papers.pendulums.cases import Form, paper_problem, strategy_settings
 from mbocp.papers.pendulums.data import STRATEGIES

@@ -9,13 +9,12 @@ first iteration of Table 1 is met to all digits for both solvers.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.formulation import formulate
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.guesses import guess_candidates, make_guess

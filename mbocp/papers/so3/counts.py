@@ -8,9 +8,10 @@ subexpressions have been merged, which is what mbocp compiles.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
-from mbocp._dataclass import dataclass
 from mbocp.integrators.chain import Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
 from mbocp.mechanics.forward import ForwardMechanics

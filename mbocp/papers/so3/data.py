@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
 import numpy as np
-
-from mbocp._dataclass import dataclass
 
 __all__ = [
     "CHOICES",

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 import mbocp
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemFileError
 from mbocp.papers.so3.data import Formulation, Task
 from mbocp.problem import Problem, load_problem

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from mbocp._dataclass import dataclass
 from mbocp.papers.numbers import check_number
 from mbocp.papers.so3.accuracy_figure import accuracy_figure, accuracy_file
 from mbocp.papers.so3.drift_figure import drift_figure

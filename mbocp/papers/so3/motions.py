@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
 from mbocp.papers.so3.data import formulation

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import ResultFileError
 from mbocp.papers.so3.experiment import SOLVERS, VARIANTS, Lattice, check_choice, lattice_study
 from mbocp.papers.so3.outcomes import Outcomes, outcomes_of

@@ -14,14 +14,13 @@ with the derivatives :math:`J_k = (A_k, B_k)` of a step in state and control.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.sources import sources_digest
 from mbocp.integrators.chain import Affine, Chain

@@ -7,10 +7,10 @@ import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from statistics import fmean, median
 from typing import Any
 
-from mbocp._dataclass import dataclass
 from mbocp.papers.layout import Column, PaperTable, Section
 from mbocp.papers.so3.data import FORMULATIONS, Formulation, Task, lattice
 from mbocp.papers.so3.experiment import SOLVERS, task_problem

@@ -9,12 +9,13 @@ velocity of BG [m/s] and the second an acceleration [m/s^2]. The first is the an
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.papers.so3.data import UNICYCLE, Unicycle
 

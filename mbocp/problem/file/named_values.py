@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, ProblemError, UnknownJoint, suggest
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind

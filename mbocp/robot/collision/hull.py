@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -9,7 +10,6 @@ import coal
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp._text import shortened
 from mbocp.exceptions import InvalidValue
 from mbocp.meshes.parts import Indices

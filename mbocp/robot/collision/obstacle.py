@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import coal
@@ -9,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue

@@ -17,13 +17,13 @@ Boyd, Vandenberghe, "Convex Optimization", 2004, sections 2.5 and 8.1: supportin
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import coal
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.robot.collision.hull import Hull
 
 __all__ = ["Planes", "planes_around"]

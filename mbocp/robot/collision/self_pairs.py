@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE, is_file, read_text
 from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot import joints

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import coal
@@ -10,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp.meshes.parts import Indices
 from mbocp.robot.collision.geometry import triangles_of
 from mbocp.robot.collision.samples import surface_points

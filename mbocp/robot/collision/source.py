@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mbocp._dataclass import dataclass
 from mbocp.robot.loading.urdf import Urdf
 
 __all__ = ["CollisionSource", "CollisionSphere"]

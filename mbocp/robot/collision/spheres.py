@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.robot import kinematics
 from mbocp.robot.collision.fitting import Cover, cover, sticking_out
 from mbocp.robot.collision.samples import surface_points

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.actuator_tables import JointActuator, Thruster, Wrench
 from mbocp.robot.loading.drive_tables import DriveReader

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,7 +11,6 @@ import pinocchio as pin
 from pydantic import BaseModel
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import RobotError, UnknownFrame
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.actuator_tables import ActuationTable, JointActuator

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.robot import joints
 from mbocp.robot.loading.actuator_tables import DriveTable
 from mbocp.robot.loading.limits import limit_of

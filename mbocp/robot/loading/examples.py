@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,6 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.collision.source import CollisionSource
 from mbocp.robot.loading.mimic import Follower, followers

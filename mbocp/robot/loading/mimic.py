@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import finite_numbers
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints
 from mbocp.robot.loading.mimic import Follower

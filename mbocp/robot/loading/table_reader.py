@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 import pinocchio as pin
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.locking import refuse_follower

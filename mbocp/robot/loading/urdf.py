@@ -9,12 +9,12 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pinocchio as pin
 
-from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE, read_text
 from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.loading.mimic import Follower, followers, with_first_leaders

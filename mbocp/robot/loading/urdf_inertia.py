@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp._text import shown
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import LARGEST, child_attribute, finite_number, finite_numbers

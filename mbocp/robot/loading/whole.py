@@ -6,13 +6,12 @@ A robot.toml may assemble parts, which may be such files in turn: hence one modu
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pinocchio as pin
 
-from mbocp._dataclass import dataclass
 from mbocp._files import path_of
 from mbocp.exceptions import MbocpError, RobotError, RobotFileError
 from mbocp.robot import joints

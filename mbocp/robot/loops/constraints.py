@@ -12,11 +12,11 @@ it.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.parts import Label

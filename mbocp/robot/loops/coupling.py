@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.parts import Label
 

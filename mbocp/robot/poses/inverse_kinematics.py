@@ -8,6 +8,7 @@ flipped), it begins again at random configurations within the limits.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -15,7 +16,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, BoolArray, frozen_array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
 from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.loops.mechanism import Mechanism

@@ -11,12 +11,12 @@ x_{n+1}, and the step's own rows are constraints of the node.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 
 __all__ = ["NlpLayout"]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.solution import Column
 from mbocp.view.figures.style import (
     GREY,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.integrators import control_basis
 from mbocp.mechanics.rates import rates_along
 from mbocp.robot import Robot

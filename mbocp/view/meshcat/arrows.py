@@ -7,11 +7,11 @@ comparing depths, with their front faces alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.view.forces import ForceMark
 from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_property, shape_object
 from mbocp.view.meshcat.connectors import directions

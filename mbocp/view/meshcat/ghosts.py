@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import ReplayError
 from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_transform
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
