@@ -118,6 +118,7 @@ def _reach(robot: mbocp.Robot, rng: np.random.Generator) -> mbocp.Problem:
         goal={"q": q1, "v": np.zeros(6)},
         cost={"velocity": 10.0},
         limits={"effort": True, "velocity": True},
+        scheme="se1",
     )
 
 

@@ -100,7 +100,15 @@ def limited(problem: Problem, us: np.ndarray, seed: int, number: int) -> Problem
     cost = {"effort": 1.0, "velocity": np.asarray(problem.cost.velocity)}
     ends = {"start": {"q": problem.q_start}, "goal": {"q": problem.goal.q, "v": np.zeros(robot.nv)}}
     limits = {"effort": bound}
-    return Problem.create(robot, problem.duration, problem.num_steps, **ends, cost=cost, limits=limits)
+    return Problem.create(
+        robot,
+        problem.duration,
+        problem.num_steps,
+        **ends,
+        cost=cost,
+        limits=limits,
+        scheme="se1",
+    )
 
 
 def iteration_counts(problem: Problem, methods: Sequence[str] = _METHODS) -> tuple[list[Count], np.ndarray]:

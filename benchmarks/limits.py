@@ -107,6 +107,7 @@ def _random(number: int) -> Iterator[tuple[str, Problem]]:
                     cost={"effort": 1.0, "velocity": 100.0},
                     limits={"effort": True, "velocity": True, "position": True},
                     guess={"kind": "line"},
+                    scheme="se1",
                 ),
             )
 

@@ -43,7 +43,7 @@ def rest_to_rest(
         start={"q": start},
         goal={"q": goal, "v": np.zeros(robot.nv)},
         cost={"effort": 1.0, "velocity": velocity},
-        **tables,
+        **{"integrator": {"scheme": "se1"}, **tables},
     )
 
 
@@ -160,6 +160,7 @@ def _legged(rng: Rng) -> Problem:
             "v": dict.fromkeys(legs, 0.0),
         },
         cost={"effort": 1.0, "velocity": float(rng.choice([0.01, 0.1, 1.0]))},
+        scheme="se1",
     )
 
 
@@ -263,6 +264,7 @@ def _scales(rng: Rng) -> Problem:
         start={"q": q0},
         goal={"q": q1, "v": np.zeros(2)},
         cost={"effort": weight},
+        scheme="se1",
     )
 
 

@@ -60,6 +60,7 @@ def reach(num_steps: int = 100) -> mbocp.Problem:
         goal={"q": [1.4, -0.6, -1.2, 0.8, 1.3, -1.6], "v": [0.0] * 6, "enforce": "exact"},
         cost={"effort": 1.0, "velocity": 10.0},
         name="ur5",
+        scheme="se1",
     )
 
 

@@ -64,6 +64,7 @@ def scene(name: str, number: int, seed: int = 0) -> Problem:
                 limits={"position": True},
                 obstacle=obstacles,
                 self_collision=True,
+                scheme="se1",
             )
         except mbocp.exceptions.ProblemError as error:  # a pose in which the robot touches itself
             if "self_collision" not in str(error):

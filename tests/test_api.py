@@ -190,8 +190,7 @@ def test_tracking_follows_a_moving_target(tmp_path: Path) -> None:
     problem = mbocp.Problem.create(
         "ur5", 2.0, steps, goal={"enforce": "none"},
         cost={"effort": 1e-6, "tracking": 10.0, "tracking_weights": {"q": 1.0}, "target": {"q":
-        angles.tolist()}}, start={"q": [0.0] * 6},
-    )  # fmt: skip
+        angles.tolist()}}, start={"q": [0.0] * 6},scheme="se1")  # fmt: skip
     s = mbocp.solve(problem)
     assert s.converged, s.advice
     assert np.abs(s.qs[6:, 0] - angles[5:, 0]).max() < 0.02

@@ -51,6 +51,7 @@ def around_a_post(tmp_path: Path):
             cost={"effort": 1e-3, "velocity": 0.1},
             obstacle=[POST],
             solver={"method": "monolithic"},
+            scheme="se1",
         )
 
     return problem

@@ -25,7 +25,7 @@ def test_each_keeps_its_own(coordinates: str, monkeypatch: pytest.MonkeyPatch) -
     goal = {"q": [0.5, -1.0, -0.4, -1.3], "v": 0}
     start = {"q": [0.0, -1.5, 0.0, -1.5]}
     problem = Problem.create(
-        WORLD, 1.0, 12, start=start, goal=goal, cost={"effort": 1.0}, coordinates=coordinates
+        WORLD, 1.0, 12, start=start, goal=goal, cost={"effort": 1.0}, coordinates=coordinates, scheme="se1"
     )
     solution = mbocp.solve(problem, check=True)
     kept = solution.conserved

@@ -348,7 +348,10 @@ def test_phases_without_a_control_in_common() -> None:
     robot = mbocp.load_robot("double_pendulum")
     with pytest.raises(ProblemError, match=r"limits\.effort: .*no control in common"):
         Problem.create(robot, controls="linear", **words)
-    assert Problem.create(robot, controls="stages", **words).controls == "stages"
+    assert (
+        Problem.create(robot, controls="stages", **{"integrator": {"scheme": "se1"}, **words}).controls
+        == "stages"
+    )
 
 
 def test_the_control_at_a_switch_of_limits_keeps_both() -> None:

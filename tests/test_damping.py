@@ -197,6 +197,7 @@ def reach(crane: Path, **tables: Any) -> Problem:
         "robot": robot,
         "horizon": {"duration": 1.0, "steps": 20},
         "goal": {"q": {"slew": 0.8, "luff": 0.5}, "v": [0.0, 0.0]},
+        "integrator": {"scheme": "se1"},
     }
     return problem_from_tables({**document, **tables})
 

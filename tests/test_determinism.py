@@ -21,7 +21,12 @@ REST = [0.0, 0.0]
 
 def pendulum(**others: Any) -> mbocp.Problem:
     return mbocp.Problem.create(
-        "double_pendulum", 1.5, 40, goal={"q": [2.0, -1.0], "v": REST}, cost={"velocity": 0.01}, **others
+        "double_pendulum",
+        1.5,
+        40,
+        goal={"q": [2.0, -1.0], "v": REST},
+        cost={"velocity": 0.01},
+        **{"integrator": {"scheme": "se1"}, **others},
     )
 
 
@@ -93,6 +98,7 @@ def test_a_study_with_one_and_four_workers(tmp_path: Path) -> None:
         "horizon": {"duration": 1.5, "steps": 40},
         "goal": {"q": [2.0, -1.0], "v": REST},
         "cost": {"velocity": 0.01},
+        "integrator": {"scheme": "se1"},
     }
     sample = {"count": 12, "goal.q": {"uniform": [[-2, -2], [2, 2]]}}
     study = Study.from_tables({"problem": problem, "sample": sample, "record": ["q_final", "u", "mu"]})

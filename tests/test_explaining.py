@@ -14,8 +14,10 @@ PENDULUM = {"robot": "chain_1", "duration": 1.0, "steps": 40}
 
 
 def pendulum(**words) -> Problem:
-    name = Problem.create("chain_1", 1.0, 40, goal={"v": 0}).robot.joint_names[0]
-    return Problem.create(**PENDULUM, **{"goal": {"q": {name: 1.5}, "v": 0}, **words})
+    name = Problem.create("chain_1", 1.0, 40, goal={"v": 0}, scheme="se1").robot.joint_names[0]
+    return Problem.create(
+        **{"integrator": {"scheme": "se1"}, **PENDULUM, "goal": {"q": {name: 1.5}, "v": 0}, **words},
+    )
 
 
 def test_a_weak_motor_has_to_be_stronger_by_what_is_said():
@@ -55,7 +57,7 @@ def test_a_failed_solve_says_the_first_cause(capsys):
     from tests.cli.conftest import straight_line
 
     goal = {"q": [1, 0, 0, 0, 0, 0], "v": 0}
-    problem = Problem.create("ur5", 0.2, 20, goal=goal, limits={"velocity": True})
+    problem = Problem.create("ur5", 0.2, 20, goal=goal, limits={"velocity": True}, scheme="se1")
     print_summary(straight_line(problem, Status.INFEASIBLE), problem)
     assert "cause        shoulder_pan_joint needs 0.317 s" in capsys.readouterr().out
     print_summary(straight_line(problem), problem)

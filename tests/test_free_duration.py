@@ -31,7 +31,9 @@ def pendulum(scheme: str = "midpoint", steps: int = 24, **words: Any) -> mbocp.P
     cost = {"time": 1.0, "effort": 0.1, **words.pop("cost", {})}
     goal = {"q": [1.0, 0.5], "v": 0.0}
     words = {"duration": FREE, "scheme": scheme, "goal": goal, "cost": cost, **words}
-    return mbocp.Problem.create("double_pendulum", words.pop("duration"), steps, **words)
+    return mbocp.Problem.create(
+        "double_pendulum", words.pop("duration"), steps, **{"integrator": {"scheme": "se1"}, **words}
+    )
 
 
 def solved(problem: mbocp.Problem, **how: Any) -> mbocp.Solution:
@@ -83,7 +85,7 @@ def test_an_independent_checker_finds_the_same_optimum(tmp_path: Path) -> None:
     """It is one of its duration, and longer or shorter motions cost more."""
     task = draw("double_pendulum_midpoint", 2, tmp_path)
     words = dict(task.tables)
-    fixed = mbocp.Problem.create(**words)
+    fixed = mbocp.Problem.create(**{"integrator": {"scheme": "se1"}, **words})
     T, weight = fixed.duration, 2.0 * solved(fixed).cost / fixed.duration
     free = fixed.with_(duration={"min": T / 5, "max": 5 * T, "guess": T}, cost={"time": weight})
     best = solved(free)
@@ -122,7 +124,11 @@ def test_an_arm_in_minimum_time_within_its_limits() -> None:
         "solver": {"method": "monolithic"},
     }
     problem = mbocp.Problem.create(
-        "ur5", {"min": 0.1, "max": 5.0}, 40, limits={"effort": True, "velocity": True}, **words
+        "ur5",
+        {"min": 0.1, "max": 5.0},
+        40,
+        limits={"effort": True, "velocity": True},
+        **{"integrator": {"scheme": "se1"}, **words},
     )
     s = solved(problem)
     at_limit = (np.abs(s.us) > (1 - 1e-3) * s.limits_u[1]).any(axis=1)

@@ -30,12 +30,14 @@ ANY_TIME = {"min": 0.1, "max": 50.0, "guess": 5.0}
 def bead(duration: Any, via: list[dict[str, Any]], steps: int = 40, **words: Any) -> mbocp.Problem:
     """A mass of 1 kg in a plane without gravity, from rest to rest by 3 m along x."""
     words = {"goal": {"q": [3.0, 0.0], "v": 0}, "scheme": "midpoint", "cost": {"effort": 1.0}, **words}
-    return mbocp.Problem.create(BEAD, duration, steps, via=via, **words)
+    return mbocp.Problem.create(BEAD, duration, steps, via=via, **{"integrator": {"scheme": "se1"}, **words})
 
 
 def pendulum(duration: Any, via: list[dict[str, Any]], steps: int = 24, **words: Any) -> mbocp.Problem:
     words = {"goal": {"q": [1.0, 0.5], "v": 0}, "scheme": "midpoint", "cost": STEADY, **words}
-    return mbocp.Problem.create("double_pendulum", duration, steps, via=via, **words)
+    return mbocp.Problem.create(
+        "double_pendulum", duration, steps, via=via, **{"integrator": {"scheme": "se1"}, **words}
+    )
 
 
 def solved(problem: mbocp.Problem, **how: Any) -> mbocp.Solution:

@@ -49,6 +49,7 @@ def problem(tied: Tied, *, steps: int = 20, **tables: Any) -> Problem:
         "robot": dict(tied.robot.spec),
         "horizon": {"duration": 0.8, "steps": steps},
         "goal": {"q": end, "v": [0.0] * tied.robot.nv},
+        "integrator": {"scheme": "se1"},
     }
     return problem_from_tables({**document, **tables})
 
@@ -202,6 +203,7 @@ def test_panda_with_its_hand(tmp_path: Path) -> None:
         "start": {"q": [0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0, 0.0]},
         "goal": {"q": goal, "v": [0.0] * 8},
         "cost": {"velocity": 1.0},
+        "integrator": {"scheme": "se1"},
     }
     s = solved(problem_from_tables(document))
     np.testing.assert_allclose(s.q_final, goal, atol=1e-9)

@@ -25,6 +25,7 @@ def double_pendulum(steps: int, coordinates: str = "natural", **tables: Any) -> 
         "robot": {"name": "double_pendulum", "damping": False},  # the optima below are without
         "coordinates": coordinates,
         "horizon": {"duration": 1.5, "steps": steps},
+        "integrator": {"scheme": "se1"},
         "start": {"q": [0.0, 0.0]},
         "goal": {"q": [0.8, -0.6], "p": [0.0, 0.0]},
         "cost": {},
@@ -41,6 +42,7 @@ def floating(coordinates: str = "natural", gravity: tuple[float, float, float] =
             "robot": {"name": "hector", "gravity": list(gravity), "actuated": ["root_joint"]},
             "coordinates": coordinates,
             "horizon": {"duration": 1.0, "steps": 40},
+            "integrator": {"scheme": "se1"},
             "start": {"q": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], "v": [0.1, -0.2, 0.3, 0.2, 0.1, -0.3]},
             "goal": {"q": [0.4, -0.3, 0.5, *attitude.tolist()], "v": [0.2, 0.1, -0.1, 0.3, 0.2, 0.1]},
             "cost": {},
@@ -67,6 +69,7 @@ def test_ur5_has_the_reference_costs() -> None:
     document = {
         "robot": "ur5",
         "horizon": {"duration": 1.5, "steps": 100},
+        "integrator": {"scheme": "se1"},
         "start": {"q": UR5_START},
         "goal": {"q": UR5_GOAL, "p": [0.0] * 6},
         "cost": {},
@@ -110,6 +113,7 @@ def test_forward_simulations_converge_to_each_other(robot: Any, effort: float) -
                     "robot": robot,
                     "coordinates": coordinates,
                     "horizon": {"duration": 0.5, "steps": steps},
+                    "integrator": {"scheme": "se1"},
                     "goal": {"v": [0.0] * nv},  # nothing is solved
                 }
             )

@@ -103,17 +103,38 @@ def test_bounds_of_the_start() -> None:
     first, second = (label.name for label in load_robot("double_pendulum").v_labels)
     goal, cost = {"q": [1.0, 0.5], "v": 0}, {"effort": 1.0, "velocity": 0.1}
     words: dict[str, Any] = {"goal": goal, "cost": cost, "solver": "monolithic"}
-    free = solved(Problem.create("double_pendulum", 0.6, 24, start={"free": "v"}, **words))
+    free = solved(
+        Problem.create(
+            "double_pendulum", 0.6, 24, start={"free": "v"}, **{"integrator": {"scheme": "se1"}, **words}
+        )
+    )
     half = float(free.vs[0, 0]) / 2
     bounds = {first: sorted([0.0, half]), second: True}
-    s = solved(Problem.create("double_pendulum", 0.6, 24, start={"free": {"v": bounds}}, **words))
+    s = solved(
+        Problem.create(
+            "double_pendulum",
+            0.6,
+            24,
+            start={"free": {"v": bounds}},
+            **{"integrator": {"scheme": "se1"}, **words},
+        )
+    )
     assert s.vs[0, 0] == pytest.approx(half, abs=1e-4)  # as near as the last barrier lets it
     robot = load_robot("double_pendulum")
     costate = robot.mass_matrix(s.qs[0]) @ s.mus[0, 2:]
     assert costate[0] * np.sign(half) < -1e-6
     assert abs(costate[1]) < 1e-2 * abs(costate[0])
     limits = {"velocity": float(np.abs(free.vs[0]).max()) / 2}
-    limited = solve(Problem.create("double_pendulum", 0.6, 24, start={"free": "v"}, limits=limits, **words))
+    limited = solve(
+        Problem.create(
+            "double_pendulum",
+            0.6,
+            24,
+            start={"free": "v"},
+            limits=limits,
+            **{"integrator": {"scheme": "se1"}, **words},
+        )
+    )
     assert np.abs(limited.vs[0]).max() <= limits["velocity"] + 1e-8
 
 
@@ -147,6 +168,7 @@ def test_a_cycle_on_the_group() -> None:
         via=[{"name": "there", "share": 0.5, "frame": pose}],
         cost={"effort": 1.0, "velocity": 1.0},
         solver="monolithic",
+        scheme="se1",
     )
     s = solved(problem)
     assert np.abs(problem.robot.difference(s.qs[0], s.qs[-1])).max() < 1e-9
@@ -268,7 +290,7 @@ def test_ipopt_walks_the_same(gaits: tuple[Problem, list[Solution]]) -> None:
     ],
 )
 def test_images_by_hand(periodic: dict[str, Any]) -> None:
-    problem = Problem.create("ur5", 1.0, 10, start={"free": True}, goal={"periodic": periodic})
+    problem = Problem.create("ur5", 1.0, 10, start={"free": True}, goal={"periodic": periodic}, scheme="se1")
     image, q = problem.goal.periodic.image(problem.robot), np.arange(1.0, 7.0) / 10  # type: ignore[union-attr]
     wanted = q.copy()
     if "swap" in periodic:
@@ -301,7 +323,7 @@ TABLES: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("tables", TABLES)
 def test_round_trip(tables: dict[str, Any]) -> None:
-    problem = Problem.create("ur5", 1.0, 10, **tables)
+    problem = Problem.create("ur5", 1.0, 10, **{"integrator": {"scheme": "se1"}, **tables})
     text = to_toml(tables_of(problem))
     again = problem_from_tables(tomllib.loads(text))
     assert to_toml(tables_of(again)) == text

@@ -61,7 +61,7 @@ def _horizon(problem: Problem) -> str:
     if problem.duration_range is not None:
         T = f"between {problem.duration_range[0]:g} and {problem.duration_range[1]:g} s"
     how = {"linear": ", controls linear", "stages": ", controls at its stages"}.get(problem.controls, "")
-    why = ", which suits it" if problem.chooses_scheme else ""
+    why = f", chosen for {problem.scheme_reason}" if problem.chooses_scheme else ""
     return f"{T} in {problem.num_steps} steps by scheme {problem.scheme}{why}{how}"
 
 

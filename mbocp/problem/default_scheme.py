@@ -1,6 +1,6 @@
 """The scheme of a problem that names none: what measurement says is best for its kind.
 
-For one accuracy of the motion, in the time of a solver (`docs/problem_files.md`, "The default scheme"):
+For one accuracy of the motion, in the time of a solver (`docs/problem_files.md`, "The scheme that suits"):
 
 - controls that prescribe velocities, and rotation matrices, are for explicit schemes alone;
 - frames with equations at all nodes alternate under schemes that move by mean velocities: `se1`;
@@ -15,6 +15,7 @@ For one accuracy of the motion, in the time of a solver (`docs/problem_files.md`
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from mbocp.problem.contact_bounds import ContactBounds
@@ -27,10 +28,25 @@ from mbocp.problem.path import PathConstraint
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
 
-__all__ = ["AUTO_SCHEME", "Undecided", "chosen_scheme"]
+__all__ = ["AUTO_SCHEME", "ChosenScheme", "Undecided", "chosen_scheme"]
 
 AUTO_SCHEME = "auto"
 _SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
+
+
+@dataclass(frozen=True)
+class ChosenScheme:
+    """What suits a problem.
+
+    Attributes
+    ----------
+    scheme : Scheme
+    reason : str
+        Why, as a phrase that follows "for".
+    """
+
+    scheme: Scheme
+    reason: str
 
 
 class Undecided(Protocol):
@@ -62,20 +78,30 @@ class Undecided(Protocol):
     # fmt: on
 
 
-def chosen_scheme(problem: Undecided) -> Scheme:
-    """Scheme that suits a problem."""
+def chosen_scheme(problem: Undecided) -> ChosenScheme:
+    """Scheme that suits a problem, and why."""
     robot = problem.robot
-    if robot.drives or (robot.rotations == "dcm" and has_rotations(robot)):
-        return "rk4"
-    if _has_forces(problem) or _has_switches(problem) or COORDINATES[problem.coordinates].needs_constraints:
-        return "midpoint"
+    if robot.drives:
+        return ChosenScheme("rk4", "controls that prescribe velocities")
+    if robot.rotations == "dcm" and has_rotations(robot):
+        return ChosenScheme("rk4", "rotation matrices")
+    if COORDINATES[problem.coordinates].needs_constraints:
+        return ChosenScheme("midpoint", f"{problem.coordinates} coordinates")
+    if _has_switches(problem):
+        return ChosenScheme("midpoint", "constraints that begin or end along the way")
+    if _has_forces(problem):
+        return ChosenScheme("midpoint", "bounds of contact forces")
     if problem.controls != "constant":
-        return "lobatto3" if robot.nc else "gauss2"
+        return ChosenScheme("lobatto3" if robot.nc else "gauss2", "controls that vary within steps")
     if _alternates(problem):
-        return "se1"
+        return ChosenScheme("se1", "equations on frames at all nodes")
+    if robot.nc and robot.nv <= _SMALL_LOOP:
+        return ChosenScheme("lobatto3", "small closed loops")
     if robot.nc:
-        return "lobatto3" if robot.nv <= _SMALL_LOOP else "midpoint"
-    return "midpoint" if has_rotations(robot) else "gauss2"
+        return ChosenScheme("midpoint", "closed loops of many joints")
+    if has_rotations(robot):
+        return ChosenScheme("midpoint", "a floating base or ball joints")
+    return ChosenScheme("gauss2", "an open chain of joints")
 
 
 def _has_forces(problem: Undecided) -> bool:

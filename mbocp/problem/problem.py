@@ -153,6 +153,8 @@ class Problem:
         made, never "auto", which takes what suits it, see `mbocp.problem.default_scheme`.
     chooses_scheme : bool
         Whether the scheme was left open, and another may be taken where the problem changes.
+    scheme_reason : str
+        What of the problem decided then, as a phrase; empty where the scheme was named.
     lie : {"plain", "baumgarte", "munthe_kaas"}
         How explicit schemes keep rotations on their manifold: not at all, by stabilisation, or by
         construction.
@@ -219,7 +221,7 @@ class Problem:
     phase: tuple[NamedPhase, ...] = ()
     robot: Robot
     coordinates: Literal["joint", "natural"] = "joint"
-    scheme: Scheme = "se1"
+    scheme: Scheme = "auto"
     lie: Lie = "munthe_kaas"
     substeps: int = 1
     stabilisation: Stabilisation = field(default_factory=Stabilisation)
@@ -229,6 +231,7 @@ class Problem:
     _bounds_of_sum: tuple[float, float] = field(init=False, repr=False, default=(0.0, math.inf))
     _members: tuple[tuple[int, Problem], ...] = field(init=False, repr=False, default=())
     chooses_scheme: bool = field(init=False, repr=False, default=False)
+    scheme_reason: str = field(init=False, repr=False, default="")
     clearance: Clearance | None = field(init=False, repr=False, default=None)
     switches: SwitchTable | None = field(init=False, repr=False, default=None)
     limits: Bounds = field(default_factory=Bounds)
@@ -453,7 +456,7 @@ class Problem:
         terms : sequence of OwnTerm
             Terms of one's own, see `mbocp.terms.own`.
         scheme : str
-            Short for the key `scheme` of `integrator`.
+            Short for the key `scheme` of `integrator`; what suits the problem where neither is given.
 
         Examples
         --------
@@ -524,7 +527,8 @@ class Problem:
     def _take_scheme(self) -> None:
         """Choose a scheme where the problem leaves it open."""
         if self.scheme == AUTO_SCHEME:
-            self._set(scheme=chosen_scheme(self), chooses_scheme=True)
+            chosen = chosen_scheme(self)
+            self._set(scheme=chosen.scheme, chooses_scheme=True, scheme_reason=chosen.reason)
 
     def _take_phases(self) -> None:
         """Check phases against the horizon; find what they hold, and what durations sum up to."""

@@ -25,6 +25,7 @@ SWING = {
     "coordinates": "natural",
     "horizon": {"duration": 1.5, "steps": 30},
     "start": {"q": [0.0, 0.0]},
+    "integrator": {"scheme": "se1"},
     "goal": {"q": [np.pi, 0.0], "v": [0.0, 0.0]},
 }
 

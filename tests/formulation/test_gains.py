@@ -92,6 +92,7 @@ def test_there_are_none_unless_somebody_asks_or_states_are_q_and_v() -> None:
         10,
         goal={"q": [0.2, 0.1], "v": 0},
         coordinates="natural",
+        scheme="se1",
     )
     assert solved(natural, gains=True).gains.shape == (0, 0, 0)
 

@@ -155,7 +155,7 @@ def test_units_are_those_of_the_limits() -> None:
     }
     assert {limit.key: limit.scale for limit in problem.rate_limits}["power"] == 16.0
     goal = {"q": problem.goal.q, "v": 0}
-    alone = Problem.create(problem.robot, 2.0, N, goal=goal, limits={"jerk": 300.0})
+    alone = Problem.create(problem.robot, 2.0, N, goal=goal, limits={"jerk": 300.0}, scheme="se1")
     assert memory_units(alone)["acceleration"] == 256.0 * 2.0 / 8.0
 
 
@@ -168,5 +168,7 @@ def test_only_what_is_asked_for_is_remembered() -> None:
         ({"effort_rate": 40.0}, ["control", "control_rate"]),
         ({"effort": 40.0}, []),
     ):
-        fresh = Problem.create(problem.robot, 1.0, N, goal={"q": problem.goal.q, "v": 0}, limits=limits)
+        fresh = Problem.create(
+            problem.robot, 1.0, N, goal={"q": problem.goal.q, "v": 0}, limits=limits, scheme="se1"
+        )
         assert list(formulate(fresh).layout.remembered) == names

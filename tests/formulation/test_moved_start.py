@@ -21,7 +21,14 @@ def test_derivatives_in_the_moves(scheme: str, limits: dict[str, float]) -> None
     """Columns and curvature of the moves, on the group and in coordinates, against differences."""
     spec = {"name": "hector", "actuated": ["root_joint"]}
     words: dict[str, Any] = {"limits": limits, "scheme": scheme, "solver": "monolithic"}
-    problem = Problem.create(spec, 1.0, 4, start={"free": True}, goal={"periodic": True}, **words)
+    problem = Problem.create(
+        spec,
+        1.0,
+        4,
+        start={"free": True},
+        goal={"periodic": True},
+        **{"integrator": {"scheme": "se1"}, **words},
+    )
     formulation = formulate(problem)
     programme, at, rng = formulation.programme, formulation.layout, np.random.default_rng(4)
     assert at.is_flat == bool(limits)

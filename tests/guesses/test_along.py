@@ -19,7 +19,9 @@ SHARES = np.linspace(0.0, 1.0, 41)
 
 def arm(*kinds: dict[str, Any], goal: dict[str, Any] = GOAL, robot: Any = "ur5", **words: Any) -> Problem:
     path = [{"frame": "tool0", **kind} for kind in kinds]
-    return Problem.create(robot, 1.5, 40, start=START, goal=goal, path=path, **words)
+    return Problem.create(
+        robot, 1.5, 40, start=START, goal=goal, path=path, **{"integrator": {"scheme": "se1"}, **words}
+    )
 
 
 def off_line(problem: Problem, qs: Any) -> Any:
@@ -61,6 +63,6 @@ def test_a_line_out_of_reach_leaves_the_way_straight() -> None:
     stiff = {"name": "ur5", "lock": ["shoulder_lift_joint", "elbow_joint", "wrist_1_joint"]}
     line = [{"kind": "line", "frame": "tool0"}]
     ends = {"start": {"q": [-1.0, 0, 0]}, "goal": {"q": [1.0, 0, 0], "v": 0}}
-    problem = Problem.create(stiff, 1.5, 40, path=line, **ends)
+    problem = Problem.create(stiff, 1.5, 40, path=line, **{"integrator": {"scheme": "se1"}, **ends})
     found = usual_way(problem)(problem.q_start, SHARES)
     assert np.array_equal(found, straight(problem)(problem.q_start, SHARES))

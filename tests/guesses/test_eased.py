@@ -23,7 +23,7 @@ def swing_up(**tables: object) -> mbocp.Problem:
         100,
         start={"q": [np.pi, 0.0]},
         goal={"q": [0.0, 0.0], "v": [0.0, 0.0]},
-        **{"cost": cost, **tables},
+        **{"integrator": {"scheme": "se1"}, "cost": cost, **tables},
     )
 
 
@@ -79,7 +79,9 @@ def test_what_has_a_weight_limits_or_a_method_of_its_own_is_solved_once(tables):
 
 
 def test_an_easy_solve_is_left_as_it_is():
-    problem = mbocp.Problem.create("double_pendulum", 1.0, 50, goal={"q": [0.3, 0.2], "v": [0, 0]})
+    problem = mbocp.Problem.create(
+        "double_pendulum", 1.0, 50, goal={"q": [0.3, 0.2], "v": [0, 0]}, scheme="se1"
+    )
     solution = mbocp.solve(problem.with_(cost={"effort": 1.0, "velocity": 0.0}))
     assert solution.converged
     assert phases_of(solution).count("monolithic") == 1

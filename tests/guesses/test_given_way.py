@@ -24,7 +24,12 @@ def arm():
 
 def problem(robot, **changes) -> Problem:
     rest = {"start": {"q": [0.0, 0.0]}, "goal": {"q": [1.0, 0.5], "v": 0}, "cost": {"effort": 1.0}}
-    return Problem.create(robot, 1.0, 40, **rest, **changes)
+    return Problem.create(
+        robot,
+        1.0,
+        40,
+        **{"integrator": {"scheme": "se1"}, **rest, **changes},
+    )
 
 
 @given(PLACES, st.integers(5, 60))

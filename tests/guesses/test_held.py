@@ -46,7 +46,7 @@ def carried(begin: list[float], via: dict[str, Any], **more: Any) -> Problem:
         "scheme": "midpoint",
         "guess": {"kind": "line"},
     }
-    return Problem.create(robot, phase=phases, **{**words, **more})
+    return Problem.create(robot, phase=phases, **{"integrator": {"scheme": "se1"}, **words, **more})
 
 
 def at(angles: list[float]) -> dict[str, Any]:

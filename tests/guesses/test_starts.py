@@ -33,6 +33,7 @@ def pendulum(**solver: object) -> mbocp.Problem:
         goal={"q": [2.5, 2.0], "v": [0, 0]},
         cost={"velocity": 0.0},
         solver={"starts": 5, **solver},
+        scheme="se1",
     )
 
 
@@ -180,6 +181,7 @@ def drone() -> mbocp.Problem:
         goal={"q": [1.0, 0.5, 0.2, *turned], "v": [0] * 6},
         cost={"velocity": 10.0},
         solver={"starts": 5},
+        scheme="se1",
     )
 
 
@@ -234,6 +236,7 @@ def test_starts_in_natural_coordinates():
         goal={"q": [2.0, -1.0], "v": [0, 0]},
         coordinates="natural",
         solver={"starts": 4},
+        scheme="se1",
     )
     assert {words for words, _ in turned_ways(formulate(problem))} == {
         "line, joint1 the other way around",
@@ -279,6 +282,7 @@ def test_a_frame_is_approached_in_other_configurations_of_the_arm(tmp_path):
         start={"q": [0.3, 0.3]},
         goal={"frame": {"name": "tip", "y": 1.0, "z": 0.8}, "v": [0, 0]},
         solver={"starts": 6},
+        scheme="se1",
     )
     formulation = formulate(problem)
     ways = [*branch_ways(problem), *turned_ways(formulation)]
@@ -301,7 +305,7 @@ def test_where_one_start_fails_other_configurations_at_the_goal_follow(tmp_path)
     file = tmp_path / "two_links.urdf"
     file.write_text(ARM)
     goal = {"frame": {"name": "tip", "y": 1.0, "z": 0.8}, "v": [0, 0]}
-    problem = mbocp.Problem.create(str(file), 2.0, 50, start={"q": [0.3, 0.3]}, goal=goal)
+    problem = mbocp.Problem.create(str(file), 2.0, 50, start={"q": [0.3, 0.3]}, goal=goal, scheme="se1")
     names = [name for name, _ in guesses_in_turn(formulate(problem), None)]
     assert names == ["line", "line to configuration 2 of 2 at the goal", "hold", "control"]
     named = problem.with_(guess={"kind": "line"})

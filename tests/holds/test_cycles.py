@@ -67,7 +67,9 @@ def braked(robot: str, steps: int = 40, hold: dict[str, Any] | None = None, **wo
     }
     start = {"q": [0.3, 1.7], "free": {"q": ["hinge"]}}
     told = {"start": start, "goal": {"periodic": True}, "guess": {"u": [0.0, 0.0]}, "scheme": "midpoint"}
-    return Problem.create(robot, phase=[swing], cost={"effort": 1.0}, **{**told, **words})
+    return Problem.create(
+        robot, phase=[swing], cost={"effort": 1.0}, **{"integrator": {"scheme": "se1"}, **told, **words}
+    )
 
 
 @pytest.mark.parametrize("method", ["monolithic", "ipopt"])
@@ -100,7 +102,12 @@ def pick_cycle(robot: str, **words: Any) -> Problem:
         phases.append({"name": name, "steps": count, "duration": DT * count, "hold": [hold], **via})
     start = {"q": [0.5, 0.0], "free": {"v": ["arm"]}}
     told = {"start": start, "goal": {"periodic": {"except": ["box"]}}, "scheme": "midpoint", **words}
-    return Problem.create({"name": robot, "actuated": ["arm"]}, phase=phases, cost={"effort": 1.0}, **told)
+    return Problem.create(
+        {"name": robot, "actuated": ["arm"]},
+        phase=phases,
+        cost={"effort": 1.0},
+        **{"integrator": {"scheme": "se1"}, **told},
+    )
 
 
 def least_effort() -> tuple[float, Array]:
@@ -166,7 +173,7 @@ def walk(steps: int, **words: Any) -> Problem:
         "scheme": "midpoint",
     }
     robot = {"name": "compass_gait", "gravity": [0.5134157307, 0, -9.7965557359]}
-    return Problem.create(robot, **{**told, **words})
+    return Problem.create(robot, **{"integrator": {"scheme": "se1"}, **told, **words})
 
 
 def test_walking_is_periodic_with_an_impact_within() -> None:

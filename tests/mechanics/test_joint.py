@@ -101,7 +101,13 @@ def test_one_joint_is_enough_for_a_whole_solve(tmp_path) -> None:
     (tmp_path / "sprung.urdf").write_text(SPRUNG)
     (tmp_path / "robot.toml").write_text(ELEMENTS.format(length=0.8))
     problem = mbocp.Problem.create(
-        tmp_path / "robot.toml", 1.0, 40, start={"q": [0.3]}, goal={"q": [1.2], "v": [0.0]}, cost={}
+        tmp_path / "robot.toml",
+        1.0,
+        40,
+        start={"q": [0.3]},
+        goal={"q": [1.2], "v": [0.0]},
+        cost={},
+        scheme="se1",
     )
     solution = mbocp.solve(problem)
     assert solution.converged, solution.advice

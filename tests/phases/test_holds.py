@@ -38,7 +38,7 @@ def hits(*phases: dict[str, Any], **more: Any) -> Problem:
     ]
     named = [{**phase, **own} for phase, own in zip(named, [*phases, {}, {}, {}][:3], strict=True)]
     words: dict[str, Any] = {"start": {"q": [0.3, 0.4]}, "goal": {"q": [-0.2, 0.9], "v": [0.0, 0.0]}}
-    return Problem.create(PENDULUM, phase=named, **{**words, **more})
+    return Problem.create(PENDULUM, phase=named, **{"integrator": {"scheme": "se1"}, **words, **more})
 
 
 def spans(**fields: Any) -> Problem:

@@ -23,7 +23,11 @@ FREE = {"min": 0.2, "max": 0.8, "guess": 0.4}
 
 def made(*phases: dict[str, Any], **more: Any) -> Problem:
     named = [{"name": f"p{i}", "steps": 5, "duration": 0.5, **phase} for i, phase in enumerate(phases)]
-    return Problem.create(UR5, phase=named, **{"goal": GOAL, "cost": {"velocity": 10.0}, **more})
+    return Problem.create(
+        UR5,
+        phase=named,
+        **{"integrator": {"scheme": "se1"}, "goal": GOAL, "cost": {"velocity": 10.0}, **more},
+    )
 
 
 def test_phases_say_how_long_all_is() -> None:

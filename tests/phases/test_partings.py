@@ -46,7 +46,7 @@ def thrown(scheme: str = "midpoint", *, kind: str = "point", finer: int = 1, **m
         {"name": "swing", "steps": 6 * finer, "duration": 0.3, "hold": [grip]},
         {"name": "flight", "steps": 4 * finer, "duration": 0.2},
     ]
-    return Problem.create(robot, phase=phases, **{**words, **more})
+    return Problem.create(robot, phase=phases, **{"integrator": {"scheme": "se1"}, **words, **more})
 
 
 def velocity_of(robot: Robot, frame: str, q: Array, v: Array, at: Array) -> Array:

@@ -20,7 +20,9 @@ FREE = {"min": 0.2, "max": 0.8}
 
 def in_phases(*phases: dict[str, Any], **more: Any) -> Problem:
     named = [{"name": f"p{i}", "steps": 6, "duration": 0.5, **phase} for i, phase in enumerate(phases)]
-    return Problem.create(UR5, phase=named, **{"goal": GOAL, "cost": COST, **more})
+    return Problem.create(
+        UR5, phase=named, **{"integrator": {"scheme": "se1"}, "goal": GOAL, "cost": COST, **more}
+    )
 
 
 def optimum(problem: Problem) -> Solution:
@@ -31,7 +33,7 @@ def optimum(problem: Problem) -> Solution:
 
 @pytest.mark.parametrize("coordinates", ["joint", "natural"])
 def test_phases_in_which_nothing_differs_are_one_horizon(coordinates: str) -> None:
-    whole = optimum(Problem.create(UR5, 1.0, 12, goal=GOAL, cost=COST, coordinates=coordinates))
+    whole = optimum(Problem.create(UR5, 1.0, 12, goal=GOAL, cost=COST, coordinates=coordinates, scheme="se1"))
     cut = optimum(in_phases({}, {}, coordinates=coordinates))
     assert np.array_equal(whole.qs, cut.qs)
     assert np.array_equal(whole.us, cut.us)
@@ -70,7 +72,11 @@ def test_minimum_time_in_phases_of_one_ratio_is_minimum_time() -> None:
         "cost": {"effort": 1e-6, "time": 1.0},
         "limits": {"effort": True, "velocity": 3.0},
     }
-    whole = optimum(Problem.create(UR5, {"min": 0.1, "max": 2.0}, 12, goal=GOAL, **words))
+    whole = optimum(
+        Problem.create(
+            UR5, {"min": 0.1, "max": 2.0}, 12, goal=GOAL, **{"integrator": {"scheme": "se1"}, **words}
+        )
+    )
     cut = optimum(
         in_phases({"duration": {"min": 0.05, "max": 1.0}}, {"duration": {"min": 0.05, "max": 1.0}}, **words)
     )

@@ -78,6 +78,6 @@ def swing(pendulum: Robot) -> Callable[..., Problem]:
         words = {"duration": 1.0, "steps": 10} | {
             k: tables.pop(k) for k in ("duration", "steps") if k in tables
         }
-        return Problem.create(pendulum, **words, **(defaults | tables))
+        return Problem.create(pendulum, **{"integrator": {"scheme": "se1"}, **words, **defaults, **tables})
 
     return maker

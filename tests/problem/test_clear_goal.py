@@ -20,7 +20,15 @@ def arm():
 
 def problem(robot, goal, obstacles) -> Problem:
     rest = {"cost": {"effort": 1.0, "velocity": 100.0}, "limits": {"effort": True}}
-    return Problem.create(robot, 2.0, 60, start={"q": Q_START}, goal=goal, obstacle=obstacles, **rest)
+    return Problem.create(
+        robot,
+        2.0,
+        60,
+        start={"q": Q_START},
+        goal=goal,
+        obstacle=obstacles,
+        **{"integrator": {"scheme": "se1"}, **rest},
+    )
 
 
 def pose(robot) -> dict:

@@ -71,7 +71,9 @@ SCHEMES: dict[str, dict[str, Any]] = {
 def test_a_full_pose_at_rest(words: dict[str, Any]) -> None:
     position, rpy = [0.45, 0.25, 0.35], [3.0, 0.2, 0.4]
     goal = {"v": 0, "frame": {"name": "tool0", "position": position, "rpy": rpy}}
-    problem = Problem.create("ur5", 1.0, 12, goal=goal, cost={"velocity": 100.0}, **words)
+    problem = Problem.create(
+        "ur5", 1.0, 12, goal=goal, cost={"velocity": 100.0}, **{"integrator": {"scheme": "se1"}, **words}
+    )
     solution = solved(problem)
     assert solution.eta.size == 12
     reached = problem.robot.frame_placement("tool0", solution.q_final)
@@ -90,7 +92,13 @@ def test_the_velocity_of_a_frame(name: str) -> None:
     frame = {"name": "tool0", "z": 0.5, "velocity": speed, "angular_velocity": turning}
     start = {"q": [0.1, -1.0, 1.2, -1.0, -1.3, 0.2]}
     problem = Problem.create(
-        robot, 1.0, 12, start=start, goal={"frame": frame}, cost={"velocity": 100.0}, **SCHEMES[name]
+        robot,
+        1.0,
+        12,
+        start=start,
+        goal={"frame": frame},
+        cost={"velocity": 100.0},
+        **{"integrator": {"scheme": "se1"}, **SCHEMES[name]},
     )
     solution = solved(problem)
     assert solution.eta.size == 7
@@ -103,7 +111,7 @@ def test_an_axis_along_a_direction_leaves_the_turn_about_it_free() -> None:
     limits = {"position": True, "velocity": True, "effort": True}
     start = {"q": [0, 0, 0, -1.5, 0, 1.5, 0]}
     problem = Problem.create(
-        PANDA, 1.5, 15, start=start, goal={"v": 0, "frame": frame}, cost=STEADY, limits=limits
+        PANDA, 1.5, 15, start=start, goal={"v": 0, "frame": frame}, cost=STEADY, limits=limits, scheme="se1"
     )
     solution = solved(problem)
     assert solution.eta.size == 12
@@ -116,7 +124,9 @@ def test_an_axis_along_a_direction_leaves_the_turn_about_it_free() -> None:
 @pytest.mark.parametrize("words", [{}, {"scheme": "euler"}, {"coordinates": "natural"}])
 def test_a_free_flyer(words: dict[str, Any]) -> None:
     goal = {"v": 0, "frame": {"name": "base_link", "position": [0.5, 0.2, 1.0], "rpy": [0, 0, 1.0]}}
-    problem = Problem.create(DRONE, 1.0, 20, goal=goal, cost=STEADY, **words)
+    problem = Problem.create(
+        DRONE, 1.0, 20, goal=goal, cost=STEADY, **{"integrator": {"scheme": "se1"}, **words}
+    )
     solution = solved(problem)
     reached = problem.robot.frame_placement("base_link", solution.q_final)
     assert reached.translation == pytest.approx([0.5, 0.2, 1.0], abs=1e-9)
@@ -137,7 +147,9 @@ def test_closed_loops_decide_some_rows(name: str, coordinates: str) -> None:
     wanted = robot.frame_placement(frame, robot.assemble(robot.integrate(robot.q0, away)))
     target = FrameTarget.at(frame, wanted)
     words = {"name": frame, "position": target.position, "orientation": target.orientation}
-    problem = Problem.create(robot, 1.0, 12, goal={"v": 0, "frame": words}, coordinates=coordinates)
+    problem = Problem.create(
+        robot, 1.0, 12, goal={"v": 0, "frame": words}, coordinates=coordinates, scheme="se1"
+    )
     solution = solved(problem)
     assert solution.eta.size == 2 * mobility
     reached = robot.frame_placement(frame, solution.q_final)
@@ -155,7 +167,7 @@ def test_relative_to_a_frame_that_moves_and_beside_joints() -> None:
         {"name": "forearm_link", "z": height},
     ]
     goal = {"v": 0, "q": {"wrist_3_joint": 0.3}, "frame": frames}
-    problem = Problem.create(robot, 1.0, 15, goal=goal, cost={"velocity": 100.0})
+    problem = Problem.create(robot, 1.0, 15, goal=goal, cost={"velocity": 100.0}, scheme="se1")
     solution = solved(problem)
     assert solution.eta.size == 6 + 5
     assert robot.frame_placement("tool0", solution.q_final, "upper_arm_link").translation == pytest.approx(
@@ -169,7 +181,7 @@ def test_relative_to_a_frame_that_moves_and_beside_joints() -> None:
 def test_the_numbers_of_a_pose_are_parameters() -> None:
     def formulated(position: list[float], angle: float) -> Any:
         frame = {"name": "tool0", "position": position, "rpy": [angle, 0, 0], "velocity": [angle, 0, 0]}
-        return formulate(Problem.create("ur5", 1.0, 10, goal={"frame": frame})).programme
+        return formulate(Problem.create("ur5", 1.0, 10, goal={"frame": frame}, scheme="se1")).programme
 
     first, second = formulated([0.4, 0.2, 0.4], 3.0), formulated([0.3, 0.3, 0.5], 2.0)
     assert (first.rho_terminal != second.rho_terminal).any()
@@ -202,7 +214,9 @@ def test_derivatives_are_exact_in_second_order(name: str, kind: str, enforce: st
     words = {"name": frame, "position": at.translation, "velocity": 0, "angular_velocity": 0, **turn}
     goal = {"frame": words, "enforce": enforce}
     cost = {"terminal": 3.0} if enforce == "penalty" else {}
-    formulation = formulate(Problem.create(robot, 1.0, 4, goal=goal, cost=cost, **others))
+    formulation = formulate(
+        Problem.create(robot, 1.0, 4, goal=goal, cost=cost, **{"integrator": {"scheme": "se1"}, **others})
+    )
     programme, layout = formulation.programme, formulation.layout
     q = robot.integrate(goal_q, 0.2 * rng.normal(size=robot.nv))
     x = np.concatenate(
@@ -236,7 +250,7 @@ def test_rows_are_the_half_angle_vector() -> None:
     q = np.array([0.3, -1.0, 1.2, -0.6, -1.3, 0.2])
     target = FrameTarget.at("tool0", robot.frame_placement("tool0", q))
     goal = {"frame": {"name": "tool0", "orientation": target.orientation}}
-    formulation = formulate(Problem.create(robot, 1.0, 5, start={"q": q}, goal=goal))
+    formulation = formulate(Problem.create(robot, 1.0, 5, start={"q": q}, goal=goal, scheme="se1"))
     values = formulation.programme.end_functions.function("terminal_values")
     for angle in (1e-9, 1e-3, 1.0, 2.5, 3.1):
         turned = q + np.array([0, 0, 0, 0, 0, angle])  # about the last axis
@@ -257,7 +271,7 @@ def test_the_goal_configuration_is_a_branch_near_the_start(monkeypatch: pytest.M
         return searches[-1]
 
     monkeypatch.setattr(Robot, "inverse_kinematics", counted)
-    problem = Problem.create("ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame})
+    problem = Problem.create("ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame}, scheme="se1")
     assert len(searches) == 1  # a short one
     assert searches[0].attempts <= 11
     assert (problem.goal.q == searches[0].branches[0]).all()
@@ -271,10 +285,12 @@ def test_the_goal_configuration_is_a_branch_near_the_start(monkeypatch: pytest.M
 def test_limits_choose_the_branch() -> None:
     frame = {"name": "tool0", "position": [0.4, 0.3, 0.4], "rpy": [3.0, 0.1, 0.2]}
     start = {"q": [0.1, -1.0, 1.2, -1.0, -1.3, 0.2]}
-    free = Problem.create("ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame})
+    free = Problem.create("ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame}, scheme="se1")
     elbow = free.goal.q[2]
     limits = {"position": {"elbow_joint": [-3.0, elbow - 0.1] if elbow > 1.3 else [elbow + 0.01, 3.0]}}
-    bounded = Problem.create("ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame}, limits=limits)
+    bounded = Problem.create(
+        "ur5", 1.0, 10, start=start, goal={"v": 0, "frame": frame}, limits=limits, scheme="se1"
+    )
     low, high = limits["position"]["elbow_joint"]
     assert low <= bounded.goal.q[2] <= high
     errors = pose_errors(bounded.robot, bounded.goal, bounded.goal.q)
@@ -304,7 +320,7 @@ def test_a_penalty_draws_the_frame_to_its_goal(enforce: str) -> None:
     misses = []
     for terminal in (1e2, 1e4):
         cost = {"velocity": 100.0, "terminal": terminal}
-        problem = Problem.create("ur5", 1.0, 12, goal=goal, cost=cost)
+        problem = Problem.create("ur5", 1.0, 12, goal=goal, cost=cost, scheme="se1")
         errors = pose_errors(problem.robot, problem.goal, solved(problem).q_final)
         misses.append(errors.positions[0] + errors.angles[0])
     assert misses[1] < (1e-9 if enforce == "both" else 0.1 * misses[0])
@@ -315,7 +331,7 @@ def test_problems_write_and_read_back(tmp_path: Path) -> None:
         {"name": "tool0", "x": 0.3, "z": 0.4, "axis": [0, 0, 1], "direction": [0, 0, -1], "velocity": 0},
         {"name": "forearm_link", "z": 0.4, "relative_to": "shoulder_link", "weight": 2.0},
     ]
-    problem = Problem.create("ur5", 1.0, 10, goal={"v": 0, "frame": frames})
+    problem = Problem.create("ur5", 1.0, 10, goal={"v": 0, "frame": frames}, scheme="se1")
     text = problem_to_toml(problem)
     again = parse_problem(text)
     assert problem_to_toml(again) == text
@@ -337,7 +353,7 @@ def test_problems_write_and_read_back(tmp_path: Path) -> None:
 
 def test_another_start_finds_the_pose_again() -> None:
     frame = {"name": "tool0", "position": [0.4, 0.3, 0.4], "rpy": [3.0, 0.1, 0.2]}
-    problem = Problem.create("ur5", 1.0, 10, goal={"v": 0, "frame": frame})
+    problem = Problem.create("ur5", 1.0, 10, goal={"v": 0, "frame": frame}, scheme="se1")
     other = problem.with_(start={"q": [2.0, -1.0, 1.2, -1.0, -1.3, 0.2]})
     errors = pose_errors(other.robot, other.goal, other.goal.q)
     assert max(errors.positions[0], errors.angles[0]) < 1e-8
@@ -349,7 +365,9 @@ def test_another_start_finds_the_pose_again() -> None:
 
 def test_the_summary_says_how_well_it_is_met() -> None:
     frame = {"name": "tool0", "position": [0.4, 0.3, 0.4]}
-    problem = Problem.create("ur5", 1.0, 12, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0})
+    problem = Problem.create(
+        "ur5", 1.0, 12, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0}, scheme="se1"
+    )
     assert "tool0 off by" in goal_error(solved(problem), problem)
     assert " mm and " in goal_error(solved(problem), problem)
 
@@ -407,7 +425,13 @@ def test_tolerances_are_a_box_and_a_cone_at_the_end(words: dict[str, Any]) -> No
     """An optimum makes use of them, and no node before the last is bounded."""
     frame = {**TOLERANT, "position_tolerance": [0.02, 0.03, 0.01], "orientation_tolerance": 0.1}
     problem = Problem.create(
-        "ur5", 1.0, 12, start=DIRECT, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0}, **words
+        "ur5",
+        1.0,
+        12,
+        start=DIRECT,
+        goal={"v": 0, "frame": frame},
+        cost={"velocity": 100.0},
+        **{"integrator": {"scheme": "se1"}, **words},
     )
     exact = problem.with_(goal={"frame": TOLERANT})
     solution = solved(problem)
@@ -425,7 +449,7 @@ def test_tolerances_are_a_box_and_a_cone_at_the_end(words: dict[str, Any]) -> No
 def test_a_tolerance_of_one_part_leaves_the_other_exact() -> None:
     frame = {**TOLERANT, "orientation_tolerance": 0.2}
     problem = Problem.create(
-        "ur5", 1.0, 12, start=DIRECT, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0}
+        "ur5", 1.0, 12, start=DIRECT, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0}, scheme="se1"
     )
     solution = solved(problem)
     assert solution.eta.size == 9
@@ -442,7 +466,7 @@ def test_a_tolerance_of_one_part_leaves_the_other_exact() -> None:
 
 def test_values_of_a_tolerance_are_lengths_and_angles() -> None:
     frame = {**TOLERANT, "position_tolerance": 0.05, "orientation_tolerance": 0.2}
-    problem = Problem.create("ur5", 1.0, 12, start=DIRECT, goal={"frame": frame})
+    problem = Problem.create("ur5", 1.0, 12, start=DIRECT, goal={"frame": frame}, scheme="se1")
     box, cone = problem.path
     q = np.array(problem.robot.integrate(problem.goal.q, [0.01, 0.02, -0.01, 0.03, 0.02, 0.01]))
     errors = pose_errors(problem.robot, problem.goal, q)
@@ -490,6 +514,7 @@ def test_a_tolerance_in_the_least_time() -> None:
         goal={"v": 0, "frame": frame},
         cost={"effort": 1e-4, "time": 100.0},
         limits={"effort": True},
+        scheme="se1",
     )
     solution = solved(problem)
     errors = pose_errors(problem.robot, problem.goal, solution.q_final)

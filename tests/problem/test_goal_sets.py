@@ -37,7 +37,15 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def posed(*goals: dict[str, Any], **options: Any) -> Problem:
     goal = {"v": 0, "any": list(goals)}
-    return Problem.create("ur5", 1.0, 15, start=START, goal=goal, cost={"velocity": 50.0}, **options)
+    return Problem.create(
+        "ur5",
+        1.0,
+        15,
+        start=START,
+        goal=goal,
+        cost={"velocity": 50.0},
+        **{"integrator": {"scheme": "se1"}, **options},
+    )
 
 
 def test_the_nearer_of_two_poses_is_taken() -> None:
@@ -79,7 +87,7 @@ def test_configurations_modulo_whole_turns() -> None:
     goals = [{"q": q + turn * np.array([k, 0, 0, 0, 0, 0])} for k in (0, -1)]
     start = {"q": [-2.5, -1.2, 1.4, -1.5, -1.5, 0.0]}
     problem = Problem.create(
-        "ur5", 1.0, 15, start=start, goal={"v": 0, "any": goals}, cost={"velocity": 50.0}
+        "ur5", 1.0, 15, start=start, goal={"v": 0, "any": goals}, cost={"velocity": 50.0}, scheme="se1"
     )
     solution = mbocp.solve(problem, check=True)
     assert solution.goal_place == 1  # 0.88 rad back, not 5.4 rad ahead
@@ -163,7 +171,7 @@ def test_warnings_are_told_once() -> None:
     far = {"q": [7.0, -1.0, 1.0, 0.0, 0.0, 0.0]}
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        Problem.create("ur5", 1.0, 15, start=far, goal={"v": 0, "any": [NEAR, FAR]})
+        Problem.create("ur5", 1.0, 15, start=far, goal={"v": 0, "any": [NEAR, FAR]}, scheme="se1")
     about_start = [entry for entry in told if "start.q" in str(entry.message)]
     assert len(about_start) == 1
 

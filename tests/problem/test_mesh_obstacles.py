@@ -223,6 +223,7 @@ def test_motions_called_converged_touch_nothing(seed: int) -> None:
         obstacle=stones,
         cost={"effort": 1e-3},
         limits={"effort": True},
+        scheme="se1",
     )
     found = mbocp.solve(p)
     nearest = nearest_approach(p.clearance, found.t, found.qs)
@@ -241,7 +242,14 @@ def around_stones(name: str) -> Problem:
         lock = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
         told: dict[str, Any] = {"start": {"q": start}, "goal": {"q": goal, "v": 0}, "scheme": "midpoint"}
         stones = [{**stone, "position": [0.55, 0.0, 0.35]}]
-        return Problem.create({"name": "panda", "lock": lock}, 2.0, 40, obstacle=stones, cost=cost, **told)
+        return Problem.create(
+            {"name": "panda", "lock": lock},
+            2.0,
+            40,
+            obstacle=stones,
+            cost=cost,
+            **{"integrator": {"scheme": "se1"}, **told},
+        )
     ends = {"start": {"q": [-1.0, 0, 0, 0, 0, 0, 1]}, "goal": {"q": [1.0, 0.1, 0, 0, 0, 0, 1], "v": 0}}
     stones = [{**stone, "position": [0.0, 0.1, 0.05]}]
     drone = {"name": "hector", "actuated": ["root_joint"]}
@@ -270,10 +278,15 @@ def test_a_stone_that_is_carried_is_gone_around(planar: Robot, scheme: str) -> N
     held = stone(frame="l1", vertices=small, position=[0.45, 1.1, 0.0])
     ends = {"start": {"q": [0.0, 0.9, 0.1]}, "goal": {"q": [0.0, 2.2, 0.2], "v": 0}}
     words: dict[str, Any] = {"cost": {"effort": 1.0, "velocity": 10.0}, "scheme": scheme, **ends}
-    p = Problem.create(planar, 1.0, 24, obstacle=[held], solver="monolithic", **words)
+    p = Problem.create(
+        planar, 1.0, 24, obstacle=[held], solver="monolithic", **{"integrator": {"scheme": "se1"}, **words}
+    )
     assert p.clearance is not None
     found = mbocp.solve(p, check=True)
     nearest = nearest_approach(p.clearance, found.t, found.qs)
     assert -1e-6 < nearest.distance < 0.05
-    straight = mbocp.solve(Problem.create(planar, 1.0, 24, solver="monolithic", **words), check=True)
+    straight = mbocp.solve(
+        Problem.create(planar, 1.0, 24, solver="monolithic", **{"integrator": {"scheme": "se1"}, **words}),
+        check=True,
+    )
     assert nearest_approach(p.clearance, straight.t, straight.qs).distance < -5e-3

@@ -44,7 +44,7 @@ def planar(tmp_path) -> Robot:
 
 def problem(made: Robot, **words: Any) -> Problem:
     start, goal = {"q": [0.0, 0.3, 0.3]}, {"q": [1.0, 0.3, 0.3], "v": 0}
-    return Problem.create(made, 1.0, 8, start=start, goal=goal, **words)
+    return Problem.create(made, 1.0, 8, start=start, goal=goal, **{"integrator": {"scheme": "se1"}, **words})
 
 
 def box(**words: Any) -> dict[str, Any]:

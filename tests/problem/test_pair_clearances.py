@@ -59,7 +59,9 @@ def clearance() -> Clearance:
     post = {"name": "post", "shape": "box", "size": [0.1, 0.1, 0.6], "position": [0.45, 0.0, 0.3]}
     start, goal = [-0.6, -1.0, 1.2, -0.2, 0.5, 0.0], [0.9, -1.0, 1.2, -0.2, 0.5, 0.0]
     made = mbocp.load_robot("ur5")
-    problem = Problem.create(made, 2.0, 20, start={"q": start}, goal={"q": goal}, obstacle=[post])
+    problem = Problem.create(
+        made, 2.0, 20, start={"q": start}, goal={"q": goal}, obstacle=[post], scheme="se1"
+    )
     assert problem.clearance is not None
     return problem.clearance
 

@@ -36,7 +36,9 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def arm(via: list[dict[str, Any]], steps: int = 20, **words: Any) -> Problem:
-    return Problem.create("ur5", 1.0, steps, goal=REST, via=via, **{"cost": STEADY, **words})
+    return Problem.create(
+        "ur5", 1.0, steps, goal=REST, via=via, **{"integrator": {"scheme": "se1"}, "cost": STEADY, **words}
+    )
 
 
 def solved(problem: Problem, method: str = "auto") -> Solution:
@@ -105,7 +107,13 @@ def test_an_arm_of_seven_joints_with_a_hand_turned_by_half_a_turn() -> None:
     hand = {"name": "panda_hand", "position": [0.3, 0.4, 0.4]}
     there = {"name": "panda_hand", "position": [0.5, 0.0, 0.6], "rpy": [np.pi, 0.0, 0.0]}
     problem = Problem.create(
-        PANDA, 1.5, 16, goal={"v": 0, "frame": hand}, via=[{"share": 0.5, "frame": there}], cost=STEADY
+        PANDA,
+        1.5,
+        16,
+        goal={"v": 0, "frame": hand},
+        via=[{"share": 0.5, "frame": there}],
+        cost=STEADY,
+        scheme="se1",
     )
     assert errors(problem.waypoints[0], solved(problem), 8).max() <= 1e-9
 
@@ -177,13 +185,14 @@ def test_a_free_duration_takes_shares() -> None:
         goal=REST,
         via=[{"share": 0.5, "q": {"shoulder_pan_joint": 0.8}}],
         cost={"time": 100.0, "effort": 1e-2, "velocity": 10.0},
+        scheme="se1",
     )
     solution = solved(problem)
     assert solution.qs[10, 0] == pytest.approx(0.8, abs=1e-9)
 
 
 def test_without_a_goal_the_guess_ends_at_the_last_via_point() -> None:
-    problem = Problem.create("ur5", 1.0, 12, via=[{"time": 0.5, "q": [0.3] * 6}], cost=STEADY)
+    problem = Problem.create("ur5", 1.0, 12, via=[{"time": 0.5, "q": [0.3] * 6}], cost=STEADY, scheme="se1")
     assert solved(problem).qs[6] == pytest.approx([0.3] * 6, abs=1e-9)
 
 
@@ -282,7 +291,7 @@ def test_a_free_duration_takes_times() -> None:
     duration = {"min": 0.3, "max": 3.0}
     cost = {"time": 100.0, "effort": 1e-2, "velocity": 10.0}
     via = [{"name": "a", "time": 0.6, "q": {"shoulder_pan_joint": 0.3}}]
-    problem = Problem.create("ur5", duration, 20, goal=REST, via=via, cost=cost)
+    problem = Problem.create("ur5", duration, 20, goal=REST, via=via, cost=cost, scheme="se1")
     solution = solved(problem)
     assert solution.via_times["a"] == pytest.approx(0.6, abs=1e-9)
     assert solution.qs[problem.waypoints[0].node, 0] == pytest.approx(0.3, abs=1e-9)

@@ -73,7 +73,12 @@ def test_functions_of_another_folder_are_not_taken(
 
 def pendulum() -> mbocp.Problem:
     return mbocp.Problem.create(
-        "double_pendulum", 1.0, 10, goal={"q": [1.0, 0.0]}, cost={"effort": 1.0, "velocity": 0.1}
+        "double_pendulum",
+        1.0,
+        10,
+        goal={"q": [1.0, 0.0]},
+        cost={"effort": 1.0, "velocity": 0.1},
+        scheme="se1",
     )
 
 

@@ -313,13 +313,13 @@ def test_describe_and_results(tmp_path: Path) -> None:
     assert facts["payloads"] == [carried("tip").table]
     json.dumps(facts, allow_nan=False)
     goal = {"q": [1.0], "v": 0}
-    heavy = mbocp.solve(Problem.create(robot, 1.0, 20, goal=goal))
+    heavy = mbocp.solve(Problem.create(robot, 1.0, 20, goal=goal, scheme="se1"))
     assert heavy.converged
     loaded = mbocp.Solution.load(heavy.save(tmp_path / "heavy.h5"))
     again = robot_from_spec(loaded.robot_spec)
     assert again.fingerprint == robot.fingerprint
     assert dict(solution_rows(loaded, ""))["carries"] == "crate (2.0 kg at tip)"
-    light = mbocp.solve(Problem.create("chain_1", 1.0, 20, goal=goal))
+    light = mbocp.solve(Problem.create("chain_1", 1.0, 20, goal=goal, scheme="se1"))
     assert "payload" not in light.robot_spec
     assert "carries" not in dict(solution_rows(light, ""))
     assert heavy.cost > 10.0 * light.cost

@@ -55,6 +55,8 @@ q = [0.4, -0.3]
 v = [0, 0]
 [limits]
 effort = true
+[integrator]
+scheme = "se1"
 """
 
 

@@ -35,6 +35,7 @@ PATH = (
 ARM = """
 robot = { name = "double_pendulum", damping = false }
 goal = { q = [1.2, -0.8], v = [0, 0] }
+integrator.scheme = "se1"
 [horizon]
 duration = 1.0
 steps = 20

@@ -28,7 +28,7 @@ def solved(factor: float, callback: Any = None, **others: Any) -> mbocp.Solution
         30,
         goal={"q": [2.0, -1.0], "v": [0.0, 0.0]},
         cost={"effort": factor, "velocity": 0.01 * factor},
-        **others,
+        **{"integrator": {"scheme": "se1"}, **others},
     )
     return mbocp.solve(problem, check=True, callback=callback)
 
@@ -59,6 +59,7 @@ def test_a_warm_start_of_a_tiny_problem_begins_at_its_solution() -> None:
         30,
         goal={"q": [2.0, -1.0], "v": [0.0, 0.0]},
         cost={"effort": TINY, "velocity": 0.01 * TINY},
+        scheme="se1",
     )
     assert mbocp.solve(problem, warm_start=cold, check=True).iterations <= 2
 
@@ -91,6 +92,7 @@ def nudged(factor: float, callback: Any = None) -> mbocp.Solution:
         start={"q": [0.0, 0.0]},
         goal={"q": [3e-4, -6e-4], "v": [0.0, 0.0]},
         cost={"effort": factor},
+        scheme="se1",
     )
     return mbocp.solve(problem, check=True, callback=callback)
 

@@ -27,7 +27,13 @@ def one_motor(motor: str, start: list[float], goal: list[float], steps: int = 10
     """A double pendulum with one motor that swings from one end to the other in a second."""
     robot = mbocp.load_robot("double_pendulum", actuated=[motor], damping=False)
     return mbocp.Problem.create(
-        robot, 1.0, steps, start={"q": start}, goal={"q": goal, "v": [0.0, 0.0]}, cost={"effort": 1.0}
+        robot,
+        1.0,
+        steps,
+        start={"q": start},
+        goal={"q": goal, "v": [0.0, 0.0]},
+        cost={"effort": 1.0},
+        scheme="se1",
     )
 
 
@@ -95,6 +101,7 @@ def test_a_swing_that_had_not_been_solved_in_all_phases() -> None:
         77,
         goal={"q": [math.pi, 0.0], "v": [0.0, 0.0]},
         cost={"effort": 1.0},
+        scheme="se1",
     )
     s = mbocp.solve(problem)
     assert s.status.is_stationary, s.advice  # a joint turns fast, which is not the solver's to judge
@@ -152,6 +159,7 @@ def test_what_is_infeasible_from_one_guess_is_not_asked_of_ipopt_from_the_next()
         12,
         goal={"q": [2.0, 0.0], "v": [0.0, 0.0]},
         limits={"velocity": 1.0},
+        scheme="se1",
     )
     s = mbocp.solve(problem)
     assert s.status is Status.INFEASIBLE, s.advice

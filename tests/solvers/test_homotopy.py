@@ -27,6 +27,7 @@ def pendulum() -> tuple[StagewiseProgramme, Iterate]:
         12,
         goal={"q": [2.0, 0.0], "v": [0.0, 0.0]},
         limits={"effort": 3.0, "velocity": 1.5},
+        scheme="se1",
     )
     formulation = formulate(problem)
     return formulation.programme, make_guess("line", formulation)[0]

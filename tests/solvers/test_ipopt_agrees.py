@@ -63,7 +63,9 @@ def test_what_is_held(make: Callable[[], Problem]) -> None:
 def around(robot: Robot, **words: Any) -> Problem:
     """The arm turns by a radian in 20 steps."""
     told = {"start": {"q": [0.0, 0.3, 0.3]}, "goal": {"q": [1.0, 0.3, 0.3], "v": 0}, **words}
-    return Problem.create(robot, 1.0, 20, cost={"effort": 1.0, "velocity": 10.0}, **told)
+    return Problem.create(
+        robot, 1.0, 20, cost={"effort": 1.0, "velocity": 10.0}, **{"integrator": {"scheme": "se1"}, **told}
+    )
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -111,7 +111,9 @@ def test_a_free_body_within_limits(method: str, scheme: str) -> None:
     }
     limits = {"effort": 30.0, "velocity": [9.0, 9.0, 0.9, 9.0, 9.0, 9.0]}
     robot = hector()
-    s = mbocp.solve(Problem.create(robot, 1.5, 12, limits=limits, **words))
+    s = mbocp.solve(
+        Problem.create(robot, 1.5, 12, limits=limits, **{"integrator": {"scheme": "se1"}, **words})
+    )
     assert s.status.is_stationary, s.advice  # twelve steps do not resolve every turn
     assert s.limit_violation <= 1e-8
     assert ("velocity", "root_joint.vz", "upper") in {(a.kind, a.name, a.side) for a in s.active_limits}
@@ -124,7 +126,14 @@ def test_a_free_body_within_limits(method: str, scheme: str) -> None:
     path = [{"kind": "position", "frame": "base_link", "y": [-0.01, 9.0], "z": [-9.0, 1.0001]}]
     costs = []
     for tables in ({"limits": low}, {"limits": {**limits, "velocity": 9.0}, "path": path}):
-        bounded = mbocp.solve(Problem.create(robot, 1.5, 12, **tables, **words))
+        bounded = mbocp.solve(
+            Problem.create(
+                robot,
+                1.5,
+                12,
+                **{"integrator": {"scheme": "se1"}, **tables, **words},
+            )
+        )
         assert bounded.status.is_stationary, bounded.advice
         assert bounded.limit_violation <= 1e-8
         costs.append(bounded.cost)

@@ -26,7 +26,13 @@ LIMITS = {"acceleration": 8.0, "jerk": 100.0, "effort_rate": 40.0, "power": [[-6
 
 def pendulum(limits: dict[str, Any], **words: Any) -> Problem:
     words = {"scheme": "se1", "goal": GOAL, "cost": {"effort": 1e3, "velocity": 10.0}, **words}
-    return Problem.create("double_pendulum", words.pop("duration", 1.0), N, limits=limits, **words)
+    return Problem.create(
+        "double_pendulum",
+        words.pop("duration", 1.0),
+        N,
+        limits=limits,
+        **{"integrator": {"scheme": "se1"}, **words},
+    )
 
 
 def solved(problem: Problem, **how: Any) -> mbocp.Solution:

@@ -83,16 +83,32 @@ def test_a_body_that_only_some_motors_move() -> None:
     words = {"cost": {"effort": 1.0}, "scheme": "rk4", "solver": {"method": "ipopt"}}
     start = {"q": [0.0, 1.0], "v": [0.0, 0.5]}
     goal = {"q": [1.0, 1.5], "v": [0.0, 0.5]}
-    problem = Problem.create(robot, 1.0, 10, start=start, goal=goal, **words)
+    problem = Problem.create(
+        robot, 1.0, 10, start=start, goal=goal, **{"integrator": {"scheme": "se1"}, **words}
+    )
     assert len(names(problem)) == 2
     s = mbocp.solve(problem)
     assert s.converged
     assert np.allclose(s.q_final, goal["q"], atol=1e-9)
-    away = Problem.create(robot, 1.0, 10, start=start, goal={**goal, "q": [1.0, 1.6]}, **words)
+    away = Problem.create(
+        robot,
+        1.0,
+        10,
+        start=start,
+        goal={**goal, "q": [1.0, 1.6]},
+        **{"integrator": {"scheme": "se1"}, **words},
+    )
     with pytest.raises(OverdeterminedGoal, match="no control acts upon end condition 2"):
         mbocp.solve(away)
     kept = mbocp.solve(
-        Problem.create(robot, 1.0, 10, start=start, goal={**goal, "redundant": "keep"}, **words)
+        Problem.create(
+            robot,
+            1.0,
+            10,
+            start=start,
+            goal={**goal, "redundant": "keep"},
+            **{"integrator": {"scheme": "se1"}, **words},
+        )
     )
     assert kept.cost == pytest.approx(s.cost, rel=1e-8)
 

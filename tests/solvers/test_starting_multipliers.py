@@ -19,12 +19,14 @@ def flight() -> Problem:
     robot = mbocp.load_robot("hector", actuated=["root_joint"], damping=False)
     goal = robot.integrate(robot.q0, np.array([1.0, -0.5, 0.7, 0.4, -0.8, 1.2]))
     cost = {"effort": 1.0, "velocity": 1.0}
-    return Problem.create(robot, 1.5, 30, goal={"q": goal, "v": np.zeros(6)}, cost=cost)
+    return Problem.create(robot, 1.5, 30, goal={"q": goal, "v": np.zeros(6)}, cost=cost, scheme="se1")
 
 
 def reach() -> Problem:
     q, v = [0.5, -1.0, 0.8, 0.1, 0.3, 0.0], np.zeros(6)
-    return Problem.create("ur5", 1.0, 20, goal={"q": q, "v": v}, cost={"effort": 1.0, "velocity": 1.0})
+    return Problem.create(
+        "ur5", 1.0, 20, goal={"q": q, "v": v}, cost={"effort": 1.0, "velocity": 1.0}, scheme="se1"
+    )
 
 
 def test_where_states_are_curved_multipliers_explain_the_gradient() -> None:

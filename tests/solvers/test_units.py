@@ -45,7 +45,7 @@ def formulation_of(name: str, factor: float = 1.0) -> Formulation:
     tables["cost"] = {key: factor * weight for key, weight in tables["cost"].items()}
     if name == "drives":
         tables["goal"] = {"q": mbocp.load_robot("unicycle_pendulum").q0}
-    return formulate(mbocp.Problem.create(**tables))
+    return formulate(mbocp.Problem.create(**{"integrator": {"scheme": "se1"}, **tables}))
 
 
 def perturbed(formulation: Formulation) -> Iterate:
@@ -119,7 +119,7 @@ def swung(mass: float, folder: Path, **others: Any) -> mbocp.Solution:
         goal={"q": [1.5, -1.0, 0.8], "v": [0.0] * 3},
         cost={"effort": mass**-2, "velocity": 0.1},
         limits=limits,
-        **others,
+        **{"integrator": {"scheme": "se1"}, **others},
     )
     return mbocp.solve(problem, check=True)
 
@@ -149,7 +149,9 @@ def test_an_arm_of_any_mass_moves_alike(others: dict[str, Any], tmp_path: Path) 
 def test_problems_of_ordinary_size_keep_their_units() -> None:
     for name in ("ur5", "panda", "double_pendulum", "four_bar"):
         robot = mbocp.load_robot(name)
-        problem = mbocp.Problem.create(robot, 1.0, 20, goal={"v": np.zeros(robot.nv)}, cost={"effort": 1.0})
+        problem = mbocp.Problem.create(
+            robot, 1.0, 20, goal={"v": np.zeros(robot.nv)}, cost={"effort": 1.0}, scheme="se1"
+        )
         assert formulate(problem).programme.units.are_users, name
 
 

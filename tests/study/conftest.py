@@ -16,6 +16,7 @@ PENDULUM: dict[str, Any] = {
     "start": {"q": [5, 0, 0], "p": [0, 10, 0]},
     "goal": {"q": [0, 0, -5], "p": [0, 0, 0]},
     "guess": {"u": [0, -2, 0]},
+    "integrator": {"scheme": "se1"},
 }
 
 MakeStudy = Callable[..., Study]

@@ -27,7 +27,7 @@ def solo(**words: Any) -> Problem:
     base = {"name": "solo/base_link", "position": AT_REST, "rpy": [0, 0, 0]}
     given = {"start": {"frame": base}, "goal": {"v": 0, "frame": base}, "cost": {"effort": 1.0}}
     given |= {"duration": 0.6, "steps": 12}
-    return Problem.create(robot, **{**given, **words})
+    return Problem.create(robot, **{"integrator": {"scheme": "se1"}, **given, **words})
 
 
 def on_feet(**keys: Any) -> list[dict[str, Any]]:
@@ -55,7 +55,7 @@ def hopper(folder: Path, kind: str = "plane", more: str = "", **words: Any) -> P
     path = write(folder, HOPPER, toml)
     given = {"goal": {"q": {"height": 0.1}, "v": 0}, "cost": {"effort": 1e-3}}
     given |= {"duration": 0.2, "steps": 20}
-    return Problem.create(str(path), **{**given, **words})
+    return Problem.create(str(path), **{"integrator": {"scheme": "se1"}, **given, **words})
 
 
 def on_ground(**keys: Any) -> list[dict[str, Any]]:

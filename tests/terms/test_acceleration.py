@@ -16,7 +16,9 @@ WEIGHTS = [0.3, 0.02]
 
 def problem(**changes: object) -> Problem:
     cost = {"effort": 0.5, "velocity": 0.1, "acceleration": WEIGHTS}
-    made = Problem.create("double_pendulum", 1.0, 20, start={"q": [0.1, 0.2]}, goal=GOAL, cost=cost)
+    made = Problem.create(
+        "double_pendulum", 1.0, 20, start={"q": [0.1, 0.2]}, goal=GOAL, cost=cost, scheme="se1"
+    )
     return made.with_(**changes)
 
 

@@ -175,7 +175,7 @@ def test_a_pyramid_is_within_its_cone(squat: tuple[Problem, Solution]) -> None:
 
 def test_what_a_hand_carries() -> None:
     """The weight of what is welded to it, and its torques: the centre of pressure by the lever rule."""
-    problem = Problem.create(**WELDED, path=[{**GRIPPED, **EVERYTHING}])
+    problem = Problem.create(**{"integrator": {"scheme": "se1"}, **WELDED}, path=[{**GRIPPED, **EVERYTHING}])
     (contact,) = problem.contacts
     values = dict(zip((label.name for label in contact.labels), contact.lower, strict=True))
     assert list(values) == [
@@ -197,7 +197,7 @@ def test_what_a_hand_carries() -> None:
 @pytest.mark.parametrize("keys", [EVERYTHING, {"friction": 0.6, "facets": 5, "normal": [1, 2, 2]}])
 def test_derivatives_and_values(keys: dict[str, Any]) -> None:
     """Against differences; values against the expression that solvers see; slopes against both."""
-    problem = Problem.create(**WELDED, path=[{**GRIPPED, **keys}])
+    problem = Problem.create(**{"integrator": {"scheme": "se1"}, **WELDED}, path=[{**GRIPPED, **keys}])
     formulation = formulate(problem)
     programme, at, (contact,) = formulation.programme, formulation.layout, problem.contacts
     rng, h = np.random.default_rng(2), programme.functions.function("path")
@@ -237,7 +237,7 @@ def test_derivatives_and_values(keys: dict[str, Any]) -> None:
 def test_problem_files_read_back() -> None:
     span = {"from": {"share": 0.25}, "until": {"share": 0.5}}
     path = [{**GRIPPED, **EVERYTHING, **span}, {**GRIPPED, "name": "limit", "max": 90.0, "normal": [0, 1, 0]}]
-    problem = Problem.create(**WELDED, path=path)
+    problem = Problem.create(**{"integrator": {"scheme": "se1"}, **WELDED}, path=path)
     text = problem_to_toml(problem)
     again = parse_problem(text)
     assert [c.contact for c in again.contacts] == [c.contact for c in problem.contacts]

@@ -26,7 +26,11 @@ GOAL = {"q": [0.6, 0.3], "v": 0.0, "a": 0.0}
 def pendulum(goal: dict[str, Any] = GOAL, **words: Any) -> Problem:
     words = {"scheme": "se1", "cost": {"effort": 1e3, "velocity": 10.0}, **words}
     return Problem.create(
-        "double_pendulum", words.pop("duration", 1.0), words.pop("steps", 16), goal=goal, **words
+        "double_pendulum",
+        words.pop("duration", 1.0),
+        words.pop("steps", 16),
+        goal=goal,
+        **{"integrator": {"scheme": "se1"}, **words},
     )
 
 

@@ -41,7 +41,14 @@ def turning(amount: float = 0.3) -> list[list[float]]:
 def arm(*paths: dict[str, Any], **words: Any) -> Problem:
     given = {"goal": {"v": 0}, "cost": {"effort": 1.0, "velocity": 100.0}, **words}
     path = [{"kind": "follow", "frame": "tool0", **table} for table in paths]
-    return Problem.create("ur5", given.pop("duration", 2.0), N, start=START, path=path, **given)
+    return Problem.create(
+        "ur5",
+        given.pop("duration", 2.0),
+        N,
+        start=START,
+        path=path,
+        **{"integrator": {"scheme": "se1"}, **given},
+    )
 
 
 def solved(problem: Problem, method: str = "monolithic") -> Solution:
@@ -130,7 +137,9 @@ def test_the_pace_is_the_best_of_all() -> None:
             for n, place in enumerate(places, start=1)
         ]
         words = {"goal": {"v": 0}, "cost": {"effort": 1.0, "velocity": 100.0}}
-        timed = Problem.create("ur5", 2.0, N, start=START, path=boxes, **words)
+        timed = Problem.create(
+            "ur5", 2.0, N, start=START, path=boxes, **{"integrator": {"scheme": "se1"}, **words}
+        )
         return mbocp.solve(timed, warm_start=best).cost
 
     assert at_pace(s) == pytest.approx(best.cost, rel=1e-6)
@@ -165,13 +174,13 @@ def test_with_a_free_duration() -> None:
 
 def test_two_frames_follow_two_paths() -> None:
     arms = {"part": [{"name": "a", "robot": "ur5"}, {"name": "b", "robot": "ur5", "position": [0, 1, 0]}]}
-    pair = Problem.create(arms, 1.0, 4, goal={"v": 0})
+    pair = Problem.create(arms, 1.0, 4, goal={"v": 0}, scheme="se1")
     frames = [name for name in pair.robot.frame_names if name.endswith("tool0")]
     q = np.tile(START["q"], 2)
     tables = [
         {"kind": "follow", "frame": frame, **path} for frame, path in zip(frames, (HALF, ROUND), strict=True)
     ]
-    problem = Problem.create(arms, 2.0, 16, start={"q": q}, goal={"v": 0}, path=tables)
+    problem = Problem.create(arms, 2.0, 16, start={"q": q}, goal={"v": 0}, path=tables, scheme="se1")
     assert [term.index for term in _terms(problem)] == [0, 1]
     solution = solved(problem)
     for k in range(2):

@@ -32,7 +32,14 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
 def arm(*path: dict[str, Any], **words: Any) -> Problem:
     cost = {"effort": 1.0, "velocity": 100.0}
     kept = [{"frame": "tool0", **table} for table in path]
-    return Problem.create("ur5", 1.5, 24, start=START, path=kept, **{"goal": GOAL, "cost": cost, **words})
+    return Problem.create(
+        "ur5",
+        1.5,
+        24,
+        start=START,
+        path=kept,
+        **{"integrator": {"scheme": "se1"}, "goal": GOAL, "cost": cost, **words},
+    )
 
 
 def solved(problem: Problem, method: str = "auto") -> Solution:

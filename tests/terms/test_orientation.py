@@ -28,7 +28,14 @@ def ur5() -> Robot:
 
 def problem(robot: Robot, *path: dict[str, Any], **others: Any) -> Problem:
     ends = {"start": {"q": START}, "goal": {"q": GOAL, "v": 0}}
-    return Problem.create(robot, 1.0, 20, path=path, cost={"velocity": 0.1}, **ends, **others)
+    return Problem.create(
+        robot,
+        1.0,
+        20,
+        path=path,
+        cost={"velocity": 0.1},
+        **{"integrator": {"scheme": "se1"}, **ends, **others},
+    )
 
 
 def angles(robot: Robot, qs: Array) -> Array:

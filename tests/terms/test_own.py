@@ -77,7 +77,9 @@ def formulated(name: str) -> Formulation:
     terms = everything(frame or loaded.frame_names[-1])
     if name == "group":  # a state on the group has no path
         terms = [term for term in terms if term.role != "path"]
-    return formulate(Problem.create(loaded, 1.0, 5, terms=terms, **others))
+    return formulate(
+        Problem.create(loaded, 1.0, 5, terms=terms, **{"integrator": {"scheme": "se1"}, **others})
+    )
 
 
 def check(f: Callable[[float], float], slope: float, curvature: float) -> None:
@@ -178,7 +180,9 @@ def test_path_constraints_are_exact_in_second_order(name: str) -> None:
 
 def pendulum(*terms: OwnTerm, **others: Any) -> Problem:
     words: dict[str, Any] = {"start": {"q": [0.1, 0.2]}, "goal": GOAL, "cost": COST}
-    return Problem.create("double_pendulum", 1.0, 20, terms=terms, **{**words, **others})
+    return Problem.create(
+        "double_pendulum", 1.0, 20, terms=terms, **{"integrator": {"scheme": "se1"}, **words, **others}
+    )
 
 
 def energy(at: Kinematics) -> ca.SX:

@@ -46,12 +46,12 @@ GATE = {"q": [0.3, 0.6, 0.5, 0.5, 0.0, 0.5, 0.5**0.5]}
 def arm(**words: Any) -> Problem:
     start = {"q": [0, -1.57, 1.57, -1.57, -1.57, 0]}
     goal = {"v": 0, "frame": {"name": "tool0", "position": [0.45, -0.2, 0.4]}}
-    return Problem.create("ur5", 1.0, 8, start=start, goal=goal, **words)
+    return Problem.create("ur5", 1.0, 8, start=start, goal=goal, **{"integrator": {"scheme": "se1"}, **words})
 
 
 def drone() -> Problem:
     robot = {"name": "hector", "actuated": ["root_joint"]}
-    return Problem.create(robot, 1.0, 8, via=[{"share": 0.5, **GATE}])
+    return Problem.create(robot, 1.0, 8, via=[{"share": 0.5, **GATE}], scheme="se1")
 
 
 CASES = {

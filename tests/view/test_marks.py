@@ -23,7 +23,7 @@ def test_via_points_are_balls_axes_and_boxes_and_lines_are_drawn(tmp_path: Path)
         {"share": 0.75, "q": [0.1] * 6},
     ]
     path = [{"kind": "line", "frame": "tool0", "tolerance": 1.0}]
-    problem = Problem.create("ur5", 1.0, 8, goal={"v": 0, "frame": goal}, via=via, path=path)
+    problem = Problem.create("ur5", 1.0, 8, goal={"v": 0, "frame": goal}, via=via, path=path, scheme="se1")
     qs = np.tile(problem.q_start, (9, 1))
     page = read_page(
         write_replay(problem.robot, np.linspace(0, 1, 9), qs, tmp_path / "via.html", marks=marks_of(problem))

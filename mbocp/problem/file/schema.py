@@ -431,7 +431,7 @@ class GuessTable(Table):
 class IntegratorTable(Table):
     """How time is discretised."""
 
-    scheme: str = "se1"
+    scheme: str = "auto"
     lie: str = "munthe_kaas"
     substeps: int = 1
     gamma_quaternion: Finite = Stabilisation.gamma_quaternion

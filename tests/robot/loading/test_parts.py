@@ -379,10 +379,17 @@ def test_weights_of_a_part() -> None:
 
 
 def test_two_pendulums_solve_as_each_alone() -> None:
-    one = mbocp.solve(Problem.create("chain_1", 1.0, 40, goal={"q": [1.0], "v": 0}, cost={}))
-    other = mbocp.solve(Problem.create("chain_1", 1.0, 40, goal={"q": [-0.6], "v": 0}, cost={}))
+    one = mbocp.solve(Problem.create("chain_1", 1.0, 40, goal={"q": [1.0], "v": 0}, cost={}, scheme="se1"))
+    other = mbocp.solve(Problem.create("chain_1", 1.0, 40, goal={"q": [-0.6], "v": 0}, cost={}, scheme="se1"))
     both = mbocp.solve(
-        Problem.create(two("chain_1"), 1.0, 40, goal={"q": {"left": [1.0], "right": [-0.6]}, "v": 0}, cost={})
+        Problem.create(
+            two("chain_1"),
+            1.0,
+            40,
+            goal={"q": {"left": [1.0], "right": [-0.6]}, "v": 0},
+            cost={},
+            scheme="se1",
+        )
     )
     assert one.converged
     assert other.converged
