@@ -9,7 +9,8 @@ For one accuracy of the motion, in the time of a solver (`docs/problem_files.md`
 - small closed loops: `lobatto3`, whose steps may be twice as long; larger ones: `midpoint`;
 - floating bases and ball joints: `midpoint`. Their masses are the same in all poses, so that stages win
   little;
-- arms: `gauss2`, of order four.
+- arms: `gauss2`, of order four; chains of very many joints: `midpoint`, for functions of two stages are three
+  times as large as those of one, and take minutes to compile.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ __all__ = ["AUTO_SCHEME", "ChosenScheme", "Undecided", "chosen_scheme"]
 
 AUTO_SCHEME = "auto"
 _SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
+_LONG_CHAIN = 24  # velocities, with which the functions of two stages have 350,000 operations
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ def chosen_scheme(problem: Undecided) -> ChosenScheme:
         return ChosenScheme("midpoint", "closed loops of many joints")
     if has_rotations(robot):
         return ChosenScheme("midpoint", "a floating base or ball joints")
+    if robot.nv > _LONG_CHAIN:
+        return ChosenScheme("midpoint", "a chain of many joints")
     return ChosenScheme("gauss2", "an open chain of joints")
 
 

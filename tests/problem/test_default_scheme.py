@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from mbocp.cli.app import app
+from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 
@@ -17,13 +22,16 @@ CRANK = {"q": {"crank": 1.5}, "v": 0}
 
 
 def problem(robot: Any, **words: Any) -> Problem:
-    return Problem.create(robot, 1.0, 20, **{"scheme": "auto", "goal": {"v": 0}, **words})
+    return Problem.create(robot, 1.0, 20, **{"goal": {"v": 0}, **words})
 
 
 @pytest.mark.parametrize(
     ("robot", "words", "expected"),
     [
         ("ur5", {}, "gauss2"),
+        ("double_pendulum", {}, "gauss2"),
+        ("ur5", {"scheme": "auto"}, "gauss2"),
+        ("ur5", {"integrator": {}}, "gauss2"),
         ("ur5", {"controls": "stages"}, "gauss2"),
         ("ur5", {"coordinates": "natural"}, "midpoint"),
         ("ur5", {"path": [{**LINE, "tolerance": 1e-3}]}, "gauss2"),
@@ -36,6 +44,9 @@ def problem(robot: Any, **words: Any) -> Problem:
         ("four_bar", {"goal": CRANK, "coordinates": "natural"}, "midpoint"),
         ("stewart", {}, "midpoint"),
         ({"name": "hector", "actuated": ["root_joint"]}, {}, "midpoint"),
+        ("solo12", {}, "midpoint"),
+        ("chain_24", {}, "gauss2"),
+        ("chain_25", {}, "midpoint"),
         ({"name": "hector", "actuated": ["root_joint"], "rotations": "dcm"}, {}, "rk4"),
         ("unicycle_pendulum", {"goal": {"q": {"base_x": 0.5}}}, "rk4"),
     ],
@@ -48,10 +59,55 @@ def test_the_scheme_that_suits(robot: Any, words: dict[str, Any], expected: str)
     assert words.get("controls", "constant") in SCHEMES[expected].controls
 
 
-@pytest.mark.parametrize("name", ["loops/polish", "legged/solo12_squat"])
-def test_constraints_that_begin_and_forces_that_are_bounded(name: str) -> None:
-    document = (EXAMPLES / f"{name}.toml").read_text()
-    assert parse_problem(document, ["integrator.scheme=auto"]).scheme == "midpoint"
+def unnamed(name: str) -> str:
+    """An example without its scheme."""
+    text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
+    assert re.search(r"^scheme = ", text, re.MULTILINE)
+    return re.sub(r"^scheme = .*$", "", text, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("name", "scheme", "reason"),
+    [
+        ("arms/ur5_reach", "gauss2", "open chain"),
+        ("arms/panda_reach", "gauss2", "open chain"),
+        ("arms/smooth_torques", "gauss2", "vary within steps"),
+        ("arms/pick_and_place", "midpoint", "begin or end"),
+        ("loops/five_bar", "lobatto3", "small closed loops"),
+        ("loops/delta", "midpoint", "closed loops"),
+        ("loops/polish", "midpoint", "begin or end"),
+        ("free_flyer/drone_flip", "midpoint", "floating base"),
+        ("legged/solo12_squat", "midpoint", "begin or end|forces"),
+        ("walking/compass_gait", "lobatto3", "small closed loops"),
+        ("so3/unicycle_pendulum", "rk4", "prescribe velocities"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::mbocp.problem.ProblemWarning")
+def test_files_that_name_none(name: str, scheme: str, reason: str) -> None:
+    made = parse_problem(unnamed(name), source=EXAMPLES / f"{name}.toml")
+    assert made.scheme == scheme
+    assert re.search(reason, made.scheme_reason)
+
+
+def test_the_check_of_a_problem_says_which_and_why(tmp_path: Path) -> None:
+    file = tmp_path / "reach.toml"
+    file.write_text(unnamed("arms/reach_pose"), encoding="utf-8")
+    run = CliRunner(env={"COLUMNS": "200", "TERM": "dumb"})
+    said = run.invoke(app, ["check", str(file)])
+    assert "by scheme gauss2, chosen for an open chain of joints" in said.stdout
+    said = run.invoke(app, ["check", str(file), "--set", "coordinates=natural"])
+    assert "by scheme midpoint, chosen for natural coordinates" in said.stdout
+    said = run.invoke(app, ["check", str(file), "--set", "integrator.scheme=se1"])
+    assert "by scheme se1\n" in said.stdout
+
+
+def test_options_of_explicit_schemes_name_one() -> None:
+    """They are no wish for an explicit scheme: which one is said with them."""
+    with pytest.raises(
+        ProblemError, match=r'integrator\.substeps: got 3, which scheme "gauss2" does not use'
+    ):
+        problem("ur5", integrator={"substeps": 3})
+    assert problem("unicycle_pendulum", goal={"q": {"base_x": 0.5}}, integrator={"substeps": 3}).substeps == 3
 
 
 def test_another_may_suit_when_the_problem_changes() -> None:
@@ -60,8 +116,9 @@ def test_another_may_suit_when_the_problem_changes() -> None:
     assert open_.with_(coordinates="natural").scheme == "midpoint"
     assert open_.with_(coordinates="natural").with_(coordinates="joint").scheme == "gauss2"
     assert open_.with_(cost={"effort": 2.0}).chooses_scheme
+    assert open_.with_(controls="linear").scheme_reason == "controls that vary within steps"
     for named in (open_.with_(scheme="se2"), open_.with_(integrator={"scheme": "se2"})):
-        assert (named.scheme, named.chooses_scheme) == ("se2", False)
+        assert (named.scheme, named.chooses_scheme, named.scheme_reason) == ("se2", False, "")
         assert named.with_(cost={"effort": 2.0}).scheme == "se2"
 
 
