@@ -10,7 +10,7 @@ For one accuracy of the motion, in the time of a solver (`docs/problem_files.md`
 - floating bases and ball joints: `midpoint`. Their masses are the same in all poses, so that stages win
   little;
 - arms: `gauss2`, of order four; chains of very many joints: `midpoint`, for functions of two stages are three
-  times as large as those of one, and take minutes to compile.
+  times as large as those of one, and take as much longer to compile.
 """
 
 from __future__ import annotations
