@@ -35,6 +35,7 @@ def pendulum(**solver: Any) -> mbocp.Problem:
         goal={"q": [2.5, 2.0], "v": [0, 0]},
         cost={"velocity": 0.0},
         solver={"starts": 5, **solver},
+        scheme="se1",
     )
 
 
@@ -145,7 +146,7 @@ def test_starts_that_go_down_again_come_to_the_same():
         cost = {"velocity": 0.0}
         robot = {"name": "double_pendulum", "damping": False}
         return mbocp.Problem.create(
-            robot, 2.0, 40, goal=goal, cost=cost, solver={"starts": 3, "threads": threads}
+            robot, 2.0, 40, goal=goal, cost=cost, solver={"starts": 3, "threads": threads}, scheme="se1"
         )
 
     alone, other = mbocp.solve(problem(1)), mbocp.solve(problem(3))
