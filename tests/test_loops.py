@@ -10,8 +10,9 @@ import pytest
 
 import mbocp
 from benchmarks.loops import simulate
-from mbocp.mechanisms.closed_path import closed_path
+from mbocp.mechanisms.closed_path import closed_path, driving_joints, path_towards
 from mbocp.problem import Problem
+from mbocp.robot.loops.projection import follow
 from mbocp.solution import Solution
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "loops"
@@ -112,6 +113,25 @@ def test_bodies_do_not_know_how_often_a_joint_has_turned() -> None:
     assert "turn" not in there.advice
     if elsewhere.cost < there.cost - 1.0:
         assert "rad in one step" in elsewhere.advice or "whole turns away" in elsewhere.advice
+
+
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "slider_crank"])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_long_way_to_the_next_configuration_leads_where_small_steps_lead(name: str, seed: int) -> None:
+    """In one step, in a hundred, and by continuation: the same joints, in the same assembly mode."""
+    robot = example(name, 20).robot
+    q_start = example(name, 20).q_start
+    driving = driving_joints(robot, q_start)
+    aside = np.random.default_rng(seed).uniform(-0.8, 0.8, robot.nv)
+    target = robot.integrate(q_start, np.where(driving, aside, 0.0))
+    ends = [path_towards(robot, q_start, target, driving, np.linspace(0.0, 1.0, n + 1)[1:]) for n in (1, 100)]
+    followed = follow(robot, q_start, target, driving)
+    if np.abs(robot.difference(followed, target)[driving]).max() > 1e-6:
+        assert ends[0] is None, "beyond the reach of the loops"
+        return
+    for end in ends:
+        assert end is not None
+        np.testing.assert_allclose(end[-1], followed, atol=1e-8)
 
 
 def test_the_guess_turns_the_crank_with_the_loop_closed() -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._linear import null_space
@@ -20,6 +22,7 @@ MAX_PATH_LENGTH = 300.0  # [rad, m] 48 turns, which take a second or two
 
 _MAX_LEAP = 0.3  # [rad, m] to the next configuration; a longer step is divided
 _CLOSURE_TOLERANCE = 1e-12  # [m, rad, m^2]
+_MIN_STEP = 1.0 / 64.0  # of the way from one configuration to the next
 _MAX_NEWTON_STEPS = 12  # quadratic: three are typical
 _MIN_INDEPENDENCE = 0.05  # part of each motion along the constraints that a driving joint makes
 
@@ -69,11 +72,10 @@ def path_towards(
         None if the path gets stuck.
     """
     whole = np.where(wanted, robot.difference(q_start, target), 0.0)
-    q, qs, last = q_start, [], np.zeros(robot.nv)
+    q, qs, last, loops = q_start, [], np.zeros(robot.nv), _Loops(robot, wanted)
     for share in shares:
         there = robot.integrate(q_start, share * whole)
-        ahead = np.where(wanted, robot.difference(q, there), last)  # the others keep their rate
-        near = _closed_by_newton(robot, q, ahead, ~wanted)
+        near = loops.led_to(q, there, last)
         found = follow(robot, q, there, wanted) if near is None else near
         if np.abs(robot.difference(found, there)[wanted]).max(initial=0.0) > ARRIVAL_TOLERANCE:
             return None
@@ -110,23 +112,82 @@ def driving_joints(robot: Robot, q: Array) -> BoolArray:
     return chosen
 
 
-def _closed_by_newton(robot: Robot, q: Array, ahead: Array, free: BoolArray) -> Array | None:
-    """Configuration moved by `ahead`, its loops closed by the free joints with Newton's method.
+class _Loops:
+    """Loops of a mechanism that some joints close while the others are led.
 
-    None if the method does not converge or a joint would leap.
+    Parameters
+    ----------
+    robot : Robot
+    led : ndarray of bool, shape (nv,)
     """
-    closure, found = _closure(robot), robot.integrate(q, ahead)
-    for _ in range(_MAX_NEWTON_STEPS):
-        phi, dPhi_dq = (value.full() for value in closure(found))
-        if np.abs(phi).max() < _CLOSURE_TOLERANCE:
-            is_near = np.abs(robot.difference(q, found)).max() < _MAX_LEAP
-            return found if is_near else None
-        step = np.zeros(robot.nv)
-        step[free] = -np.linalg.lstsq(dPhi_dq[:, free], phi.ravel(), rcond=None)[0]
-        if np.abs(step).max() > _MAX_LEAP:
-            return None
-        found = robot.integrate(found, step)
-    return None
+
+    def __init__(self, robot: Robot, led: BoolArray) -> None:
+        self._model, self._led, self._free = robot.model, led, np.flatnonzero(~led)
+        self._q = np.zeros(robot.nq)
+        columns = np.zeros((robot.nv, robot.nc))
+        self._phi, self._dPhi_dq = np.zeros(robot.nc), columns.T
+        buffer: Any
+        buffer, self._evaluate = _closure(robot).buffer()  # reads and writes these arrays
+        buffer.set_arg(0, self._q.data)
+        buffer.set_res(0, self._phi.data)
+        buffer.set_res(1, columns.data)
+        self._buffer = buffer  # as long as it is called
+
+    def led_to(self, q: Array, there: Array, last: Array) -> Array | None:
+        """Configuration with the led components of another, its loops closed step by step on the line to it.
+
+        Steps are as long as Newton's method takes them without a leap: the mechanism stays in its assembly
+        mode. None if that takes many.
+
+        Parameters
+        ----------
+        q, there : ndarray, shape (nq,)
+        last : ndarray, shape (nv,)
+            By how much components moved on a way of this length before: the others begin at that rate.
+        """
+        gone, step, rate = 0.0, 1.0, last
+        while gone < 1.0:
+            left = pin.difference(self._model, q, there)
+            found = self._closed(q, np.where(self._led, left * (step / (1.0 - gone)), step * rate))
+            if found is not None:
+                rate = pin.difference(self._model, q, found) / step
+                q, gone, step = found, gone + step, min(2.0 * step, 1.0 - gone - step)
+            elif step > _MIN_STEP:
+                step /= 2.0
+            else:
+                return None
+        return q
+
+    def _closed(self, q: Array, ahead: Array) -> Array | None:
+        """Configuration moved by `ahead`, its loops closed by the other joints with Newton's method.
+
+        None if the method does not converge or a joint would leap.
+        """
+        found: Array = pin.integrate(self._model, q, ahead)
+        step = np.zeros(self._model.nv)
+        for _ in range(_MAX_NEWTON_STEPS):
+            self._q[:] = found
+            self._evaluate()
+            if np.abs(self._phi).max() < _CLOSURE_TOLERANCE:
+                is_near = np.abs(pin.difference(self._model, q, found)).max() < _MAX_LEAP
+                return found if is_near else None
+            step[self._free] = -_least_squares(self._dPhi_dq[:, self._free], self._phi)
+            if not np.abs(step).max() <= _MAX_LEAP:
+                return None
+            found = pin.integrate(self._model, found, step)
+        return None
+
+
+def _least_squares(matrix: Array, values: Array) -> Array:
+    """Shortest of the nearest solutions of a linear system."""
+    if matrix.shape[0] == matrix.shape[1]:
+        try:
+            found = np.linalg.solve(matrix, values)  # a third of the time
+        except np.linalg.LinAlgError:
+            pass  # singular
+        else:
+            return np.asarray(found, dtype=np.float64)
+    return np.asarray(np.linalg.lstsq(matrix, values, rcond=None)[0], dtype=np.float64)
 
 
 def _closure(robot: Robot) -> ca.Function:
