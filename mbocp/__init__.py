@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from mbocp.exceptions import MbocpError as MbocpError
     from mbocp.exceptions import NotConverged as NotConverged
+    from mbocp.interactive import live as live
     from mbocp.problem import Problem as Problem
     from mbocp.problem import load_problem as load_problem
     from mbocp.receding import RecedingHorizon as RecedingHorizon
@@ -35,6 +36,7 @@ _HOME = {
     "RecedingHorizon": "mbocp.receding",
     "Robot": "mbocp.robot",
     "Solution": "mbocp.solution",
+    "live": "mbocp.interactive",
     "load_problem": "mbocp.problem",
     "load_robot": "mbocp.robot",
     "plot_solution": "mbocp.view.plots",
@@ -50,6 +52,7 @@ __all__ = [
     "Robot",
     "Solution",
     "__version__",
+    "live",
     "load_problem",
     "load_robot",
     "plot_solution",

@@ -47,6 +47,7 @@ LAYERS = (
     "clearing",
     "solving",
     "receding",
+    "interactive",
     "explaining",
     "study",
     "papers",

@@ -83,6 +83,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     "page", [p for p in page_names("python") if p != "studies.md"]
 )  # that one: tests/study
 def test_python_runs(page: str, folder: Path) -> None:
+    if page == "live.md":
+        pytest.importorskip("viser", reason="pip install 'mbocp[live]'")
     if page == "results.md":
         problem = mbocp.load_problem("examples/arms/ur5_reach.toml")
         mbocp.solve(problem).save("ur5.h5")

@@ -258,6 +258,31 @@ def replay(
     replay_results(results, output, look, Recording(frames, movie, fps, size), live=live, quiet=quiet)
 
 
+@app.command(epilog=examples("live"))
+@reporting
+def live(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="Problem file (TOML), or a result of a solve.", show_default=False
+        ),
+    ],
+    settings: Settings = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="RESULT.h5", help="Save the last motion that converged."),
+    ] = None,
+    host: Annotated[str, typer.Option(help="Address to serve the page at.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="The first port to try.")] = 8080,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser window.")] = True,
+    quiet: Quiet = False,
+) -> None:
+    """Drag the goal of a problem on a page, which solves it again meanwhile; needs mbocp[live]."""
+    from mbocp.cli.live import live_page
+
+    live_page(file, settings or [], output, host=host, port=port, browser=browser, quiet=quiet)
+
+
 @app.command(epilog=examples("plot"))
 @reporting
 def plot(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
     from mbocp.solution import Solution
 
-__all__ = ["IMAGES", "PAGES", "RESULTS", "Outputs", "check_output", "run"]
+__all__ = ["IMAGES", "PAGES", "RESULTS", "Outputs", "check_output", "problem_of", "run"]
 
 RESULTS = (".h5", ".hdf5")
 PAGES = (".html", ".htm")
@@ -116,7 +116,7 @@ def run(
     chosen = [*settings, f'solver.method="{solver}"'] if solver is not None else list(settings)
     with Progress(title=file.stem, quiet=quiet or as_json) as progress:
         progress.say("loading the robot")
-        problem = _problem(file, chosen)
+        problem = problem_of(file, chosen)
         progress.say("compiling, then guessing (slow the first time)")
         solution = _solve(problem, progress, accuracy)
     written = _write(solution, problem, outputs)
@@ -148,7 +148,7 @@ def _exit_status(solution: Solution) -> int:
     return 0 if solution.converged else 1
 
 
-def _problem(file: Path, settings: Sequence[str]) -> Problem:
+def problem_of(file: Path, settings: Sequence[str]) -> Problem:
     """The problem of a problem file, or of a result."""
     if file.suffix.lower() in RESULTS:
         from mbocp.solution import Solution

@@ -36,7 +36,7 @@ from mbocp.view.meshcat.ghosts import (
 from mbocp.view.meshcat.goals import goal_commands, goal_placements, mark_commands, mark_points
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
-from mbocp.view.meshcat.surroundings import stage_commands
+from mbocp.view.meshcat.surroundings import floor_height, stage_commands
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion import Motion
@@ -44,7 +44,7 @@ from mbocp.view.motion import Motion
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
-__all__ = ["FORCES", "WORLD", "Scene", "build_scene"]
+__all__ = ["FORCES", "WORLD", "Scene", "build_scene", "joint_node", "motion_commands"]
 
 ROOT = "/replay"
 WORLD = f"{ROOT}/world"  # turned so that gravity points down
@@ -76,6 +76,10 @@ class Scene:
         Length of the motion [s].
     forces : str
         Scale of arrows of forces; empty where there are none.
+    size : float
+        Extent of what moves [m].
+    floor : float
+        Height of the floor [m].
     """
 
     commands: tuple[Command, ...]
@@ -83,6 +87,8 @@ class Scene:
     camera: Camera
     duration: float
     forces: str = ""
+    size: float = 1.0
+    floor: float = 0.0
 
 
 def build_scene(
@@ -148,14 +154,13 @@ def build_scene(
         np.vstack([motion.positions[picked, 1:].reshape(-1, 3), *(x[picked] for x in lines)]) @ turn.T,
         direction,
     )
-    connectors, connector_tracks = connector_commands(robot.connectors, motion, WORLD, size)
+    along, tracks_along = motion_commands(robot, motion, frames, size)
     arrows = force_arrows(drawn_marks.forces, motion, FORCES, size)
     commands = [
         *stage_commands(swept, size, camera, ROOT),
         set_transform(WORLD, turn, np.zeros(3)),
         *drawn,
-        *connectors,
-        *_trace_commands(robot, frames, paths, size),
+        *along,
         *goal_commands([*goals, *other_goals], placements, WORLD, size, bold=len(goals)),
         *mark_commands(robot, drawn_marks, motion, WORLD, size),
         *obstacle_commands(robot, drawn_marks.obstacles, lambda joint: joint_node(motion, joint), size),
@@ -164,11 +169,29 @@ def build_scene(
         *other_commands(others, WORLD),
         *arrows.commands,
     ]
-    tracks = [*_joint_tracks(motion), *connector_tracks, *arrows.tracks, *other_tracks(others, WORLD)]
+    tracks = [*_joint_tracks(motion), *tracks_along, *arrows.tracks, *other_tracks(others, WORLD)]
     duration = max([motion.duration, *(other.motion.duration for other in others)])
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]
     animation = set_animation(timed, duration / speed + HOLD) if timed else None
-    return Scene(tuple(commands), animation, camera, duration, arrows.words)
+    floor = floor_height(swept, size)
+    return Scene(tuple(commands), animation, camera, duration, arrows.words, size, floor)
+
+
+def motion_commands(
+    robot: Robot, motion: Motion, frames: Sequence[int], size: float
+) -> tuple[list[Command], list[Track]]:
+    """What is drawn anew with another motion: rods and springs, and the paths of frames.
+
+    Parameters
+    ----------
+    frames : sequence of int
+        Frames that leave a trace.
+    size : float
+        Extent of the scene [m].
+    """
+    commands, tracks = connector_commands(robot.connectors, motion, WORLD, size)
+    paths = (motion.frame_positions(frame) for frame in frames)
+    return [*commands, *_trace_commands(robot, frames, paths, size)], tracks
 
 
 def joint_node(motion: Motion, joint: int) -> str:

@@ -1,10 +1,30 @@
-"""meshcat, imported quietly: its server module still imports a deprecated part of pyzmq."""
+"""meshcat, imported quietly: its server module still imports a deprecated part of pyzmq.
+
+Pinocchio imports all its viewers with one of them. Viser, and what it brings, takes a while
+and is not for this.
+"""
 
 from __future__ import annotations
 
+import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-with warnings.catch_warnings():
+
+@contextmanager
+def _without(*names: str) -> Iterator[None]:
+    """Let modules that have not been imported seem to be missing."""
+    hidden = [name for name in names if name not in sys.modules]
+    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]  # None stands for a module that cannot be imported
+    try:
+        yield
+    finally:
+        for name in hidden:
+            sys.modules.pop(name, None)
+
+
+with warnings.catch_warnings(), _without("viser", "trimesh"):
     warnings.simplefilter("ignore", DeprecationWarning)
     import meshcat
     from meshcat import geometry as mg

@@ -1,0 +1,1 @@
+"""A scene in viser, whose motion changes while it is watched."""
