@@ -112,6 +112,8 @@ def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds)
 
     Raises
     ------
+    ProblemError
+        If the goal gives every joint, and its frames are elsewhere there.
     UnreachablePose
         If nothing within the limits of the problem, or else of the robot, reaches an exact goal.
     UnreachableGoal
@@ -119,6 +121,8 @@ def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds)
     """
     if not goal.poses or goal.enforce == "none" or _is_kept(robot, goal, limits):
         return goal
+    if goal.q_active.all() and goal.is_exact:
+        raise _elsewhere(robot, goal)
     near = _near(robot, goal, q_start, limits)
     if near is not None:
         return replace(goal, q=near)
@@ -290,6 +294,17 @@ def _within_mode(robot: Robot, found: InverseKinematics, q_start: Array) -> Arra
         f"goal.frame: {len(found.branches)} configurations of robot {robot.name!r} bring {words} there, but "
         "none was reached from the start with its loops closed; give another pose, or another start"
     ) from refused
+
+
+def _elsewhere(robot: Robot, goal: Goal) -> ProblemError:
+    """What is wrong with poses beside a whole configuration."""
+    errors = pose_errors(robot, goal, goal.q)
+    names = ", ".join(frame.name for frame in goal.poses)
+    distance, angle = 1e3 * float(errors.positions.max()), np.degrees(float(errors.angles.max()))
+    return ProblemError(
+        f"goal.frame: goal.q gives every joint, and with these {names} is not where it is asked to be, by "
+        f"{distance:.3g} mm and {angle:.3g} deg; leave out goal.q, or the joints that are to be found"
+    )
 
 
 def _unreachable(

@@ -363,6 +363,20 @@ def test_another_start_finds_the_pose_again() -> None:
     )
 
 
+def test_a_pose_takes_the_place_of_a_whole_configuration() -> None:
+    q = [0.5, -1.2, 1.2, -1.0, -1.0, 0.2]
+    problem = Problem.create("ur5", 1.0, 10, goal={"q": q, "v": 0})
+    frame = {"name": "tool0", "position": [0.2, 0.3, 0.5]}
+    moved = problem.with_(goal={"frame": frame})
+    assert not moved.goal.q_active.any()
+    assert moved.goal.rate_active.all()
+    with pytest.raises(ProblemFileError, match="goal.q gives every joint, and with these tool0 is not where"):
+        problem.with_(goal={"q": q, "frame": frame})
+    there = problem.robot.frame_placement("tool0", problem.goal.q).translation
+    both = Problem.create("ur5", 1.0, 10, goal={"q": q, "frame": {**frame, "position": there}})
+    assert both.goal.q_active.all()
+
+
 def test_the_summary_says_how_well_it_is_met() -> None:
     frame = {"name": "tool0", "position": [0.4, 0.3, 0.4]}
     problem = Problem.create(

@@ -131,6 +131,8 @@ def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
             continue
         if name in ("start", "goal"):
             old = {key: entry for key, entry in old.items() if _RATES.get(key) not in table}
+        if name == "goal" and "frame" in table and isinstance(old.get("q"), list):  # it gives every joint
+            del old["q"]
         document[name] = {**old, **table}
     return from_tables(
         _maker(problem, tables),
