@@ -12,13 +12,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from mbocp.accuracy import follows_fast, refined, with_accuracy
+from mbocp.accuracy.of_solution import follows_fast, with_accuracy
 from mbocp.clearing import Attempt, solve_clear
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
 from mbocp.guesses.carried import Carried
-from mbocp.guesses.several import solve_from_starts
 from mbocp.guesses.starts import Warm
 from mbocp.problem import Problem, load_problem
 from mbocp.solution import Solution
@@ -86,6 +85,8 @@ def solve(
     read = partial(_read, asked=problem, with_gains=has_gains)
     work = partial(solve_clear, attempt=attempt, read=read, deadline=deadline, callback=callback)
     if problem.accuracy is not None:
+        from mbocp.accuracy.refining import refined
+
         solution = refined(problem, warm_start, work, deadline)
     else:
         solution = work(problem, warm_start)
@@ -117,6 +118,8 @@ def _attempted(
     if rough or isinstance(start, Carried) or (problem.solver.starts == 1 and not problem.goals):
         outcome, guess_used = solve_from_guesses(formulation, start, callback, phases, deadline, rough)
     else:
+        from mbocp.guesses.several import solve_from_starts
+
         members = [(place, member) for place, member, _ in made]
         formulation, outcome, guess_used, starts = solve_from_starts(
             members, start, callback, phases, deadline

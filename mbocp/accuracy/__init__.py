@@ -1,7 +1,16 @@
 """How far a discrete motion is from what the robot would do."""
 
-from mbocp.accuracy.errors import accuracy_of
-from mbocp.accuracy.of_solution import follows_fast, with_accuracy
-from mbocp.accuracy.refining import refined
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mbocp._exports import names_of
+
+if TYPE_CHECKING:
+    from mbocp.accuracy.errors import accuracy_of
+    from mbocp.accuracy.of_solution import follows_fast, with_accuracy
+    from mbocp.accuracy.refining import refined
 
 __all__ = ["accuracy_of", "follows_fast", "refined", "with_accuracy"]
+
+__getattr__ = names_of(__name__, __file__)

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import sys
 
 __all__ = ["main", "script"]
+
+# New objects after which the collector looks for circles: imports and plots make many that stay, and with the
+# default of 700 it looks at them again and again.
+_COLLECT = (50_000, 20, 100)
 
 
 def script() -> None:
@@ -15,6 +20,7 @@ def script() -> None:
     The interpreter would free its memory piece by piece, which takes as long as a solve.
     """
     status: list[int] = []  # when it is known
+    gc.set_threshold(*_COLLECT)
     atexit.register(_end, status)  # the first to be registered is the last to be called
     try:
         main()

@@ -134,6 +134,10 @@ def _import(outputs: Outputs) -> None:
     import mbocp.cli.summary
     import mbocp.solving
 
+    if outputs.result is not None:
+        import mbocp.solution.files
+        import mbocp.solution.its_robot
+        import mbocp.solution.stored
     if outputs.replay is not None:
         import mbocp.view.replay
     if outputs.plot is not None:

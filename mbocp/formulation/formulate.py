@@ -6,12 +6,7 @@ import math
 from collections.abc import Sequence
 
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.explicit import ExplicitFormulation
-from mbocp.formulation.implicit import ImplicitFormulation
-from mbocp.formulation.natural import NaturalFormulation
-from mbocp.formulation.partitioned import PartitionedFormulation
 from mbocp.integrators import PAIRS, TABLEAUX
-from mbocp.mechanics import natural_mechanics
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 
@@ -40,14 +35,29 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     ProblemError
         If a velocity is limited that is no unknown, because controls prescribe it.
     """
+    # Each is imported where it is asked for: they are as large as all that they share.
     if problem.scheme in TABLEAUX:
+        from mbocp.formulation.explicit import ExplicitFormulation
+
         return ExplicitFormulation.of(problem, without, deadline=deadline)
     if problem.scheme in PAIRS:
+        from mbocp.formulation.partitioned import PartitionedFormulation
+
         return PartitionedFormulation.of(problem, without, deadline=deadline)
     # Robots whose bodies only slide have the same equations in both coordinates.
-    if problem.coordinates == "natural" and natural_mechanics(problem.robot).tree.turning:
+    if problem.coordinates == "natural" and _has_turning_bodies(problem):
+        from mbocp.formulation.natural import NaturalFormulation
+
         return NaturalFormulation.of(problem, without, deadline=deadline)
+    from mbocp.formulation.implicit import ImplicitFormulation
+
     return ImplicitFormulation.of(problem, without, deadline=deadline)
+
+
+def _has_turning_bodies(problem: Problem) -> bool:
+    from mbocp.mechanics import natural_mechanics
+
+    return bool(natural_mechanics(problem.robot).tree.turning)
 
 
 def transcribe(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
 from mbocp.formulation import Formulation
-from mbocp.guesses.from_joints import from_joints
-from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import plain_guess
 from mbocp.programme import Iterate
 from mbocp.solution import Solution
@@ -22,6 +20,8 @@ def make_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
         If the forward simulation with a constant control fails, or a saved solution does not fit.
     """
     if kind == "joint":
+        from mbocp.guesses.from_joints import from_joints  # solves another problem first
+
         return from_joints(formulation)
     if kind == "solution":
         return _from_file(formulation)
@@ -32,6 +32,8 @@ def _from_file(formulation: Formulation) -> tuple[Iterate, str]:
     problem = formulation.problem
     if problem.guess.path is None:
         raise ProblemError('guess.kind = "solution" needs guess.file')
+    from mbocp.guesses.from_solution import iterate_from_solution
+
     saved = Solution.load(problem.guess.path)
     try:
         return iterate_from_solution(saved, formulation), f"saved solution {problem.guess.path.name}"

@@ -26,7 +26,6 @@ import casadi as ca
 
 from mbocp._environment import available_workers
 from mbocp.exceptions import CompilationError
-from mbocp.programme import composed, generated, lanes, pieces, processor, splitting
 from mbocp.programme.cache import (
     cache_folder,
     cached,
@@ -40,11 +39,9 @@ from mbocp.programme.cache import (
     trim,
 )
 from mbocp.programme.compiler import check_deadline, compiler, run_compiler
-from mbocp.programme.files import spread
 from mbocp.programme.keys import key_of, library_of, remember
 from mbocp.programme.lanes import Lanes
 from mbocp.programme.processor import instruction_flags, number_of_lanes
-from mbocp.programme.splitting import split_functions
 
 __all__ = ["CompiledFunctions", "NoCompilerWarning", "load_functions"]
 
@@ -54,6 +51,11 @@ _OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-
 _SCHEDULE = ("-fschedule-insns", "-fsched-pressure")  # of dense functions 4 % less, of others 5 % more
 _DENSE = 10  # operations per number that goes in or out: joint coordinates have dozens, natural ones 5
 _MOST_FILES = 4
+# What turns functions into C, beside this module; imported when there is something to compile.
+_SOURCES = (
+    *("splitting.py", "pieces.py", "generated.py", "composed.py", "lanes.py", "processor.py"),
+    *("composed.h", "lanes.h"),
+)
 _LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
 _LARGE_END = 20_000  # the same for what is called once where others are called at every step
 
@@ -190,9 +192,9 @@ def _flags() -> tuple[str, ...]:
 @cache
 def _sources_digest() -> str:
     """Digest of what turns functions into C: a change there makes old entries stale."""
-    sources = (*(Path(str(m.__file__)) for m in (splitting, pieces, generated, composed, lanes, processor)),)
-    sources = (*sources, *lanes.SOURCES, *composed.SOURCES)
-    return hashlib.sha256(b"".join(source.read_bytes() for source in (Path(__file__), *sources))).hexdigest()
+    own = Path(__file__)
+    sources = (own, *(own.with_name(name) for name in _SOURCES))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
 def _translation(cc: tuple[str, ...] | None, flags: Collection[str]) -> tuple[str, ...]:
@@ -218,6 +220,8 @@ def _is_clang(cc: tuple[str, ...]) -> bool:
 
 def _source(functions: Mapping[str, ca.Function], wide: Lanes) -> str:
     """Functions in C, some of them in lanes."""
+    from mbocp.programme.splitting import split_functions  # what is compiled already needs none of it
+
     generator = ca.CodeGenerator("stage.c")
     for function in functions.values():
         generator.add(function)
@@ -240,6 +244,8 @@ class _Unit:
     @cached_property
     def files(self) -> list[str]:
         """Of the source, for the cores that there are; one where this process is a worker among others."""
+        from mbocp.programme.files import spread
+
         is_worker = multiprocessing.parent_process() is not None
         return spread(self.source, 1 if is_worker else min(available_workers(), _MOST_FILES))
 

@@ -13,12 +13,7 @@ import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ResultFileError
 from mbocp.solution._values import same
 from mbocp.solution.data import SolutionData
-from mbocp.solution.export import solution_dict, write_csv
-from mbocp.solution.files import read_content, write_content
-from mbocp.solution.formats import export_motion
-from mbocp.solution.labelled import dataset_of
 from mbocp.solution.limits import ActiveLimit, active_limits
-from mbocp.solution.stored import content_of, fields_of
 
 if TYPE_CHECKING:
     import xarray
@@ -175,6 +170,8 @@ class Solution(SolutionData):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the summary that `mbocp solve --json` prints, as plain Python values."""
+        from mbocp.solution.export import solution_dict
+
         return solution_dict(self)
 
     def to_json(self, indent: int | None = None) -> str:
@@ -183,14 +180,20 @@ class Solution(SolutionData):
 
     def to_csv(self, path: str | Path) -> Path:
         """Write all trajectories into one table, a row for each node, `name [unit]` in the first line."""
+        from mbocp.solution.export import write_csv
+
         return write_csv(self, path)
 
     def export(self, path: str | Path, *, kind: str | None = None, rate: float | None = None) -> Path:
         """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`."""
+        from mbocp.solution.formats import export_motion
+
         return export_motion(self, path, kind=kind, rate=rate)
 
     def to_xarray(self) -> xarray.Dataset:
         """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""
+        from mbocp.solution.labelled import dataset_of
+
         return dataset_of(self)
 
     def plot(self, path: str | Path, *, robot: Robot | None = None) -> Path:
@@ -249,7 +252,9 @@ class Solution(SolutionData):
         RobotNotStoredWarning
             If the robot cannot be put into it, or its meshes are left out for their size.
         """
+        from mbocp.solution.files import write_content
         from mbocp.solution.its_robot import files_to_store  # as slow to import as all else
+        from mbocp.solution.stored import content_of
 
         return write_content(path, content_of(self, files_to_store(self, meshes)))
 
@@ -302,6 +307,9 @@ class Solution(SolutionData):
         ResultFileError
             If there is no such file, it is not a result of mbocp, it is damaged, or a newer mbocp wrote it.
         """
+        from mbocp.solution.files import read_content
+        from mbocp.solution.stored import fields_of
+
         content = read_content(path)
         try:
             return cls(**fields_of(content))

@@ -15,7 +15,6 @@ from mbocp.solvers.progress import WINDOW, has_stalled
 from mbocp.solvers.records import Status
 from mbocp.solvers.registry import make_solver
 from mbocp.solvers.settings import SolverSettings
-from mbocp.solvers.within_limits import solve_within_limits
 
 __all__ = ["solve_automatically"]
 
@@ -26,6 +25,8 @@ _GRADIENT_STEPS = 25  # of the gradient phases, as in the paper's hybrids
 def solve_automatically(settings: SolverSettings, iterate: Iterate, phases: Phases) -> Outcome:
     """Monolithic Newton first; then IPOPT where there are limits, or else the staggered solvers."""
     if settings.has_inequalities:
+        from mbocp.solvers.within_limits import solve_within_limits
+
         return solve_within_limits(settings, iterate, phases, _solve_freely)
     return _solve_freely(settings, iterate, phases)
 

@@ -7,14 +7,16 @@ import time
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.iterating import Callback, SolverResult, StopTest, run
-from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import IterationRecord, Phase, Status
+
+if TYPE_CHECKING:
+    from mbocp.solvers.nlp.interior_point import InteriorPoint
 
 __all__ = ["STOPPED", "Outcome", "Phases", "Start", "how_it_ended"]
 

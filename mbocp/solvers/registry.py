@@ -8,7 +8,6 @@ from typing import Any
 
 from mbocp.exceptions import InvalidValue
 from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
-from mbocp.solvers.fbsm_newton import FBSMNewton
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.settings import SolverSettings
@@ -36,6 +35,8 @@ def _monolithic(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
 
 
 def _fbsm_newton(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
+    from mbocp.solvers.fbsm_newton import FBSMNewton
+
     options = settings.options
     is_global = options.globalisation == "default"
     return FBSMNewton(

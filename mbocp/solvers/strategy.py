@@ -11,7 +11,6 @@ from mbocp.programme.iterate import Iterate
 from mbocp.programme.units import Units
 from mbocp.solvers.auto import solve_automatically
 from mbocp.solvers.cost_unit import run_with_tiny_costs
-from mbocp.solvers.interior import run_interior
 from mbocp.solvers.phases import STOPPED, Outcome, Phases, Start, how_it_ended
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import Status
@@ -48,6 +47,8 @@ def _words(units: Units) -> str:
 def _run_phases(settings: SolverSettings, start: Start) -> Outcome:
     phases, method = Phases(start, settings.time_limit), settings.options.method
     if method in INTERIOR_POINT:
+        from mbocp.solvers.interior import run_interior
+
         return phases.outcome(*run_interior(settings, method, start.iterate, phases))
     if method == "auto":
         return solve_automatically(settings, start.iterate, phases)

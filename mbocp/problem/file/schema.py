@@ -3,6 +3,9 @@
 Only the shape of the file is checked here. What depends on the robot (lengths, joint names) is checked when
 the values are resolved, what depends on the mathematics when the `Problem` is made: once, for files and for
 Python.
+
+Defaults that are tables are made by `model_construct`, which asks for no validator: pydantic takes several
+milliseconds to build one, and that of the whole file has all in it.
 """
 
 from __future__ import annotations
@@ -361,8 +364,8 @@ class PhaseTable(Table):
     name: str
     steps: int
     duration: Duration
-    limits: LimitsTable = LimitsTable()
-    cost: PhaseCostTable = PhaseCostTable()  # type: ignore[valid-type]  # made of its terms
+    limits: LimitsTable = LimitsTable.model_construct()
+    cost: PhaseCostTable = PhaseCostTable.model_construct()  # type: ignore[valid-type]  # made of its terms
     hold: Annotated[list[HoldTable], BeforeValidator(_listed)] = Field(default_factory=list)
     release: Annotated[list[ReleaseTable], BeforeValidator(_released)] = Field(default_factory=list)
     path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
@@ -465,17 +468,17 @@ class ProblemTable(Table):
 
     robot: Annotated[RobotTable, BeforeValidator(_named_robot)]
     coordinates: str = "joint"
-    horizon: HorizonTable = HorizonTable()
+    horizon: HorizonTable = HorizonTable.model_construct()
     phase: list[PhaseTable] = Field(default_factory=list)
-    start: StartTable = StartTable()
-    goal: GoalTable = GoalTable()
-    cost: CostTable = CostTable()  # type: ignore[valid-type]  # made of its terms
-    limits: LimitsTable = LimitsTable()
+    start: StartTable = StartTable.model_construct()
+    goal: GoalTable = GoalTable.model_construct()
+    cost: CostTable = CostTable.model_construct()  # type: ignore[valid-type]  # made of its terms
+    limits: LimitsTable = LimitsTable.model_construct()
     via: list[ViaTable] = Field(default_factory=list)
     path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
     obstacle: list[ObstacleTable] = Field(default_factory=list)
     self_collision: bool | SelfCollisionTable | None = None
     terms: list[TermTable] = Field(default_factory=list)  # type: ignore[valid-type]
-    guess: GuessTable = GuessTable()
-    integrator: IntegratorTable = IntegratorTable()
-    solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable()
+    guess: GuessTable = GuessTable.model_construct()
+    integrator: IntegratorTable = IntegratorTable.model_construct()
+    solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable.model_construct()

@@ -18,7 +18,6 @@ from mbocp.robot.loading.examples import load_example
 from mbocp.robot.loading.locking import pose_by_joint
 from mbocp.robot.loading.mimic import Follower, followers
 from mbocp.robot.loading.object_urdf import object_urdf
-from mbocp.robot.loading.robot_yaml import read_robot_yaml
 from mbocp.robot.loading.schema import RobotTable, read_robot_toml
 from mbocp.robot.loading.sources import Source
 from mbocp.robot.loading.urdf import ROOT_JOINT, Urdf, build_model, read_urdf
@@ -64,14 +63,19 @@ def make_body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs:
             example.q0,
             example.path,
             source.name,
-            RobotTable(),
+            RobotTable.model_construct(),
             example.path,
             example.followers,
             collision=example.collision,
         )
     if source.kind == "chain":
         return _chain(source.name, bool(free_flyer), follow)
-    table, path, name, folders = RobotTable(), source.path, None, [*dirs, *source.package_dirs]
+    table, path, name, folders = (
+        RobotTable.model_construct(),
+        source.path,
+        None,
+        [*dirs, *source.package_dirs],
+    )
     if source.kind == "toml":
         table = read_robot_toml(source.path)
         folder = source.path.parent
@@ -111,6 +115,8 @@ def _body_of(
 
 def _from_yaml(source: Source, free_flyer: bool, mimic: bool, folders: list[Path]) -> Body:
     """A URDF with a robot.yaml beside it; the URDF is robot.urdf, or the only one."""
+    from mbocp.robot.loading.robot_yaml import read_robot_yaml  # few robots have one
+
     told, folder = read_robot_yaml(source.path), source.path.parent
     held = sorted(folder.glob("*.urdf"))
     path = folder / "robot.urdf" if len(held) != 1 else held[0]
@@ -130,7 +136,16 @@ def object_body(name: str, shape: Payload, *, free_flyer: bool) -> Body:
     model = build_model(urdf, free_flyer=free_flyer, mimic=False)
     visuals = build_visuals(urdf, model, [])
     collision = (CollisionSource(urdf),)
-    return Body(model, visuals, pin.neutral(model), None, name, RobotTable(), urdf.path, collision=collision)
+    return Body(
+        model,
+        visuals,
+        pin.neutral(model),
+        None,
+        name,
+        RobotTable.model_construct(),
+        urdf.path,
+        collision=collision,
+    )
 
 
 def _chain(name: str, free_flyer: bool, mimic: bool) -> Body:

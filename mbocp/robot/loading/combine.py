@@ -248,7 +248,7 @@ def _table(parts: Sequence[Part], settled: Collection[str]) -> RobotTable:
     changes["initial"] = InitialTable(q=initial) if initial else None
     changes |= {key: _agreed(parts, key, usual) for key, usual in _SHARED.items() if key not in settled}
     changes["description"] = "; ".join(f"{part.placed.name}: {part.placed.robot}" for part in parts)
-    return RobotTable().model_copy(update=changes)
+    return RobotTable.model_construct().model_copy(update=changes)
 
 
 def _agreed(parts: Sequence[Part], key: str, default: Any) -> Any:

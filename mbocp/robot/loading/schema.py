@@ -109,7 +109,7 @@ class RobotTable(Table):
     spherical: list[str] = Field(default=[])
     rotations: Literal["quaternion", "dcm"] | None = None
     trace: list[str] | None = None
-    actuation: ActuationTable = ActuationTable()
+    actuation: ActuationTable = ActuationTable.model_construct()
     actuators: list[Actuator] = Field(default=[], alias="actuator")
     drives: list[DriveTable] = Field(default=[], alias="drive")
     constraints: list[ConstraintTable] = Field(default=[], alias="constraint")

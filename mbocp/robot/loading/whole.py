@@ -81,7 +81,7 @@ def whole_from_source(source: Source, options: Options, within: tuple[Path, ...]
     RobotError
         For options that belong into the parts.
     """
-    table = read_robot_toml(source.path) if source.kind == "toml" else RobotTable()
+    table = read_robot_toml(source.path) if source.kind == "toml" else RobotTable.model_construct()
     if table.parts:
         return _assembled(source, table, options, within)
     body = make_body(source, options.free_flyer, options.mimic, options.package_dirs)

@@ -234,7 +234,8 @@ def _write_png(figure: Figure, target: io.BytesIO, dpi: int) -> None:
     before = figure.dpi
     figure.set_dpi(dpi)
     try:
-        canvas: Any = FigureCanvasAgg(figure)
+        # What the layout drew on knows how large the texts are.
+        canvas: Any = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
         canvas.print_png(target)
     finally:
         figure.set_dpi(before)
