@@ -70,12 +70,8 @@ def make_body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs:
         )
     if source.kind == "chain":
         return _chain(source.name, bool(free_flyer), follow)
-    table, path, name, folders = (
-        RobotTable.model_construct(),
-        source.path,
-        None,
-        [*dirs, *source.package_dirs],
-    )
+    table, path, name = RobotTable.model_construct(), source.path, None
+    folders = [*dirs, *source.package_dirs]
     if source.kind == "toml":
         table = read_robot_toml(source.path)
         folder = source.path.parent
@@ -136,16 +132,7 @@ def object_body(name: str, shape: Payload, *, free_flyer: bool) -> Body:
     model = build_model(urdf, free_flyer=free_flyer, mimic=False)
     visuals = build_visuals(urdf, model, [])
     collision = (CollisionSource(urdf),)
-    return Body(
-        model,
-        visuals,
-        pin.neutral(model),
-        None,
-        name,
-        RobotTable.model_construct(),
-        urdf.path,
-        collision=collision,
-    )
+    return Body(model, visuals, pin.neutral(model), None, name, RobotTable(), urdf.path, collision=collision)
 
 
 def _chain(name: str, free_flyer: bool, mimic: bool) -> Body:
