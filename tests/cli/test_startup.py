@@ -70,6 +70,19 @@ def test_a_solve_needs_neither_scipy_nor_files() -> None:
     assert used >= MECHANICS
 
 
+def test_a_solve_imports_what_its_problem_takes_when_it_takes_it() -> None:
+    """Formulations, solvers of others, several starts, files, and what writes C."""
+    there = modules("import mbocp.solving, mbocp.cli.summary")
+    assert "mbocp.formulation.build" in there  # else the test would see nothing
+    for name in (
+        *("formulation.natural", "formulation.explicit", "formulation.implicit", "formulation.partitioned"),
+        *("solvers.nlp.interior_point", "solvers.fbsm_newton", "solvers.homotopy"),
+        *("programme.splitting", "programme.composed", "accuracy.refining", "guesses.from_joints"),
+        *("guesses.several", "solution.stored", "solution.files", "robot.loading.robot_yaml"),
+    ):
+        assert f"mbocp.{name}" not in there, name
+
+
 @pytest.mark.slow
 def test_nothing_of_that_comes_while_it_solves() -> None:
     assert not heavy(SHELL.format(words=["solve", str(UR5)])) & NEVER
