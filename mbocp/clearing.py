@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.guesses.carried import Carried
-from mbocp.problem import Guess, Problem
+from mbocp.problem import Guess, Problem, SolverOptions
 from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_rows_and_room
 from mbocp.solution import Solution
@@ -128,7 +128,7 @@ def _by_other_ways(
     seeds = range(0 if has_ours else 1, 1 + _OTHER_WAYS)
 
     def work(place: int, watch: Watch) -> Solution | None:
-        other = _on_way(problem, seeds[place])
+        other = _on_way(problem, seeds[place], replace(problem.solver, threads=threads // len(seeds) or 1))
         if other is None or time.perf_counter() > deadline:
             return None
         return _solved(other, None, partial(attempt, callback=watch), read, deadline)
@@ -136,9 +136,9 @@ def _by_other_ways(
     def ends(found: Solution | None) -> bool:
         return found is None or found.converged or found.status in _STOPPED
 
-    begun = time.perf_counter()
+    begun, threads = time.perf_counter(), problem.solver.num_threads
     row = SideBySide(work, len(seeds), callback, ends=ends, is_interrupted=_is_interrupted)
-    tried = [found for found in row.run(problem.solver.num_threads).values() if found is not None]
+    tried = [found for found in row.run(threads).values() if found is not None]
     spent = time.perf_counter() - begun
     for number, again in enumerate(tried, start=2):
         if again.converged:
@@ -158,7 +158,7 @@ def _may_be_on_the_wrong_side(problem: Problem) -> bool:
     return has_ways and problem.solver.starts == 1 and problem.solver.max_iterations is None
 
 
-def _on_way(problem: Problem, seed: int) -> Problem | None:
+def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | None:
     """The problem with a guess that these random numbers lead to; None where there is none."""
     way = around(problem, seed)
     if way is None:
@@ -166,6 +166,7 @@ def _on_way(problem: Problem, seed: int) -> Problem | None:
     corners = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))[1:-1]
     found = copy.copy(problem)
     object.__setattr__(found, "guess", Guess(kind="way", q=corners))
+    object.__setattr__(found, "solver", solver)
     return found
 
 

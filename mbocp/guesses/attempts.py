@@ -39,7 +39,8 @@ def solve_from_guesses(
     `rough`: residual with which Newton's method may end; the first guess is the only one then.
     """
     problem, programme = formulation.problem, formulation.programme
-    settings = SolverSettings.of(problem.solver, programme, has_inequalities=problem.is_bounded)
+    threads, is_bounded = problem.solver.num_threads, problem.is_bounded
+    settings = SolverSettings.of(problem.solver, programme, has_inequalities=is_bounded, threads=threads)
     settings = replace(settings, rough=rough)
     best: tuple[Outcome, str] | None = None
     history: list[IterationRecord] = []

@@ -21,7 +21,12 @@ def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
     best: SolverResult | None = None
     joint = problem.with_(coordinates="joint", guess=Guess(), solver=replace(problem.solver, method="auto"))
     stepwise = formulate(joint)
-    settings = SolverSettings.of(joint.solver, stepwise.programme, has_inequalities=joint.is_bounded)
+    settings = SolverSettings.of(
+        joint.solver,
+        stepwise.programme,
+        has_inequalities=joint.is_bounded,
+        threads=joint.solver.num_threads,
+    )
     taken = 0
     for kind in guess_candidates(joint):
         start = Start(stepwise.programme, plain_guess(kind, stepwise)[0])

@@ -59,6 +59,7 @@ def solve_from_starts(
         ]
     clock = time.perf_counter()
     threads = members[0][1].problem.solver.num_threads
+    tasks = [replace(task, threads=max(1, threads // len(tasks))) for task in tasks]
     batch = _Batch(tasks, callback, deadline)
     if threads > 1:
         batch.run_in_threads(threads)
@@ -96,11 +97,12 @@ def _helpers() -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """One guess for one goal."""
+    """One guess for one goal, and how many threads may share its stages."""
 
     formulation: Formulation
     guess: StartGuess
     goal: int | None
+    threads: int = 1
 
     @property
     def words(self) -> str:
@@ -111,7 +113,10 @@ class _Task:
         """Settings of the solver, with the time that is left."""
         problem = self.formulation.problem
         settings = SolverSettings.of(
-            problem.solver, self.formulation.programme, has_inequalities=problem.is_bounded
+            problem.solver,
+            self.formulation.programme,
+            has_inequalities=problem.is_bounded,
+            threads=self.threads,
         )
         left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
         return replace(settings, time_limit=left)

@@ -97,10 +97,12 @@ def nlp_helpers() -> NlpHelpers:
     return _nlp
 
 
-def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False) -> KernelProgramme:
+def kernel_programme(
+    programme: StagewiseProgramme, *, has_limits: bool = False, threads: int = 1
+) -> KernelProgramme:
     """Kernel programme with the functions and parameters of `programme`; the iterate is all zeros.
 
-    Its bounds and guards are part of it with `has_limits`.
+    Its bounds and guards are part of it with `has_limits`. So many threads share the work on its stages.
     """
     native = kernel()
 
@@ -130,7 +132,12 @@ def kernel_programme(programme: StagewiseProgramme, *, has_limits: bool = False)
         ng=programme.ng, values=function("terminal_values"), complete=function("terminal_complete")
     )
     made = native.Programme(
-        kinds, list(programme.stage_kind), terminal, function("retract"), function("difference")
+        kinds,
+        list(programme.stage_kind),
+        terminal,
+        function("retract"),
+        function("difference"),
+        num_threads=threads,
     )
     made.set_parameters(programme.theta, programme.rho, programme.rho_terminal)
     if has_limits:

@@ -50,8 +50,8 @@ _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to i
 _RAISE = 10.0  # from one last barrier to the next
 
 
-def init_barrier(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
-    """State at an iterate, evaluated, and with a barrier if there are limits.
+def init_barrier(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> NewtonState:
+    """State at an iterate, evaluated, and with a barrier if there are limits; so many threads share the stages.
 
     Raises
     ------
@@ -59,8 +59,8 @@ def init_barrier(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState
         If there are limits that the barrier cannot keep.
     """
     if not _has_limits(programme):
-        return start(programme, iterate)
-    native = _loaded(programme, iterate)
+        return start(programme, iterate, threads)
+    native = _loaded(programme, iterate, threads)
     native.start_limits(_MIN_BARRIER, _MARGIN)
     barrier = _first_barrier(native)
     if iterate.bounds is None:
@@ -210,13 +210,13 @@ def _has_limits(programme: StagewiseProgramme) -> bool:
     return bool(programme.num_guards) or not programme.bounds.is_empty
 
 
-def _loaded(programme: StagewiseProgramme, iterate: Iterate) -> KernelProgramme:
+def _loaded(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> KernelProgramme:
     """Kernel programme with its limits at an iterate."""
     iterate.check(programme)
     reason = why_limits_cannot_be_kept(programme)
     if reason:
         raise ProblemError(f'solver.method: "monolithic" {reason}; take "ipopt" or "fatrop"')
-    native = kernel_programme(programme, has_limits=True)
+    native = kernel_programme(programme, has_limits=True, threads=threads)
     iterate.load_into(native)
     return native
 

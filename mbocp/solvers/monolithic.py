@@ -96,15 +96,18 @@ class PureNewton:
         Of the residual and of the increment, both Euclidean norms.
     max_iterations : int
         Newton steps before it gives up.
+    threads : int
+        Share the work on the stages.
     """
 
     tolerance: float = SOLVER_TOLERANCE
     max_iterations: int = 200
     name: str = "monolithic (pure Newton)"
+    threads: int = 1
 
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         """State at an iterate."""
-        return start(programme, iterate)
+        return start(programme, iterate, self.threads)
 
     def step(self, state: NewtonState) -> NewtonState:
         """Eq. (23)."""
@@ -151,6 +154,8 @@ class GlobalisedNewton:
         Whether it begins where many steps have led along a valley, see `mbocp.solvers.shift`.
     rough : float
         Residual with which it ends, whatever the increment; 0: it is to converge.
+    threads : int
+        Share the work on the stages.
     """
 
     tolerance: float = SOLVER_TOLERANCE
@@ -160,12 +165,13 @@ class GlobalisedNewton:
     is_polish: bool = False
     is_careful: bool = False
     rough: float = 0.0
+    threads: int = 1
 
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         """State at an iterate."""
         if self.is_polish:
             return resumed(programme, iterate, self.tolerance, is_centred=True)
-        state = init_barrier(programme, iterate)
+        state = init_barrier(programme, iterate, self.threads)
         return state if state.barrier else _with_least_squares(state, self.control_weight)
 
     def step(self, state: NewtonState) -> NewtonState:

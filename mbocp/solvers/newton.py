@@ -153,10 +153,10 @@ class NewtonState:
     sweeps: Sweeps | None = None
 
 
-def start(programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
-    """State at an iterate, with its functions and derivatives evaluated."""
+def start(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> NewtonState:
+    """State at an iterate, with its functions and derivatives evaluated; so many threads share the stages."""
     iterate.check(programme)
-    native = kernel_programme(programme)
+    native = kernel_programme(programme, threads=threads)
     iterate.load_into(native)
     return new_state(programme, native, native.evaluate())
 

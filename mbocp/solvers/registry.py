@@ -22,7 +22,7 @@ Maker = Callable[[SolverSettings, Switch | None], Solver[Any]]
 def _monolithic(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
     options = settings.options
     if options.globalisation == "none":
-        return PureNewton(options.tolerance, options.newton_iterations)
+        return PureNewton(options.tolerance, options.newton_iterations, threads=settings.threads)
     words = "barrier, " if settings.has_inequalities else ""
     return GlobalisedNewton(
         options.tolerance,
@@ -30,6 +30,7 @@ def _monolithic(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
         control_weight=settings.control_weight,
         is_careful=settings.is_careful,
         rough=settings.rough,
+        threads=settings.threads,
         name=f"monolithic (Newton, {words}inertia correction, filter line search)",
     )
 

@@ -33,6 +33,8 @@ class SolverSettings:
         Whether Newton's method is to change its shift by small factors, see `mbocp.solvers.shift`.
     rough : float
         Residual with which Newton's method may end, whatever the increment; 0: it is to converge.
+    threads : int
+        Share the work of Newton's method on the stages.
     """
 
     options: Options
@@ -42,10 +44,16 @@ class SolverSettings:
     time_limit: float | None = None
     is_careful: bool = False
     rough: float = 0.0
+    threads: int = 1
 
     @classmethod
     def of(
-        cls, options: Options, programme: StagewiseProgramme, *, has_inequalities: bool = False
+        cls,
+        options: Options,
+        programme: StagewiseProgramme,
+        *,
+        has_inequalities: bool = False,
+        threads: int = 1,
     ) -> SolverSettings:
         """Settings with the options of a problem."""
         return cls(
@@ -53,6 +61,7 @@ class SolverSettings:
             programme.control_weight,
             has_inequalities=has_inequalities,
             time_limit=options.time_limit,
+            threads=threads,
         )
 
     @property

@@ -42,7 +42,7 @@ struct Evaluator::Violations {
 Evaluator::Evaluator(const Problem& problem, const Iterate& iterate, Data& data, Step& step, Barrier& barrier)
     : problem_(problem), iterate_(iterate), data_(data), step_(step), barrier_(barrier),
       scaled_m_(iterate.m.size(), 0.0), zeros_(static_cast<std::size_t>(problem.max_nw + problem.max_ns), 0.0),
-      groups_(problem.groups(&Kind::complete)) {
+      costs_(static_cast<std::size_t>(problem.N), 0.0), groups_(problem.groups(&Kind::complete)) {
     for (const Kind& kind : problem.kinds()) {
         Places places;
         for (int n = 0; n < problem.N && places.empty(); ++n)
@@ -51,9 +51,9 @@ Evaluator::Evaluator(const Problem& problem, const Iterate& iterate, Data& data,
     }
 }
 
-bool Evaluator::evaluate_group(const Group& group, const double* multipliers, Violations& violations) {
+bool Evaluator::evaluate_group(const Group& group, const double* multipliers, int thread) {
     const Kind& k = problem_.kind(group);
-    StageFunction& f = *k.complete;
+    StageFunction& f = k.complete->of(thread);
     const bool ok = problem_.call(f, group, iterate_, multipliers);
     double* memories[most_lanes];
     for (int i = 0; i < most_lanes; ++i) memories[i] = data_[group.stage[i]].begin();
@@ -61,14 +61,23 @@ bool Evaluator::evaluate_group(const Group& group, const double* multipliers, Vi
     for (int i = 0; i < group.count; ++i) {
         const int n = group.stage[i];
         const Stage& s = data_[n];
-        if (f.outputs[1].nnz()) violations.e.cost += f.values(1)[i];
+        costs_[n] = f.outputs[1].nnz() ? f.values(1)[i] : 0.0;
         step_.receive(n);
         dense::copy(s.lw, s.gw, k.nw());
         dense::copy(s.ls, s.gs, k.ns());
         step_.add_jacobian_transposed(n, iterate_.m.data() + problem_.m_offset[n], s.gw, s.gs);
-        for (int row = 0; row < k.nc(); ++row) violations.add(s.c[row], k.scale_c[row], n, row);
     }
     return ok;
+}
+
+void Evaluator::add_up(const Group& group, Violations& violations) const {
+    const Kind& k = problem_.kind(group);
+    for (int i = 0; i < group.count; ++i) {
+        const int n = group.stage[i];
+        const double* c = data_[n].c;
+        violations.e.cost += costs_[n];
+        for (int row = 0; row < k.nc(); ++row) violations.add(c[row], k.scale_c[row], n, row);
+    }
 }
 
 // Squared norm of the stationarity conditions, and their largest defect before it is scaled; that in x_n collects from
@@ -102,10 +111,18 @@ Evaluation Evaluator::evaluate(double share) {
         multipliers = scaled_m_.data();
     }
     Evaluation e;
-    bool ok = true;
+    std::atomic<bool> all_ok{true};
+    const auto prepare = [&](int thread) {
+        for (const Kind& kind : problem_.kinds()) problem_.prepare(kind.complete->of(thread), true);
+    };
+    problem_.crew().share(section_, static_cast<int>(groups_.size()), true, prepare,
+                          [&](int thread, int first, int last) {
+                              for (int i = first; i < last; ++i)
+                                  if (!evaluate_group(groups_[i], multipliers, thread)) all_ok = false;
+                          });
+    bool ok = all_ok;
     Violations violations{e};
-    for (const Kind& kind : problem_.kinds()) problem_.prepare(*kind.complete, true);
-    for (const Group& group : groups_) ok = evaluate_group(group, multipliers, violations) && ok;
+    for (const Group& group : groups_) add_up(group, violations);
     ok = data_.end.evaluate(problem_, iterate_, e) && ok;
     for (int i = 0; i < ng; ++i) violations.add(data_.end.g[i], 1.0, -1, i);
     if (!barrier_.empty()) {

@@ -19,7 +19,8 @@ public:
 private:
     struct Violations;
 
-    bool evaluate_group(const Group& group, const double* multipliers, Violations& violations);
+    bool evaluate_group(const Group& group, const double* multipliers, int thread);
+    void add_up(const Group& group, Violations& violations) const;
     double stationarity(double& largest) const;
 
     const Problem& problem_;
@@ -27,8 +28,9 @@ private:
     Data& data_;
     Step& step_;
     Barrier& barrier_;
-    Evaluation last_;  // the last evaluation without what depends on the barrier parameter
-    Numbers scaled_m_, zeros_;
+    Evaluation last_;                   // the last evaluation without what depends on the barrier parameter
+    Numbers scaled_m_, zeros_, costs_;  // the latter of the stages
+    Section section_;
     Groups groups_;
     std::vector<Scatter> scatters_;  // of the kinds
 };

@@ -135,7 +135,10 @@ void Limits::set(const Bounds& bounds, Function path, Function path_values, Func
     num_slopes_ = size_of(windows_);
     const std::size_t px = padded(problem_.ndx);
     const std::size_t matrices = nodes + (num_guards_ && at_node_.back() < 0);
-    lambda_.assign(std::max(nh_ * most_lanes, num_guards_), 0.0), h_.assign(nh_, 0.0);
+    const int num_threads = problem_.crew().size();
+    may_share_ = path_ && path_->copy_for(num_threads) && path_values_->copy_for(num_threads);
+    own_.assign(num_threads, {Numbers(nh_, 0.0), Numbers(nh_ * most_lanes, 0.0)});
+    guard_lambda_.assign(num_guards_, 0.0);
     gradient_x_.assign(problem_.dx_offset(N), 0.0), gradient_u_.assign(problem_.u_offset[N], 0.0);
     J_.assign(num_slopes_ * nodes, 0.0), guard_J_.assign(size_of(guard_windows_), 0.0);
     H_.assign(matrices * px * px, 0.0), B_ = H_;
@@ -208,25 +211,9 @@ void Limits::set_states(StageFunction& function, std::size_t first, const Point&
     function.set(0, x);
 }
 
-bool Limits::call_path_values(std::size_t first, const Point& at) {
-    set_states(*path_values_, first, at);
-    if (first == 0) path_values_->share(1, nullptr), path_values_->share(2, problem_.theta.data());
-    return path_values_->call_in_lanes();
-}
-
-bool Limits::call_path(std::size_t first, const Point& at) {
-    const double* lambda[most_lanes];
-    for (int lane = 0; lane < path_->num_lanes; ++lane)
-        lambda[lane] = lambda_.data() + static_cast<std::size_t>(lane) * nh_;
-    set_states(*path_, first, at), path_->set(1, lambda);
-    if (first == 0) path_->share(2, nullptr);  // zeros: what of a velocity a control prescribes is not limited
-    if (first == 0) path_->share(3, problem_.theta.data());
-    return path_->call_in_lanes();
-}
-
 bool Limits::call_guard(const Point& at, double* h, double* J, double* H) {
     guard_->share(0, at.x.data() + problem_.x_offset(problem_.N));
-    guard_->share(1, lambda_.data());
+    guard_->share(1, guard_lambda_.data());
     guard_->share(2, problem_.rho_terminal.data());
     const bool ok = guard_->call_in_lanes();
     read_rows(*guard_, 0, padded(problem_.ndx), guard_windows_, h, J, H);
@@ -241,27 +228,74 @@ void Limits::copy_values(int n, const Point& at, double* h) const {
     for (int i = rows.u; i < rows.path; ++i) h[i] = u[entry(i)];
 }
 
+bool Limits::evaluate_values(std::size_t first, const Point& at, Numbers& h, int thread) {
+    StageFunction& f = path_values_->of(thread);
+    Own& own = own_[static_cast<std::size_t>(thread)];
+    set_states(f, first, at);
+    const bool ok = f.call_in_lanes();
+    for (std::size_t k = first; k < std::min(first + f.num_lanes, with_path_.size()); ++k) {
+        const Rows rows = of_stage(with_path_[k]);
+        read_values(f, static_cast<int>(k - first), own.h.data());
+        for (int i = rows.path; i < rows.end; ++i) h[i] = own.h[entry(i)];
+    }
+    return ok;
+}
+
+bool Limits::evaluate_group(std::size_t first, const Point& at, const Numbers& lambda, Numbers& h, int thread) {
+    StageFunction& f = path_->of(thread);
+    Own& own = own_[static_cast<std::size_t>(thread)];
+    const std::size_t last = std::min(first + f.num_lanes, with_path_.size());
+    const int px = padded(problem_.ndx);
+    std::fill(own.lambda.begin(), own.lambda.end(), 0.0);
+    for (std::size_t k = first; k < last; ++k) {
+        const Rows rows = of_stage(with_path_[k]);
+        for (int i = rows.path; i < rows.end; ++i) own.lambda[(k - first) * nh_ + entry(i)] = lambda[i];
+    }
+    const double* of_lanes[most_lanes];
+    for (int lane = 0; lane < f.num_lanes; ++lane)
+        of_lanes[lane] = own.lambda.data() + static_cast<std::size_t>(lane) * nh_;
+    set_states(f, first, at), f.set(1, of_lanes);
+    const bool ok = f.call_in_lanes();
+    for (std::size_t k = first; k < last; ++k) {
+        const int n = with_path_[k];
+        const Rows rows = of_stage(n);
+        double *J = J_.data() + jacobian_offset(n), *H = H_.data() + matrix_offset(n);
+        dense::zero(H, px * px);
+        read_rows(f, static_cast<int>(k - first), px, windows_, own.h.data(), J, H);
+        for (int i = rows.path; i < rows.end; ++i) {
+            h[i] = own.h[entry(i)];
+            add_multiple(lambda[i], slope(n, i), gradient_x_.data() + problem_.dx_offset(n));
+        }
+    }
+    return ok;
+}
+
 bool Limits::values(const Point& at, Numbers& h) {
     bool ok = true;
     for (int n = 0; n < problem_.N; ++n) copy_values(n, at, h.data());
-    const auto num_lanes = static_cast<std::size_t>(path_values_ ? path_values_->num_lanes : 1);
-    for (std::size_t first = 0; first < with_path_.size(); first += num_lanes) {
-        ok = call_path_values(first, at) && ok;
-        for (std::size_t k = first; k < std::min(first + num_lanes, with_path_.size()); ++k) {
-            const Rows rows = of_stage(with_path_[k]);
-            read_values(*path_values_, static_cast<int>(k - first), h_.data());
-            for (int i = rows.path; i < rows.end; ++i) h[i] = h_[entry(i)];
-        }
+    if (!with_path_.empty()) {
+        const std::size_t num_lanes = path_values_->num_lanes, groups = (with_path_.size() + num_lanes - 1) / num_lanes;
+        std::atomic<bool> all_ok{true};
+        const auto begin = [&](int thread) {
+            StageFunction& f = path_values_->of(thread);
+            f.share(1, nullptr), f.share(2, problem_.theta.data());
+        };
+        problem_.crew().share(of_values_, static_cast<int>(groups), may_share_, begin,
+                              [&](int thread, int first, int last) {
+                                  for (int i = first; i < last; ++i)
+                                      if (!evaluate_values(i * num_lanes, at, h, thread)) all_ok = false;
+                              });
+        ok = all_ok;
     }
     if (num_guards_) ok = call_guard(at, h.data() + first_guard(), nullptr, nullptr) && ok;
     return ok;
 }
 
 bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
-    const int N = problem_.N, px = padded(problem_.ndx);
+    const int N = problem_.N;
     bool ok = true;
     std::fill(gradient_x_.begin(), gradient_x_.end(), 0.0), std::fill(gradient_u_.begin(), gradient_u_.end(), 0.0);
-    std::fill(H_.begin(), H_.end(), 0.0);
+    if (matrix(N - 1) && !has_path(N - 1)) std::fill(H_.begin() + matrix_offset(N - 1), H_.end(), 0.0);
     for (int n = 0; n < N; ++n) {
         const Rows rows = of_stage(n);
         double* of_x = gradient_x_.data() + problem_.dx_offset(n);
@@ -269,32 +303,26 @@ bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
         for (int i = rows.x; i < rows.u; ++i) of_x[entry(i)] += lambda[i];
         for (int i = rows.u; i < rows.path; ++i) gradient_u_[problem_.u_offset[n] + entry(i)] += lambda[i];
     }
-    const auto num_lanes = static_cast<std::size_t>(path_ ? path_->num_lanes : 1);
-    for (std::size_t first = 0; first < with_path_.size(); first += num_lanes) {
-        const std::size_t last = std::min(first + num_lanes, with_path_.size());
-        std::fill(lambda_.begin(), lambda_.end(), 0.0);
-        for (std::size_t k = first; k < last; ++k) {
-            const Rows rows = of_stage(with_path_[k]);
-            for (int i = rows.path; i < rows.end; ++i) lambda_[(k - first) * nh_ + entry(i)] = lambda[i];
-        }
-        ok = call_path(first, at) && ok;
-        for (std::size_t k = first; k < last; ++k) {
-            const int n = with_path_[k];
-            const Rows rows = of_stage(n);
-            double* J = J_.data() + jacobian_offset(n);
-            const int lane = static_cast<int>(k - first);
-            read_rows(*path_, lane, px, windows_, h_.data(), J, H_.data() + matrix_offset(n));
-            for (int i = rows.path; i < rows.end; ++i) {
-                h[i] = h_[entry(i)];
-                add_multiple(lambda[i], slope(n, i), gradient_x_.data() + problem_.dx_offset(n));
-            }
-        }
+    if (!with_path_.empty()) {
+        const std::size_t num_lanes = path_->num_lanes, groups = (with_path_.size() + num_lanes - 1) / num_lanes;
+        std::atomic<bool> all_ok{true};
+        const auto begin = [&](int thread) {
+            StageFunction& f = path_->of(thread);
+            f.share(2, nullptr);  // zeros: what of a velocity a control prescribes is not limited
+            f.share(3, problem_.theta.data());
+        };
+        problem_.crew().share(of_derivatives_, static_cast<int>(groups), may_share_, begin,
+                              [&](int thread, int first, int last) {
+                                  for (int i = first; i < last; ++i)
+                                      if (!evaluate_group(i * num_lanes, at, lambda, h, thread)) all_ok = false;
+                              });
+        ok = all_ok;
     }
     if (!num_guards_) return ok;
-    std::copy(lambda.begin() + first_guard(), lambda.end(), lambda_.begin());
+    std::copy(lambda.begin() + first_guard(), lambda.end(), guard_lambda_.begin());
     ok = call_guard(at, h.data() + first_guard(), guard_J_.data(), H_.data() + matrix_offset(N - 1)) && ok;
     double* of_x = gradient_x_.data() + problem_.dx_offset(N - 1);
-    for (int i = 0; i < num_guards_; ++i) add_multiple(lambda_[i], guard_slope(i), of_x);
+    for (int i = 0; i < num_guards_; ++i) add_multiple(guard_lambda_[i], guard_slope(i), of_x);
     return ok;
 }
 
@@ -331,11 +359,22 @@ void Limits::weigh(const Numbers& weights) {
         for (int i = 0; i < J.size; ++i)
             if (J.values[i] != 0.0) add_multiple(weight * J.values[i], J, B + (J.first + i) * px);
     };
-    B_ = H_;
-    for (int n = 0; n < N; ++n) {
-        const Rows rows = of_stage(n);
-        for (int i = rows.path; i < rows.end; ++i) add_outer(weights[i], slope(n, i), B_.data() + matrix_offset(n));
-    }
+    const auto copy = [&](int n) {
+        double* B = B_.data() + matrix_offset(n);
+        dense::copy(H_.data() + matrix_offset(n), B, px * px);
+        return B;
+    };
+    if (matrix(N - 1) && !has_path(N - 1)) copy(N - 1);
+    problem_.crew().share(
+        of_products_, static_cast<int>(with_path_.size()), true, [](int) {},
+        [&](int, int first, int last) {
+            for (int k = first; k < last; ++k) {
+                const int n = with_path_[k];
+                const Rows rows = of_stage(n);
+                double* B = copy(n);
+                for (int i = rows.path; i < rows.end; ++i) add_outer(weights[i], slope(n, i), B);
+            }
+        });
     for (int i = 0; i < num_guards_; ++i)
         add_outer(weights[first_guard() + i], guard_slope(i), B_.data() + matrix_offset(N - 1));
 }

@@ -83,9 +83,15 @@ public:
 
 private:
     void add_rows(int n, const std::vector<int>& found, const Numbers& lower_side, const Numbers& upper_side, int size);
-    // Path functions at the nodes of as many stages as they have lanes, with `lambda_` of each of them; their values.
-    bool call_path(std::size_t first, const Point& at);
-    bool call_path_values(std::size_t first, const Point& at);
+    // What a thread has for itself: values of all path functions at a node, and multipliers of them at the nodes of the
+    // lanes.
+    struct Own {
+        Numbers h, lambda;
+    };
+
+    // Of the nodes of as many stages as path functions have lanes, from number `first` of those that have any on.
+    bool evaluate_group(std::size_t first, const Point& at, const Numbers& lambda, Numbers& h, int thread);
+    bool evaluate_values(std::size_t first, const Point& at, Numbers& h, int thread);
     void set_states(StageFunction& function, std::size_t first, const Point& at) const;
     bool call_guard(const Point& at, double* h, double* J, double* H);
     void copy_values(int n, const Point& at, double* h) const;
@@ -113,8 +119,10 @@ private:
     std::vector<int> first_equation_, of_equation_;  // of each stage; stage of each
     int nh_ = 0, num_guards_ = 0;
     Function path_, path_values_, guard_;
-    Numbers h_;                        // of all path functions at a node
-    Numbers lambda_;                   // of them at the nodes of the lanes, or of the guards
+    bool may_share_ = false;  // whether each thread has path functions
+    std::vector<Own> own_;    // of the threads
+    Numbers guard_lambda_;
+    Section of_derivatives_, of_values_, of_products_;
     Numbers gradient_x_, gradient_u_;  // of lambda'h
     Numbers J_, guard_J_, H_, B_;      // of the nodes' path functions and of the guards
 };

@@ -162,8 +162,9 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_ro("residual", &Sweep::residual);
 
     nb::class_<Programme> programme(module, "Programme");
-    programme.def(nb::init<std::vector<Kind>, std::vector<int>, Terminal, Function, Function>(), nb::arg("kinds"),
-                  nb::arg("stage_kind"), nb::arg("terminal"), nb::arg("retract"), nb::arg("difference"));
+    programme.def(nb::init<std::vector<Kind>, std::vector<int>, Terminal, Function, Function, int>(), nb::arg("kinds"),
+                  nb::arg("stage_kind"), nb::arg("terminal"), nb::arg("retract"), nb::arg("difference"),
+                  nb::arg("num_threads") = 1);
     vector_property(programme, "x", [](Programme& p) -> Numbers& { return p.iterate.x; }, "States, node after node.");
     vector_property(
         programme, "y", [](Programme& p) -> Numbers& { return p.iterate.y; }, "Algebraic unknowns, stage after stage.");
@@ -219,6 +220,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "gains", [](const Programme& p) { return to_array(p.gains()); }, nb::rv_policy::move)
         .def_prop_ro("num_stages", [](const Programme& p) { return p.problem.N; })
+        .def_prop_ro("num_threads", [](const Programme& p) { return p.problem.crew().size(); })
+        .def_prop_ro("num_shared", [](const Programme& p) { return p.problem.crew().num_shared(); })
         .def_prop_ro("num_bytes", [](const Programme& p) { return p.data.num_bytes(); });
 
     programme

@@ -8,7 +8,7 @@
 namespace mbocp {
 
 Problem::Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal end, Function retract,
-                 Function difference)
+                 Function difference, int num_threads)
     : N(static_cast<int>(stage_kind.size())), terminal(std::move(end)), kinds_(std::move(kinds)),
       stage_kind_(std::move(stage_kind)), retract_(std::move(retract)), difference_(std::move(difference)) {
     if (N < 1 || kinds_.empty()) throw std::invalid_argument("a programme needs at least one stage and one kind");
@@ -32,6 +32,10 @@ Problem::Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal 
         m_offset.push_back(m_offset.back() + k.nc()), r_offset.push_back(r_offset.back() + k.nr);
         max_nw = std::max(max_nw, k.nw()), max_ns = std::max(max_ns, k.ns()), max_nu = std::max(max_nu, k.nu);
     }
+    bool may_share = true;
+    for (const auto& kind : kinds_)
+        for (const Function& f : {kind.complete, kind.values}) may_share = f->copy_for(num_threads) && may_share;
+    crew_ = std::make_unique<Crew>(may_share ? num_threads : 1);
     rho_.assign(r_offset.back(), 0.0);
     scaled_.assign(static_cast<std::size_t>(ndx) * most_lanes, 0.0);
 }

@@ -10,6 +10,7 @@
 
 #include <vector>
 
+#include "crew.hpp"
 #include "kind.hpp"
 
 namespace mbocp {
@@ -24,9 +25,10 @@ using Groups = std::vector<Group>;
 
 class Problem {
 public:
-    // `retract` is (x, dx) -> x, `difference` its inverse, (x, x_moved) -> dx.
+    // `retract` is (x, dx) -> x, `difference` its inverse, (x, x_moved) -> dx. Threads share what is done for each
+    // stage by itself, where functions can be copied.
     Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract,
-            Function difference);
+            Function difference, int num_threads);
     Problem(const Problem&) = delete;  // stages refer to its kinds
     Problem& operator=(const Problem&) = delete;
 
@@ -47,6 +49,8 @@ public:
     std::vector<int> y_offset, u_offset, m_offset, r_offset;  // of the stages, and the total
     Terminal terminal;
     Numbers theta, rho_terminal;
+
+    Crew& crew() const { return *crew_; }
 
     std::size_t of_nodes(int size) const { return static_cast<std::size_t>(N + 1) * static_cast<std::size_t>(size); }
     // Of a node's state, of its tangent, and of a stage's (state before, controls).
@@ -70,6 +74,7 @@ public:
 private:
     std::vector<Kind> kinds_;
     std::vector<int> stage_kind_;
+    std::unique_ptr<Crew> crew_;
     Function retract_, difference_;
     Numbers rho_;
     mutable Numbers scaled_;  // alpha dx, of a node for each lane

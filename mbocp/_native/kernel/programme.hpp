@@ -13,9 +13,9 @@ namespace mbocp {
 class Programme {
 public:
     Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract,
-              Function difference)
+              Function difference, int num_threads = 1)
         : problem(std::move(kinds), std::move(stage_kind), std::move(terminal), std::move(retract),
-                  std::move(difference)) {}
+                  std::move(difference), num_threads) {}
     Programme(const Programme&) = delete;  // its parts refer to one another
     Programme& operator=(const Programme&) = delete;
 

@@ -45,7 +45,7 @@ F symbol(void* library, const std::string& path, const std::string& name) {
 
 class Compiled final : public StageFunction {
 public:
-    Compiled(const std::string& path, const std::string& name) {
+    Compiled(const std::string& path, const std::string& name) : path_(path), name_(name) {
         library_ = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
         if (!library_) throw std::runtime_error(dlerror());
         evaluate_ = symbol<Evaluate>(library_, path, name);
@@ -71,6 +71,7 @@ protected:
     bool call_all() override {
         return evaluate_in_lanes_(const_cast<const double**>(lane_inputs_.data()), lane_outputs_.data()) == 0;
     }
+    std::shared_ptr<StageFunction> copy() const override { return from_library(path_, name_); }
 
 private:
     void find_lanes(const std::string& name) {
@@ -83,6 +84,7 @@ private:
         allocate_lanes();
     }
 
+    const std::string path_, name_;
     void* library_ = nullptr;
     Evaluate evaluate_ = nullptr;
     EvaluateInLanes evaluate_in_lanes_ = nullptr;
@@ -154,6 +156,15 @@ void StageFunction::share(int input, const double* of_all) {
     double* to = lane_inputs_[input];
     for (int i = 0; i < input_sizes[input]; ++i)
         for (int lane = 0; lane < num_lanes; ++lane) *to++ = of_all ? of_all[i] : 0.0;
+}
+
+bool StageFunction::copy_for(int num_threads) {
+    while (static_cast<int>(copies_.size()) + 1 < num_threads) {
+        auto made = copy();
+        if (!made) return false;
+        copies_.push_back(std::move(made));
+    }
+    return true;
 }
 
 std::shared_ptr<StageFunction> StageFunction::from_library(const std::string& path, const std::string& name) {

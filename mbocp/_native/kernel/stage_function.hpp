@@ -48,14 +48,23 @@ public:
     // A serialised casadi::Function, evaluated by CasADi's virtual machine.
     static std::shared_ptr<StageFunction> from_string(const std::string& serialised);
 
+    // The function of each of so many threads, which call it side by side; of thread 0 it is this one. False: it cannot
+    // be copied.
+    bool copy_for(int num_threads);
+    StageFunction& of(int thread) { return thread == 0 ? *this : *copies_[static_cast<std::size_t>(thread) - 1]; }
+
 protected:
     virtual bool call_all() { return false; }
+    virtual std::shared_ptr<StageFunction> copy() const { return nullptr; }
     void allocate();
     void allocate_lanes();
 
     Pool results_, lanes_;
     std::vector<double*> lane_inputs_, lane_outputs_;
     double* lane_results_ = nullptr;
+
+private:
+    std::vector<std::shared_ptr<StageFunction>> copies_;
 };
 
 using Function = std::shared_ptr<StageFunction>;

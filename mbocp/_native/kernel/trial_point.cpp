@@ -7,7 +7,7 @@ namespace mbocp {
 
 TrialPoint::TrialPoint(const Problem& problem, Iterate& iterate, Barrier& barrier)
     : problem_(problem), iterate_(iterate), barrier_(barrier), moved_(problem), c_(iterate.m.size(), 0.0),
-      g_(problem.ng, 0.0), groups_(problem.groups(&Kind::values)) {}
+      g_(problem.ng, 0.0), costs_(static_cast<std::size_t>(problem.N), 0.0), groups_(problem.groups(&Kind::values)) {}
 
 bool TrialPoint::move(const Increment& step, double alpha) {
     const Numbers &x = iterate_.x, &y = iterate_.y, &u = iterate_.u;
@@ -18,16 +18,15 @@ bool TrialPoint::move(const Increment& step, double alpha) {
     return problem_.retract_nodes(x, step.dx, alpha, moved_.x);
 }
 
-bool TrialPoint::evaluate_group(const Group& group, Trial& t) {
-    StageFunction& f = *problem_.kind(group).values;
+bool TrialPoint::evaluate_group(const Group& group, int thread) {
+    StageFunction& f = problem_.kind(group).values->of(thread);
     const bool ok = problem_.call(f, group, moved_);
     const Pattern& rows = f.outputs[0];
     const double* values = f.values(0);
     for (int i = 0; i < group.count; ++i) {
         double* c = c_.data() + problem_.m_offset[group.stage[i]];
         for (int k = 0; k < rows.nnz(); ++k) c[rows.row[k]] = values[k * f.num_lanes + i];
-        for (int row = 0; row < rows.rows; ++row) t.violation += std::abs(c[row]);
-        t.objective += f.outputs[1].nnz() ? f.values(1)[i] : 0.0;
+        costs_[group.stage[i]] = f.outputs[1].nnz() ? f.values(1)[i] : 0.0;
     }
     return ok;
 }
@@ -35,8 +34,23 @@ bool TrialPoint::evaluate_group(const Group& group, Trial& t) {
 Trial TrialPoint::evaluate(const Increment& step, double alpha) {
     Trial t;
     bool ok = move(step, alpha);
-    for (const Kind& kind : problem_.kinds()) problem_.prepare(*kind.values, false);
-    for (const Group& group : groups_) ok = evaluate_group(group, t) && ok;
+    std::atomic<bool> all_ok{true};
+    const auto prepare = [&](int thread) {
+        for (const Kind& kind : problem_.kinds()) problem_.prepare(kind.values->of(thread), false);
+    };
+    problem_.crew().share(section_, static_cast<int>(groups_.size()), true, prepare,
+                          [&](int thread, int first, int last) {
+                              for (int i = first; i < last; ++i)
+                                  if (!evaluate_group(groups_[i], thread)) all_ok = false;
+                          });
+    ok = all_ok && ok;
+    for (const Group& group : groups_)
+        for (int i = 0; i < group.count; ++i) {
+            const int n = group.stage[i];
+            for (int row = problem_.m_offset[n]; row < problem_.m_offset[n + 1]; ++row)
+                t.violation += std::abs(c_[row]);
+            t.objective += costs_[n];
+        }
     StageFunction& f = *problem_.terminal.values;
     f.arg[0] = moved_.x.data() + problem_.x_offset(problem_.N);
     f.arg[1] = problem_.rho_terminal.data();

@@ -20,13 +20,14 @@ public:
     const Numbers& g() const { return g_; }
 
 private:
-    bool evaluate_group(const Group& group, Trial& t);
+    bool evaluate_group(const Group& group, int thread);
 
     const Problem& problem_;
     Iterate& iterate_;
     Barrier& barrier_;
     Point moved_;
-    Numbers c_, g_;
+    Numbers c_, g_, costs_;
+    Section section_;
     Groups groups_;
 };
 
