@@ -61,11 +61,12 @@ void Crew::run(Call call, const void* work) {
         own = std::current_exception();
     }
     const auto came = static_cast<int>(state_.fetch_or(closed) & (closed - 1));
-    for (int spins = 0; left_.load(std::memory_order_acquire) != came; ++spins)
-        spins % looks ? pause() : std::this_thread::yield();
+    for (int moments = 0; left_.load(std::memory_order_acquire) != came; ++moments) wait(moments);
     if (own) std::rethrow_exception(own);
     if (error_) std::rethrow_exception(error_);
 }
+
+void Crew::wait(int moments) { moments % looks == looks - 1 ? std::this_thread::yield() : pause(); }
 
 void Crew::serve(int thread) {
     for (std::uint32_t number = 0;;) {

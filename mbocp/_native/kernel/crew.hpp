@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <exception>
 #include <limits>
+#include <memory>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -83,6 +84,9 @@ public:
         run([](const void* w, int thread) { (*static_cast<const Work*>(w))(thread); }, &work);
     }
 
+    // A moment of waiting for another thread, the longer the more have gone by.
+    static void wait(int moments);
+
 private:
     static constexpr int parts_of_thread = 4;
 
@@ -105,6 +109,79 @@ private:
     std::condition_variable woken_;
     std::vector<std::thread> threads_;
     long num_shared_ = 0;
+};
+
+// What each item of a sequence needs before its turn, done by other threads ahead of the one that takes the items in
+// turn; that does itself what nobody has begun.
+class Ahead {
+public:
+    explicit Ahead(int count) : count_(count), states_(new std::atomic<char>[num_chunks()]) {}
+
+    void start() {
+        for (int chunk = 0; chunk < num_chunks(); ++chunk) states_[chunk].store(open, std::memory_order_relaxed);
+    }
+    template <class Work>
+    void help(const Work& work) {
+        for (int chunk = 0; chunk < num_chunks(); ++chunk) take(chunk, work);
+    }
+    // Before the turn of `item`.
+    template <class Work>
+    void need(int item, const Work& work) {
+        if (item % length || take(item / length, work)) return;
+        for (int moments = 0; states_[item / length].load(std::memory_order_acquire) != done; ++moments)
+            Crew::wait(moments);
+    }
+
+private:
+    static constexpr int length = 4;  // of a chunk
+    static constexpr char open = 0, taken = 1, done = 2;
+
+    int num_chunks() const { return (count_ + length - 1) / length; }
+    template <class Work>
+    bool take(int chunk, const Work& work) {
+        char expected = open;
+        if (!states_[chunk].compare_exchange_strong(expected, taken, std::memory_order_acq_rel)) return false;
+        for (int item = chunk * length; item < std::min((chunk + 1) * length, count_); ++item) work(item);
+        states_[chunk].store(done, std::memory_order_release);
+        return true;
+    }
+
+    const int count_;
+    std::unique_ptr<std::atomic<char>[]> states_;
+};
+
+// What follows each item of a sequence after its turn, in turn, done by one other thread behind the one that takes the
+// items; that does itself what is left in the end.
+class Behind {
+public:
+    void start() { allowed_ = next_ = 0, is_closed_ = is_busy_ = false; }
+    // All items below this one have had their turn.
+    void allow(int item) { allowed_.store(item, std::memory_order_release); }
+    template <class Work>
+    void help(const Work& work) {
+        for (int moments = 0;; ++moments) {
+            is_busy_ = true;
+            if (is_closed_) break;
+            const int last = allowed_.load(std::memory_order_acquire);
+            if (next_ < last) moments = 0;
+            while (next_ < last) work(next_++);
+            is_busy_ = false;
+            Crew::wait(moments);
+        }
+        is_busy_ = false;
+    }
+    // After the last turn: the rest up to this item.
+    template <class Work>
+    void finish(int count, const Work& work) {
+        is_closed_ = true;
+        for (int moments = 0; is_busy_; ++moments) Crew::wait(moments);
+        while (next_ < count) work(next_++);
+    }
+
+private:
+    std::atomic<int> allowed_{0};
+    std::atomic<bool> is_closed_{false}, is_busy_{false};
+    int next_ = 0;  // of the thread that is busy
 };
 
 }  // namespace mbocp

@@ -17,6 +17,8 @@ DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& ste
     : problem_(problem), data_(data), step_(step), barrier_(barrier), controls_(problem, data, barrier, eta) {
     const std::size_t pw = padded(problem.max_nw), ps = padded(problem.max_ns), pg = padded(problem.ng);
     work_.allocate(2 * pw * pw + (2 * pw + ps) * (pg + ps) + 2 * pw + 2 * ps + 96);
+    vectors_.allocate(pw + ps + 16);
+    pivots_.assign(static_cast<std::size_t>(problem.N), -1.0);
 }
 
 bool DenseElimination::start(const Residual&, Factorisation&) {
@@ -24,13 +26,14 @@ bool DenseElimination::start(const Residual&, Factorisation&) {
     const int px = padded(problem_.ndx), pg = padded(problem_.ng);
     dense::copy(data_.end.H.data(), last.P, px * px);
     if (problem_.ng) dense::copy(data_.end.S.data(), last.S, problem_.ndx * pg);
+    if (problem_.crew().size() > 1) std::fill(pivots_.begin(), pivots_.end(), -1.0);
     return true;
 }
 
 bool DenseElimination::condense(int n, const Weights& weights, Factorisation& result) {
     const Stage& s = data_[n];
     // dw = T ds + t0 from the linearised step.
-    const double pivot = step_.prepare_response(n);
+    const double pivot = pivots_[n] < 0.0 ? step_.prepare_response(n, 0) : pivots_[n];
     result.smallest_pivot = std::min(result.smallest_pivot, pivot);
     if (pivot < singular) return false;
     const int nd = problem_.ndx, ps = padded(s.kind->ns());
@@ -127,7 +130,7 @@ void DenseElimination::backward(int n, const Residual& rhs, const Weights& weigh
     const int nd = problem_.ndx, ng = problem_.ng, nw = s.kind->nw(), ns = s.kind->ns(), nu = s.kind->nu;
     const int pw = padded(nw), ps = padded(ns), px = padded(nd), pg = padded(ng);
     const double* c = rhs.c.data() + problem_.m_offset[n];
-    Space space(work_.data());
+    Space space(vectors_.data());
     double *h = space.take(nw), *q = space.take(ns);
     for (int i = 0; i < s.kind->nc(); ++i) s.t0[i] = -c[i];
     step_.solve(n, s.t0);
@@ -152,10 +155,24 @@ void DenseElimination::backward(int n, const Residual& rhs, const Weights& weigh
 }
 
 void DenseElimination::forward(const Residual& rhs, const Weights& weights, Increment& out, KktCheck* check) {
-    for (int n = 0; n < problem_.N; ++n) {
-        forward_stage(n, rhs, weights, out);
-        if (check) check->add_stage(n, rhs, out, weights.shift);
+    const auto turn = [&](int n) { forward_stage(n, rhs, weights, out); };
+    const auto verify = [&](int n) { check->add_stage(n, rhs, out, weights.shift); };
+    Crew& crew = problem_.crew();
+    const bool may_share = check && crew.size() > 1;
+    if (may_share && section_.begin()) {
+        behind_.start();
+        crew.together([&](int thread) {
+            if (thread == 1) behind_.help(verify);
+            for (int n = 0; thread == 0 && n < problem_.N; ++n) turn(n), behind_.allow(n + 1);
+            if (thread == 0) behind_.finish(problem_.N, verify);
+        });
+    } else {
+        for (int n = 0; n < problem_.N; ++n) {
+            turn(n);
+            if (check) verify(n);
+        }
     }
+    if (may_share) section_.end();
     if (check) check->add_end(rhs, out);
 }
 

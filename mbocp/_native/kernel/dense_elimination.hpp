@@ -13,6 +13,8 @@ public:
     void forget_residual() override {}
     bool start(const Residual& rhs, Factorisation& result) override;
     bool condense(int n, const Weights& weights, Factorisation& result) override;
+    bool may_share() const override { return true; }
+    void condense_ahead(int n, int thread) override { pivots_[n] = step_.prepare_response(n, thread); }
     void prepare(const Residual&) override {}
     void start_backward(const Residual& rhs, const Weights& weights, Numbers& r) override;
     void backward(int n, const Residual& rhs, const Weights& weights, Numbers& r) override;
@@ -31,7 +33,10 @@ private:
     Step& step_;
     Barrier& barrier_;
     Controls controls_;
-    Pool work_;
+    Pool work_, vectors_;  // the latter of right-hand sides
+    Numbers pivots_;       // of stages that are ahead, below zero of others
+    Section section_;
+    Behind behind_;
 };
 
 }  // namespace mbocp

@@ -91,19 +91,19 @@ void DenseStep::copy_state_jacobian(int n, double* F, int ld) const {
     for (int i = 0; i < problem_.ndx; ++i) dense::copy(s.Jw + i * padded(s.kind->nw()), F + i * ld, problem_.ndx);
 }
 
-double DenseStep::factor(int n) {
+double DenseStep::factor(int n, int thread) {
     Stage& s = data_[n];
     const Kind& k = *s.kind;
     if (is_minus_identity(s)) return s.factors_of = StepFactors::none, 1.0;
-    if (has_direct_rows(s)) return factor_rest(s);
+    if (has_direct_rows(s)) return factor_rest(s, thread);
     s.factors_of = StepFactors::whole;
     dense::copy(s.Jw, s.LU, k.nc() * padded(k.nw()));
     return dense::lu_factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
 }
 
-double DenseStep::factor_rest(Stage& s) const {
+double DenseStep::factor_rest(Stage& s, int thread) const {
     const int nw = s.kind->nw(), pw = padded(nw), na = s.kind->num_direct, nz = nw - na, pz = padded(nz);
-    double* D = Space(work_.data()).zeros(na);
+    double* D = space(thread).zeros(na);
     for (int i = 0; i < na; ++i) D[i] = s.Jw[i * (pw + 1) + na];
     s.factors_of = StepFactors::rest;
     for (int i = 0; i < nz; ++i) {
@@ -152,12 +152,12 @@ void DenseStep::solve_transposed(int n, double* w) const {
     dense::gemv_t(nz, na, s.Jw + na * pw, pw, z, w);
 }
 
-double DenseStep::prepare_response(int n) {
+double DenseStep::prepare_response(int n, int thread) {
     const Stage& s = data_[n];
     const int nc = s.kind->nc(), ps = padded(s.kind->ns());
-    const double pivot = factor(n);
+    const double pivot = factor(n, thread);
     if (s.factors_of == StepFactors::rest) {
-        if (pivot > 0.0) respond_rest(s);
+        if (pivot > 0.0) respond_rest(s, thread);
         return pivot;
     }
     dense::copy(s.Js, s.T, nc * ps);
@@ -168,10 +168,10 @@ double DenseStep::prepare_response(int n) {
 }
 
 // T, of z first: with a = D z + J s the other rows are (E + A D) z + (B + A J) s = 0.
-void DenseStep::respond_rest(const Stage& s) const {
+void DenseStep::respond_rest(const Stage& s, int thread) const {
     const Kind& k = *s.kind;
     const int nw = k.nw(), na = k.num_direct, nz = nw - na, pw = padded(nw), ps = padded(k.ns());
-    double *V = s.T + na * ps, *minus_J = Space(work_.data()).zeros(na);
+    double *V = s.T + na * ps, *minus_J = space(thread).zeros(na);
     for (int i = 0; i < na; ++i) minus_J[i] = -s.Js[i * (ps + 1)];
     for (int i = 0; i < nz; ++i) {
         const double* A = s.Jw + (na + i) * pw;

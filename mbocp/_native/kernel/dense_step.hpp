@@ -11,7 +11,8 @@ namespace mbocp {
 class DenseStep final : public Step {
 public:
     DenseStep(const Problem& problem, Data& data) : problem_(problem), data_(data) {
-        work_.allocate(static_cast<std::size_t>(problem.max_nw) + 16);
+        size_ = (static_cast<std::size_t>(problem.max_nw) + 31) / 16 * 16;  // whole cache lines, two of them apart
+        work_.allocate(size_ * problem.crew().size());
     }
 
     void add_places(int n, Places& places) const override;
@@ -20,20 +21,23 @@ public:
     void add_jacobian_transposed(int n, const double* dm, double* w, double* s) const override;
     void add_hessian(int n, const double* dw, const double* ds, double* w, double* s) const override;
     void copy_state_jacobian(int n, double* F, int ld) const override;
-    double factor(int n) override;
+    double factor(int n) override { return factor(n, 0); }
     double factor_first(int n, const StageFunction& jacobian) override;
     void solve(int n, double* c) const override;
     void solve_transposed(int n, double* w) const override;
-    double prepare_response(int n) override;
+    double prepare_response(int n, int thread) override;
     void respond(int n, const double* ds, double* dw) const override;
 
 private:
-    double factor_rest(Stage& s) const;
-    void respond_rest(const Stage& s) const;
+    double factor(int n, int thread);
+    double factor_rest(Stage& s, int thread) const;
+    void respond_rest(const Stage& s, int thread) const;
+    Space space(int thread) const { return Space(work_.data() + size_ * thread); }
 
     const Problem& problem_;
     Data& data_;
     Pool work_;
+    std::size_t size_;  // of what a thread has of it
 };
 
 }  // namespace mbocp

@@ -30,6 +30,10 @@ public:
     virtual bool start(const Residual& rhs, Factorisation& result) = 0;
     // Value function and columns at the node before stage n, gains of its controls, and its share of eta's matrix.
     virtual bool condense(int n, const Weights& weights, Factorisation& result) = 0;
+    // Whether threads may share the stages: `condense_ahead` may come before `condense` then, in any order, and
+    // `backward` after it, by any thread.
+    virtual bool may_share() const { return false; }
+    virtual void condense_ahead(int, int /*thread*/) {}
 
     // The backward half of KKT d = -rhs: t0, k and p, and the right-hand side r of eta. `prepare` comes first where
     // `start` has not seen this one.

@@ -87,7 +87,7 @@ private:
 
 Numbers reduced_hessian(const Problem& problem, const Data& data, Step& step, double shift) {
     for (int n = 0; n < problem.N; ++n)
-        if (step.prepare_response(n) < singular)
+        if (step.prepare_response(n, 0) < singular)
             throw std::runtime_error("reduced_hessian: the matrix of a step is singular");
     const int total = problem.ng + problem.u_offset[problem.N];
     Numbers K(static_cast<std::size_t>(total) * total, 0.0);

@@ -16,7 +16,7 @@ constexpr int most_passes = 4;  // that the multipliers of equations are worth
 Riccati::Riccati(const Problem& problem, Data& data, Step& step, Barrier& barrier)
     : problem_(problem), data_(data), barrier_(barrier), eta_(problem),
       elimination_(make_elimination(problem, data, step, barrier, eta_)), check_(problem, data, step, barrier),
-      rhs_(problem), direction_(problem), correction_(problem) {}
+      rhs_(problem), direction_(problem), correction_(problem), ahead_(problem.N) {}
 
 void Riccati::forget() {
     known_ = Known::nothing;
@@ -42,17 +42,49 @@ Factorisation Riccati::factorise(double shift, double augment) {
             for (int g = 0; g < ng; ++g) last.P[i * px + j] += augment * last.S[i * pg + g] * last.S[j * pg + g];
     eta_.clear();
     elimination_->start_backward(rhs_, weights_, eta_rhs_);
-    for (int n = problem_.N - 1; n >= 0; --n) {
-        f.bad_stage = n;
-        if (!elimination_->condense(n, weights_, f)) return f;
-        // A right-hand side at hand costs little while the blocks are in the cache.
-        elimination_->backward(n, rhs_, weights_, eta_rhs_);
-    }
+    const bool may_share = problem_.crew().size() > 1 && elimination_->may_share();
+    const bool is_shared = may_share && section_.begin(), is_regular = is_shared ? condense_together(f) : condense(f);
+    if (may_share) section_.end();
+    if (!is_regular) return f;
     f.bad_stage = problem_.N;
     if (!eta_.factorise(f)) return f;
     known_ = Known::backward;
     f.bad_stage = -1, f.ok = true;
     return f;
+}
+
+bool Riccati::condense(Factorisation& f) {
+    for (int n = problem_.N - 1; n >= 0; --n) {
+        f.bad_stage = n;
+        if (!elimination_->condense(n, weights_, f)) return false;
+        // A right-hand side at hand costs little while the blocks are in the cache.
+        elimination_->backward(n, rhs_, weights_, eta_rhs_);
+    }
+    return true;
+}
+
+// The recursion alone is one thread's; what comes before and after it at each stage is done beside it.
+bool Riccati::condense_together(Factorisation& f) {
+    const int N = problem_.N;
+    const auto backward = [&](int k) { elimination_->backward(N - 1 - k, rhs_, weights_, eta_rhs_); };
+    bool is_regular = true;
+    ahead_.start(), behind_.start();
+    problem_.crew().together([&](int thread) {
+        const auto prepare = [&](int k) { elimination_->condense_ahead(N - 1 - k, thread); };
+        if (thread > 0) {
+            ahead_.help(prepare);
+            if (thread == 1) behind_.help(backward);
+            return;
+        }
+        for (int k = 0; k < N && is_regular; ++k) {
+            ahead_.need(k, prepare);
+            f.bad_stage = N - 1 - k;
+            is_regular = elimination_->condense(N - 1 - k, weights_, f);
+            if (is_regular) behind_.allow(k + 1);
+        }
+        behind_.finish(is_regular ? N : 0, backward);
+    });
+    return is_regular;
 }
 
 void Riccati::gather_residual() {

@@ -36,6 +36,8 @@ private:
 
     void gather_residual();  // of stages and end
     void gather_right_hand_side();
+    bool condense(Factorisation& f);
+    bool condense_together(Factorisation& f);
     void backward(const Residual& rhs);
     void forward(const Residual& rhs, Increment& out, KktCheck* check);
     Direction finish(int refinements);
@@ -52,6 +54,9 @@ private:
     Residual rhs_;
     Numbers eta_rhs_;
     Increment direction_, correction_;
+    Section section_;  // of the recursion
+    Ahead ahead_;
+    Behind behind_;
 };
 
 }  // namespace mbocp

@@ -35,8 +35,9 @@ public:
     // c <- Jw^{-1} c and w <- Jw^{-T} w with the last factors.
     virtual void solve(int n, double* c) const = 0;
     virtual void solve_transposed(int n, double* w) const = 0;
-    // dw <- -Jw^{-1} Js ds, after `prepare_response`, which factorises Jw and returns as that does.
-    virtual double prepare_response(int n) = 0;
+    // dw <- -Jw^{-1} Js ds, after `prepare_response`, which factorises Jw and returns as that does. Threads may prepare
+    // dense steps side by side.
+    virtual double prepare_response(int n, int thread) = 0;
     virtual void respond(int n, const double* ds, double* dw) const = 0;
 };
 

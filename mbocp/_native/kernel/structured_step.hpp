@@ -20,7 +20,7 @@ public:
     double factor_first(int n, const StageFunction& jacobian) override;
     void solve(int n, double* c) const override;
     void solve_transposed(int n, double* w) const override;
-    double prepare_response(int n) override { return factor(n); }
+    double prepare_response(int n, int) override { return factor(n); }
     void respond(int n, const double* ds, double* dw) const override;
 
 private:
