@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import os
+import sys
 
 from mbocp.exceptions import InvalidValue
 
@@ -51,4 +51,6 @@ def available_workers() -> int:
 
 def available_threads() -> int:
     """Number of threads for one solve: 1 where this process is a worker among others."""
-    return 1 if multiprocessing.parent_process() is not None else available_workers()
+    processes = sys.modules.get("multiprocessing.process")  # imported where this is one of its processes
+    is_worker = processes is not None and processes.parent_process() is not None
+    return 1 if is_worker else available_workers()

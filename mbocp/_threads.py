@@ -85,6 +85,7 @@ class SideBySide(Generic[T]):
         self._watches: dict[int, Watch] = {}
         self._errors: dict[int, BaseException] = {}
         self._interrupt: KeyboardInterrupt | None = None
+        self._is_given_up = False
         self._lock = threading.Lock()
 
     def run(self, threads: int) -> dict[int, T]:
@@ -117,7 +118,7 @@ class SideBySide(Generic[T]):
         for number in sorted(self._watches):
             if number in self._errors and number <= self._last:
                 raise self._errors[number]
-            if number in self.results:
+            if number in self.results and not self._is_given_up:
                 self._watches[number].show()
         return self.results
 
@@ -140,6 +141,7 @@ class SideBySide(Generic[T]):
                 return
             self.results[number] = result
             if self._is_interrupted(result):
+                self._is_given_up = True
                 self._end_all()
             elif self._ends(result):
                 self._end_after(number)

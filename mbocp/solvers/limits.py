@@ -51,7 +51,7 @@ _RAISE = 10.0  # from one last barrier to the next
 
 
 def init_barrier(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> NewtonState:
-    """State at an iterate, evaluated, and with a barrier if there are limits; so many threads share the stages.
+    """State at an iterate, evaluated, and with a barrier if there are limits; threads share the stages.
 
     Raises
     ------

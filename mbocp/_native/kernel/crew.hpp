@@ -20,7 +20,8 @@
 namespace mbocp {
 
 // Whether a loop is worth sharing, by how long it takes: now and then it is run twice by one thread and, unless that is
-// too short, twice by all; the quicker way is taken in between.
+// too short, twice by all; the quicker way is taken in between. Sharing ends before that where it takes longer than one
+// thread did, as on a machine that others use, too.
 class Section {
 public:
     using Clock = std::chrono::steady_clock;
@@ -28,20 +29,26 @@ public:
     bool begin() {
         const int turn = turn_++ % period;
         if (turn == 0) least_[0] = least_[1] = std::numeric_limits<double>::infinity();
-        is_shared_ = turn >= probes && (turn < 2 * probes ? least_[0] > too_short : least_[1] < least_[0]);
+        if (turn == 2 * probes) recent_ = least_[1];
+        if (turn < 2 * probes)
+            is_shared_ = turn >= probes && least_[0] > too_short;
+        else
+            is_shared_ = recent_ < worthwhile * least_[0];
         begun_ = Clock::now();
         return is_shared_;
     }
     void end() {
         const double seconds = std::chrono::duration<double>(Clock::now() - begun_).count();
         if (seconds < least_[is_shared_]) least_[is_shared_] = seconds;
+        if (is_shared_) recent_ += 0.25 * (seconds - recent_);
     }
 
 private:
     static constexpr int period = 128, probes = 2;
     static constexpr double too_short = 15e-6;  // [s]
+    static constexpr double worthwhile = 0.95;  // of what one thread takes
 
-    double least_[2] = {};  // alone and shared
+    double least_[2] = {}, recent_ = 0;  // alone and shared; of the last shared ones
     int turn_ = 0;
     bool is_shared_ = false;
     Clock::time_point begun_;
