@@ -370,7 +370,9 @@ def test_a_pose_takes_the_place_of_a_whole_configuration() -> None:
     moved = problem.with_(goal={"frame": frame})
     assert not moved.goal.q_active.any()
     assert moved.goal.rate_active.all()
-    with pytest.raises(ProblemFileError, match="goal.q gives every joint, and with these tool0 is not where"):
+    with pytest.raises(
+        ProblemFileError, match=r"goal\.q gives every joint, and with these tool0 is not where"
+    ):
         problem.with_(goal={"q": q, "frame": frame})
     there = problem.robot.frame_placement("tool0", problem.goal.q).translation
     both = Problem.create("ur5", 1.0, 10, goal={"q": q, "frame": {**frame, "position": there}})
