@@ -13,6 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
+from functools import cached_property
 from types import TracebackType
 from typing import Protocol
 
@@ -179,8 +180,11 @@ class Progress:
         self._unnamed = 0  # phases that were left out of the log since the last one that was not
         self._begin = math.nan
         self._doing = ""
-        self._spinner = Spinner("dots")
         self._live: Live | None = None
+
+    @cached_property
+    def _spinner(self) -> Spinner:
+        return Spinner("dots")  # reads a table of emojis, which a log has no use for
 
     def __enter__(self) -> Progress:
         if not self.quiet and self._console.is_terminal:

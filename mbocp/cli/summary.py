@@ -62,7 +62,8 @@ def print_rows(title: str, rows: _Rows) -> None:
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
     for name, text in rows:
-        table.add_row(name, text)
+        # Words are no markup: names of files may have brackets.
+        table.add_row(Text(name), text if isinstance(text, Text) else Text(text))
     console.print(Text(title, style="bold underline"))
     console.print(table)
 

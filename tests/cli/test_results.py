@@ -12,6 +12,7 @@ import pytest
 
 import mbocp
 import mbocp.view.of_solution
+from mbocp.cli.summary import print_rows
 from mbocp.solution import Solution
 from tests.solution.fabricated import humanoid, limited, pendulum
 from tests.solution.test_atomic import full_disk
@@ -176,3 +177,11 @@ def test_a_motion_is_exported(run, tmp_path, result):
     assert done.exit_code == 0, done.stderr
     assert target.read_text().startswith("t [s],q:")
     assert run("export", str(result), "-o", str(tmp_path / "motion.xls")).exit_code == 2
+
+
+def test_brackets_and_colons_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    """Rich would take them for markup and for names of pictures."""
+    print_rows("title", [("result", "runs[b]/:robot:.h5"), ("[i]", "x")])
+    shown = capsys.readouterr().out
+    assert "runs[b]/:robot:.h5" in shown
+    assert "[i]" in shown

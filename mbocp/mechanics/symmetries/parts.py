@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pinocchio as pin
 
+from mbocp._arrays import IntArray
 from mbocp.robot import Robot
 
 __all__ = ["independent_parts", "part_name"]
@@ -25,7 +26,7 @@ def independent_parts(robot: Robot) -> tuple[frozenset[int], ...]:
     for joint in range(1, model.njoints):
         parent = int(model.parents[joint])
         branch[joint] = branch[parent] if parent else joint
-    owner = np.zeros(robot.nv, dtype=int)
+    owner = np.zeros(robot.nv, dtype=np.intp)
     for joint in range(1, model.njoints):
         entry = model.joints[joint]
         owner[entry.idx_v : entry.idx_v + entry.nv] = branch[joint]
@@ -35,17 +36,24 @@ def independent_parts(robot: Robot) -> tuple[frozenset[int], ...]:
     for element in robot.forces:
         ends = (model.frames[frame].parentJoint for frame in (element.frame_a, element.frame_b))
         _join(joined, (branch[joint] for joint in ends if joint))
+    if len({_root(joined, root) for root in branch[1:]}) > 1:  # what is one part already stays one
+        _join_by_equations(robot, joined, owner)
+    roots = {joint: _root(joined, branch[joint]) for joint in range(1, model.njoints)}
+    return tuple(
+        frozenset(joint for joint, root in roots.items() if root == first)
+        for first in dict.fromkeys(roots.values())
+    )
+
+
+def _join_by_equations(robot: Robot, joined: dict[int, int], owner: IntArray) -> None:
+    """Join what a row of the equations has together, at random configurations."""
+    model = robot.model
     rng = np.random.default_rng(_SEED)
     for _ in range(_SAMPLES):
         q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.2, 1.2, robot.nv))
         rows = (robot.mass_matrix(q), robot.closure_jacobian(q), robot.actuation_matrix(q).T)
         for row in np.vstack([matrix.reshape(-1, robot.nv) for matrix in rows]):
             _join(joined, owner[row != 0.0].tolist())
-    roots = {joint: _root(joined, branch[joint]) for joint in range(1, model.njoints)}
-    return tuple(
-        frozenset(joint for joint, root in roots.items() if root == first)
-        for first in dict.fromkeys(roots.values())
-    )
 
 
 def part_name(robot: Robot, joints: frozenset[int]) -> str:

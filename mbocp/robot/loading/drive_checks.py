@@ -31,7 +31,7 @@ def check_drives(robot: Robot) -> None:
         along its direction, or if the acceleration of a drive whose control is a velocity would act on
         components that are not driven: that acceleration is an impulse wherever the control jumps.
     """
-    for q in _random_configurations(robot):
+    for q in _random_configurations(robot) if robot.drives else ():
         for drive in robot.drives:
             if drive.frame_id is not None:
                 _check_frame(robot, drive, drive.frame_id, q)

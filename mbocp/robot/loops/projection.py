@@ -230,7 +230,8 @@ def violations(
     each other where its rows vanish (half turns) is violated by the angle.
     """
     residual = robot.closure_residual(q)
-    limits = np.where(np.isin(np.arange(residual.size), robot.kept_rows), allowed, REDUNDANT_ROW_TOLERANCE)
+    limits = np.full(residual.size, REDUNDANT_ROW_TOLERANCE)
+    limits[list(robot.kept_rows)] = allowed
     labels = robot.closure_labels
     found = [
         (labels[i].name, float(residual[i]), labels[i].unit)
