@@ -50,7 +50,7 @@ def available_workers() -> int:
 
 
 def available_threads() -> int:
-    """Number of threads for one solve: 1 where this process is a worker among others."""
+    """Number of processors that one task may take: 1 where this process is a worker among others."""
     processes = sys.modules.get("multiprocessing.process")  # imported where this is one of its processes
     is_worker = processes is not None and processes.parent_process() is not None
     return 1 if is_worker else available_workers()

@@ -12,7 +12,6 @@ from __future__ import annotations
 import errno
 import hashlib
 import math
-import multiprocessing
 import os
 import platform
 import warnings
@@ -24,7 +23,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from mbocp._environment import available_workers
+from mbocp._environment import available_threads
 from mbocp.exceptions import CompilationError
 from mbocp.programme.cache import (
     cache_folder,
@@ -246,8 +245,7 @@ class _Unit:
         """Of the source, for the cores that there are; one where this process is a worker among others."""
         from mbocp.programme.files import spread
 
-        is_worker = multiprocessing.parent_process() is not None
-        return spread(self.source, 1 if is_worker else min(available_workers(), _MOST_FILES))
+        return spread(self.source, min(available_threads(), _MOST_FILES))
 
 
 def _compiled(unit: _Unit, deadline: float) -> Path:

@@ -87,7 +87,7 @@ def test_results_are_the_same_bits(text: str, tmp_path: Path) -> None:
 @needs_compiler
 def test_a_library_of_several_files_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(compilation, "available_workers", lambda: 3)
+    monkeypatch.setattr(compilation, "available_threads", lambda: 3)
     seen: list[int] = []
     run = compilation.run_compiler
 
@@ -118,6 +118,6 @@ def test_a_file_that_fails_is_an_error(tmp_path: Path, monkeypatch: pytest.Monke
     script.chmod(0o700)
     monkeypatch.setenv("CC", str(script))
     monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(compilation, "available_workers", lambda: 2)
+    monkeypatch.setattr(compilation, "available_threads", lambda: 2)
     with pytest.raises(CompilationError, match=rf"(?s)C compiler .*/cc failed .*exit 3.*no {bad} today"):
         load_functions("several", lambda: {"tangled": tangled()})
