@@ -40,6 +40,22 @@ class ParameterUpdates:
         self._end_at = places(layout.terminal)
         self._rows = self.rho.reshape(programme.num_steps, -1)
 
+    @property
+    def places(self) -> Mapping[str, slice]:
+        """Where numbers are that a step may change, empty where there are none.
+
+        `goal_q` and `goal_rate` in those of the end; `target_q`, `target_p` and `has_before` in each stage's.
+        """
+        nowhere, end, stage = slice(0, 0), self._end_at, self._stage_at
+        is_fixed = bool(self._problem.robot.nc)
+        return {
+            "goal_q": nowhere if is_fixed else end.get("q", nowhere),
+            "goal_rate": end.get("rate", nowhere),
+            "target_q": stage.get("target_q", nowhere),
+            "target_p": stage.get("target_p", nowhere),
+            "has_before": stage.get(HAS_BEFORE, nowhere),
+        }
+
     def take_before(self) -> bool:
         """Tell the first step that it has one before it, which its state remembers; whether that is new."""
         place = self._stage_at.get(HAS_BEFORE)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     KernelHorizon = RecedingHorizon
     KernelProgramme = Programme
 
-__all__ = ["Kernel", "NlpHelpers", "kernel", "kernel_programme", "nlp_helpers"]
+__all__ = ["Kernel", "NlpHelpers", "kernel", "kernel_programme", "nlp_helpers", "sides"]
 
 
 class Kernel(Protocol):
@@ -35,6 +35,10 @@ class Kernel(Protocol):
     @property
     def __name__(self) -> str:
         """Of the module."""
+
+    @property
+    def __file__(self) -> str | None:
+        """Where it is."""
 
     @property
     def StageFunction(self) -> type[StageFunction]:
@@ -143,7 +147,7 @@ def kernel_programme(
     if has_limits:
         bounds = programme.bounds
         made.set_limits(
-            **_sides(bounds),
+            **sides(bounds),
             path=function("path") if bounds.nh else None,
             path_values=function("path_values") if bounds.nh else None,
             num_guards=programme.num_guards,
@@ -152,7 +156,7 @@ def kernel_programme(
     return made
 
 
-def _sides(bounds: StateBounds) -> dict[str, Array]:
+def sides(bounds: StateBounds) -> dict[str, Array]:
     """Bounds of all nodes in a row, or of one where all are the same."""
     sides: dict[str, Array] = {}
     for what in ("x", "u", "path"):

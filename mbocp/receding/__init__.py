@@ -1,6 +1,7 @@
 """A horizon that moves on: an optimal control problem solved again and again, from where the robot is."""
 
 from mbocp.receding.horizon import HorizonStep, RecedingHorizon
+from mbocp.receding.saved import HEADERS
 from mbocp.receding.status import HorizonState, HorizonStatus
 
-__all__ = ["HorizonState", "HorizonStatus", "HorizonStep", "RecedingHorizon"]
+__all__ = ["HEADERS", "HorizonState", "HorizonStatus", "HorizonStep", "RecedingHorizon"]

@@ -19,6 +19,7 @@ from mbocp.problem import Problem, load_problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
 from mbocp.receding.checks import check_can_recede, check_functions
+from mbocp.receding.saved import check_can_be_saved, write_horizon
 from mbocp.receding.status import HorizonStatus
 from mbocp.solution import Solution
 from mbocp.solvers import Phase, Status
@@ -113,8 +114,8 @@ class RecedingHorizon:
         self._formulation, _ = formulated(self.problem, math.inf)
         check_functions(self._formulation)
         iterate = _solved(self._formulation, warm_start)
-        settings = RecedingSettings(barrier, tolerance)
-        self._native, self._programme = receding_horizon(self._formulation.programme, iterate, settings)
+        self._settings = RecedingSettings(barrier, tolerance)
+        self._native, self._programme = receding_horizon(self._formulation.programme, iterate, self._settings)
         self._numbers = ParameterUpdates(self._formulation)
         self._state = np.array(self._formulation.start_state(self.problem.q_start, self.problem.v_start))
         self._take_views()
@@ -175,6 +176,42 @@ class RecedingHorizon:
             "; ".join(wrong),
         )
         return self._step(status)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write a folder from which a C++ program without Python goes on as this horizon would.
+
+        See `mbocp/receding_horizon.hpp` in `mbocp.receding.HEADERS`. The folder is for machines with the same
+        processor instructions; it holds code.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made where there is none.
+
+        Raises
+        ------
+        ProblemError
+            If states are not (q, v), or functions are interpreted.
+        ResultFileError
+            If something cannot be written.
+        """
+        check_can_be_saved(self._formulation, is_plain=self._is_plain)
+        numbers = {
+            "theta": self._numbers.theta,
+            "rho": self._numbers.rho,
+            "rho_terminal": self._numbers.rho_terminal,
+            "state": self._state,
+            "iterations": np.array([self._iterations]),
+        }
+        return write_horizon(
+            folder,
+            self._formulation,
+            self._native,
+            self._programme,
+            self._settings,
+            self._numbers.places,
+            numbers,
+        )
 
     def _take_state(self, q: Any, v: Any) -> list[str]:
         """Copy a state to where the kernel reads it; words for what cannot be, and NaN in its place."""

@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 
 import mbocp
+from benchmarks.receding_horizon import _cases, loop_times
 from mbocp.exceptions import ProblemError
 from mbocp.problem import Bounds, Problem
 from mbocp.programme.compiler import compiler
@@ -84,6 +85,13 @@ def test_a_closed_loop_keeps_limits_and_follows(problem, iterations):
             q = pin.integrate(model, q, 1e-3 * v)
     assert nearest < 0.5, "no torque has come near its limit"
     assert np.abs(q - goal).max() < 0.02
+
+
+@pytest.mark.slow
+def test_a_far_goal_leaves_no_step_without_a_direction():
+    """At its torque limits the Panda's Hessian is indefinite with every shift that is tried."""
+    _, states, _ = loop_times(_cases()["Panda, N = 30"], steps=20, iterations=1)
+    assert set(states) <= {"improved", "converged"}
 
 
 def test_it_goes_by_the_steps_of_the_solver(problem):

@@ -242,6 +242,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             [](Programme& p, double barrier, double inside) { p.barrier.start(p.iterate, barrier, inside); },
             nb::arg("barrier"), nb::arg("inside") = 1e-2, Released())
         .def("weigh", &Programme::weigh, nb::arg("barrier"), Released())
+        .def_prop_ro("barrier", [](const Programme& p) { return p.barrier.parameter(); })
         .def_prop_ro("num_limits", [](const Programme& p) { return p.barrier.limits().num_inequalities(); });
     array_property(
         programme, "limit_multipliers", [](const Programme& p) { return p.barrier.multipliers(); },
@@ -313,6 +314,14 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
                 return h.step(state.data(), static_cast<int>(state.size()), steps, iterations, time_limit);
             },
             nb::arg("state"), nb::arg("steps"), nb::arg("iterations"), nb::arg("time_limit"));
+    horizon.def_prop_ro(
+        "memory",
+        [](const RecedingHorizon& h) {
+            const HorizonMemory m = h.memory();
+            return std::vector<double>{m.shift, m.augmentation, m.barrier, m.least_barrier, m.duration};
+        },
+        "Shift of the Hessian, weight of the end condition, barrier parameter and the least, seconds of a Newton "
+        "step.");
     using Sizes = std::vector<std::size_t>;
     view_property(
         horizon, "x", &RecedingHorizon::x,

@@ -15,6 +15,9 @@ constexpr double most_turn = 1.0;         // [rad]
 constexpr double shortest_length = 0.02;  // of the longest step: below it a larger shift is tried
 constexpr double good_length = 0.2;
 constexpr int most_attempts = 8;
+// Factorisations with a wrong inertia after which the Hessian is that of the cost alone: after a jump of the goal no
+// shift that is worth trying makes up for the curvature that far multipliers give the dynamics.
+constexpr int most_wrong = 4;
 constexpr double settled = 30.0, barrier_factor = 0.1, barrier_power = 1.7;
 constexpr double least_decrease = 1e-5, armijo = 1e-4, slope_power = 2.3, violation_power = 1.1;
 constexpr double round_off = 1e-13, feasible = 1e-9;
@@ -167,11 +170,19 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
     if (late()) return Found::none;
     if (!programme_.barrier.empty()) adapt_barrier(before);
     bool had_direction = false;
+    int wrong = 0;
     double shift = shift_;
     for (int attempt = 0; attempt < most_attempts && shift <= most_shift; ++attempt) {
         const Factorisation f = factorise(shift);
         if (late()) return Found::none;
-        if (f.ok && f.negative == programme_.problem.ng) {
+        const bool is_right = f.ok && f.negative == programme_.problem.ng;
+        if (!is_right && ++wrong == most_wrong) {
+            if (!programme_.evaluate(0.0).finite) return Found::not_finite;
+            if (late()) return Found::none;
+            shift = 0.0;
+            continue;
+        }
+        if (is_right) {
             const Direction d = programme_.riccati.solve(1);
             if (d.finite) {
                 had_direction = true;

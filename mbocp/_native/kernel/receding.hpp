@@ -38,6 +38,11 @@ struct HorizonSettings {
     Numbers turning;      // see StageKind of programme/stagewise.py
 };
 
+// What a horizon carries from step to step beside the iterate, see RecedingHorizon.
+struct HorizonMemory {
+    double shift, augmentation, barrier, least_barrier, duration;
+};
+
 class RecedingHorizon {
 public:
     // Throws std::invalid_argument where stages are of several kinds. The programme must outlive the horizon.
@@ -46,6 +51,13 @@ public:
     // Shifts the motion by a number of steps, which need not be whole; begins at the first entries of a state, as many
     // as are given, the others being those of the prediction; takes so many Newton steps, in so much time [s].
     HorizonStatus step(const double* state, int size, double steps, int iterations, double time_limit) noexcept;
+
+    HorizonMemory memory() const { return {shift_, augmentation_, barrier_, least_barrier_, duration_}; }
+    // Goes on from another horizon's memory, whose programme and prediction this one has been given.
+    void resume(const HorizonMemory& memory) {
+        shift_ = memory.shift, augmentation_ = memory.augmentation, barrier_ = memory.barrier;
+        least_barrier_ = memory.least_barrier, duration_ = memory.duration;
+    }
 
     std::size_t num_stages() const { return static_cast<std::size_t>(programme_.problem.N); }
     std::size_t state_size() const { return static_cast<std::size_t>(programme_.problem.nx); }
