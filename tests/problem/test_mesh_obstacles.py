@@ -217,7 +217,7 @@ def test_motions_called_converged_touch_nothing(seed: int) -> None:
     p = Problem.create(
         "ur5",
         2.0,
-        40,
+        80,
         start={"q": [-0.9, -1.0, 1.2, -0.2, 0.5, 0.0]},
         goal={"q": [0.9, -1.0, 1.2, -0.2, 0.5, 0.0]},
         obstacle=stones,
