@@ -31,6 +31,12 @@ INDENTED = re.compile(r"(?:^    .*\n(?:[ \t]*\n(?=    ))?)+", re.MULTILINE)
 SETTING = re.compile(r"--set ['\"]?([a-z_]+(?:\.\w+)*)=")
 PRELUDES = {  # what the text above a block has said
     "problem_files.md": "import mbocp",
+    "receding_horizon.md": "import mbocp\n"
+    "_left = iter(range(20))\n"
+    "goal = mbocp.load_problem('examples/receding/ur5_follow.toml').goal.q\n"
+    "is_running = lambda: next(_left, None) is not None\n"
+    "measured = lambda: (horizon.problem.q_start, horizon.problem.v_start)\n"
+    "def command(u): assert u.shape == (6,)",
     "robots.md": "import mbocp",
     "results.md": "import mbocp",
     "terms.md": "import numpy as np\nfrom mbocp.problem import parse_problem\n"
