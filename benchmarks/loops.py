@@ -88,6 +88,7 @@ def simulate(name: str, coordinates: str, steps: int, duration: float = _DURATIO
         "robot": name,
         "coordinates": coordinates,
         "horizon": {"duration": duration, "steps": steps},
+        "integrator": {"scheme": "se1"},
         "start": {"q": list(robot.q0), "v": list(velocity)},
         "goal": {"v": [0.0] * robot.nv},  # nothing is solved
     }
