@@ -255,13 +255,13 @@ def _own(system: System, scheme: str, steps: int, truth: _Truth, limit: float) -
     """A solve by mbocp; the first takes functions from the cache or compiles them, and is not timed."""
     problem = _problem_with(system, scheme, steps)
     first = mbocp.solve(problem)
-    spent = _seconds(first)
     if not first.converged:
-        return Point.failed(steps, spent)
-    solutions = [mbocp.solve(problem) for _ in range(_FEW if spent < _LONG else 1)]
-    last, times = solutions[-1], [_seconds(s) for s in solutions]
+        return Point.failed(steps, _seconds(first))
+    last = mbocp.solve(problem)
+    times = [_seconds(last)]
+    times += [_seconds(mbocp.solve(problem)) for _ in range(_FEW - 1 if times[0] < _LONG else 0)]
     errors = truth.errors(problem.robot, last.cost, last.qs, _adjoints(problem.robot, last))
-    return Point(steps, min(times), last.iterations, *errors, spent=spent + sum(times))
+    return Point(steps, min(times), last.iterations, *errors, spent=sum(times))
 
 
 def _seconds(solution: mbocp.Solution) -> float:
