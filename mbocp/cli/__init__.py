@@ -9,9 +9,9 @@ import sys
 
 __all__ = ["main", "script"]
 
-# New objects after which the collector looks for circles: imports and plots make many that stay, and with the
-# default of 700 it looks at them again and again.
-_COLLECT = (50_000, 20, 100)
+# New objects after which the collector looks for circles: imports and plots make up to 300,000 that stay, and
+# with the default of 700 it looks at them again and again.
+_COLLECT = (400_000, 20, 100)
 
 
 def script() -> None:

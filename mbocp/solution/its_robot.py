@@ -1,16 +1,11 @@
-"""The robot and the problem of a solution, wherever it is read."""
+"""The robot of a solution, wherever it is read."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any
 
-from mbocp._files import MEGABYTE, parse_toml
-from mbocp.exceptions import InvalidValue, ProblemFileError, RobotError, Unreadable
-from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
-from mbocp.problem.file.overrides import apply_overrides
+from mbocp._files import MEGABYTE
+from mbocp.exceptions import InvalidValue, RobotError
 from mbocp.robot import (
     Robot,
     RobotChangedWarning,
@@ -21,9 +16,8 @@ from mbocp.robot import (
     robot_from_spec,
 )
 from mbocp.solution.data import SolutionData
-from mbocp.terms import OwnTerm
 
-__all__ = ["MESH_LIMIT", "files_to_store", "problem_of", "robot_of"]
+__all__ = ["MESH_LIMIT", "files_to_store", "held_files", "robot_of", "tell_changed"]
 
 MESH_LIMIT = 64 * MEGABYTE  # of all meshes of a robot that go into a result unasked [bytes]
 _MAX_NAMES = 3
@@ -43,7 +37,7 @@ def files_to_store(solution: SolutionData, meshes: bool | None) -> RobotFiles | 
     RobotNotStoredWarning
         If the files cannot be read, or meshes are left out for their size.
     """
-    files = _held(solution)
+    files = held_files(solution)
     if files is None:
         if not {"name", "part"} & solution.robot_spec.keys():
             return None
@@ -67,9 +61,9 @@ def files_to_store(solution: SolutionData, meshes: bool | None) -> RobotFiles | 
 
 def robot_of(solution: SolutionData) -> Robot:
     """The robot that the solution holds, else that at the old place; see `Solution.load_robot`."""
-    files = _held(solution)
+    files = held_files(solution)
     if files is not None:
-        _tell_changed(files)
+        tell_changed(files)
         robot = load_stored(files)
     elif solution.robot_spec:
         robot = robot_from_spec(solution.robot_spec)
@@ -84,43 +78,14 @@ def robot_of(solution: SolutionData) -> Robot:
     return robot
 
 
-def problem_of(
-    solution: SolutionData, overrides: Mapping[str, Any] | Sequence[str], terms: Sequence[OwnTerm]
-) -> Problem:
-    """The problem that was solved, see `Solution.load_problem`."""
-    label = f"the problem of {solution.problem_name or 'a result'}"
-    try:
-        document = parse_toml(solution.problem_text)
-    except Unreadable as error:
-        raise ProblemFileError(label, error.reason) from error
-    tables = apply_overrides(document, overrides)
-    robot = _robot_in(solution, document, tables)
-    return problem_from_tables(tables, robot=robot, label=label, name=solution.problem_name, terms=terms)
-
-
-def _robot_in(solution: SolutionData, document: Mapping[str, Any], tables: Mapping[str, Any]) -> Robot | None:
-    """The robot of changed tables; None if it is no longer that of the solution."""
-    was, now = (
-        {"name": entry} if isinstance(entry, str) else dict(entry)
-        for entry in (document.get("robot", {}), tables.get("robot", {}))
-    )
-    if was == now and solution.robot_spec:
-        return robot_of(solution)
-    files = _held(solution)
-    is_other = any(was.get(key) != now.get(key) for key in ("name", "part"))
-    if files is None or is_other:
-        return None
-    _tell_changed(files)
-    return load_stored(files, now)
-
-
-def _held(solution: SolutionData) -> RobotFiles | None:
+def held_files(solution: SolutionData) -> RobotFiles | None:
     """Files that came with the solution, if they are of the robot that it is about."""
     files = solution.robot_files
     return files if files is not None and dict(files.spec) == dict(solution.robot_spec) else None
 
 
-def _tell_changed(files: RobotFiles) -> None:
+def tell_changed(files: RobotFiles) -> None:
+    """Warn if files of the robot are others on this machine by now."""
     changed = files.changed
     if changed:
         names = ", ".join(changed[:_MAX_NAMES])

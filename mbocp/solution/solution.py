@@ -294,7 +294,7 @@ class Solution(SolutionData):
         ProblemFileError
             If the problem's text or an override is wrong, or a term of one's own is missing.
         """
-        from mbocp.solution.its_robot import problem_of  # as slow to import as all else
+        from mbocp.solution.its_problem import problem_of  # as slow to import as all else
 
         return problem_of(self, overrides, terms)
 

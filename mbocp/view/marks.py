@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mbocp._arrays import Array
-from mbocp.problem.phases import node_times
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.kinematics import WORLD
 from mbocp.solution.problem_text import lines_of, obstacles_of, via_goals_of
@@ -65,6 +64,8 @@ def marks_of(problem: Problem, times: Array | None = None) -> Marks:
     times : ndarray, shape (N + 1,), optional
         Of the nodes of a motion [s]; default: those of the problem, or their guess.
     """
+    from mbocp.problem.phases import node_times  # slow to import, and of no use to a result
+
     at = node_times(problem) if times is None else times
     via = (
         ViaMark(float(at[point.node] / at[-1]), frame)

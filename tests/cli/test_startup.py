@@ -93,6 +93,13 @@ def test_plots_and_replays_do_not_need_each_other() -> None:
     assert not heavy("import mbocp.view.of_solution") & {"matplotlib", "scipy"}
 
 
+def test_pictures_of_a_result_need_no_problem() -> None:
+    """They read its text; only who solves it again makes a `Problem` of it."""
+    there = modules("import mbocp.view.plots, mbocp.view.of_solution, mbocp.solution.its_robot")
+    assert "mbocp.robot.robot" in there  # else the test would see nothing
+    assert not there & {"mbocp.problem.problem", "mbocp.problem.file.read", "mbocp.terms.kinds"}
+
+
 def test_a_result_leaves_most_of_the_package_alone() -> None:
     """A fifth of the modules is enough to read one."""
     everything = len(list(Path(UR5.parents[2], "mbocp").rglob("*.py")))
