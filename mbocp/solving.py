@@ -14,7 +14,7 @@ from pathlib import Path
 
 from mbocp.accuracy.of_solution import follows_fast, with_accuracy
 from mbocp.clearing import Attempt, solve_clear
-from mbocp.exceptions import NotConverged
+from mbocp.exceptions import InvalidValue, NotConverged
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
 from mbocp.guesses.carried import Carried
@@ -39,6 +39,7 @@ def solve(
     check: bool = False,
     accuracy: bool | None = False,
     gains: bool = False,
+    time_limit: float | None = None,
 ) -> Solution:
     """Solve an optimal control problem.
 
@@ -59,6 +60,8 @@ def solve(
         compile, as it does for large closed mechanisms.
     gains : bool
         Work out `Solution.gains`, the feedback of the optimum; so does `accuracy`.
+    time_limit : float, optional
+        Longest time of this solve [s], beside that of the problem; the result does not record it.
 
     Returns
     -------
@@ -69,7 +72,9 @@ def solve(
     ------
     MbocpError
         If the problem is not well posed, or its functions cannot be compiled, or not within
-        `problem.solver.time_limit`.
+        `problem.solver.time_limit` or `time_limit`.
+    InvalidValue
+        If `time_limit` is not positive.
     NotConverged
         With `check`: carries the solution.
     """
@@ -77,8 +82,7 @@ def solve(
         problem = load_problem(problem)
     if solver is not None:
         problem = problem.with_(solver=replace(problem.solver, method=solver))
-    limit = problem.solver.time_limit
-    deadline = math.inf if limit is None else time.perf_counter() + limit
+    deadline = _deadline(problem.solver.time_limit, time_limit)
     accuracy = follows_fast(problem) if accuracy is None else accuracy
     attempt = partial(_attempted, deadline=deadline, callback=callback)
     has_gains = gains or accuracy or problem.accuracy is not None
@@ -95,6 +99,15 @@ def solve(
     if check and not solution.converged:
         raise NotConverged(solution)
     return solution
+
+
+def _deadline(*limits: float | None) -> float:
+    """When the first of the limits [s] is over, by `time.perf_counter`."""
+    given = [limit for limit in limits if limit is not None]
+    for limit in given:
+        if not limit > 0.0:
+            raise InvalidValue("time_limit", limit, "a positive number of seconds")
+    return time.perf_counter() + min(given, default=math.inf)
 
 
 def _attempted(

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from mbocp.cli.app import app
 from mbocp.problem.file.keys_page import key_rows, updated
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.schema import ProblemTable
+from mbocp.problem.file.write import problem_to_toml
 from mbocp.solution.records import Status
 
 ROOT = Path(__file__).parent.parent
@@ -145,6 +147,19 @@ def test_the_python_example_of_the_readme_runs(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("converged ")
     assert (tmp_path / "ur5.h5").exists()
+
+
+def test_the_examples_of_the_readme_are_the_same_problem(tmp_path: Path) -> None:
+    written = dict(block for block in FENCE.findall(text("README.md")) if block[0] in ("python", "toml"))
+    made, _, _ = written["python"].partition("solution =")
+    names: dict[str, Any] = {}
+    exec(made, names)
+    file = tmp_path / "readme.toml"
+    file.write_text(written["toml"])
+    in_python, in_toml = (
+        replace(problem, name="") for problem in (names["problem"], mbocp.load_problem(file))
+    )
+    assert problem_to_toml(in_python) == problem_to_toml(in_toml)
 
 
 def test_the_picture_is_small() -> None:

@@ -11,11 +11,10 @@ import typer
 from rich.text import Text
 
 from mbocp.cli import signals
-from mbocp.cli.solve import RESULTS
+from mbocp.cli.solve import problem_and_solution
 
 if TYPE_CHECKING:
     from mbocp.explaining import Explanation
-    from mbocp.problem import Problem
 
 __all__ = ["explain_file"]
 
@@ -30,7 +29,8 @@ def explain_file(
     from mbocp.explaining import explain
 
     signals.leave_in_order()
-    problem, status = _problem(file, settings)
+    problem, solution = problem_and_solution(file, settings)
+    status = "" if solution is None else f"{solution.status}: {solution.advice}"
 
     def tell(words: str) -> None:
         if not (quiet or as_json):
@@ -41,18 +41,6 @@ def explain_file(
         typer.echo(json.dumps(_facts(found), indent=2))
     else:
         _print(problem.name, status, found, searched=search)
-
-
-def _problem(file: Path, settings: Sequence[str]) -> tuple[Problem, str]:
-    """The problem, and how its solve ended if it is that of a result."""
-    from mbocp.problem import load_problem
-
-    if file.suffix.lower() not in RESULTS:
-        return load_problem(file, settings), ""
-    from mbocp.solution import Solution
-
-    solution = Solution.load(file)
-    return solution.load_problem(settings), f"{solution.status}: {solution.advice}"
 
 
 def _print(name: str, status: str, found: Explanation, *, searched: bool) -> None:

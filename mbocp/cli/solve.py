@@ -21,7 +21,16 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
     from mbocp.solution import Solution
 
-__all__ = ["IMAGES", "PAGES", "RESULTS", "Outputs", "check_output", "problem_of", "run"]
+__all__ = [
+    "IMAGES",
+    "PAGES",
+    "RESULTS",
+    "Outputs",
+    "check_output",
+    "problem_and_solution",
+    "problem_of",
+    "run",
+]
 
 RESULTS = (".h5", ".hdf5")
 PAGES = (".html", ".htm")
@@ -154,13 +163,19 @@ def _exit_status(solution: Solution) -> int:
 
 def problem_of(file: Path, settings: Sequence[str]) -> Problem:
     """The problem of a problem file, or of a result."""
+    return problem_and_solution(file, settings)[0]
+
+
+def problem_and_solution(file: Path, settings: Sequence[str]) -> tuple[Problem, Solution | None]:
+    """The problem of a problem file, or of a result with its solution."""
     if file.suffix.lower() in RESULTS:
         from mbocp.solution import Solution
 
-        return Solution.load(file).load_problem(settings)
+        solution = Solution.load(file)
+        return solution.load_problem(settings), solution
     from mbocp.problem import load_problem
 
-    return load_problem(file, settings)
+    return load_problem(file, settings), None
 
 
 def _solve(problem: Problem, progress: Progress, accuracy: bool | None) -> Solution:

@@ -6,7 +6,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -85,10 +85,8 @@ class Resolver:
         rate: float = 20.0,
         time_limit: float = 2.0,
     ) -> None:
-        own = problem.solver.time_limit
-        limit = time_limit if own is None else min(own, time_limit)
-        self._problem = problem.with_(solver=replace(problem.solver, time_limit=limit))
-        self._good = solution
+        self._problem, self._good = problem, solution
+        self._time_limit = time_limit
         self._on_answer, self._period = on_answer, 1.0 / rate
         self._changed = threading.Condition()
         self._wish: Wish | None = None
@@ -147,7 +145,7 @@ class Resolver:
             warnings.simplefilter("always")
             try:
                 problem = changed_problem(self._problem, wish, np.array(self._good.qs[-1]))
-                solution = solve(problem, warm_start=self._good)
+                solution = solve(problem, warm_start=self._good, time_limit=self._time_limit)
             except MbocpError as error:
                 words.append(str(error))
         if solution is not None and solution.converged:

@@ -22,6 +22,7 @@ import mbocp  # noqa: E402
 from mbocp.interactive import Live, Wish  # noqa: E402
 from mbocp.interactive.handles import joint_handles, pose_handles  # noqa: E402
 from mbocp.interactive.wish import changed_problem, weight_keys  # noqa: E402
+from mbocp.solution import Status  # noqa: E402
 
 START = angles(0.3, 0.4)
 BOX = '<origin xyz="0 0 0.5"/><geometry><box size="0.1 0.1 1"/></geometry>'
@@ -157,6 +158,23 @@ def test_a_joint_of_the_goal(page_in_joints):
     page.ask(Wish())
     assert page.wait_until_idle(WAIT)
     assert np.allclose(page.solution.qs[-1], angles(0.8, -0.4), atol=1e-6)
+
+
+def test_a_result_of_the_page_holds_the_problem_as_asked(page, at_frame, tmp_path):
+    assert at_frame.solver.time_limit is None
+    page.ask(Wish(duration=1.5))
+    assert page.wait_until_idle(WAIT)
+    again = mbocp.Solution.load(page.solution.save(tmp_path / "page.h5")).load_problem()
+    assert again.duration == pytest.approx(1.5)
+    assert again.solver == at_frame.solver
+    assert page.problem.solver == at_frame.solver
+
+
+def test_solves_of_the_page_end_in_time(at_frame):
+    with Live(at_frame, mbocp.solve(at_frame), port=18080, time_limit=1e-9) as page:
+        page.ask(Wish(duration=1.5))
+        assert page.wait_until_idle(WAIT)
+        assert page.answer.solution.status is Status.TIME_LIMIT
 
 
 def test_play_and_scrub(page):
