@@ -15,7 +15,9 @@ makes sure that it gets there:
 - *Multipliers of the guess.* Where states are curved and multipliers by least squares explain the gradient,
   the first Hessian is taken with them, and not with zero.
 - *Cap.* No step turns a joint by more than a radian: what the linearisation says of a link that turns farther
-  is not worth following, and often leads to another minimum with more turns.
+  is not worth following, and often leads to another minimum with more turns. A shift that just makes the
+  Hessian definite makes steps of hundreds of radians, of which the cap leaves next to nothing: where that is
+  less than a tenth, the shift grows.
 - *Relaxed steps.* Linearised constraints bend away quickly (a rod, a rotation), and a full Newton step then
   violates them more than any line search accepts, though the next steps make up for it. Where three larger
   shifts still leave a step of less than a tenth, up to six steps are taken without judging them, and more
@@ -72,6 +74,8 @@ _CAREFUL_AFTER = 200  # iterations in a run: most take less, and those that take
 _RESTARTS = 2
 _MIN_SHIFT = 1e-6  # of the Hessian: a larger one makes many short steps along flat valleys
 _MAX_TURN = 1.0  # of a joint in one iteration [rad]: beyond, its linearisation has little to do with it
+_FAR = 0.1  # of a step: where the cap leaves less, a larger shift is tried first
+_OF_LAST = 0.2  # of the last shift: smaller ones are left out where the Hessian is indefinite again
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
@@ -187,6 +191,9 @@ class GlobalisedNewton:
             factorisation, augmentation, direction = self._direction(state, shift)
             if not (factorisation.ok or shift):
                 state = raised(state, self.tolerance)  # slacks follow with a step, and one may be enough
+            is_indefinite = direction is None
+            if direction is not None and shift and direction.cap < _FAR and attempts <= care.patience:
+                direction = None
             if direction is not None:
                 found = _search(
                     state, direction, care.min_step if attempts < care.patience else _LAST_RESORT_STEP
@@ -209,7 +216,8 @@ class GlobalisedNewton:
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return replace(state, increment=direction.increment)  # round-off hides any decrease
             attempts += 1
-            shift = larger_shift(shift, _MIN_SHIFT, care)
+            least = max(_MIN_SHIFT, _OF_LAST * state.last_shift) if is_indefinite else _MIN_SHIFT
+            shift = larger_shift(shift, least, care)
             if shift > MAX_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 if direction is not None and state.restarts < _RESTARTS:
@@ -225,8 +233,13 @@ class GlobalisedNewton:
             length * direction.longest,
             augmentation=augmentation,
             regularisation=shift,
+            last_shift=shift or state.last_shift,
             shift=next_shift(
-                shift, length, evaluation.residual / state.evaluation.residual, _MIN_SHIFT, care
+                shift,
+                length * (direction.cap if shift else 1.0),
+                evaluation.residual / state.evaluation.residual,
+                _MIN_SHIFT,
+                care,
             ),
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),

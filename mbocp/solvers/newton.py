@@ -69,19 +69,22 @@ class Direction:
         Directional derivative of the objective.
     longest, longest_dual : float
         Part of the step that limits and the cap on turns allow, and limits' multipliers.
+    cap : float
+        Part of the step that the cap on turns alone allows.
     """
 
     increment: float
     slope: float
     longest: float
     longest_dual: float
+    cap: float
 
     @classmethod
     def of(cls, state: NewtonState, found: KernelDirection, largest_turn: float) -> Direction:
         """The kernel's direction, of which no more is taken than turns a joint by `largest_turn` [rad]."""
         turn = _largest_turn(state)
-        longest = min(found.longest, largest_turn / turn) if turn > 0.0 else found.longest
-        return cls(found.increment, found.slope, longest, found.longest_dual)
+        cap = min(1.0, largest_turn / turn) if turn > 0.0 else 1.0
+        return cls(found.increment, found.slope, min(found.longest, cap), found.longest_dual, cap)
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,8 @@ class NewtonState:
         Weight rho of the end condition inside the factorisation; changes no solution, only its conditioning.
     shift : float
         Where the search for an admissible shift of the state Hessian begins; 0: the plain Hessian.
+    last_shift : float
+        The last one that a step was taken with.
     filter : Filter
         Of the line search.
     reference : Reference or None
@@ -138,6 +143,7 @@ class NewtonState:
     regularisation: float = 0.0
     augmentation: float = 0.0
     shift: float = 0.0
+    last_shift: float = 0.0
     filter: Filter = field(default_factory=Filter)
     reference: Reference | None = None
     patience: int = 0

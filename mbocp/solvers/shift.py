@@ -44,7 +44,7 @@ def larger_shift(shift: float, least: float, care: Care = BOLD) -> float:
 
 
 def next_shift(shift: float, length: float, contraction: float, least: float, care: Care = BOLD) -> float:
-    """Where the next iteration begins, after a step of this length and contraction of the residual."""
+    """Where the next iteration begins, after this part of a Newton step and contraction of the residual."""
     if length < _GOOD_STEP:
         return 2.0 * max(shift, least)
     if length == 1.0 and contraction < _FAST_CONTRACTION:
