@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +17,7 @@ FILL_SIDE, FILL_ABOVE, FILL_BELOW = 0.88, 0.80, 0.70
 ELEVATION = np.deg2rad(18.0)
 AZIMUTHS = np.deg2rad(np.arange(-75.0, 76.0, 15.0))  # from the front: robots face +x
 USUAL_AZIMUTH = float(np.deg2rad(40.0))
+_ASPECTS = np.geomspace(0.2, 5.0, 33)  # of windows, from a narrow phone to half of a wide screen
 OBLIQUE = float(np.deg2rad(12.0))  # off the normal of a plane, so that depth can be seen
 
 
@@ -32,8 +33,13 @@ class Camera:
         From the target to the camera [m].
     near, far : float
         Clipping distances [m].
-    behind : float
-        How far points are behind the target [m]: in a narrower window the camera steps back for them, too.
+    aspect : float
+        Width over height of the window that the offset is for.
+    least : float
+        Distance from the target that the height of the points needs in any window [m].
+    sides : ndarray, shape (k, 2)
+        Points that decide how far it steps back in narrow windows: how far they are aside of the target, over
+        `FILL_SIDE` and the tangent of half the field of view, and before it [m].
     """
 
     target: Array
@@ -42,7 +48,12 @@ class Camera:
     far: float
     field_of_view: float = FIELD_OF_VIEW
     aspect: float = ASPECT
-    behind: float = 0.0
+    least: float = 0.0
+    sides: Array = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def distance(self, aspect: float) -> float:
+        """How far from the target it sees all points in a window, the page does the same [m]."""
+        return max(self.least, *(self.sides[:, 0] / aspect + self.sides[:, 1]))
 
 
 def upright(gravity: Array) -> Array:
@@ -78,13 +89,21 @@ def fit_camera(points: Array, paths: Array, direction: tuple[float, float] | Non
     middle = 0.5 * (depth.min() + depth.max())
     size = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-3)
     distance = max(distance_x - middle, distance_y - middle, 0.2 * size)
+    aside = np.abs(points @ right - x) / (FILL_SIDE * tan_v)
     return Camera(
         target=x * right + y * up + middle * back,
         offset=distance * back,
         near=1e-2 * size,
         far=float(100.0 * size + 10.0 * distance),
-        behind=float(middle - depth.min()),
+        least=max(distance_y - middle, 0.2 * size),
+        sides=_deciding(np.column_stack([aside, depth - middle])),
     )
+
+
+def _deciding(points: Array) -> Array:
+    """Points that are the most aside and before the others in one window or another."""
+    found = [np.argmax(points[:, 0] / aspect + points[:, 1]) for aspect in (*_ASPECTS, ASPECT)]
+    return points[np.unique(found)]
 
 
 def _balance(side: Array, depth: Array, over: float, under: float) -> tuple[float, float]:

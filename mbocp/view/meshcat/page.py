@@ -109,8 +109,8 @@ def render_page(
         "forces": {"path": FORCES, "words": scene.forces} if scene.forces else None,
         "camera": {
             "offset": [float(x) for x in camera.offset],
-            "aspect": camera.aspect,
-            "behind": camera.behind,
+            "least": camera.least,
+            "sides": [[float(x) for x in side] for side in camera.sides],
         },
     }
     parts = {

@@ -28,11 +28,10 @@
   }
 
   function fitView(viewer, camera) {
-    // The camera was placed for one shape of window; in a narrower one it steps back.
+    // As far away as the motion needs in a window of this shape: Camera.distance.
     const aspect = at("pane").clientWidth / at("pane").clientHeight;
-    const narrower = Math.max(1, camera.aspect / aspect);
-    const away = Math.hypot(...camera.offset) || 1;
-    const back = narrower + ((narrower - 1) * camera.behind) / away; // for the points behind the target, too
+    const distance = Math.max(camera.least, ...camera.sides.map(([aside, ahead]) => aside / aspect + ahead));
+    const back = distance / (Math.hypot(...camera.offset) || 1);
     const [x, y, z] = camera.offset.map((c) => c * back);
     viewer.controls.target.set(0, 0, 0);
     viewer.camera.position.set(x, z, -y);

@@ -1,0 +1,54 @@
+"""The camera of a replay, for windows of any shape."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mbocp.view.camera import ASPECT, FIELD_OF_VIEW, FILL_ABOVE, FILL_BELOW, FILL_SIDE, Camera, fit_camera
+
+ASPECTS = st.floats(0.25, 4.0)
+ROUGHLY = 1.02  # windows between those that the camera was made for
+
+
+@st.composite
+def clouds(draw: st.DrawFn) -> np.ndarray:
+    """Points of motions that are wide, tall, deep or all of it."""
+    seed, sizes = draw(st.integers(0, 2**32 - 1)), draw(st.tuples(*[st.floats(0.02, 3.0)] * 3))
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (40, 3)) * sizes
+
+
+def shares(camera: Camera, points: np.ndarray, aspect: float) -> tuple[np.ndarray, np.ndarray]:
+    """How far aside and above the points are seen, as parts of half the picture."""
+    back = camera.offset / np.linalg.norm(camera.offset)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    x, y, ahead = ((points - camera.target) @ axis for axis in (right, np.cross(back, right), back))
+    half = np.tan(np.deg2rad(FIELD_OF_VIEW) / 2.0) * (camera.distance(aspect) - ahead)
+    return x / half / aspect, y / half
+
+
+@given(clouds(), ASPECTS)
+def test_all_points_are_in_the_picture(points: np.ndarray, aspect: float) -> None:
+    x, y = shares(fit_camera(points, points), points, aspect)
+    assert np.abs(x).max() <= ROUGHLY * FILL_SIDE
+    assert y.max() <= FILL_ABOVE + 1e-9
+    assert y.min() >= -FILL_BELOW - 1e-9
+
+
+@given(clouds(), ASPECTS)
+def test_they_fill_it_in_one_direction(points: np.ndarray, aspect: float) -> None:
+    camera = fit_camera(points, points)
+    if camera.distance(aspect) <= 0.2 * np.linalg.norm(np.ptp(points, axis=0)) + 1e-9:
+        return  # nearer than that it never goes
+    x, y = shares(camera, points, aspect)
+    fills = (np.abs(x).max() / FILL_SIDE, y.max() / FILL_ABOVE, -y.min() / FILL_BELOW)
+    assert max(fills) == pytest.approx(1.0, rel=ROUGHLY - 1.0)
+
+
+@given(clouds())
+def test_the_offset_is_that_of_the_usual_window(points: np.ndarray) -> None:
+    camera = fit_camera(points, points)
+    assert np.linalg.norm(camera.offset) == pytest.approx(camera.distance(ASPECT))
