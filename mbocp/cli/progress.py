@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from types import TracebackType
 from typing import Protocol
@@ -36,6 +36,8 @@ _PLAIN_ROWS, _PLAIN_TENTHS = 20, 200
 
 _COLUMNS = ("iteration", "cost", "residual", "increment", "step", "time")
 _WIDTHS = (9, 15, 9, 9, 8, 8)
+_BETWEEN = "  "
+_LEFT_OUT_FIRST = ("increment", "step", "time")  # of a terminal that is too narrow for all
 
 
 class Record(Protocol):
@@ -88,7 +90,7 @@ class _Section:
         """Keep where the phase began and where it came to."""
         self.rows = deque([self.rows[-1]] if self.count == 1 else [self.first, self.rows[-1]])
 
-    def write(self, text: Text, rows: int = _ROWS) -> None:
+    def write(self, text: Text, columns: Sequence[int], rows: int = _ROWS) -> None:
         """Append its lines: the last `rows` of the phase at work, first and last row of a finished one."""
         if self.name:
             text.append(f"{self.name}\n", style="bold cyan")
@@ -97,8 +99,8 @@ class _Section:
         before = 1 if hidden and shown[0] is self.first else 0
         for i, row in enumerate(shown):
             if hidden and i == before:
-                text.append(_line(("", f"... {hidden} more")) + "\n", style="dim")
-            text.append(_line(row) + "\n")
+                text.append(_line(("", f"... {hidden} more"), columns) + "\n", style="dim")
+            text.append(_line(row, columns) + "\n")
 
 
 class _Sections:
@@ -129,10 +131,10 @@ class _Sections:
             gone = self._last.popleft()
             self._left_out = [self._left_out[0] + 1, self._left_out[1] + gone.count]
 
-    def text(self, *, most: int = _FIRST + _LAST, rows: int = _ROWS) -> Text:
-        """Table of the phases: of the finished ones all that are kept, or the last `most` of them."""
-        text = Text(no_wrap=True, overflow="crop")
-        text.append(_line(_COLUMNS) + "\n", style="bold")
+    def text(self, width: int, *, most: int = _FIRST + _LAST, rows: int = _ROWS) -> Text:
+        """Table of the phases, so wide at most: of finished ones all that are kept, or the last `most`."""
+        text, columns = Text(no_wrap=True, overflow="crop"), _columns_within(width)
+        text.append(_line(_COLUMNS, columns) + "\n", style="bold")
         finished = [*self._first, *self._last]
         shown = finished[len(finished) - most :] if most < len(finished) else finished
         hidden = finished[: len(finished) - len(shown)]
@@ -142,11 +144,11 @@ class _Sections:
         for i, section in enumerate(shown):
             if i == gap:
                 _write_gap(text, phases, iterations)
-            section.write(text)
+            section.write(text, columns)
         if gap >= len(shown):
             _write_gap(text, phases, iterations)
         if self.current is not None:
-            self.current.write(text, rows)
+            self.current.write(text, columns, rows)
         text.rstrip()
         return text
 
@@ -207,7 +209,7 @@ class Progress:
         self._doing = ""
         self._live.stop()
         if self._sections.current is not None and kind is None:
-            self._console.print(self._sections.text())  # the last iterations stay
+            self._console.print(self._sections.text(self._console.width))  # the last iterations stay
 
     def say(self, doing: str) -> None:
         """Show what is going on before the first iteration."""
@@ -261,9 +263,12 @@ class Progress:
         """As many phases and iterations as the terminal has room for, and what is going on."""
         rows = max(1, min(_ROWS, self._console.height - _FRAME))
         most = max(0, min(_LIVE, (self._console.height - _FRAME - _ROWS) // _TALL))
+        width = self._console.width
         with self._lock:
             doing, is_begun = self._doing, self._sections.current is not None
-            parts: list[Text | Spinner] = [self._sections.text(most=most, rows=rows)] if is_begun else []
+            parts: list[Text | Spinner] = (
+                [self._sections.text(width, most=most, rows=rows)] if is_begun else []
+            )
         if doing:
             self._spinner.update(text=Text(f"{self.title}: {doing}", no_wrap=True, overflow="crop"))
             parts.append(self._spinner)
@@ -275,9 +280,18 @@ def _every(count: int) -> int:
     return 1 if count <= _PLAIN_ROWS else 10 if count <= _PLAIN_TENTHS else 100
 
 
-def _line(row: Iterable[str]) -> str:
-    """Columns of the same widths for every phase."""
-    return "  ".join(n.rjust(w) for n, w in zip(row, _WIDTHS))  # noqa: B905  # short rows are notes
+def _columns_within(width: int) -> list[int]:
+    """Columns for which there is room."""
+    kept = list(range(len(_COLUMNS)))
+    for name in _LEFT_OUT_FIRST:
+        if sum(_WIDTHS[k] for k in kept) + len(_BETWEEN) * (len(kept) - 1) > width:
+            kept.remove(_COLUMNS.index(name))
+    return kept
+
+
+def _line(row: Sequence[str], columns: Iterable[int] = range(len(_COLUMNS))) -> str:
+    """Columns of the same widths for every phase; short rows are notes."""
+    return _BETWEEN.join(row[k].rjust(_WIDTHS[k]) for k in columns if k < len(row))
 
 
 def _row(record: Record, elapsed: float) -> tuple[str, ...]:

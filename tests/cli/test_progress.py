@@ -40,6 +40,20 @@ def test_live_on_a_terminal_leaves_the_last_iterations() -> None:
     assert "1.00e-29" in tail
 
 
+@pytest.mark.parametrize("width", [40, 50, 60, 67, 68, 80])
+def test_narrow_terminals_have_fewer_columns(width: int) -> None:
+    out = io.StringIO()
+    _drive(Console(file=out, width=width, force_terminal=True), 30)
+    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", out.getvalue()).replace("\r", "")
+    names, *rows = text[text.rindex("iteration") :].splitlines()
+    assert names.split()[:3] == ["iteration", "cost", "residual"]
+    assert ("increment" in names) == (width >= 68)
+    assert ("time" in names) == (width >= 47)
+    assert len(rows) == 13  # none is folded
+    assert all(len(row.rstrip()) <= width for row in (names, *rows))
+    assert rows[-1].split()[:3] == ["29", "29", "1.00e-29"]
+
+
 def test_quiet() -> None:
     out = io.StringIO()
     _drive(Console(file=out, width=100, force_terminal=True), 3, quiet=True)
