@@ -169,6 +169,31 @@ def test_multipliers_of_active_limits() -> None:
     assert not [t for t in titles(plot_multipliers(barrier)) if "limits of q" in t or "path" in t]
 
 
+def test_of_many_rows_of_the_path_those_that_pull_are_shown() -> None:
+    """As of obstacles: a hundred rows, of which a few push."""
+    sizes = np.array([0.0, 3.0, 1e-9, 0.5, *np.zeros(96)])
+    names = tuple(f"{k}th distance" for k in range(100))
+    lam_path = np.outer(np.linspace(-1.0, 1.0, 20), sizes)
+    few = panel(plot_multipliers(limited(lam_path=lam_path, path_names=names)), "Multiplier of the path")
+    assert legend(few) == [names[1], names[3]]
+    many = limited(lam_path=lam_path + np.linspace(0.1, 0.2, 100), path_names=names)
+    rows = panel(plot_multipliers(many), "Multiplier of the path, 8 of 100")
+    assert len(rows.lines) == 8
+    assert max(np.abs(line.get_ydata()).max() for line in rows.lines) == np.abs(many.lam_path).max()
+
+
+def test_exponents_stand_beside_legends() -> None:
+    figure = plot_multipliers(pendulum(zetas=np.outer(np.linspace(-1e5, 1e5, 100), [1.0])))
+    FigureCanvasAgg(figure).draw()
+    seen = 0
+    for axes in figure.axes:
+        exponent, names = axes.yaxis.get_offset_text(), axes.get_legend()
+        if exponent.get_text() and names is not None:
+            seen += 1
+            assert exponent.get_window_extent().x1 <= names.get_window_extent().x0 + 0.1  # [pixel]
+    assert seen
+
+
 def test_multipliers_of_a_constrained_system() -> None:
     figure = plot_multipliers(pendulum())
     symbols = [axes.get_ylabel().split(" ")[0] for axes in figure.axes]

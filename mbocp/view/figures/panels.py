@@ -49,6 +49,8 @@ __all__ = [
 _MAX_CONSTRAINTS = 6  # more would need a legend that is larger than the plot
 _FINE = 4  # pieces in which the polynomial of a step is drawn
 _MAX_MARKERS = 40  # more merge into a band
+_MOST_ROWS = 8  # of path constraints in a panel
+_PULLS = 1e-6  # part of the largest multiplier
 _RATES = {  # title and symbol, by key in [limits]
     "acceleration": ("Acceleration", r"$\Delta v / \Delta t$"),
     "jerk": ("Jerk", r"$\Delta a / \Delta t$"),
@@ -165,13 +167,14 @@ def multiplier_panels(solution: Solution) -> list[LinePanel]:
 def _limit_panels(solution: Solution) -> list[LinePanel]:
     """Return the multipliers of limits and path constraints that are active."""
     labels, t = solution.labels, solution.t
-    names = tuple(Column(name, "") for name in solution.path_names)
+    rows, path_title = _pulling_rows(solution)
+    names = tuple(Column(solution.path_names[row], "") for row in rows)
     title = "Multiplier of the"
     blocks = [
         ("control", f"{title} limits of u", r"$\lambda^u$", dual_columns(labels.u), t, solution.lam_us),
         ("velocity", f"{title} limits of v", r"$\lambda^v$", dual_columns(labels.v), t, solution.lam_vs),
         ("position", f"{title} limits of q", r"$\lambda^q$", dual_columns(labels.q), t, solution.lam_qs),
-        ("path", f"{title} path", r"$\lambda^h$", names, t[1:], solution.lam_path),
+        ("path", f"{title} {path_title}", r"$\lambda^h$", names, t[1:], solution.lam_path[:, rows]),
     ]
     active = {limit.kind for limit in solution.active_limits}  # the others are left over by the barrier
     active |= {"path"} if active & set(RATE_TERMS) else set()  # they are rows among those of the path
@@ -181,6 +184,19 @@ def _limit_panels(solution: Solution) -> list[LinePanel]:
         if kind in active
         for panel in line_panels(words, symbol, columns, times, values, step=kind == "control")
     ]
+
+
+def _pulling_rows(solution: Solution) -> tuple[list[int], str]:
+    """Rows of path constraints with multipliers beyond what a barrier leaves over, and what they are called.
+
+    Of many the largest: obstacles alone bring a hundred rows, most of them zero.
+    """
+    sizes = np.abs(np.nan_to_num(solution.lam_path)).max(axis=0, initial=0.0)
+    rows = np.flatnonzero(sizes > _PULLS * sizes.max(initial=0.0))
+    if len(rows) <= _MOST_ROWS:
+        return [int(row) for row in rows], "path"
+    largest = np.sort(rows[np.argsort(-sizes[rows], kind="stable")[:_MOST_ROWS]])
+    return [int(row) for row in largest], f"path, {_MOST_ROWS} of {len(rows)}"
 
 
 def _log_curve(axes: Axes, x: Array, y: Array, label: str, index: int, marker: str = "") -> None:

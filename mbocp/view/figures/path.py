@@ -26,6 +26,7 @@ _HINGES = ("revolute", "continuous", "spherical")
 _NUM_ARROWS = 7
 _FLATNESS_RATIO = 0.25  # of the size: how thick a robot may be whose motion is drawn as flat
 _MAX_NODES = 2000  # more points do not make a finer picture
+_TICK_PADS, _LABEL_PADS = (0, 0, 3), (-1, -1, 3)  # [points]; those of z stand beside their axis, not below
 _SHRINK, _MAX_SHRINKS = 0.94, 8  # of a box whose labels leave the page
 
 
@@ -169,12 +170,12 @@ class FramePaths:
         for i, (axis, setter) in enumerate(
             ((axes.xaxis, axes.set_xlabel), (axes.yaxis, axes.set_ylabel), (axes.zaxis, axes.set_zlabel))
         ):
-            setter(f"${'xyz'[i]}$ [m]", labelpad=-1)
+            setter(f"${'xyz'[i]}$ [m]", labelpad=_LABEL_PADS[i])
             ticks = MaxNLocator(3 if half[i] < 0.6 * half.max() else 5).tick_values(*axis.get_view_interval())
             # Labels at the corners would run into those of the next axis.
             inner = np.abs(ticks - middle[i]) < 0.85 * half[i]
             axis.set_major_locator(FixedLocator(list(ticks[inner])))
-            axis.set_tick_params(pad=0)
+            axis.set_tick_params(pad=_TICK_PADS[i])
             axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
 
 

@@ -158,6 +158,9 @@ def finish_axes(
     else:
         axes.yaxis.set_major_locator(MaxNLocator(yticks, steps=[1, 2, 2.5, 5, 10]))
         axes.ticklabel_format(axis="y", useOffset=False, scilimits=(-3, 4))
+        axes.yaxis.get_offset_text().set_horizontalalignment(
+            "right"
+        )  # over the ticks: the legend is beside it
     axes.xaxis.set_major_locator(MaxNLocator(6))
 
 
