@@ -53,7 +53,7 @@ class Camera:
 
     def distance(self, aspect: float) -> float:
         """How far from the target it sees all points in a window, the page does the same [m]."""
-        return max(self.least, *(self.sides[:, 0] / aspect + self.sides[:, 1]))
+        return float(np.max(self.sides[:, 0] / aspect + self.sides[:, 1], initial=self.least))
 
 
 def upright(gravity: Array) -> Array:
@@ -103,7 +103,7 @@ def fit_camera(points: Array, paths: Array, direction: tuple[float, float] | Non
 def _deciding(points: Array) -> Array:
     """Points that are the most aside and before the others in one window or another."""
     found = [np.argmax(points[:, 0] / aspect + points[:, 1]) for aspect in (*_ASPECTS, ASPECT)]
-    return points[np.unique(found)]
+    return np.asarray(points[np.unique(found)])
 
 
 def _balance(side: Array, depth: Array, over: float, under: float) -> tuple[float, float]:
