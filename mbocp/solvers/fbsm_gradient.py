@@ -117,6 +117,7 @@ class GradientState:
     still: int = 0
     failure: Status | None = None
     failed_stage: int = -1
+    next_increment: float = math.inf  # a gradient's step says nothing of the next one
 
 
 @dataclass(frozen=True)

@@ -145,6 +145,8 @@ def _kept(state: SolverState, tolerance: float) -> str:
         return f"all else is below the tolerance, and {products} as near to zero as round-off lets it come"
     if e.residual > tolerance:
         return f"the residual ({e.residual:.0e}) is round-off, since multipliers or states are large"
+    if state.increment > tolerance >= state.next_increment:
+        return "the residual is below the tolerance, as the next increment would be"
     if state.increment > tolerance:
         noise = f"the increments are round-off ({state.increment:.0e})"
         return f"the residual is below the tolerance, {noise}"

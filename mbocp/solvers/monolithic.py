@@ -87,6 +87,7 @@ _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residu
 _STIFF = 100.0  # shift with which a Newton step gives multipliers that fit, hardly moving the states
 _EXPLAINED = 0.2  # of the gradient: what they may leave
 _RESOLVED = 1e-2  # of the tolerance, for the residual, ...
+_AT_REST = 1e-3  # of the tolerance, for the residual before a step that is not worth taking
 _NOISE = 1e3  # ... and times the tolerance, for increments that do not shrink any more
 
 
@@ -250,7 +251,7 @@ class GlobalisedNewton:
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance, or below what round-off allows.
 
-        Or a residual far below it, and increments that are round-off.
+        Or a residual far below it, and increments that are round-off, or will be.
 
         Where steps are short and constraints are many, the multipliers' increments stay above the tolerance
         though the residual is as small as it gets.
@@ -260,6 +261,7 @@ class GlobalisedNewton:
             _is_noise(state, self.tolerance)
             or _is_resolved(state, self.tolerance)
             or _is_centred(state, self.tolerance)
+            or _is_at_rest(state, self.tolerance)
             or state.evaluation.residual <= self.rough
         )
         return Status.CONVERGED if is_there and state.failure is None else status
@@ -383,6 +385,12 @@ def _is_noise(state: NewtonState, tolerance: float) -> bool:
         and left <= _RESOLVED * tolerance
         and state.increment <= _NOISE * tolerance
     )
+
+
+def _is_at_rest(state: NewtonState, tolerance: float) -> bool:
+    """Whether the residual is about round-off, so that the next step would be far below the tolerance."""
+    is_least = state.evaluation.residual <= _AT_REST * tolerance
+    return is_least and state.next_increment <= _RESOLVED * tolerance
 
 
 def _is_centred(state: NewtonState, tolerance: float) -> bool:

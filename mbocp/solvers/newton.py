@@ -115,6 +115,8 @@ class NewtonState:
         Steps until another such run may begin.
     at_minimum : bool
         Whether the last KKT matrix had a minimum's inertia without any shift.
+    contraction : float
+        Of the residual, by the last step; infinite if that was no full step.
     still : int
         Steps in a row, without a shift, that halved neither residual nor increment.
     restarts : int
@@ -148,6 +150,7 @@ class NewtonState:
     reference: Reference | None = None
     patience: int = 0
     at_minimum: bool = False
+    contraction: float = math.inf
     still: int = 0
     restarts: int = 0
     kind: StageKind | None = None
@@ -157,6 +160,12 @@ class NewtonState:
     failure: Status | None = None
     failed_stage: int = -1
     sweeps: Sweeps | None = None
+
+    @property
+    def next_increment(self) -> float:
+        """What the next one will be, as a Newton step leaves the matrix nearly as it is; or infinite."""
+        is_newtons = self.regularisation == 0.0 and self.barrier == 0.0
+        return self.increment * self.contraction if is_newtons else math.inf
 
 
 def start(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> NewtonState:
@@ -207,8 +216,10 @@ def next_state(
     state: NewtonState, evaluation: Evaluation, increment: float, step_length: float, **changes: Any
 ) -> NewtonState:
     """State after a step."""
+    before = state.evaluation.residual
     return replace(
         state,
+        contraction=evaluation.residual / before if step_length == 1.0 and before > 0.0 else math.inf,
         evaluation=evaluation,
         iteration=state.iteration + 1,
         increment=increment,

@@ -82,6 +82,10 @@ class SolverState(Protocol):
         """Norm of the last step."""
 
     @property
+    def next_increment(self) -> float:
+        """Norm that the next one would have, where the last one tells; infinite otherwise."""
+
+    @property
     def step_length(self) -> float:
         """Fraction of it that was taken."""
 
