@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -27,8 +28,10 @@ import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, present, show
-from mbocp.integrators import CONTROLS, PAIRS
+from benchmarks.work_precision import SYSTEMS
+from mbocp.integrators import CONTROLS, PAIRS, cost_order
 from mbocp.problem import Problem
+from mbocp.problem.default_scheme import AUTO_SCHEME
 
 __all__ = [
     "CASES",
@@ -46,6 +49,7 @@ _DOCS = _ROOT / "docs" / "optima.md"
 _BEGIN = "<!-- tables: python -m benchmarks.references --docs -->"
 _FIRST, _MOST = 5, 12_000  # steps that are tried
 _TO = 0.05  # of their number
+_TRIES = 3  # numbers of equal steps, each from the error of the one before
 _SMALL = 3  # joints, beyond which functions of three stages take minutes to compile
 _DATA = _ROOT / "tests" / "data" / "reference_costs.json"
 
@@ -179,31 +183,56 @@ def reference_table(cases: Sequence[ReferenceCase] = CASES) -> tuple[Table, dict
     return Table("Optimal costs in continuous time", columns, rows), data
 
 
-def accuracy_table(asked: float, cases: Sequence[ReferenceCase] = CASES) -> Table:
-    """What `horizon.accuracy` comes to, and how many equal steps have the same error of the cost."""
+def accuracy_table(asked: float, names: Sequence[str] = ()) -> Table:
+    """What `horizon.accuracy` comes to by the scheme that suits, and equal steps with the same error.
+
+    Times are those of the processor: of the whole search, and of one solve with equal steps from the first
+    guess, functions from the cache.
+    """
     known, rows = json.loads(_DATA.read_text(encoding="utf-8")), []
-    for case in cases:
-        scheme, limit = case.schemes[0], known[case.name]["cost"]
-        settings = (*case.settings, f"integrator.scheme={scheme}")
-        problem = mbocp.load_problem(EXAMPLES / f"{case.file}.toml", settings)
-        if problem.has_free_duration or problem.robot.drives:
-            continue
-        found = mbocp.solve(problem.with_(accuracy=asked), check=True)
-        equal = mbocp.solve(problem.with_(num_steps=found.num_steps), warm_start=found, check=True)
-        error, of_equal = (abs(s.cost / limit - 1.0) for s in (found, equal))
-        rows.append(
-            (
-                case.name,
-                scheme,
-                f"{found.num_steps}",
-                f"{found.accuracy.cost_error:.1e}",
-                f"{error:.1e}",
-                f"{found.num_steps * (of_equal / error) ** 0.5:.0f}",
-                f"{found.accuracy.local_error:.0e}",
+    for system in SYSTEMS:
+        for controls in ("constant", "stages"):
+            if names and system.name not in names:
+                continue
+            problem = system.problem.with_(integrator={"scheme": AUTO_SCHEME}, controls=controls)
+            rows.append(
+                (system.name, problem.scheme, controls, *_searched(problem, known[system.name], asked))
             )
-        )
-    columns = ("system", "scheme", "steps", "estimate", "true error", "equal steps", "local error")
+            print(*rows[-1], flush=True)
+    columns = (
+        "system", "scheme", "controls", "steps", "rounds", "estimate", "true error", "local error",
+        "time [s]", "equal steps", "their error", "time [s]",
+    )  # fmt: skip
     return Table(f"horizon.accuracy = {asked:g}", columns, rows)
+
+
+def _searched(problem: Problem, known: dict[str, float], asked: float) -> tuple[str, ...]:
+    """Steps that are found and equal ones that come to the same, with their errors and times."""
+    found, seconds = _timed(problem.with_(accuracy=asked))
+    error = abs(found.cost / known["cost"] - 1.0)
+    told = found.accuracy
+    cells = (
+        f"{found.num_steps}" if found.converged else f"{found.num_steps}, {found.status.value}",
+        f"{told.rounds}",
+        *(f"{value:.1e}" for value in (told.cost_error, error)),
+        f"{told.local_error:.0e}",
+        f"{seconds:.1f}",
+    )
+    count, order = found.num_steps, cost_order(problem.controls, problem.scheme)
+    for _ in range(_TRIES):
+        equal, taken = _timed(problem.with_(num_steps=count))
+        of_equal = abs(equal.cost / known["cost"] - 1.0)
+        if not equal.converged or of_equal <= 1.1 * error:
+            break
+        count = min(round(count * (of_equal / error) ** (1.0 / order)), _MOST)
+    return *cells, f"{count}", f"{of_equal:.1e}", f"{taken:.1f}"
+
+
+def _timed(problem: Problem) -> tuple[mbocp.Solution, float]:
+    """A solution, and the processor time that it took where its functions are known [s]."""
+    mbocp.solve(problem.with_(accuracy=None, num_steps=problem.num_steps), accuracy=True)
+    begun = time.process_time()
+    return mbocp.solve(problem), time.process_time() - begun
 
 
 def steps_table(asked: float, cases: Sequence[ReferenceCase] = CASES) -> Table:
@@ -268,7 +297,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one_core()
     cases = [case for case in CASES if not options.names or case.name in options.names]
     if options.accuracy is not None:
-        show(accuracy_table(options.accuracy, cases), markdown=True)
+        show(accuracy_table(options.accuracy, options.names), markdown=True)
         return
     if options.controls is not None:
         show(steps_table(options.controls, cases), markdown=True)

@@ -86,12 +86,17 @@ def solve(
     accuracy = follows_fast(problem) if accuracy is None else accuracy
     attempt = partial(_attempted, deadline=deadline, callback=callback)
     has_gains = gains or accuracy or problem.accuracy is not None
-    read = partial(_read, asked=problem, with_gains=has_gains)
-    work = partial(solve_clear, attempt=attempt, read=read, deadline=deadline, callback=callback)
+    work = partial(
+        _worked,
+        attempt=attempt,
+        read=partial(_read, with_gains=has_gains),
+        deadline=deadline,
+        callback=callback,
+    )
     if problem.accuracy is not None:
         from mbocp.accuracy.refining import refined
 
-        solution = refined(problem, warm_start, work, deadline)
+        solution = refined(problem, warm_start, partial(work, accuracy=problem.accuracy), deadline)
     else:
         solution = work(problem, warm_start)
     if accuracy and problem.accuracy is None:
@@ -108,6 +113,22 @@ def _deadline(*limits: float | None) -> float:
         if not limit > 0.0:
             raise InvalidValue("time_limit", limit, "a positive number of seconds")
     return time.perf_counter() + min(given, default=math.inf)
+
+
+def _worked(
+    problem: Problem,
+    warm_start: Solution | None,
+    *,
+    accuracy: float | None = None,
+    attempt: Callable[..., Attempt],
+    read: Callable[..., Solution],
+    deadline: float,
+    callback: Callable[[IterationRecord], object] | None,
+) -> Solution:
+    """Solve with the steps of a problem; where an accuracy asked for them, the result says so."""
+    asked = problem if accuracy is None else problem.with_(accuracy=accuracy)
+    own = partial(read, asked=asked)
+    return solve_clear(problem, warm_start, attempt=attempt, read=own, deadline=deadline, callback=callback)
 
 
 def _attempted(

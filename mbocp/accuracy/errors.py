@@ -11,19 +11,22 @@ Controls are constant in a step, or the polynomials through the values that a re
 `mbocp.integrators.controls`. Whatever the controls and dampers do along the flow is in its energy, so that
 the second line is what work and energy differ by. A replay tells how the motion's errors grow; where the
 robot is unstable, as an arm that holds its links up, they grow by many powers of ten in an open loop.
+
+Where constraints begin and end along the way, :math:`\varphi_n` is the flow under those that act in step n,
+see `mbocp.accuracy.course`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.accuracy.flow import Flow
+from mbocp.accuracy.course import Course, course_of
 from mbocp.formulation import Motion
 from mbocp.integrators import control_powers
+from mbocp.problem.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.solution import Accuracy
@@ -37,7 +40,12 @@ _STANDS = 0.1  # of the longest way in its unit: joints that hardly move
 
 
 def accuracy_of(
-    robot: Robot, motion: Motion, *, gains: Array | None = None, deadline: float = math.inf
+    robot: Robot,
+    motion: Motion,
+    *,
+    table: SwitchTable | None = None,
+    gains: Array | None = None,
+    deadline: float = math.inf,
 ) -> Accuracy:
     """Compare a motion with the flow of the robot.
 
@@ -45,6 +53,8 @@ def accuracy_of(
     ----------
     robot : Robot
     motion : Motion
+    table : SwitchTable, optional
+        Which constraints act in which step; without, those of the robot.
     gains : ndarray, shape (N, k nu, 2 nv), optional
         Of a feedback that keeps the robot near the motion.
     deadline : float
@@ -57,10 +67,11 @@ def accuracy_of(
     """
     if not all(np.isfinite(array).all() for array in (motion.qs, motion.vs, motion.us)):
         return Accuracy()
-    flow = Flow.of(robot, deadline=deadline)
-    qs, vs, us, dts = motion.qs, flow.consistent(motion.qs, motion.vs), motion.us_at_ends, motion.dts
-    speeds = _speeds(robot, qs, vs)
-    followed = _followed(flow, motion, speeds)
+    course = course_of(robot, table, len(motion.us), deadline=deadline)
+    flow, qs, us, dts = course.flow, motion.qs, motion.us_at_ends, motion.dts
+    starts, reached = course.starts(qs, motion.vs), course.reached(qs, motion.vs)
+    speeds = _speeds(robot, qs[:-1], starts)
+    followed = _followed(course, motion, speeds)
     if followed is None:
         return Accuracy()
     ends, end_speeds, parts, own = followed
@@ -69,8 +80,9 @@ def accuracy_of(
     names = [label.name for label in robot.v_labels]
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
-    left = _replayed(flow, motion, speeds, parts)
-    tracked = _tracked(flow, replace(motion, vs=vs), parts, gains)
+    left = _missed(course, course.replay(qs[0], speeds[0], motion.us_in_powers, dts, parts), motion)
+    tracked = _tracked(course, motion, starts, parts, gains)
+    vs = np.vstack([starts[:1], reached])
     energies = flow.energies(qs, vs)
     made = np.cumsum(energies[1:] - flow.energies(ends, _velocities(robot, ends, end_speeds, us)))
     kinetic = energies - flow.energies(qs, np.zeros_like(vs))
@@ -91,32 +103,36 @@ def accuracy_of(
     )
 
 
-def local_errors(robot: Robot, motion: Motion, *, deadline: float = math.inf) -> Array:
+def local_errors(
+    robot: Robot, motion: Motion, *, table: SwitchTable | None = None, deadline: float = math.inf
+) -> Array:
     """Largest local error of each step [rad, m], shape (N,); infinite where the robot is too stiff to follow.
 
     Parameters
     ----------
     robot : Robot
     motion : Motion
+    table : SwitchTable, optional
+        Which constraints act in which step; without, those of the robot.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
     """
-    flow = Flow.of(robot, deadline=deadline)
-    vs = flow.consistent(motion.qs, motion.vs)
-    followed = _followed(flow, motion, _speeds(robot, motion.qs, vs))
+    course = course_of(robot, table, len(motion.us), deadline=deadline)
+    speeds = _speeds(robot, motion.qs[:-1], course.starts(motion.qs, motion.vs))
+    followed = _followed(course, motion, speeds)
     if followed is None:
         return np.full(len(motion.us), np.inf)
-    found: Array = np.abs(flow.differences(followed[0], motion.qs[1:])).max(axis=1)
+    found: Array = np.abs(course.flow.differences(followed[0], motion.qs[1:])).max(axis=1)
     return found
 
 
-def _followed(flow: Flow, motion: Motion, speeds: Array) -> tuple[Array, Array, int, float] | None:
+def _followed(course: Course, motion: Motion, speeds: Array) -> tuple[Array, Array, int, float] | None:
     """States after the flows, parts of a step that this takes, and what they are wrong by."""
-    start = (motion.qs[:-1], speeds[:-1], motion.us_in_powers, motion.dts)
-    parts, coarse = 1, flow.ends(*start, 1)
+    start = (motion.qs[:-1], speeds, motion.us_in_powers, motion.dts)
+    parts, coarse, flow = 1, course.ends(*start, 1), course.flow
     while parts < _MOST_PARTS:
         parts *= 2
-        fine = flow.ends(*start, parts)
+        fine = course.ends(*start, parts)
         if np.isfinite(fine[0]).all() and np.isfinite(coarse[0]).all():
             own = np.abs(flow.differences(coarse[0], fine[0])).max()
             errors = np.abs(flow.differences(fine[0], motion.qs[1:])).max()
@@ -126,19 +142,13 @@ def _followed(flow: Flow, motion: Motion, speeds: Array) -> tuple[Array, Array, 
     return None
 
 
-def _replayed(flow: Flow, motion: Motion, speeds: Array, parts: int) -> Array:
-    """Errors at the end of the replay, shape (nv,); infinite where it leaves all bounds."""
-    qs, _ = flow.replay(motion.qs[0], speeds[0], motion.us_in_powers, motion.dts, parts)
-    return _missed(flow, qs, motion)
-
-
-def _tracked(flow: Flow, motion: Motion, parts: int, gains: Array | None) -> Array:
+def _tracked(course: Course, motion: Motion, starts: Array, parts: int, gains: Array | None) -> Array:
     """Errors at the end of the replay with feedback, shape (nv,); NaN without one."""
     if gains is None or not gains.size:
         return np.full(motion.vs.shape[1], np.nan)
-    planned, us = (motion.qs, motion.vs), motion.us_in_powers
-    qs, _ = flow.tracked(planned, us, motion.dts, parts, _in_powers(motion, gains))
-    return _missed(flow, qs, motion)
+    planned, us = (motion.qs[:-1], starts), motion.us_in_powers
+    end = course.tracked(planned, us, motion.dts, parts, _in_powers(motion, gains))
+    return _missed(course, end, motion)
 
 
 def _in_powers(motion: Motion, gains: Array) -> Array:
@@ -150,11 +160,11 @@ def _in_powers(motion: Motion, gains: Array) -> Array:
     return found.reshape(gains.shape)
 
 
-def _missed(flow: Flow, qs: Array, motion: Motion) -> Array:
+def _missed(course: Course, q: Array, motion: Motion) -> Array:
     """What a replay misses the end of the motion by, shape (nv,); infinite where it leaves all bounds."""
-    if not np.isfinite(qs[-1]).all():
+    if not np.isfinite(q).all():
         return np.full(motion.vs.shape[1], np.inf)
-    missed: Array = np.abs(flow.differences(qs[-1:], motion.qs[-1:])[0])
+    missed: Array = np.abs(course.flow.differences(q[None], motion.qs[-1:])[0])
     return missed
 
 

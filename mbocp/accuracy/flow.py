@@ -7,7 +7,8 @@ States are (q, s), configurations in Pinocchio's coordinates and speeds. The flo
 where u is constant in a step, or a polynomial in the share of it that has passed, by the method of order
 eight of Dormand and Prince [Hairer1993]_ in these coordinates, in parts of a step that are as short as its
 error asks for. Holonomic constraints act through projected accelerations, from velocities that satisfy
-them.
+them. Where constraints begin and end along the way, there is a flow for each set of them, see
+`mbocp.accuracy.course`.
 
 The right-hand side is compiled once for a robot. Flows from all nodes are one call.
 
@@ -29,6 +30,7 @@ from mbocp._arrays import Array
 from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.formulation.sources import sources_digest
 from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.mechanics.held import Acting
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.robot import Robot
 
@@ -42,16 +44,19 @@ class Flow:
     Attributes
     ----------
     robot : Robot
+    acting : Acting or None
+        Rows of constraints that act; None: those of the robot.
     functions : CompiledFunctions
         "rate" (q, s, u) -> dq/dt, ds/dt; "energy" (q, v) -> E; "difference" (q, q) -> tangent;
         "consistent" (q, v) -> v on the constraints.
     """
 
     robot: Robot
+    acting: Acting | None
     functions: CompiledFunctions
 
     @classmethod
-    def of(cls, robot: Robot, *, deadline: float = math.inf) -> Flow:
+    def of(cls, robot: Robot, acting: Acting | None = None, *, deadline: float = math.inf) -> Flow:
         """Compile the right-hand side, or take it from the cache.
 
         Raises
@@ -61,8 +66,9 @@ class Flow:
         CompilationError
             If it cannot be compiled, or not before the deadline.
         """
-        key = f"flow {robot.fingerprint} {sources_digest()} {_own_digest()}"
-        return cls(robot, load_functions(key, lambda: _functions(robot), deadline=deadline))
+        ties = "" if acting is None else f"{acting.signature} "
+        key = f"flow {robot.fingerprint} {ties}{sources_digest()} {_own_digest()}"
+        return cls(robot, acting, load_functions(key, lambda: _functions(robot, acting), deadline=deadline))
 
     def ends(self, qs: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
         """States after flows over every step, each from its own node.
@@ -91,16 +97,18 @@ class Flow:
         return x[: qs.shape[1]].T, x[qs.shape[1] :].T
 
     def tracked(
-        self, planned: tuple[Array, Array], us: Array, dts: Array, parts: int, gains: Array
-    ) -> tuple[Array, Array]:
-        """States of the nodes of one flow whose controls answer deviations from what is planned.
+        self, start: Array, planned: tuple[Array, Array], us: Array, dts: Array, parts: int, gains: Array
+    ) -> Array:
+        """End of one flow whose controls answer deviations from what is planned.
 
         At the begin of each step its control becomes u + K (x - x_planned), and stays so until its end.
 
         Parameters
         ----------
-        planned : tuple of ndarray, shapes (N + 1, nq) and (N + 1, nv)
-            Configurations and velocities; the flow begins at the first.
+        start : ndarray, shape (nq + nv + nu,)
+            Configuration and velocity, and what the control before is away from its plan.
+        planned : tuple of ndarray, shapes (N, nq) and (N, nv)
+            Configurations and velocities with which steps begin.
         us : ndarray, shape (N, k nu)
             As of `ends`.
         dts : ndarray, shape (N,)
@@ -111,17 +119,14 @@ class Flow:
 
         Returns
         -------
-        qs : ndarray, shape (N + 1, nq)
-        vs : ndarray, shape (N + 1, nv)
+        end : ndarray, shape (nq + nv + nu,)
         """
-        qs, vs = planned
         rate, difference = self.functions.function("rate"), self.functions.function("difference")
         chain = _answered(rate, difference, parts, us.shape[1], gains.shape[2]).mapaccum(len(us))
         rows = np.transpose(gains, (0, 2, 1)).reshape(len(us), -1)  # CasADi's order of entries is by columns
-        start = np.concatenate([qs[0], vs[0], np.zeros(rate.numel_in(2))])
-        found = chain(start, np.hstack([qs[:-1], vs[:-1]]).T, us.T, dts[None] / parts, rows.T).full().T
-        xs, nx = np.vstack([start, found]), qs.shape[1] + vs.shape[1]
-        return xs[:, : qs.shape[1]], xs[:, qs.shape[1] : nx]
+        found = chain(start, np.hstack(planned).T, us.T, dts[None] / parts, rows.T).full().T
+        end: Array = found[-1]
+        return end
 
     def replay(self, q: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
         """States of the nodes of one flow from (q, speeds) under the controls of all steps.
@@ -151,14 +156,15 @@ class Flow:
 
     def consistent(self, qs: Array, vs: Array) -> Array:
         """Velocities nearest in kinetic energy that keep the constraints, shape (k, nv)."""
-        if not self.robot.nc:
+        ties = self.robot.nc if self.acting is None else len(self.acting.own) + len(self.acting.rows)
+        if not ties:
             return vs
         found: Array = self.functions.function("consistent").map(len(qs))(qs.T, vs.T).full().T
         return found
 
 
-def _functions(robot: Robot) -> dict[str, ca.Function]:
-    mechanics = ForwardMechanics(robot)
+def _functions(robot: Robot, acting: Acting | None) -> dict[str, ca.Function]:
+    mechanics = ForwardMechanics(robot, acting=acting)
     q, v = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", mechanics.nv)
     other = ca.SX.sym("other", mechanics.nq)
     s, u = ca.SX.sym("s", mechanics.ns), ca.SX.sym("u", mechanics.nu)
@@ -170,7 +176,7 @@ def _functions(robot: Robot) -> dict[str, ca.Function]:
         "energy": ca.Function("energy", [q, v], ca.cse([energy])),
         "difference": ca.Function("difference", [q, other], [ca.densify(mechanics.difference(q, other))]),
     }
-    if mechanics.nc:
+    if mechanics.num_tied:
         consistent = [ca.densify(mechanics.projected_velocity(q, v))]
         functions["consistent"] = ca.Function("consistent", [q, v], ca.cse(consistent))
     return functions

@@ -77,6 +77,8 @@ def halved(dts: Array) -> Array:
 def lengths_for(dts: Array, errors: Array, shares: Array, wanted: Wanted, *, most: int) -> Array:
     """Lengths of steps whose errors are as wanted, in pairs of equal ones, shape (N,) of the pairs.
 
+    Their number is even, so that there are coarser ones of two pairs each.
+
     Parameters
     ----------
     dts : ndarray, shape (N,)
@@ -95,7 +97,7 @@ def lengths_for(dts: Array, errors: Array, shares: Array, wanted: Wanted, *, mos
     lengths = _without_jumps(lengths, dts)
     ends = np.append(0.0, np.cumsum(dts))
     counted = np.append(0.0, np.cumsum(dts / lengths))
-    pairs = int(np.ceil(np.clip(counted[-1], _FEWEST, most) / 2.0))
+    pairs = 2 * int(np.ceil(np.clip(counted[-1], _FEWEST, most) / 4.0))
     nodes = np.interp(np.linspace(0.0, counted[-1], pairs + 1), counted, ends)
     found: Array = np.diff(nodes)
     return found

@@ -16,6 +16,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.accuracy.mesh import Wanted, halved, lengths_for
 from mbocp.problem import Problem
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.step_counts import base_counts, has_places
 
 __all__ = ["MOST_STEPS", "Mesh", "first_mesh"]
@@ -23,6 +24,7 @@ __all__ = ["MOST_STEPS", "Mesh", "first_mesh"]
 MOST_STEPS = 20_000
 _FINER, _COARSER = 8.0, 2.0  # by which numbers change from one round to the next
 _FEWEST = 4  # steps of a phase
+_COARSEST = 4  # of which numbers are multiples: there are half and a quarter of them
 _FLOOR = 1e-3  # of the mean share: where errors vanish steps do not
 
 
@@ -40,6 +42,10 @@ class Mesh(Protocol):
 
     def halved(self) -> Mesh:
         """Twice as many."""
+        ...
+
+    def coarser(self) -> Mesh:
+        """Half as many, two by two."""
         ...
 
     def even(self, factor: int) -> Mesh:
@@ -76,6 +82,9 @@ class _Lengths:
     def halved(self) -> _Lengths:
         return _Lengths(halved(self.dts))
 
+    def coarser(self) -> _Lengths:
+        return _Lengths(self.dts[::2] + self.dts[1::2])
+
     def even(self, factor: int) -> _Lengths:
         count = factor * self.num_steps
         return _Lengths(np.full(count, self.dts.sum() / count))
@@ -89,7 +98,7 @@ _Whole: TypeAlias = tuple[int, ...]
 
 @dataclass(frozen=True)
 class _Counts:
-    """Numbers of equal steps, of each phase or of all; they are multiples of `bases`."""
+    """Numbers of equal steps, of each phase or of all; found as multiples of `bases`."""
 
     counts: _Whole
     bases: _Whole
@@ -111,6 +120,9 @@ class _Counts:
 
     def halved(self) -> _Counts:
         return self.even(2)
+
+    def coarser(self) -> _Counts:
+        return _Counts(tuple(count // 2 for count in self.counts), self.bases)
 
     def even(self, factor: int) -> _Counts:
         return _Counts(tuple(factor * count for count in self.counts), self.bases)
@@ -134,10 +146,11 @@ def _multiples(counts: Array, bases: _Whole) -> _Counts:
 
 def first_mesh(problem: Problem) -> Mesh:
     """Steps with which a search begins: 20, or those that phases say."""
+    bases = tuple(_COARSEST * base for base in base_counts(problem))
     if problem.phase:
-        counts = np.array([phase.steps for phase in problem.phase], dtype=np.float64)
-        return _multiples(counts, base_counts(problem))
+        return _multiples(np.array([phase.steps for phase in problem.phase], dtype=np.float64), bases)
     follows = any(constraint.kind == "follow" for constraint in problem.frame_constraints)
-    if problem.has_free_lengths or follows or has_places(problem):
-        return _Counts((problem.num_steps,), base_counts(problem))
+    is_joint = COORDINATES[problem.coordinates].has_joint_states
+    if problem.has_free_lengths or follows or has_places(problem) or not is_joint:
+        return _multiples(np.array([float(problem.num_steps)]), bases)
     return _Lengths(np.full(problem.num_steps, problem.duration / problem.num_steps))

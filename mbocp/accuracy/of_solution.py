@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from mbocp.accuracy.errors import accuracy_of
-from mbocp.exceptions import CompilationTimeout, ProblemError
+from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import Motion
 from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution
@@ -23,8 +23,8 @@ _MOST_STEPS = 20_000
 def follows_fast(problem: Problem) -> bool:
     """Whether the flow of the robot takes no more than a second to compile, and milliseconds to follow."""
     robot = problem.robot
-    is_small = robot.nc <= _MOST_LOOPS and robot.nv <= _MOST_JOINTS and problem.num_steps <= _MOST_STEPS
-    return is_small and not (problem.holds or problem.releases)
+    rows = robot.nc if problem.switches is None else robot.nc + len(problem.switches.labels)
+    return rows <= _MOST_LOOPS and robot.nv <= _MOST_JOINTS and problem.num_steps <= _MOST_STEPS
 
 
 def motion_of(solution: Solution) -> Motion:
@@ -34,24 +34,15 @@ def motion_of(solution: Solution) -> Motion:
 
 
 def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solution:
-    """The solution with the errors of its motion; as it is where there is no motion or no time.
-
-    Raises
-    ------
-    ProblemError
-        If constraints are taken on and let go along the way: the flow does not know them yet.
-    """
-    if problem.holds or problem.releases:
-        raise ProblemError(
-            "accuracy: holds and releases are not followed yet; solve with accuracy = False, or from the "
-            "shell with --no-accuracy"
-        )
+    """The solution with the errors of its motion; as it is where there is no motion or no time."""
     if not solution.is_stationary:
         return solution
     begun = time.perf_counter()
     motion = motion_of(solution)
     try:
-        found = accuracy_of(problem.robot, motion, gains=solution.gains, deadline=deadline)
+        found = accuracy_of(
+            problem.robot, motion, table=problem.switches, gains=solution.gains, deadline=deadline
+        )
     except CompilationTimeout:
         return solution
     spent = time.perf_counter() - begun

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.formulation.switches import filled_impulses
@@ -108,7 +109,15 @@ def _nodes_of(problem: Problem, saved: Solution) -> Array:
         wanted[first : last + 1] = np.interp(clock[first : last + 1], clock[[first, last]], [before, at])
         before = at
     found: Array = np.interp(wanted, times, numbers)
+    _put_impacts(found, problem.impacts, np.flatnonzero(np.diff(saved.t) == 0.0))
     return np.where(np.abs(found - found.round()) < _ON_NODE, found.round(), found)
+
+
+def _put_impacts(nodes: Array, impacts: Sequence[int], saved: IntArray) -> None:
+    """The nodes before and after each impact on those of the saved one, which have one time."""
+    if len(impacts) == len(saved):
+        nodes[list(impacts)] = saved
+        nodes[np.array(impacts, dtype=int) + 1] = saved + 1
 
 
 def _phases_of(problem: Problem) -> tuple[tuple[str, int, int], ...]:

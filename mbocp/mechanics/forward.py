@@ -7,6 +7,8 @@ the free components of v and the speeds of the drives whose acceleration is the 
 
 Holonomic constraints act through projected accelerations: lambda is such that
 :math:`\ddot\Phi + 2 \gamma \dot\Phi + \gamma^2 \Phi = 0`, with :math:`\gamma = 0` unless it is stabilised.
+Where some of them are let go, or frames are held, rows :math:`J(q)\,v = 0` of the velocities are kept in
+their place, with :math:`\gamma = 0`: see `mbocp.mechanics.held`.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp.exceptions import UnsupportedRobot
+from mbocp.mechanics.held import Acting, held_jacobian
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.robot import Robot
 
@@ -24,10 +27,19 @@ __all__ = ["ForwardMechanics"]
 class ForwardMechanics(JointMechanics):
     """Symbolic forward dynamics of `robot`.
 
+    Parameters
+    ----------
+    robot : Robot
+    rotations : str
+    acting : Acting, optional
+        Rows that act; without, those of all of the robot's constraints.
+
     Attributes
     ----------
     ns : int
         Number of speeds.
+    num_tied : int
+        Number of rows that act.
 
     Raises
     ------
@@ -35,8 +47,10 @@ class ForwardMechanics(JointMechanics):
         If the robot has both drives and holonomic constraints.
     """
 
-    def __init__(self, robot: Robot, rotations: str = "quaternion") -> None:
+    def __init__(self, robot: Robot, rotations: str = "quaternion", *, acting: Acting | None = None) -> None:
         super().__init__(robot, rotations)
+        self._acting = acting
+        self.num_tied = self.nc if acting is None else len(acting.own) + len(acting.rows)
         if robot.drives and robot.nc:
             raise UnsupportedRobot(
                 f"robot {robot.name!r} has drives ({robot.drives[0].name!r}, ...) and holonomic constraints "
@@ -67,11 +81,9 @@ class ForwardMechanics(JointMechanics):
             return self._hybrid(q, s, u)
         force = self.force(q, s, u)
         free = self.forward_dynamics(q, s, force)
-        if self.nc == 0:
+        if self.num_tied == 0:
             return free
-        return free - self.inverse_mass_matrix(q) @ self.constraint_jacobian(q).T @ self._lambda(
-            q, s, free, gamma
-        )
+        return free - self.inverse_mass_matrix(q) @ self._tied(q).T @ self._lambda(q, s, free, gamma)
 
     def multipliers(self, q: ca.SX, v: ca.SX, u: ca.SX, gamma: ca.SX) -> ca.SX:
         """Multipliers lambda of the holonomic constraints, shape (nc,)."""
@@ -79,17 +91,26 @@ class ForwardMechanics(JointMechanics):
 
     def projected_velocity(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """The velocity that keeps the constraints and is nearest to v in kinetic energy, shape (nv,)."""
-        if self.nc == 0:
+        if self.num_tied == 0:
             return v
-        jacobian = self.constraint_jacobian(q)
+        jacobian = self._tied(q)
         moved = self.inverse_mass_matrix(q) @ jacobian.T
         return v - moved @ _solved(jacobian @ moved, jacobian @ v)
 
+    def _tied(self, q: ca.SX) -> ca.SX:
+        """Derivatives of the rows that act in tangent coordinates, shape (num_tied, nv)."""
+        own = self.constraint_jacobian(q)
+        if self._acting is None:
+            return own
+        held = held_jacobian(self._acting.held if self._acting.rows else (), self, q)
+        return ca.vertcat(own[list(self._acting.own), :], held[list(self._acting.rows), :])
+
     def _lambda(self, q: ca.SX, v: ca.SX, free: ca.SX, gamma: ca.SX) -> ca.SX:
-        jacobian = self.constraint_jacobian(q)
+        jacobian = self._tied(q)
         rate = jacobian @ v
-        bias = self._along(rate, q, v)
-        wanted = jacobian @ free + bias + 2 * gamma * rate + gamma**2 * self.constraints(q)
+        wanted = jacobian @ free + self._along(rate, q, v)
+        if self._acting is None:
+            wanted += 2 * gamma * rate + gamma**2 * self.constraints(q)
         return _solved(jacobian @ self.inverse_mass_matrix(q) @ jacobian.T, wanted)
 
     def _hybrid(self, q: ca.SX, s: ca.SX, u: ca.SX) -> ca.SX:

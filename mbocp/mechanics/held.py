@@ -46,7 +46,15 @@ from mbocp.robot.loops.constraints import (
 )
 from mbocp.robot.loops.coupling import Coupling
 
-__all__ = ["HeldFrame", "held_jacobian", "held_jacobians", "held_labels", "held_residuals", "held_rows"]
+__all__ = [
+    "Acting",
+    "HeldFrame",
+    "held_jacobian",
+    "held_jacobians",
+    "held_labels",
+    "held_residuals",
+    "held_rows",
+]
 
 _Mechanics: TypeAlias = JointMechanics | NaturalMechanics
 _KEPT = 16  # functions
@@ -89,6 +97,30 @@ class HeldFrame:
         said = dataclasses.asdict(self.constraint)
         said = {key: value for key, value in said.items() if key not in ("name", "frames")}
         return {"kind": self.constraint.kind, "is_anchored": self.is_anchored, **said}
+
+
+@dataclass(frozen=True)
+class Acting:
+    """Which rows of constraints act for a while.
+
+    Attributes
+    ----------
+    held : tuple of HeldFrame
+    own : tuple of int
+        Rows of the robot's constraints, of those that it keeps.
+    rows : tuple of int
+        Rows of the held frames.
+    """
+
+    held: tuple[HeldFrame, ...]
+    own: tuple[int, ...]
+    rows: tuple[int, ...]
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What the motion under it depends on."""
+        held = [frame.signature for frame in self.held] if self.rows else []
+        return {"held": held, "own": self.own, "rows": self.rows}
 
 
 def held_labels(held: Sequence[HeldFrame]) -> tuple[Label, ...]:

@@ -112,23 +112,24 @@ def check_takes_steps(problem: Stepped) -> None:
     if problem.accuracy is not None and problem.lengths is not None:
         raise ProblemError(f"{key}: horizon.lengths gives the steps; leave one of them out")
     coordinates = COORDINATES[problem.coordinates]
-    refused: list[tuple[object, str]] = [
-        (
-            problem.holds or problem.releases or problem.impacts,
-            "constraints that begin or end along the way, which flows of a robot do not follow",
-        ),
-        (
-            not coordinates.has_joint_states,
-            f'coordinates = "{problem.coordinates}", whose steps are not compared with flows of joints',
-        ),
-        (problem.cost.is_trajectory, "a target for each step"),
-    ]
+    switched = problem.holds or problem.releases or problem.impacts
+    refused: list[tuple[object, str]] = [(problem.cost.is_trajectory, "a target for each step")]
+    if problem.accuracy is not None and switched and not problem.phase:
+        raise ProblemError(
+            f"{key}: does not go with holds, releases and impacts that are given by numbers of steps; say "
+            "them in phases, as in [[phase.hold]], whose steps are found, or give horizon.steps in its place"
+        )
     if problem.lengths is not None:
         spans = [constraint.span for constraint in problem.frame_constraints]
         spans += [term.span for term in problem.terms if term.role == "path"]
         has_parts = any(span.since is not None or span.until is not None for span in spans)
         kinds = [constraint.kind for constraint in problem.frame_constraints]
         refused += [
+            (switched, "constraints that begin or end along the way, whose steps phases give"),
+            (
+                not coordinates.has_joint_states,
+                f'coordinates = "{problem.coordinates}", whose steps are as long as each other',
+            ),
             (problem.phase, "[[phase]], of which each has a number of steps"),
             (problem.has_free_duration, "a free horizon.duration, whose steps are as long as each other"),
             (problem.via, "[[via]], which are at nodes of equal steps"),

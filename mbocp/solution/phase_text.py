@@ -46,7 +46,10 @@ class PhasePlace(NamedTuple):
 
 
 def phase_places(tables: Sequence[Mapping[str, Any]], steps: Any) -> tuple[PhasePlace, ...]:
-    """Phases in their order; none where a table is odd, or they are not all `steps` together."""
+    """Phases in their order; none where a table is odd, or they are not all `steps` together.
+
+    `steps` is None where an accuracy asked for them: then the phases alone have numbers of steps.
+    """
     found, first, taken = [], 0, [_taken(table) for table in tables]
     for place, table in enumerate(tables):
         count, duration = table.get("steps"), table.get("duration")
@@ -62,7 +65,7 @@ def phase_places(tables: Sequence[Mapping[str, Any]], steps: Any) -> tuple[Phase
         last = first + count + leaps + parts
         found.append(PhasePlace(str(table.get("name", "")), first, last, sides[0], sides[1], leaps, parts))
         first = last
-    return tuple(found) if first == steps else ()
+    return tuple(found) if steps in (None, first) else ()
 
 
 class _Taken(NamedTuple):

@@ -15,6 +15,7 @@ from mbocp.terms.frame_path import AngularSpeed, Distance, Orientation, Position
 from mbocp.terms.kept import Line, OrientationKept
 from mbocp.terms.follow import Follow
 from mbocp.terms.contact import ContactKeys, ContactTerm
+from mbocp.terms.written import Table
 
 __all__ = [
     "COST_TERMS",
@@ -38,4 +39,7 @@ __all__ = [
     "Velocity",
 ]
 
-PATH_KEYS = {kind: term.Keys for kind, term in PATH_TERMS.items()} | {ContactTerm.kind: ContactKeys}
+PATH_KEYS: dict[str, type[Table]] = {
+    **{kind: term.Keys for kind, term in PATH_TERMS.items()},
+    ContactTerm.kind: ContactKeys,
+}

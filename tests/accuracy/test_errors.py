@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.accuracy import accuracy_of, follows_fast, with_accuracy
+from mbocp.accuracy import accuracy_of, follows_fast
 from mbocp.accuracy import flow as flows
-from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.exceptions import InvalidValue
 from mbocp.formulation import Motion, build
 from mbocp.solution import Accuracy, Solution
 from tests.integrators.conftest import interpreted_functions
+from tests.phases.test_holds import hits
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LOCAL_ORDERS = {"se1": 2, "se2": 2, "midpoint": 3, "heun": 3, "rk4": 5}
@@ -143,14 +144,18 @@ def test_small_robots_are_followed_without_being_asked() -> None:
     assert not follows_fast(large)
 
 
-def test_holds_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = swing()
-    solution = mbocp.solve(problem)
-    monkeypatch.setattr(type(problem), "holds", ("a hold",), raising=False)
-    object.__setattr__(problem, "holds", ("a hold",))
-    assert not follows_fast(problem)
-    with pytest.raises(ProblemError, match="holds and releases"):
-        with_accuracy(problem, solution, math.inf)
+def test_what_is_held_is_followed() -> None:
+    """Where the tip of a pendulum hits a wire, slides and leaves it, replays are of the order of midpoint."""
+    coarse, fine = (solved(on_a_wire(finer)).accuracy for finer in (4, 8))
+    assert np.log2(coarse.replay_error / fine.replay_error) == pytest.approx(2.0, abs=0.2)
+    assert np.log2(coarse.tracked_error / fine.tracked_error) == pytest.approx(2.0, abs=0.2)
+    assert fine.local_error < coarse.local_error / 4.0
+    assert fine.own_error < 0.02 * fine.local_error
+
+
+def on_a_wire(finer: int, **more: object) -> mbocp.Problem:
+    phases = hits(scheme="midpoint").phase
+    return hits(*({"steps": finer * phase.steps} for phase in phases), scheme="midpoint", **more)
 
 
 def test_files_and_json_carry_it(tmp_path: Path) -> None:

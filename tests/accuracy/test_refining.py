@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import time
 from pathlib import Path
@@ -17,6 +18,8 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import formulate
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.write import problem_to_toml
+from tests.phases.test_holds import hits
+from tests.phases.test_partings import thrown
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 COSTS = json.loads((Path(__file__).parents[1] / "data/reference_costs.json").read_text())
@@ -216,6 +219,61 @@ def test_the_least_time_within_limits() -> None:
     assert s.cost == pytest.approx(20.0, rel=1e-4)
 
 
+def finer(case: mbocp.Problem, s: mbocp.Solution, factor: int) -> mbocp.Solution:
+    """A motion with so many times the steps of a found one."""
+    if not case.phase:
+        return mbocp.solve(case.with_(num_steps=factor * s.num_steps), warm_start=s, check=True)
+    found = parse_problem(s.problem_text).phase
+    phases = tuple(dataclasses.replace(phase, steps=factor * phase.steps) for phase in found)
+    return mbocp.solve(case.with_(phase=phases), warm_start=s, check=True)
+
+
+def limit(case: mbocp.Problem, s: mbocp.Solution) -> float:
+    """Cost of steps of no length, from two times and four times as many, of order two."""
+    double, four = (finer(case, s, factor).cost for factor in (2, 4))
+    assert abs(double - four) < 0.5 * abs(s.cost - double)
+    return four + (four - double) / 3.0
+
+
+@pytest.mark.parametrize("asked", [1e-3, 1e-5])
+def test_phases_that_hold_and_let_go(asked: float) -> None:
+    """The tip of a pendulum lands on a wire, slides and leaves it: the estimate is the error."""
+    case = hits(scheme="midpoint")
+    s = mbocp.solve(case.with_(accuracy=asked))
+    assert s.converged, s.advice
+    assert s.accuracy.local_error <= asked
+    true = abs(s.cost / limit(case, s) - 1.0)
+    assert true <= asked
+    assert s.accuracy.cost_error == pytest.approx(true, rel=0.2)
+    assert list(s.phase_times) == ["fall", "slide", "leave"]
+    assert s.phase_times["slide"] == pytest.approx((0.2, 0.35))
+
+
+@pytest.mark.parametrize("coordinates", ["joint", "natural"])
+def test_a_throw(coordinates: str) -> None:
+    """A ball that is held and let go, with a free body in the flight."""
+    case = thrown(coordinates=coordinates)
+    s = mbocp.solve(case.with_(accuracy=1e-3))
+    assert s.converged, s.advice
+    assert s.accuracy.local_error <= 1e-3
+    assert abs(s.cost / limit(case, s) - 1.0) <= s.accuracy.cost_error <= 1e-3
+
+
+@pytest.mark.parametrize(
+    ("duration", "asked"), [pytest.param(5.0, 1e-3, marks=pytest.mark.slow), (1.5, 1e-2)]
+)
+def test_natural_coordinates(duration: float, asked: float) -> None:
+    """Against gauss2 with controls at its stages; errors of two kinds cancel at 20 to 200 steps of 5 s."""
+    words: dict[str, Any] = {"goal": {"q": [1.0, 0.5], "v": 0}, "cost": {"effort": 1.0}}
+    case = mbocp.Problem.create("double_pendulum", duration, 200, scheme="midpoint", **words)
+    true = mbocp.solve(case.with_(scheme="gauss2", controls="stages"), check=True).cost
+    s = mbocp.solve(case.with_(coordinates="natural", accuracy=asked))
+    assert s.converged, s.advice
+    assert s.coordinates == "natural"
+    assert s.accuracy.local_error <= asked
+    assert abs(s.cost / true - 1.0) <= 1.1 * s.accuracy.cost_error <= 1.1 * asked
+
+
 @pytest.mark.slow
 def test_around_obstacles() -> None:
     case = mbocp.load_problem(EXAMPLES / "arms/slalom.toml").with_(scheme="gauss2")
@@ -230,8 +288,7 @@ def test_around_obstacles() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"coordinates": "natural"}, r"does not go with coordinates = \"natural\", whose steps"),
-        ({"impacts": (5,)}, "does not go with constraints that begin or end"),
+        ({"impacts": (5,)}, "given by numbers of steps; say them in phases"),
         (
             {"via": [{"name": "odd", "time": 0.7123456, "q": [0.0, 0.0, -5.0]}]},
             "via 'odd': no 200 steps or fewer have nodes",

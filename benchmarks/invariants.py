@@ -1,0 +1,246 @@
+r"""What schemes keep over many steps without controls: `python -m benchmarks.invariants`.
+
+Robots without losses move without controls for 100,000 steps, simulated by the kernel in parts of 10,000,
+each from where the one before ended. Errors of the energy are told in the first tenth and in the last, by
+their largest value and by their mean, as parts of the largest kinetic energy: a scheme that drifts has a
+larger last tenth, or a mean that moves. Momenta that a symmetry keeps are those of the first 10,000 steps,
+relative to the largest momentum there is. What round-off adds grows with the root of the steps, where it is
+random.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pinocchio as pin
+
+import mbocp
+from benchmarks.machine import header, one_core
+from benchmarks.tables import Table, present, show
+from mbocp._arrays import Array
+from mbocp.formulation import formulate
+from mbocp.guesses.simulated import simulated
+from mbocp.integrators import PAIRS
+from mbocp.problem import Problem
+from mbocp.robot import Robot
+
+__all__ = ["SCHEMES", "SYSTEMS", "Drift", "Free", "drift_of", "drift_table", "moved"]
+
+_DOCS = Path(__file__).parent.parent / "docs" / "mathematics.md"
+_BEGIN = "<!-- tables: python -m benchmarks.invariants --docs -->"
+_TO_ROUND_OFF = 1e-15  # residual of a step in its unit of force; a guess is simulated to 1e-12
+_PART = 10_000  # steps of one simulation: all of them would take gigabytes
+SCHEMES = ("midpoint", "lobatto2", "gauss2", "lobatto3", "gauss3")
+
+
+@dataclass(frozen=True)
+class Free:
+    """A robot that moves by itself.
+
+    Attributes
+    ----------
+    name : str
+    make : callable
+        The robot, without losses.
+    dt : float
+        Length of a step [s].
+    v : tuple of float
+        Velocity that the motion begins with [rad/s, m/s]; on loops the nearest that they allow.
+    q : tuple of float
+        How far the start is from `Robot.q0`, in its tangent.
+    momenta : callable
+        Momenta that stay of a robot at a state, and their size.
+    """
+
+    name: str
+    make: Callable[[], Robot]
+    dt: float
+    v: tuple[float, ...]
+    q: tuple[float, ...] = ()
+    momenta: Callable[[Robot, Array, Array], Array] | None = None
+
+    def start(self, robot: Robot) -> tuple[Array, Array]:
+        """Configuration and velocity."""
+        q = robot.integrate(robot.q0, np.array(self.q)) if self.q else np.asarray(robot.q0)
+        v = np.array(self.v)
+        if robot.nc:
+            jacobian = robot.constraint_jacobian(q)
+            v = v - np.linalg.pinv(jacobian) @ jacobian @ v
+        return q, v
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Errors of the energy, as parts of the largest kinetic energy, and of momenta, as parts of the largest.
+
+    Attributes
+    ----------
+    first, last : float
+        Largest error of the energy in the first tenth of the steps and in the last.
+    moved : float
+        What the mean error of the last tenth differs from that of the first by.
+    momentum : float
+        Largest change of a momentum that stays, over the first part; NaN where there is none.
+    per_step : float
+        The same at its end, by the root of the number of steps.
+    """
+
+    first: float
+    last: float
+    moved: float
+    momentum: float
+    per_step: float
+
+
+def _body(gravity: float) -> Robot:
+    """A free body with three different moments of inertia, its centre of mass off its origin."""
+    load = {"name": "load", "frame": "base_link", "mass": 10.0, "com": [0.1, 0.2, -0.3], "box": [1, 2, 3]}
+    body = mbocp.load_robot(
+        "hector", gravity=[0.0, 0.0, -gravity], actuated=["root_joint"], payload=[load], damping=False
+    )
+    return replace(body, resistances=())
+
+
+def _lossless(name: str) -> Robot:
+    return replace(mbocp.load_robot(name), resistances=())
+
+
+def _of_body(robot: Robot, q: Array, v: Array) -> Array:
+    """Linear and angular momentum in the world; gravity takes three of them away."""
+    placed = pin.XYZQUATToSE3(q[:7])
+    found: Array = placed.act(pin.Force(robot.momentum(q, v)[:6])).vector
+    return found if not robot.model.gravity.linear[2] else found[[0, 1, 5]]
+
+
+def _of_base(robot: Robot, q: Array, v: Array) -> Array:
+    """Of the first joint, whose axis is vertical."""
+    return robot.momentum(q, v)[:1]
+
+
+_TURNING = (0.01, -0.005, 0.002, 0.5, 1.2, -0.7)
+SYSTEMS = (
+    Free("rigid body, no gravity", lambda: _body(0.0), 0.02, _TURNING, momenta=_of_body),
+    Free("rigid body, falling", lambda: _body(9.81), 0.02, _TURNING, momenta=_of_body),
+    Free("four_bar", lambda: _lossless("four_bar"), 0.01, (1.0, 1.0, 1.0)),
+    Free(
+        "ur5",
+        lambda: _lossless("ur5"),
+        0.005,
+        (0.3, 0.2, -0.2, 0.1, 0.1, 0.1),
+        (0.0, 1.4, 0.2, 0.1, 0.1, 0.1),
+        momenta=_of_base,
+    ),
+)
+
+
+def moved(robot: Robot, scheme: str, dt: float, q: Array, v: Array, num_steps: int) -> tuple[Array, Array]:
+    """Configurations and velocities of all nodes without controls."""
+    problem = Problem.create(
+        robot,
+        num_steps * dt,
+        num_steps,
+        start={"q": q, "v": v},
+        goal={"v": np.zeros(robot.nv), "enforce": "penalty"},
+        cost={"effort": 1.0, "terminal": 1.0},
+        scheme=scheme,
+    )
+    formulation = formulate(problem)
+    with patch("mbocp.guesses.simulated._SWEEP_TOLERANCE", _TO_ROUND_OFF):
+        found = formulation.motion_of(simulated(formulation, np.zeros(robot.nu)))
+    return found.qs, found.vs
+
+
+def drift_of(system: Free, scheme: str, *, parts: int = 10, part: int = _PART) -> Drift:
+    """Drifts over `parts` times `part` steps."""
+    robot = system.make()
+    q, v = system.start(robot)
+    momenta, errors, largest = np.zeros((0, 0)), [], 0.0
+    energy, _ = _energies(robot, q[None], v[None])
+    for k in range(parts):
+        qs, vs = moved(robot, scheme, system.dt, q, v, part)
+        if k == 0 and system.momenta is not None:
+            momenta = np.array([system.momenta(robot, *state) for state in zip(qs, vs, strict=True)])
+        total, kinetic = _energies(robot, qs, vs)
+        errors.append(total - energy[0])
+        largest = max(largest, float(kinetic.max()))
+        q, v = qs[-1], vs[-1]
+    first, last = errors[0] / largest, errors[-1] / largest
+    change = np.abs(momenta - momenta[:1]).max(axis=1) / np.abs(momenta).max() if momenta.size else [np.nan]
+    return Drift(
+        float(np.abs(first).max()),
+        float(np.abs(last).max()),
+        float(abs(last.mean() - first.mean())),
+        float(np.max(change)),
+        float(change[-1] / np.sqrt(part)),
+    )
+
+
+def _energies(robot: Robot, qs: Array, vs: Array) -> tuple[Array, Array]:
+    """Mechanical and kinetic energy of each state [J]."""
+    model, data = robot.model, robot.model.createData()
+    pairs = list(zip(qs, vs, strict=True))
+    total = [pin.computeMechanicalEnergy(model, data, q, v) for q, v in pairs]
+    return np.array(total), np.array([pin.computeKineticEnergy(model, data, q, v) for q, v in pairs])
+
+
+def _schemes_of(robot: Robot) -> Iterator[str]:
+    for scheme in SCHEMES:
+        if not robot.nc or scheme not in PAIRS or PAIRS[scheme].holds_constraints:
+            yield scheme
+
+
+def drift_table(
+    systems: Sequence[Free] = SYSTEMS, schemes: Sequence[str] = SCHEMES, *, told: bool = False
+) -> Table:
+    """One row for each system and scheme."""
+    rows = []
+    for system in systems:
+        for scheme in _schemes_of(system.make()):
+            if scheme not in schemes:
+                continue
+            found = drift_of(system, scheme)
+            rows.append(
+                (
+                    system.name,
+                    scheme,
+                    f"{system.dt:g}",
+                    *(f"{value:.1e}" for value in (found.first, found.last, found.moved)),
+                    f"{found.momentum:.1e}" if np.isfinite(found.momentum) else "",
+                    f"{found.per_step:.0e}" if np.isfinite(found.momentum) else "",
+                )
+            )
+            if told:
+                print(*rows[-1], flush=True)
+    columns = (
+        "robot", "scheme", "step [s]", "energy, first tenth", "last tenth", "its mean moves by",
+        "momentum, 10,000 steps", "by the root of the steps",
+    )  # fmt: skip
+    return Table("Energy over 100,000 steps, momenta over 10,000", columns, rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table, or put it into the documentation."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.invariants", description=__doc__.split("\n")[0]
+    )
+    parser.add_argument("--docs", action="store_true", help=f"write the table into docs/{_DOCS.name}")
+    parser.add_argument("--markdown", action="store_true", help="for the documentation")
+    parser.add_argument("--schemes", nargs="*", default=SCHEMES)
+    parser.add_argument("names", nargs="*", help="of the robots; all, if there are none")
+    options = parser.parse_args(arguments)
+    one_core()
+    systems = [system for system in SYSTEMS if not options.names or system.name in options.names]
+    table = drift_table(systems, options.schemes, told=True)
+    if options.docs:
+        present([header(), table], _DOCS, _BEGIN, into_page=True)
+    else:
+        show(table, markdown=options.markdown)
+
+
+if __name__ == "__main__":
+    main()

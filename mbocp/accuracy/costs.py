@@ -1,0 +1,71 @@
+r"""What costs with more and more steps tell of the error of the last.
+
+With :math:`d_k = |J_k - J_{k-1}|`, each :math:`J_k` with twice as many steps as the one before, and the
+order q of the cost, Richardson's estimate is :math:`d_K / (2^q - 1)`. It holds where costs do fall with that
+order: what is light has lower ones until steps resolve it, controls that leap another one, and errors of the
+controls and of the motion that have different signs may cancel for some number of steps. So the order that is
+seen counts, :math:`2^p = d_{K-1} / d_K`, where it is lower, and the difference before where it is higher than
+the order s of the scheme, with which the errors of the motion fall,
+
+.. math:: e = \max\Bigl(\frac{d_K}{2^p - 1},\; \frac{d_{K-1}}{2^s (2^s - 1)}\Bigr), 1 \le p \le q \le s.
+
+In the formulations whose errors are known to cancel two orders have to be seen. Where they are not alike, the
+error is taken to be the largest difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbocp._arrays import Array
+
+__all__ = ["cost_error"]
+
+_LOWEST, _HIGHER = 0.8, 1.0  # orders that are believed: from about one to one above that of the scheme
+_ROUND_OFF = 1e-11  # of a cost: differences below it tell nothing
+
+
+def cost_error(
+    costs: Sequence[float], order: int, *, highest: int | None = None, is_smooth: bool = True
+) -> float:
+    """Error of the last of some costs.
+
+    Parameters
+    ----------
+    costs : sequence of float
+        Two at least, coarse to fine, each with twice as many steps as before. NaN: not known.
+    order : int
+        q, with which they are expected to fall.
+    highest : int, optional
+        s, with which any part of them falls; q, if it is not said.
+    is_smooth : bool
+        Whether one order that is seen is enough.
+
+    Returns
+    -------
+    float
+        In the unit of the costs.
+    """
+    q, s = 2.0**order, 2.0 ** max(order, highest or order)
+    differences = np.abs(np.diff(costs))
+    last = float(differences[-1])
+    if len(differences) < 2:
+        return last / (q - 1.0)
+    before = float(differences[-2])
+    if max(last, before) <= _ROUND_OFF * abs(costs[-1]):
+        return max(last, before)
+    if not np.isfinite(before):
+        return last
+    if not is_smooth and not _are_alike(differences, order):
+        return float(np.nanmax(differences))
+    ratio = before / last if last else np.inf
+    return max(last / (min(max(ratio, 2.0), q) - 1.0), before / (s * (s - 1.0)))
+
+
+def _are_alike(differences: Array, order: int) -> bool:
+    """Whether all orders that are seen are near the one that is expected."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        seen = np.log2(np.divide(differences[:-1], differences[1:]))
+    return bool(np.isfinite(seen).all() and seen.min() >= _LOWEST and seen.max() <= order + _HIGHER)

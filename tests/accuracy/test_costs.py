@@ -1,0 +1,56 @@
+"""What costs tell of their errors: the order that is seen, and errors that cancel."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mbocp.accuracy.costs import cost_error
+
+LEVELS = np.array([1.0, 2.0, 4.0, 8.0])
+SIZES = st.floats(1e-6, 1e-1)
+
+
+@given(SIZES, st.sampled_from([1, 2, 4]), st.sampled_from([-1.0, 1.0]), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_costs_of_the_expected_order(size: float, order: int, sign: float, is_smooth: bool) -> None:
+    costs = 1.0 + sign * size * LEVELS**-order
+    error = abs(costs[-1] - 1.0)
+    assert cost_error(costs, order, is_smooth=is_smooth) == pytest.approx(error, rel=1e-3)
+
+
+@given(SIZES, st.floats(1.05, 1.95))
+@settings(max_examples=30, deadline=None)
+def test_the_order_that_is_seen_counts_where_it_is_lower(size: float, order: float) -> None:
+    costs = 1.0 + size * LEVELS**-order
+    error = costs[-1] - 1.0
+    assert cost_error(costs[1:], 2) == pytest.approx(error, rel=1e-3)
+    assert cost_error(costs[2:], 2) < 0.999 * error  # two costs do not tell
+
+
+@given(SIZES, st.floats(0.6, 0.999))
+@settings(max_examples=30, deadline=None)
+def test_one_difference_that_vanishes_is_not_believed(size: float, share: float) -> None:
+    """Errors of second order and of fourth, of different signs, such that the last costs hardly differ."""
+    h = 1.0 / LEVELS[1:]
+    costs = 1.0 + size * (h**2 - share * 4.0 / 5.0 / h[-2] ** 2 * h**4)
+    assert cost_error(costs, 2) > 0.25 * abs(costs[-1] - 1.0)
+
+
+def test_orders_that_are_not_alike_leave_the_largest_difference() -> None:
+    """Costs of a double pendulum in natural coordinates, by the midpoint rule with 40 to 320 steps."""
+    errors = np.array([-9.45e-4, -3.07e-3, -2.41e-3, -8.92e-4])
+    told = [cost_error(1.0 + errors, 2, is_smooth=is_smooth) for is_smooth in (True, False)]
+    assert told[0] >= abs(errors[-1])
+    assert told[1] == pytest.approx(np.abs(np.diff(errors)).max())
+
+
+def test_what_is_not_known_and_what_is_round_off() -> None:
+    assert cost_error([2.0, 1.0], 2) == pytest.approx(1.0 / 3.0)
+    assert cost_error([math.nan, 2.0, 1.0], 2) == 1.0
+    assert cost_error([1.0 + 1e-14, 1.0, 1.0], 4) < 1e-11
+    assert cost_error([1.0, 1.0, 1.0], 2) == 0.0
