@@ -41,6 +41,13 @@ def test_one_difference_that_vanishes_is_not_believed(size: float, share: float)
     assert cost_error(costs, 2) > 0.25 * abs(costs[-1] - 1.0)
 
 
+def test_a_difference_that_happens_to_be_small_is_no_high_order() -> None:
+    """Costs of a Panda with 12, 25 and 50 steps of gauss2, controls at its stages."""
+    errors = np.array([3.5e-6, 1.5e-7, 1.9e-7])
+    assert cost_error(1.0 + errors[1:], 4) < 3e-9
+    assert cost_error(1.0 + errors, 4) > abs(errors[-1])
+
+
 def test_orders_that_are_not_alike_leave_the_largest_difference() -> None:
     """Costs of a double pendulum in natural coordinates, by the midpoint rule with 40 to 320 steps."""
     errors = np.array([-9.45e-4, -3.07e-3, -2.41e-3, -8.92e-4])
