@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, Robot
     from mbocp.terms import FrameGoal
 
-__all__ = ["goal_commands", "goal_placements", "mark_commands", "mark_points"]
+__all__ = ["axis_points", "goal_commands", "goal_placements", "mark_commands", "mark_points"]
 
 _LENGTH, _RADIUS = 0.08, 0.004  # of the scene's size
 _FAINT = 0.3  # opacity
@@ -65,9 +65,20 @@ def goal_commands(
         yield set_transform(path, placed.rotation, placed.translation)
 
 
+def axis_points(placements: Sequence[pin.SE3], size: float) -> Array:
+    """Ends of the axes that `goal_commands` draws, shape (3 k, 3) [m]."""
+    ends = [placed.translation + _LENGTH * size * placed.rotation.T for placed in placements]
+    return np.concatenate([np.zeros((0, 3)), *ends])
+
+
 def mark_points(robot: Robot, marks: Marks, motion: Motion) -> list[Array]:
     """Points that the picture is to hold, as paths of the length of the motion."""
-    points = [placed.translation for placed in _via_placements(robot, marks, motion)]
+    points: list[Array] = []
+    for mark, placed in zip(marks.via, _via_placements(robot, marks, motion), strict=True):
+        sides = mark.goal.position_tolerance
+        base = _reference(robot, mark.goal, _at(motion, mark.share))
+        corners = np.zeros((1, 3)) if sides is None else _CORNERS * sides
+        points += [*(placed.translation + corners @ base.rotation.T)]
     points += [point for line in marks.lines for point in line]
     points += obstacle_points(robot, marks.obstacles)
     return [np.tile(point, (len(motion.times), 1)) for point in points]

@@ -27,11 +27,18 @@
     return JSON.parse(at("scene").textContent, revive);
   }
 
+  function belowTitle() {
+    // In a low and narrow pane, as of a report on a phone, the title would stand before the robot: how far to step back.
+    const pane = at("pane").getBoundingClientRect();
+    const title = document.querySelector("header p").getBoundingClientRect().bottom - pane.top;
+    return innerWidth > 520 ? 1 : Math.max(1, 0.8 / Math.max(0.3, 1 - (2 * title) / pane.height));
+  }
+
   function fitView(viewer, camera) {
     // As far away as the motion needs in a window of this shape: Camera.distance.
     const aspect = at("pane").clientWidth / at("pane").clientHeight;
     const distance = Math.max(camera.least, ...camera.sides.map(([aside, ahead]) => aside / aspect + ahead));
-    const back = distance / (Math.hypot(...camera.offset) || 1);
+    const back = (distance * belowTitle()) / (Math.hypot(...camera.offset) || 1);
     const [x, y, z] = camera.offset.map((c) => c * back);
     viewer.controls.target.set(0, 0, 0);
     viewer.camera.position.set(x, z, -y);

@@ -33,7 +33,7 @@ from mbocp.view.meshcat.ghosts import (
     other_tracks,
     path_points,
 )
-from mbocp.view.meshcat.goals import goal_commands, goal_placements, mark_commands, mark_points
+from mbocp.view.meshcat.goals import axis_points, goal_commands, goal_placements, mark_commands, mark_points
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
 from mbocp.view.meshcat.surroundings import floor_height, stage_commands
@@ -150,7 +150,7 @@ def build_scene(
     size = max(float(np.linalg.norm(np.ptp(swept, axis=0))), 1e-3)
     picked = _poses(motion)
     camera = fit_camera(
-        swept,
+        np.vstack([swept, axis_points(placements, size) @ turn.T]),
         np.vstack([motion.positions[picked, 1:].reshape(-1, 3), *(x[picked] for x in lines)]) @ turn.T,
         direction,
     )
