@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mbocp.robot import FrameTarget, load_robot
+from mbocp.terms import FrameGoal
 from mbocp.view.camera import ASPECT, FIELD_OF_VIEW, FILL_ABOVE, FILL_BELOW, FILL_SIDE, Camera, fit_camera
+from mbocp.view.marks import Marks, ViaMark
+from mbocp.view.meshcat.goals import axis_points, goal_placements
+from mbocp.view.meshcat.scene import build_scene
+from mbocp.view.motion import sample_motion
 
 ASPECTS = st.floats(0.25, 4.0)
 ROUGHLY = 1.02  # windows between those that the camera was made for
@@ -52,3 +60,20 @@ def test_they_fill_it_in_one_direction(points: np.ndarray, aspect: float) -> Non
 def test_the_offset_is_that_of_the_usual_window(points: np.ndarray) -> None:
     camera = fit_camera(points, points)
     assert np.linalg.norm(camera.offset) == pytest.approx(camera.distance(ASPECT))
+
+
+@pytest.mark.parametrize("aspect", [0.3, 0.5, 1.0, 1.5, 3.0])
+def test_axes_of_goals_and_boxes_of_via_points_are_in_the_picture(aspect: float) -> None:
+    robot = load_robot("ur5")
+    qs = np.array([robot.q0, robot.q0 + 0.01])
+    motion = sample_motion(robot.model, np.array([0.0, 1.0]), qs)
+    place, far, sides = np.array([0.2, -1.0, 1.0]), np.array([1.5, 0.2, 0.1]), np.array([0.4, 0.5, 0.6])
+    goal = FrameTarget(name="tool0", position=far, orientation=np.array([0.0, 0.0, 0.0, 1.0]))
+    via = FrameGoal(target=FrameTarget(name="tool0", position=place), position_tolerance=sides)
+    scene = build_scene(robot, motion, goals=[goal], marks=Marks(via=(ViaMark(0.5, via),)))
+    corners = place + sides * np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
+    ends = axis_points(goal_placements(robot, [goal], qs[-1]), scene.size)
+    x, y = shares(scene.camera, np.vstack([corners, ends]), aspect)
+    assert np.abs(x).max() <= ROUGHLY * FILL_SIDE
+    assert y.max() <= FILL_ABOVE + 1e-9
+    assert y.min() >= -FILL_BELOW - 1e-9
