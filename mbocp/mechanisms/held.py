@@ -8,10 +8,10 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.mechanics.held import HeldFrame, held_jacobians
-from mbocp.mechanisms.consistency import project_on_constraints
+from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, project_on_constraints
 from mbocp.robot import Robot
 
-__all__ = ["independent_rows_held"]
+__all__ = ["independent_rows_held", "is_moved"]
 
 _NUM_POSES = 4  # around the start: what depends there by chance does not elsewhere
 _SPREAD = 0.2  # [rad, m]
@@ -43,6 +43,14 @@ def independent_rows_held(
     found = np.zeros_like(wanted)
     found[np.flatnonzero(wanted)[best]] = True
     return found
+
+
+def is_moved(robot: Robot, q: Array, frame: HeldFrame) -> bool:
+    """Whether motions of the robot change what is held, at the configuration or around it.
+
+    An arm that is stretched out up moves its tip in no height at first.
+    """
+    return bool(np.abs(held_jacobians(robot, (frame,), _poses(robot, q))).max() > CONSISTENCY_TOLERANCE)
 
 
 def _poses(robot: Robot, q: Array) -> Array:

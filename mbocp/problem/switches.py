@@ -12,7 +12,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InconsistentStart, ProblemError
 from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
-from mbocp.mechanisms.held import independent_rows_held
+from mbocp.mechanisms.held import independent_rows_held, is_moved
 from mbocp.problem.hold import Hold, Release, holds_in
 from mbocp.robot import Label, Robot
 
@@ -278,10 +278,16 @@ def _begun_again(robot: Robot, releases: Sequence[Release], num_steps: int) -> l
 
 def _check_holds_something(robot: Robot, holds: Sequence[Hold], held: Sequence[HeldFrame], q: Array) -> None:
     for hold, frame in zip(holds, held, strict=True):
-        if not np.abs(held_jacobians(robot, (frame,), q[None])).max() > CONSISTENCY_TOLERANCE:
+        if not is_moved(robot, q, frame):
             raise ProblemError(
                 f"hold {hold.name!r}: nothing moves frame {hold.frame!r} against {hold.to!r}; hold another "
                 "frame, or leave it out"
+            )
+        from_start = any(first == 0 for first, _ in hold.spans)
+        if from_start and not np.abs(held_jacobians(robot, (frame,), q[None])).max() > CONSISTENCY_TOLERANCE:
+            raise ProblemError(
+                f"hold {hold.name!r}: the start is a singular pose, in which nothing moves frame "
+                f"{hold.frame!r} against {hold.to!r}; begin in another one"
             )
 
 

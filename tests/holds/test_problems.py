@@ -74,6 +74,17 @@ def test_control_momenta_are_kept_through_holds_and_impacts(scheme: str) -> None
     assert not mbocp.solve(walled, check=True).conserved
 
 
+def test_a_frame_at_rest_in_a_singular_start_can_be_held_later() -> None:
+    """A double pendulum that hangs straight moves its tip in no height; in the middle of a motion it does."""
+    at = {"frame": "tip", "kind": "plane", "axis": (0.0, 0.0, 1.0)}
+    words = {"q_start": np.zeros(2), "impacts": ()}
+    later = pendulum(holds=(Hold(name="height", spans=((4, 8),), **at),), **words)
+    assert later.switches is not None
+    assert later.switches.rows[4:8].all()
+    with pytest.raises(ProblemError, match=r"start is a singular pose.*begin in another"):
+        pendulum(holds=(Hold(name="height", spans=((0, 8),), **at),), **words)
+
+
 def test_multipliers_have_names_and_impacts_are_told() -> None:
     s = mbocp.solve(pendulum(), check=True)
     assert [column.name for column in s.labels.lam] == ["tip.1", "tip.2"]
