@@ -66,6 +66,18 @@ def fields(native: Any) -> dict[str, np.ndarray]:
     return {name: getattr(native, name) for name in names}
 
 
+def test_a_barrier_without_limits_weighs_nothing(arm: Path) -> None:
+    formulation = formulate(mbocp.load_problem(arm))
+    iterate, _ = make_guess("line", formulation)
+    for has_limits in (False, True):
+        native = kernel_programme(formulation.programme, has_limits=has_limits)
+        iterate.load_into(native)
+        evaluated, weighed = native.evaluate(), native.weigh(0.1)
+        assert native.num_limits == 0
+        assert weighed.residual == evaluated.residual > 0.0
+        assert weighed.objective == evaluated.cost
+
+
 @pytest.mark.parametrize("scheme", ["se1", "midpoint", "rk4"])
 @pytest.mark.parametrize("setting", [LIMITS, PATH], ids=["limits", "path"])
 def test_newtons_method_on_the_barrier_problem_is_of_second_order(scheme: str, setting: str) -> None:

@@ -142,10 +142,11 @@ Evaluation Evaluator::evaluate(double share) {
     e.barrier_error = std::max(e.barrier_error, e.worst);
     e.finite = ok && std::isfinite(e.residual) && std::isfinite(e.cost);
     last_ = e;
-    return barrier_.empty() ? e : weigh(barrier_.parameter());
+    return weigh(barrier_.parameter());
 }
 
 Evaluation Evaluator::weigh(double parameter) {
+    if (barrier_.empty()) return last_;
     barrier_.set_parameter(parameter);
     Evaluation e = last_;
     barrier_.finish(e);
