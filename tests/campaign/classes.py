@@ -133,6 +133,14 @@ CLASSES: dict[str, TaskClass] = {
         _c("ur5_follow", "followed path", "ur5", asks="follow", share=0.5),
         _c("crate", "obstacles", "guarded", motion="bend", asks="crate"),
         _c("clutter", "obstacles", "guarded", scheme="midpoint", motion="bend", asks="clutter"),
+        _c("ur5_gauss2", "order four", "ur5", scheme="gauss2", **_ROLL),
+        _c("panda_gauss2", "order four", "panda", scheme="gauss2", share=0.5, **_ROLL),
+        _c("double_pendulum_gauss2", "order four", "double_pendulum", scheme="gauss2", share=2, **_ROLL),
+        _c("acrobot_gauss2", "order four", "acrobot", scheme="gauss2", cost="effort", **_ROLL),
+        _c("elastic_gauss2", "order four", "elastic_pendulum", scheme="gauss2", cost="effort", **_ROLL),
+        _c("rates_gauss2", "order four", "double_pendulum", scheme="gauss2", asks="rates", **_ROLL),
+        _c("free_gauss2", "order four", "double_pendulum", scheme="gauss2", asks="free", **_ROLL),
+        _c("via_gauss2", "order four", "double_pendulum", scheme="gauss2", asks="via_box", **_ROLL),
         _c("unicycle", "drive", "unicycle", scheme="heun", share=0.5, steps=(15, 20, 30), **_ROLL),
     )
 }
@@ -161,4 +169,7 @@ QUICK = (
     "elastic_pendulum_follow",
     "double_pendulum_follow",
     "crate",
+    "double_pendulum_gauss2",
+    "rates_gauss2",
+    "free_gauss2",
 )

@@ -13,6 +13,7 @@ from tests.checker.explicit import ExplicitStep
 from tests.checker.following import follow_bounds, follow_equations, follow_missed
 from tests.checker.frames import bound_values
 from tests.checker.further import Bound, equations, further_bounds, length_slopes, points_missed
+from tests.checker.gauss import GAUSS, GaussStep
 from tests.checker.implicit import TAU, ImplicitStep
 from tests.checker.natural import NaturalSteps
 from tests.checker.system import Array, System
@@ -108,7 +109,7 @@ class Conditions:
 
 
 def step_of(system: System, task: Task) -> ImplicitStep | ExplicitStep:
-    kind = ImplicitStep if task.scheme in TAU else ExplicitStep
+    kind = ImplicitStep if task.scheme in TAU else GaussStep if task.scheme in GAUSS else ExplicitStep
     return kind(system, task.scheme, task.dt)
 
 
@@ -194,14 +195,14 @@ def joint_conditions(system: System, task: Task, motion: Motion) -> Conditions:
         parts += [(layout.lam(n), at.lam)] if layout.nc else []
         parts += [(slice(of_step[n], of_step[n] + 1), by_length[n - 1][:, None])] if phases else []
         rows.add(*parts)
-        q, v = step.point(x0, x1, u)
-        value, d_x, d_u = running_cost(system, task, q, v, u)
-        before, after, by_u = step.point_maps(x0, x1, u)
-        cost += dt * value
-        gradient[layout.x(n)] += dt * after.T @ d_x
-        gradient[layout.u(n)] += dt * (d_u + by_u.T @ d_x)
-        if n > 1:
-            gradient[layout.x(n - 1)] += dt * before.T @ d_x
+        for sample in step.samples(x0, x1, u):
+            value, d_x, d_u = running_cost(system, task, sample.q, sample.v, u)
+            length = dt * sample.weight
+            cost += length * value
+            gradient[layout.x(n)] += length * sample.after.T @ d_x
+            gradient[layout.u(n)] += length * (d_u + sample.by_u.T @ d_x)
+            if n > 1:
+                gradient[layout.x(n - 1)] += length * sample.before.T @ d_x
     if system.num_rows and not is_explicit:  # explicit schemes project accelerations, and drift
         constraint = max(float(np.abs(system.closure(q)[0]).max()) for q in motion.qs)
     cost += _more_costs(system, task, motion, layout, gradient, is_explicit=is_explicit)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +10,18 @@ import pinocchio as pin
 from tests.checker.system import Array, System
 from tests.checker.task import Task
 
-__all__ = ["end_cost", "rate_cost", "running_cost"]
+__all__ = ["Sample", "end_cost", "rate_cost", "running_cost"]
+
+
+class Sample(NamedTuple):
+    """A point at which a step evaluates the running cost, and its derivatives in x_{n-1}, x_n and u."""
+
+    weight: float  # of the length of the step
+    q: Array
+    v: Array
+    before: Array
+    after: Array
+    by_u: Array
 
 
 def running_cost(system: System, task: Task, q: Array, v: Array, u: Array) -> tuple[float, Array, Array]:

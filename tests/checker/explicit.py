@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from tests.checker.costs import Sample
 from tests.checker.differences import derivative
 from tests.checker.implicit import Linearised
 from tests.checker.system import Array, System
@@ -60,6 +61,14 @@ class ExplicitStep:
         """Where the running cost is evaluated."""
         q, s = self.split(x0)
         return q, self.velocity(q, s, u)
+
+    def places(self, x0: Array, x1: Array, u: Array) -> list[tuple[float, Array, Array]]:
+        """Weight, configuration and velocity of it."""
+        return [(1.0, *self.point(x0, x1, u))]
+
+    def samples(self, x0: Array, x1: Array, u: Array) -> list[Sample]:
+        """The same with its derivatives."""
+        return [Sample(1.0, *self.point(x0, x1, u), *self.point_maps(x0, x1, u))]
 
     def point_maps(self, x0: Array, x1: Array, u: Array) -> tuple[Array, Array, Array]:
         """Derivatives of that point in x_{n-1}, x_n and u."""

@@ -243,8 +243,9 @@ def length_slopes(
         step, other = at(change)
         total = task.time * step.dt * len(phase)
         for n in phase:
-            q, v = step.point(xs[n - 1], xs[n], motion.us[n - 1])
-            total += step.dt * running_cost(system, task, q, v, motion.us[n - 1])[0]
+            u = motion.us[n - 1]
+            for weight, q, v in step.places(xs[n - 1], xs[n], u):
+                total += step.dt * weight * running_cost(system, task, q, v, u)[0]
         if task.control_rate.any():  # of tasks with one run alone
             total += rate_cost(other, motion.us)[0]
         return np.array([total])

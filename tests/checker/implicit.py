@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from tests.checker.costs import Sample
 from tests.checker.differences import derivative
 from tests.checker.system import Array, System
 
@@ -64,6 +65,14 @@ class ImplicitStep:
     def point(self, x0: Array, x1: Array, u: Array) -> tuple[Array, Array]:
         """The same; for all schemes."""
         return self.at(x0, x1)
+
+    def places(self, x0: Array, x1: Array, u: Array) -> list[tuple[float, Array, Array]]:
+        """Weight, configuration and velocity of it."""
+        return [(1.0, *self.point(x0, x1, u))]
+
+    def samples(self, x0: Array, x1: Array, u: Array) -> list[Sample]:
+        """The same with its derivatives."""
+        return [Sample(1.0, *self.point(x0, x1, u), *self.point_maps(x0, x1, u))]
 
     def point_maps(self, x0: Array, x1: Array, u: Array) -> tuple[Array, Array, Array]:
         """Derivatives of that point in x_{n-1}, x_n and u."""
