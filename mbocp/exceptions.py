@@ -138,11 +138,12 @@ class RobotFileError(RobotError):
 
 
 class UnknownJoint(RobotError):
-    """A joint name that the robot does not have."""
+    """A joint name that the robot does not have, or, for a `reason`, not with numbers of its own."""
 
-    def __init__(self, name: str, robot: str, valid: Iterable[str]) -> None:
+    def __init__(self, name: str, robot: str, valid: Iterable[str], reason: str = "") -> None:
         self.name, self.robot, self.valid = name, robot, tuple(valid)
-        super().__init__(f"robot {robot!r} has no joint {shortened(name)!r}: {suggest(name, self.valid)}")
+        unknown = f"robot {robot!r} has no joint {shortened(name)!r}: {suggest(name, self.valid)}"
+        super().__init__(f"joint {shortened(name)!r} of robot {robot!r} {reason}" if reason else unknown)
 
 
 class UnknownFrame(RobotError):

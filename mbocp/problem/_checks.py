@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._text import shown
-from mbocp.exceptions import InvalidValue
+from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.robot.parts import Label
+
+if TYPE_CHECKING:
+    from mbocp.robot.model import RobotModel
 
 __all__ = [
     "MAX_POSITION",
@@ -21,6 +24,7 @@ __all__ = [
     "check_bool",
     "check_choice",
     "check_finite",
+    "check_frame",
     "check_integer",
     "check_non_negative",
     "check_number",
@@ -35,6 +39,15 @@ _MAX_INTEGER = 2**31 - 1
 
 class ProblemWarning(UserWarning):
     """Something about a problem that is allowed, but probably not meant."""
+
+
+def check_frame(key: str, robot: RobotModel, name: str) -> int:
+    """Return the index of a frame; an unknown one is refused at the key."""
+    try:
+        return robot.frame_id(name)
+    except UnknownFrame as error:
+        error.args = (f"{key}: {error}",)
+        raise
 
 
 def check_bool(name: str, value: Any) -> bool:

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
+from mbocp.problem._checks import check_frame
 from mbocp.problem.clearance import Clearance, SelfCollision
 from mbocp.problem.limits import Bounds
 from mbocp.robot import LinkSpheres, Robot
@@ -54,7 +55,7 @@ def clearance_of(
     left_out: dict[str, dict[str, int]] = {}
     for k, obstacle in enumerate(obstacles):
         told: dict[str, int] = {}
-        frame = robot.model.frames[robot.frame_id(obstacle.frame)]
+        frame = robot.model.frames[check_frame(f"obstacle {obstacle.name!r}", robot, obstacle.frame)]
         carrier, placed = int(frame.parentJoint), frame.placement * obstacle.placement
         for sphere, ball in zip(every, reaches, strict=True):
             reason = _never_meet(robot, links[sphere[0]].joint, carrier, obstacle, placed, ball)

@@ -14,7 +14,7 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError, UnreachableGoal, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
-from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
+from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_frame, check_size
 from mbocp.problem.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.robot import FrameTarget, InverseKinematics, Label, Robot
@@ -69,8 +69,8 @@ def start_at(robot: Robot, targets: Sequence[FrameTarget], q: Array, written: Bo
     if written.all():
         raise ProblemError("start.frame: start.q gives every joint; leave out those that are to be found")
     for target in targets:
-        for name in (target.name, target.relative_to):
-            robot.frame_id(name)
+        check_frame("start.frame", robot, target.name)
+        check_frame("start.frame", robot, target.relative_to)
     fixed = [name for name in robot.joint_names if written[robot.velocity_indices(name)].any()]
     best: InverseKinematics | None = None
     limits = robot.limits
@@ -95,8 +95,8 @@ def start_at(robot: Robot, targets: Sequence[FrameTarget], q: Array, written: Bo
 def check_frames(robot: Robot, goal: Goal) -> None:
     """Refuse frames that the robot does not have, and numbers so large that digits would be lost."""
     for frame in goal.frames:
-        for name in (frame.name, frame.target.relative_to):
-            robot.frame_id(name)
+        check_frame("goal.frame", robot, frame.name)
+        check_frame("goal.frame", robot, frame.target.relative_to)
         position = frame.target.position
         if position is not None:
             labels = [Label(f"{axis} of {frame.name}", "m") for axis in "xyz"]

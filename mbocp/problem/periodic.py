@@ -28,7 +28,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._numbers import is_number
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.exceptions import ProblemError, UnknownFrame, UnknownJoint
+from mbocp.exceptions import ProblemError, UnknownFrame
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import frame_jacobian
@@ -94,7 +94,7 @@ class Periodic:
                 self._check_single(robot, name, key)
         for name in self.apart:
             if name not in robot.joint_names:
-                raise UnknownJoint(name, robot.name, robot.joint_names)
+                raise robot.unknown_joint(name, robot.joint_names)
         for key, named in (("swap", swapped), ("mirror", self.mirror), ("except", self.apart)):
             if len(set(named)) < len(named):
                 twice = next(name for name in named if list(named).count(name) > 1)
@@ -153,7 +153,7 @@ class Periodic:
     @staticmethod
     def _check_single(robot: Robot, name: str, key: str) -> None:
         if name not in robot.joint_names:
-            raise UnknownJoint(name, robot.name, robot.joint_names)
+            raise robot.unknown_joint(name, robot.joint_names)
         at_q = robot.configuration_indices(name)
         if at_q.stop - at_q.start != 1:
             raise ProblemError(

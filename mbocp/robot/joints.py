@@ -26,6 +26,7 @@ __all__ = [
     "unit_groups",
     "velocity_labels",
     "velocity_slice",
+    "why_without_numbers",
 ]
 
 _LINEAR, _ANGULAR = "m", "rad"
@@ -129,6 +130,17 @@ def joint_id(model: pin.Model, name: str, robot: str) -> int:
     if name not in names:
         raise UnknownJoint(name, robot, names)
     return names.index(name) + 1
+
+
+def why_without_numbers(model: pin.Model, name: str) -> str:
+    """What a name is that a person takes for a joint with numbers of its own; "" of any other name."""
+    for leader, follower in zip(model.mimicked_joints, model.mimicking_joints, strict=True):
+        if model.names[follower] == name:
+            of = repr(model.names[leader])
+            return f"mimics {of} and has no numbers of its own: name {of}, or load with mimic = false"
+    if any(f.name == name and f.type.name == "FIXED_JOINT" for f in model.frames):
+        return "is fixed, by its URDF or by lock, and has no numbers: leave it out, or do not lock it"
+    return ""
 
 
 def configuration_slice(model: pin.Model, joint: int) -> slice:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
-from mbocp.exceptions import InvalidValue
+from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSource, CollisionSphere
 from mbocp.robot.loops.constraints import Constraint
@@ -260,6 +260,10 @@ class RobotModel:
             If there is no such frame.
         """
         return kinematics.frame_id(self.model, name, self.name)
+
+    def unknown_joint(self, name: str, valid: Iterable[str]) -> UnknownJoint:
+        """Error for a name that is none of the valid ones, and what it is instead."""
+        return UnknownJoint(name, self.name, valid, joints.why_without_numbers(self.model, name))
 
     def configuration_indices(self, joint: str) -> slice:
         """Range of a joint in q (empty for a mimic joint). Raises `UnknownJoint`."""

@@ -391,7 +391,7 @@ def test_the_summary_says_how_well_it_is_met() -> None:
 @pytest.mark.parametrize(
     ("frame", "error", "message"),
     [
-        ({"name": "tool1", "x": 0.1}, UnknownFrame, "tool1"),
+        ({"name": "tool1", "x": 0.1}, UnknownFrame, r"goal\.frame: robot .* no frame .tool1"),
         ({"name": "tool0"}, InvalidValue, "nothing for 'tool0'"),
         ({"name": "tool0", "x": 0.1, "velocty": 0}, ProblemFileError, "velocity"),
         ({"name": "tool0", "x": 0.1, "weight": -1.0}, ProblemFileError, "weight"),

@@ -302,3 +302,9 @@ def test_a_formulation_has_the_rows(planar):
     assert made.programme.path_names == tuple(label.name for label in p.clearance.labels)
     np.testing.assert_allclose(made.programme.bounds.path_lower[0, :2], 0.1 + 0.01)
     assert np.isneginf(made.programme.bounds.path_lower[0, 2:]).all()
+
+
+def test_an_unknown_carrier_is_refused_by_the_obstacles_name(planar: Robot) -> None:
+    ball = {"name": "ball", "shape": "sphere", "radius": 0.1, "position": [3, 0, 0], "frame": "l9"}
+    with pytest.raises(MbocpError, match=r"obstacle 'ball': robot .* no frame 'l9'"):
+        Problem.create(planar, 1.0, 10, goal={"v": 0}, obstacle=[ball])

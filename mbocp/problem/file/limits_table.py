@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, UnknownJoint, suggest
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem.file.messages import located
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
@@ -126,7 +126,7 @@ def _sides(robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str
     if isinstance(written, Mapping):
         for name, entry in written.items():
             if name not in slots:
-                raise UnknownJoint(name, robot.name, slots)
+                raise robot.unknown_joint(name, slots)
             lower[slots[name]], upper[slots[name]] = _pair(entry, f"{key}.{name}")
     elif isinstance(written, Sequence):
         if len(written) != size:

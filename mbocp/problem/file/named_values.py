@@ -6,6 +6,7 @@ A joint that Pinocchio stores as cosine and sine (continuous, planar) may be giv
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
@@ -13,7 +14,8 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.exceptions import DimensionMismatch, ProblemError, UnknownJoint, suggest
+from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
+from mbocp.problem._checks import ProblemWarning
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
@@ -33,6 +35,7 @@ Written: TypeAlias = Sequence[float] | Mapping[str, float | Sequence[float]]
 _T = TypeVar("_T")
 
 _WITH_ANGLE = ("continuous", "planar")
+_TURN = 6.28  # [rad] as people round a full one
 
 
 @dataclass(frozen=True)
@@ -91,8 +94,22 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
     for slot, numbers in _by_joint(robot, slots, written, key):
         where = f"{key}.{slot.name}" if isinstance(written, Mapping) else key
         q[slot.q] = slot.expand(numbers, where)
+        if not key.startswith("start"):
+            _warn_of_turns(slot, numbers, where)
         active[slot.v] = True
     return q, active
+
+
+def _warn_of_turns(slot: _Slot, numbers: Sequence[float], key: str) -> None:
+    if slot.has_angle and len(numbers) == slot.n_written and abs(numbers[-1]) >= _TURN:
+        angle = float(numbers[-1])
+        warnings.warn(
+            f"{key}: joint {slot.name!r} is stored as cosine and sine, which count no turns: {angle:g} rad "
+            f"is {math.remainder(angle, 2 * math.pi):.4g} rad to it, the shorter way round; a revolute joint "
+            "counts turns, via points lead through them",
+            ProblemWarning,
+            stacklevel=2,
+        )
 
 
 def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolArray]:
@@ -243,7 +260,7 @@ def _by_joint(
 
 def _find(slots: Mapping[str, _T], name: str, robot: Robot) -> _T:
     if name not in slots:
-        raise UnknownJoint(name, robot.name, slots)
+        raise robot.unknown_joint(name, slots)
     return slots[name]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._numbers import is_number
 from mbocp._text import shown
-from mbocp.exceptions import ProblemError, UnknownJoint
+from mbocp.exceptions import ProblemError
 from mbocp.problem.file.messages import located
 from mbocp.problem.file.named_values import tangent_slots
 from mbocp.problem.free_start import FreeStart
@@ -77,7 +77,7 @@ def _which(robot: Robot, written: Any, key: str) -> tuple[BoolArray, Array, Arra
     for name, entry in written.items():
         if name not in slots:
             with located(key):
-                raise UnknownJoint(str(name), robot.name, slots)
+                raise robot.unknown_joint(str(name), slots)
         free[slots[name]] = True
         if entry is True:
             continue

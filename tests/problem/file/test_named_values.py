@@ -1,12 +1,15 @@
 """Lists and tables by joint name; angles of continuous joints."""
 
 import math
+import re
+import warnings
 
 import numpy as np
 import pytest
 
 from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnknownJoint
 from mbocp.problem import Problem
+from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.file.named_values import (
     configuration_from,
     control_from,
@@ -14,7 +17,7 @@ from mbocp.problem.file.named_values import (
     tangent_from,
     weights_from,
 )
-from mbocp.robot import Robot
+from mbocp.robot import Robot, load_robot
 
 
 def test_list_is_taken_as_it_is(ur5: Robot) -> None:
@@ -54,6 +57,33 @@ def test_free_flyer(hector: Robot) -> None:
     v, active = tangent_from(hector, {"root_joint.wx": 2.0, "root_joint.vz": 1.0}, "goal.v")
     np.testing.assert_array_equal(v, [0, 0, 1, 2, 0, 0])
     np.testing.assert_array_equal(active, [False, False, True, True, False, False])
+
+
+def test_full_turns_of_a_joint_that_counts_none_are_told(kinova: Robot) -> None:
+    name = "j2s6s200_joint_4"
+    with pytest.warns(ProblemWarning, match=r"goal\.q\..*12 rad is -0\.5664 rad to it"):
+        configuration_from(kinova, {name: 12.0}, kinova.q0, "goal.q")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        configuration_from(kinova, {name: 4.0}, kinova.q0, "goal.q")
+        configuration_from(kinova, {name: 12.0}, kinova.q0, "start.q")
+
+
+@pytest.mark.parametrize("key", ["start.q", "goal.q", "limits.position", "limits.velocity"])
+def test_joints_without_numbers_of_their_own_are_told_apart_from_unknown_ones(key: str) -> None:
+    """Of a finger that mimics the other, and of a locked joint."""
+    panda = load_robot("panda", lock=["panda_joint7"], mimic=True)
+    table, words = key.split(".")
+    entry: object = [0.0, 0.01] if words == "position" else 0.01
+    for name, reason in (
+        ("panda_finger_joint2", "mimics 'panda_finger_joint1'.*name 'panda_finger_joint1'"),
+        ("panda_joint7", "is fixed, by its URDF or by lock"),
+        ("panda_joint9", "has no joint 'panda_joint9'"),
+    ):
+        tables: dict[str, object] = {"goal": {"q": {"panda_joint1": 0.1}}}
+        tables[table] = {**dict(tables.get(table, {})), words: {name: entry}}
+        with pytest.raises(UnknownJoint, match=rf"{re.escape(key)}: .*{reason}"):
+            Problem.create(panda, 1.0, 10, **tables)
 
 
 def test_unknown_joint(ur5: Robot) -> None:
