@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -129,6 +129,7 @@ def kernel_programme(
             scale_m=np.ascontiguousarray(k.scale_m),
             scale_ru=np.ascontiguousarray(k.scale_ru),
             groups=[(first, rows, list(columns)) for first, rows, columns in k.groups],
+            turning=k.turning.tolist(),
         )
         for k in programme.kinds
     ]
@@ -172,5 +173,13 @@ def sides(bounds: StateBounds) -> dict[str, Array]:
 
 def _stage_function(native: Kernel, functions: CompiledFunctions, name: str) -> StageFunction:
     if functions.library is not None:
-        return native.StageFunction.from_library(str(functions.library), name)
+        library = str(functions.library)
+        _opened(library, name)
+        return native.StageFunction.from_library(library, name)
     return native.StageFunction.from_string(functions.serialised[name])
+
+
+@lru_cache(maxsize=256)
+def _opened(library: str, name: str) -> StageFunction:
+    """Keep a library loaded from solve to solve: loading it takes ten times as long as looking into it."""
+    return kernel().StageFunction.from_library(library, name)

@@ -154,7 +154,7 @@ def _kept(state: SolverState, tolerance: float) -> str:
 
 
 def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, tolerance: float) -> str:
-    e, worst = state.evaluation, _worst(state, programme)
+    e = state.evaluation
     taken = f"{state.iteration} iteration{'' if state.iteration == 1 else 's'}"
     if status is Status.CONVERGED:
         kept = _kept(state, tolerance)
@@ -164,6 +164,7 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, t
             "a stationary point, but not a strict minimum: the Hessian is indefinite or singular there "
             f'({kept}); start from another guess, or use globalisation = "default"'
         )
+    worst = _worst(state, programme)
     if status is Status.SINGULAR:
         return f"the linear system is singular {_place(state, programme)}; {worst}"
     reached = f"(residual {e.residual:.1e})"

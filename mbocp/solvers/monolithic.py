@@ -131,7 +131,7 @@ class PureNewton:
             direction.increment,
             step_length=1.0,
             augmentation=augmentation,
-            at_minimum=factorisation.negative == len(native.eta),
+            at_minimum=factorisation.negative == native.num_end_conditions,
         )
 
     def terminate(self, state: NewtonState) -> Status | None:
@@ -259,10 +259,10 @@ class GlobalisedNewton:
         status = check_termination(state, self.tolerance, self.max_iterations)
         is_there = (
             _is_noise(state, self.tolerance)
-            or _is_resolved(state, self.tolerance)
             or _is_centred(state, self.tolerance)
             or _is_at_rest(state, self.tolerance)
             or state.evaluation.residual <= self.rough
+            or _is_resolved(state, self.tolerance)
         )
         return Status.CONVERGED if is_there and state.failure is None else status
 
@@ -273,11 +273,11 @@ class GlobalisedNewton:
     def _direction(self, state: NewtonState, shift: float) -> tuple[Factorisation, float, Direction | None]:
         """Factorisation, augmentation and direction; no direction where the inertia is not a minimum's."""
         factorisation, augmentation = factorise(state, shift * self.control_weight)
-        admissible = factorisation.ok and factorisation.negative == len(state.native.eta)
+        admissible = factorisation.ok and factorisation.negative == state.native.num_end_conditions
         found = state.native.solve() if admissible else None
         if found is None or not found.finite:
             return factorisation, augmentation, None
-        return factorisation, augmentation, Direction.of(state, found, _MAX_TURN)
+        return factorisation, augmentation, Direction.of(found, _MAX_TURN)
 
     def _sharpened(self, state: NewtonState) -> NewtonState:
         """State with a barrier that rises while the system is singular without a shift; or with no shift."""
@@ -375,15 +375,15 @@ def _is_noise(state: NewtonState, tolerance: float) -> bool:
     are active from end to end, multipliers are sums of many others, and jump though the motion rests.
     """
     evaluation, native = state.evaluation, state.native
-    left, is_still = evaluation.residual, state.still > 1
-    if state.barrier:
-        left = evaluation.barrier_error
-        is_still |= norm(native.dx) <= tolerance and norm(native.du) <= tolerance
+    left = evaluation.barrier_error if state.barrier else evaluation.residual
     return (
-        is_still
-        and evaluation.residual <= tolerance
+        evaluation.residual <= tolerance
         and left <= _RESOLVED * tolerance
         and state.increment <= _NOISE * tolerance
+        and (
+            state.still > 1
+            or (state.barrier > 0.0 and norm(native.dx) <= tolerance and norm(native.du) <= tolerance)
+        )
     )
 
 
@@ -470,7 +470,7 @@ def _search(state: NewtonState, direction: Direction, shortest: float) -> tuple[
         accepted, by_cost = verdict(trial, length)
         if not accepted and length == 1.0 and trial.finite and trial.violation >= before.violation:
             # The corrected direction replaces the plain one in the kernel ...
-            corrected = Direction.of(state, native.correct(longest), _MAX_TURN)
+            corrected = Direction.of(native.correct(longest), _MAX_TURN)
             accepted, by_cost = verdict(native.trial(min(longest, corrected.longest)), 1.0)
             if not accepted:
                 native.solve()  # ... which has to be had again when that does not help

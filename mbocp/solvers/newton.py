@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
@@ -80,10 +78,9 @@ class Direction:
     cap: float
 
     @classmethod
-    def of(cls, state: NewtonState, found: KernelDirection, largest_turn: float) -> Direction:
+    def of(cls, found: KernelDirection, largest_turn: float) -> Direction:
         """The kernel's direction, of which no more is taken than turns a joint by `largest_turn` [rad]."""
-        turn = _largest_turn(state)
-        cap = min(1.0, largest_turn / turn) if turn > 0.0 else 1.0
+        cap = min(1.0, largest_turn / found.turn) if found.turn > 0.0 else 1.0
         return cls(found.increment, found.slope, min(found.longest, cap), found.longest_dual, cap)
 
 
@@ -204,14 +201,6 @@ def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Factorisation, fl
         augmentation *= 100.0
 
 
-def _largest_turn(state: NewtonState) -> float:
-    """Angle [rad] by which the direction that the kernel holds turns the joint that it turns most."""
-    if state.kind is None or not state.kind.turning.any():
-        return 0.0
-    largest = np.abs(state.native.dx.reshape(-1, state.kind.ndx)).max(axis=0)
-    return float(np.max(largest * state.kind.turning))
-
-
 def next_state(
     state: NewtonState, evaluation: Evaluation, increment: float, step_length: float, **changes: Any
 ) -> NewtonState:
@@ -231,12 +220,11 @@ def next_state(
 
 def is_resolved(state: NewtonState, tolerance: float) -> bool:
     """Whether round-off is above the tolerance, and residual and increment are no more than that allows."""
-    if state.kind is None or not math.isfinite(state.increment):
-        return False
-    native, kind = state.native, state.kind
+    native = state.native
     return (
-        max(round_off(native, kind)) > tolerance
-        and relative_residual(native, kind, state.evaluation, tolerance) <= tolerance
+        math.isfinite(state.increment)
+        and max(round_off(native)) > tolerance
+        and relative_residual(native, state.evaluation, tolerance) <= tolerance
         and relative_increment(native) <= tolerance
     )
 

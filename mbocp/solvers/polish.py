@@ -51,7 +51,7 @@ class Judged:
         """Judge a result by its iterate, with the iterate's own multipliers."""
         state = resumed(programme, result.iterate, tolerance, is_centred=False)
         e = _by_largest_product(state, programme)
-        error = relative_residual(state.native, programme.kinds[0], e, tolerance)
+        error = relative_residual(state.native, e, tolerance)
         if error <= tolerance < e.residual and not has_a_say(state.native, e):
             error = e.residual
         record = replace(result.record, residual=e.residual, primal=e.primal, dual=e.dual)

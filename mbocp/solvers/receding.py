@@ -71,7 +71,6 @@ def receding_horizon(
         barrier=settings.barrier,
         shift_unit=programme.control_weight,
         augmentation=state.augmentation,
-        turning=np.ascontiguousarray(programme.kinds[0].turning),
     )
     status = horizon.step(np.array(programme.x_start), 0.0, _STEPS, math.inf)
     if status.iterations == 0:

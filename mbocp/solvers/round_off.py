@@ -25,7 +25,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._linear import norm
-from mbocp.programme import StageKind
 from mbocp.solvers.protocol import Norms
 from mbocp.solvers.sweep import Kept
 
@@ -38,16 +37,15 @@ _ROUND_OFF = 8.0 * 2.0**-52
 _OF_GRADIENT = 1e-4  # of the cost: what may be left of stationarity, however large multipliers are
 
 
-def round_off(native: KernelProgramme, kind: StageKind) -> tuple[float, float]:
+def round_off(native: KernelProgramme) -> tuple[float, float]:
     """What round-off may leave of the primal and of the dual part of the residual."""
-    m = native.m.reshape(-1, kind.scale_m.size) * kind.scale_m
-    multipliers = _norm(m.ravel(), native.eta, native.limit_multipliers)
-    return _ROUND_OFF * _norm(native.x, native.u), _ROUND_OFF * multipliers
+    sizes = native.sizes()
+    return _ROUND_OFF * sizes.primal, _ROUND_OFF * sizes.dual
 
 
-def relative_residual(native: KernelProgramme, kind: StageKind, evaluation: Norms, tolerance: float) -> float:
+def relative_residual(native: KernelProgramme, evaluation: Norms, tolerance: float) -> float:
     """The residual, each part in units of its round-off by `tolerance` where that is above the tolerance."""
-    primal, dual = (max(1.0, size / tolerance) for size in round_off(native, kind))
+    primal, dual = (max(1.0, size / tolerance) for size in round_off(native))
     return math.hypot(evaluation.primal / primal, evaluation.dual / dual)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.formulation import formulate, transcribe
+from mbocp._linear import norm
+from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.solvers import GlobalisedNewton, NewtonState
 from mbocp.solvers.newton import is_resolved
@@ -59,10 +60,10 @@ def test_a_step_further_changes_the_motion_by_round_off_alone() -> None:
 
 @pytest.mark.parametrize("name", ["elastic_pendulum", "rigid_pendulum", "cart_pendulum_rigid"])
 def test_problems_of_ordinary_size_know_the_tolerance_alone(name: str) -> None:
-    problem, state = solved(name, {})
+    _, state = solved(name, {})
     assert state.evaluation.residual <= 1e-9
     assert min(state.increment, state.next_increment) <= 1e-9
-    assert max(round_off(state.native, transcribe(problem).kinds[0])) < 1e-11
+    assert max(round_off(state.native)) < 1e-11
     assert not is_resolved(state, 1e-9)
 
 
@@ -75,7 +76,7 @@ def stub(size: float, step: float) -> Any:
         y=np.zeros(0),
         m=size * unit,
         eta=np.zeros(1),
-        limit_multipliers=np.zeros(0),
+        sizes=lambda: SimpleNamespace(primal=np.sqrt(2.0), dual=size),
         dx=0.0 * unit,
         du=0.0 * unit,
         dy=np.zeros(0),
@@ -86,19 +87,43 @@ def stub(size: float, step: float) -> Any:
 
 def test_each_part_of_the_residual_has_its_own_round_off() -> None:
     """Large multipliers excuse no violation of the state equations."""
-    kind: Any = SimpleNamespace(scale_m=np.ones(2), turning=np.zeros(2), ndx=2)
     native = stub(1e9, 0.5)
-    primal, dual = round_off(native, kind)
+    primal, dual = round_off(native)
     assert dual == pytest.approx(8 * 2.0**-52 * 1e9)
     assert primal == pytest.approx(8 * 2.0**-52 * np.sqrt(2.0))
 
     def state(primal: float, dual: float, step: float = 0.5) -> Any:
         evaluation = SimpleNamespace(primal=primal, dual=dual)
-        return NewtonState(stub(1e9, step), evaluation, increment=step, kind=kind)
+        return NewtonState(stub(1e9, step), evaluation, increment=step)
 
     assert is_resolved(state(1e-10, 1e-6), 1e-9)
     assert not is_resolved(state(1e-10, 3e-6), 1e-9)
     assert not is_resolved(state(1e-8, 1e-7), 1e-9)
     assert not is_resolved(state(1e-10, 1e-6, step=2.0), 1e-9)
-    assert relative_residual(native, kind, SimpleNamespace(primal=3e-3, dual=0.0), 1e-9) == 3e-3
+    assert relative_residual(native, SimpleNamespace(primal=3e-3, dual=0.0), 1e-9) == 3e-3
     assert relative_increment(native) == pytest.approx(0.5e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-170, 1e170, 0.0, np.inf, np.nan])
+def test_sizes_of_the_unknowns_are_norms_also_where_squares_have_no_number(scale: float) -> None:
+    _, state = solved("rigid_pendulum", {"horizon.duration": 0.01})
+    native, kind = state.native, state.kind
+    assert kind is not None
+    rng = np.random.default_rng(0)
+    with np.errstate(invalid="ignore"):
+        for name in ("x", "u", "m", "eta"):
+            setattr(native, name, scale * rng.normal(size=getattr(native, name).size))
+        m = native.m.reshape(-1, kind.scale_m.size) * kind.scale_m
+    sizes = native.sizes()
+    assert sizes.primal == pytest.approx(np.hypot(norm(native.x), norm(native.u)), rel=1e-14, nan_ok=True)
+    assert sizes.dual == pytest.approx(np.hypot(norm(m.ravel()), norm(native.eta)), rel=1e-14, nan_ok=True)
+
+
+def test_multipliers_of_limits_count_among_the_sizes() -> None:
+    problem = mbocp.load_problem(PAPER / "rigid_pendulum.toml", {"limits.effort": 100.0})
+    formulation = formulate(problem)
+    iterate, _ = make_guess("line", formulation)
+    native = GlobalisedNewton().init(formulation.programme, iterate).native
+    native.z_upper = native.z_upper + 1e9
+    expected = norm(np.concatenate([native.limit_multipliers, native.eta]))
+    assert native.sizes().dual == pytest.approx(expected, rel=1e-9)

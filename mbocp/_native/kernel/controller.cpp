@@ -88,7 +88,7 @@ std::unique_ptr<mbocp::Programme> programme_of(const Table& table, const std::st
     kind.nu = table.integer("nu_all"), kind.nr = table.integer("nr");
     kind.values = function("values"), kind.jacobian = function("jacobian"), kind.complete = function("complete");
     kind.scale_c = table["scale_c"], kind.scale_y = table["scale_y"], kind.scale_m = table["scale_m"];
-    kind.scale_ru = table["scale_ru"];
+    kind.scale_ru = table["scale_ru"], kind.turning = table["turning"];
     mbocp::Terminal terminal;
     terminal.ng = table.integer("ng");
     terminal.values = function("terminal_values", true), terminal.complete = function("terminal_complete", true);
@@ -116,8 +116,7 @@ std::unique_ptr<mbocp::Programme> programme_of(const Table& table, const std::st
 }
 
 mbocp::HorizonSettings settings_of(const Table& table) {
-    return {table.number("tolerance"), table.number("barrier_share"), table.number("shift_unit"), 0.0,
-            table["turning"]};
+    return {table.number("tolerance"), table.number("barrier_share"), table.number("shift_unit"), 0.0};
 }
 
 }  // namespace

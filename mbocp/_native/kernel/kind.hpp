@@ -30,6 +30,7 @@ struct Kind {
     Function complete;                            // -> c, l, dc_dz, dl_dz, upper Hessian of l + m'c
     // Factors from the programme's rows, unknowns, multipliers and control gradient to the reported ones.
     Numbers scale_c, scale_y, scale_m, scale_ru;
+    Numbers turning;  // angles of the states' tangent, see StageKind of programme/stagewise.py; none where it is empty
 
     bool may_be_explicit = false;  // by the pattern of Jw
 

@@ -91,7 +91,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             "__init__",
             [](Kind* self, int nx, int ndx, int ny, int nu, int nr, Function values, Function jacobian,
                Function complete, const Input& scale_c, const Input& scale_y, const Input& scale_m,
-               const Input& scale_ru, const std::vector<std::tuple<int, int, std::vector<int>>>& groups) {
+               const Input& scale_ru, const std::vector<std::tuple<int, int, std::vector<int>>>& groups,
+               Numbers turning) {
                 new (self) Kind();
                 self->nx = nx, self->ndx = ndx, self->ny = ny, self->nu = nu, self->nr = nr;
                 self->values = std::move(values), self->jacobian = std::move(jacobian);
@@ -104,12 +105,14 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
                 };
                 check(self->scale_c, self->nc(), "scale_c"), check(self->scale_y, ny, "scale_y");
                 check(self->scale_m, self->nc(), "scale_m"), check(self->scale_ru, nu, "scale_ru");
+                if (!turning.empty()) check(turning, ndx, "turning");
+                self->turning = std::move(turning);
                 for (const auto& [first, rows, columns] : groups) self->groups.push_back({first, rows, columns});
             },
             nb::kw_only(), nb::arg("nx"), nb::arg("ndx"), nb::arg("ny"), nb::arg("nu"), nb::arg("nr"),
             nb::arg("values"), nb::arg("jacobian"), nb::arg("complete"), nb::arg("scale_c"), nb::arg("scale_y"),
             nb::arg("scale_m"), nb::arg("scale_ru"),
-            nb::arg("groups") = std::vector<std::tuple<int, int, std::vector<int>>>());
+            nb::arg("groups") = std::vector<std::tuple<int, int, std::vector<int>>>(), nb::arg("turning") = Numbers());
 
     nb::class_<Terminal>(module, "Terminal")
         .def(
@@ -143,12 +146,15 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
 
     nb::class_<Direction>(module, "Direction")
         .def_ro("increment", &Direction::increment)
+        .def_ro("turn", &Direction::turn)
         .def_ro("slope", &Direction::slope)
         .def_ro("longest", &Direction::longest)
         .def_ro("longest_dual", &Direction::longest_dual)
         .def_ro("curvature", &Direction::curvature)
         .def_ro("linear_residual", &Direction::linear_residual)
         .def_ro("finite", &Direction::finite);
+
+    nb::class_<Sizes>(module, "Sizes").def_ro("primal", &Sizes::primal).def_ro("dual", &Sizes::dual);
 
     nb::class_<Trial>(module, "Trial")
         .def_ro("objective", &Trial::objective)
@@ -202,6 +208,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             nb::arg("refinements") = 1, Released())
         .def("correct", &Programme::correct, nb::arg("alpha"), Released())
         .def("move", &Programme::move, nb::arg("alpha"), Released())
+        .def("sizes", &Programme::sizes)
         .def("trial", &Programme::trial, nb::arg("alpha"), Released())
         .def("accept", &Programme::accept, nb::arg("alpha"), nb::arg("alpha_limits") = 1.0)
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false,
@@ -220,6 +227,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "gains", [](const Programme& p) { return to_array(p.gains()); }, nb::rv_policy::move)
         .def_prop_ro("num_stages", [](const Programme& p) { return p.problem.N; })
+        .def_prop_ro("num_end_conditions", [](const Programme& p) { return p.problem.ng; })
         .def_prop_ro("num_threads", [](const Programme& p) { return p.problem.crew().size(); })
         .def_prop_ro("num_shared", [](const Programme& p) { return p.problem.crew().num_shared(); })
         .def_prop_ro("num_bytes", [](const Programme& p) { return p.data.num_bytes(); });
@@ -299,12 +307,11 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "__init__",
             [](RecedingHorizon* self, Programme& programme, double tolerance, double barrier, double shift_unit,
-               double augmentation, const Input& turning) {
-                new (self)
-                    RecedingHorizon(programme, {tolerance, barrier, shift_unit, augmentation, to_numbers(turning)});
+               double augmentation) {
+                new (self) RecedingHorizon(programme, {tolerance, barrier, shift_unit, augmentation});
             },
             nb::arg("programme"), nb::kw_only(), nb::arg("tolerance"), nb::arg("barrier"), nb::arg("shift_unit"),
-            nb::arg("augmentation"), nb::arg("turning"), nb::keep_alive<1, 2>())
+            nb::arg("augmentation"), nb::keep_alive<1, 2>())
         .def(
             "step",
             [](RecedingHorizon& h, const Input& state, double steps, int iterations, double time_limit) {

@@ -6,6 +6,7 @@
 #include "forward_sweep.hpp"
 #include "reduced_hessian.hpp"
 #include "riccati.hpp"
+#include "sizes.hpp"
 #include "trial_point.hpp"
 
 namespace mbocp {
@@ -30,6 +31,7 @@ public:
     }
     // Second-order correction: the direction for constraint values alpha c + c(trial).
     Direction correct(double alpha) { return riccati.correct(alpha, trial_point.c(), trial_point.g()); }
+    Sizes sizes() const { return sizes_of(problem, iterate, barrier); }
     bool move(double alpha) { return trial_point.move(riccati.direction(), alpha); }
     Trial trial(double alpha) { return trial_point.evaluate(riccati.direction(), alpha); }
     void accept(double alpha, double alpha_limits) { trial_point.accept(riccati.direction(), alpha, alpha_limits); }

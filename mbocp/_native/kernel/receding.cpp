@@ -41,9 +41,6 @@ RecedingHorizon::RecedingHorizon(Programme& programme, HorizonSettings settings)
     const Problem& p = programme_.problem;
     for (int n = 1; n < p.N; ++n)
         if (&p.kind(n) != &p.kind(0)) throw std::invalid_argument("receding horizon: stages are of several kinds");
-    if (static_cast<int>(settings_.turning.size()) != p.ndx)
-        throw std::invalid_argument("receding horizon: turning: got " + std::to_string(settings_.turning.size()) +
-                                    " numbers, expected " + std::to_string(p.ndx));
     rows_move_ = has_same_rows();
     const auto nd = static_cast<std::size_t>(p.ndx), nu = static_cast<std::size_t>(p.kind(0).nu);
     dx_.assign(nd, 0.0), unit_.assign(nd, 0.0), answer_.assign(nu, 0.0);
@@ -186,8 +183,7 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
             const Direction d = programme_.riccati.solve(1);
             if (d.finite) {
                 had_direction = true;
-                const double turn = largest_turn();
-                const double longest = turn > 0.0 ? std::min(d.longest, most_turn / turn) : d.longest;
+                const double longest = d.turn > 0.0 ? std::min(d.longest, most_turn / d.turn) : d.longest;
                 const double increment = d.increment;
                 if (search(before, d, longest, status)) {
                     copy_gains();
@@ -252,15 +248,6 @@ bool RecedingHorizon::accepts(const Evaluation& before, const Trial& trial, doub
     return trial.violation <= (1.0 - least_decrease) * before.violation ||
            trial.objective <= before.objective - least_decrease * before.violation + slack ||
            (are_feasible && trial.objective <= before.objective + 10.0 * slack);
-}
-
-double RecedingHorizon::largest_turn() const {
-    const Numbers& dx = programme_.riccati.direction().dx;
-    const std::size_t nd = settings_.turning.size();
-    double largest = 0.0;
-    for (std::size_t i = 0; i < dx.size(); ++i)
-        largest = std::max(largest, std::abs(dx[i]) * settings_.turning[i % nd]);
-    return largest;
 }
 
 // The parameter goes by the cost, which another goal may change by orders of magnitude; it falls as the optimality

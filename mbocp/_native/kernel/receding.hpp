@@ -35,7 +35,6 @@ struct HorizonSettings {
     double barrier;       // part of the cost that the barriers of all limits may take together
     double shift_unit;    // the cost's second derivative in a control, by which shifts are counted
     double augmentation;  // first weight of the end condition in the factorisation
-    Numbers turning;      // see StageKind of programme/stagewise.py
 };
 
 // What a horizon carries from step to step beside the iterate, see RecedingHorizon.
@@ -80,7 +79,6 @@ private:
     Factorisation factorise(double shift);
     bool search(const Evaluation& before, const Direction& d, double longest, HorizonStatus& status);
     bool accepts(const Evaluation& before, const Trial& trial, double slope, double length) const;
-    double largest_turn() const;
     void adapt_barrier(Evaluation& e);
     void copy_out();
     void copy_gains();

@@ -22,8 +22,14 @@ struct Factorisation {
 
 struct Direction {
     double increment = 0, slope = 0, curvature = 0, linear_residual = 0;  // slope of the objective
+    double turn = 0;                       // angle by which it turns the joint that it turns most [rad]
     double longest = 1, longest_dual = 1;  // steps that keep slacks and limits' multipliers positive
     bool finite = false;
+};
+
+// Euclidean norms of the unknowns: of states and controls; of all multipliers, in the reported scaling.
+struct Sizes {
+    double primal = 0, dual = 0;
 };
 
 struct Trial {

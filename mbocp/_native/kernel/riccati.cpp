@@ -182,6 +182,7 @@ void Riccati::measure(Direction& d) const {
         const Kind& k = *s.kind;
         const double *dx0 = direction_.dx.data() + problem_.dx_offset(n), *dx1 = dx0 + nd;
         squared += dense::dot(nd, dx1, dx1);
+        for (std::size_t i = 0; i < k.turning.size(); ++i) d.turn = std::max(d.turn, std::abs(dx1[i]) * k.turning[i]);
         d.slope += dense::dot(nd, s.lw, dx1) + dense::dot(nd, s.ls, dx0);
         for (int i = 0; i < k.ny; ++i) {
             const double v = direction_.dy[problem_.y_offset[n] + i];
