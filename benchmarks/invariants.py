@@ -11,6 +11,7 @@ random.
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -68,10 +69,9 @@ class Free:
         """Configuration and velocity."""
         q = robot.integrate(robot.q0, np.array(self.q)) if self.q else np.asarray(robot.q0)
         v = np.array(self.v)
-        if robot.nc:
-            jacobian = robot.constraint_jacobian(q)
-            v = v - np.linalg.pinv(jacobian) @ jacobian @ v
-        return q, v
+        if self.momenta is _of_body:  # its centre of mass at rest: round-off of forces turns by no long lever
+            v[:3] = -np.cross(v[3:], robot.model.inertias[1].lever)
+        return q, _allowed(robot, q, v)
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,22 @@ def _body(gravity: float) -> Robot:
     return replace(body, resistances=())
 
 
+def _allowed(robot: Robot, q: Array, v: Array) -> Array:
+    """The nearest velocity that the constraints allow: by the midpoint rule those of nodes are off."""
+    if not robot.nc:
+        return v
+    jacobian = robot.constraint_jacobian(q)
+    found: Array = v - np.linalg.pinv(jacobian) @ jacobian @ v
+    return found
+
+
 def _lossless(name: str) -> Robot:
     return replace(mbocp.load_robot(name), resistances=())
 
 
 def _of_body(robot: Robot, q: Array, v: Array) -> Array:
     """Linear and angular momentum in the world; gravity takes three of them away."""
-    placed = pin.XYZQUATToSE3(q[:7])
-    found: Array = placed.act(pin.Force(robot.momentum(q, v)[:6])).vector
+    found: Array = pin.XYZQUATToSE3(q[:7]).act(pin.Force(robot.momentum(q, v))).vector
     return found if not robot.model.gravity.linear[2] else found[[0, 1, 5]]
 
 
@@ -122,10 +130,11 @@ def _of_base(robot: Robot, q: Array, v: Array) -> Array:
     return robot.momentum(q, v)[:1]
 
 
-_TURNING = (0.01, -0.005, 0.002, 0.5, 1.2, -0.7)
+_TURNING = (0.0, 0.0, 0.0, 0.5, 1.2, -0.7)
 SYSTEMS = (
     Free("rigid body, no gravity", lambda: _body(0.0), 0.02, _TURNING, momenta=_of_body),
-    Free("rigid body, falling", lambda: _body(9.81), 0.02, _TURNING, momenta=_of_body),
+    # A thousandth of a m/s^2: in 2000 s a body falls by 20,000 km otherwise, out of all digits.
+    Free("rigid body, falling", lambda: _body(1e-3), 0.02, _TURNING, momenta=_of_body),
     Free("four_bar", lambda: _lossless("four_bar"), 0.01, (1.0, 1.0, 1.0)),
     Free(
         "ur5",
@@ -168,7 +177,7 @@ def drift_of(system: Free, scheme: str, *, parts: int = 10, part: int = _PART) -
         total, kinetic = _energies(robot, qs, vs)
         errors.append(total - energy[0])
         largest = max(largest, float(kinetic.max()))
-        q, v = qs[-1], vs[-1]
+        q, v = qs[-1], _allowed(robot, qs[-1], vs[-1])
     first, last = errors[0] / largest, errors[-1] / largest
     change = np.abs(momenta - momenta[:1]).max(axis=1) / np.abs(momenta).max() if momenta.size else [np.nan]
     return Drift(
@@ -235,7 +244,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     one_core()
     systems = [system for system in SYSTEMS if not options.names or system.name in options.names]
-    table = drift_table(systems, options.schemes, told=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # joints turn as they like, beyond their limits
+        table = drift_table(systems, options.schemes, told=True)
     if options.docs:
         present([header(), table], _DOCS, _BEGIN, into_page=True)
     else:

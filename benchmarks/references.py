@@ -218,13 +218,14 @@ def _searched(problem: Problem, known: dict[str, float], asked: float) -> tuple[
         f"{told.local_error:.0e}",
         f"{seconds:.1f}",
     )
+    wanted = max(error, told.cost_error)  # errors may happen to cancel
     count, order = found.num_steps, cost_order(problem.controls, problem.scheme)
     for _ in range(_TRIES):
         equal, taken = _timed(problem.with_(num_steps=count))
         of_equal = abs(equal.cost / known["cost"] - 1.0)
-        if not equal.converged or of_equal <= 1.1 * error:
+        if not equal.converged or of_equal <= 1.1 * wanted:
             break
-        count = min(round(count * (of_equal / error) ** (1.0 / order)), _MOST)
+        count = min(round(count * (of_equal / wanted) ** (1.0 / order)), _MOST)
     return *cells, f"{count}", f"{of_equal:.1e}", f"{taken:.1f}"
 
 

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import mbocp
+from benchmarks.invariants import SYSTEMS, Free, drift_of
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
 from mbocp.guesses.simulated import simulated
@@ -20,6 +21,7 @@ from tests.mechanics.models import robot as robot_of
 
 ON_CONSTRAINTS = [name for name, pair in PAIRS.items() if pair.holds_constraints]
 TO_ROUND_OFF = 1e-15  # residual of a step in its unit of force; what is left of it adds up
+BODY_OF_ITS_OWN, FALLING, FOUR_BAR, ARM = SYSTEMS
 CHUNK = 10_000  # steps of one simulation: all of them would take gigabytes
 
 
@@ -170,3 +172,32 @@ def check_energy(robot: Robot, scheme: str, dt: float, q: Array, v: Array) -> No
         q, v = qs[-1], vs[-1]
     assert max(largest) < 1.2 * largest[0] + 1e-11
     assert np.ptp(means) < 0.2 * largest[0] + 1e-11
+
+
+LONG = [
+    *((BODY_OF_ITS_OWN, scheme) for scheme in ("midpoint", "lobatto2", "gauss2")),
+    *((FOUR_BAR, scheme) for scheme in ("midpoint", *ON_CONSTRAINTS)),
+    *((ARM, scheme) for scheme in ("midpoint", "lobatto2", "gauss2")),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:start.q. outside the position limits")  # joints turn as they like
+@pytest.mark.parametrize(("system", "scheme"), [pytest.param(*c, id=f"{c[0].name}, {c[1]}") for c in LONG])
+def test_the_last_tenth_of_a_hundred_thousand_steps_is_like_the_first(system: Free, scheme: str) -> None:
+    """Energies of rigid bodies, a linkage and an arm; momenta of symplectic schemes, over 10,000 steps.
+
+    The midpoint rule keeps the energy of a free body to round-off, not its momenta.
+    """
+    found = drift_of(system, scheme)
+    assert found.last < 1.5 * found.first + 1e-12
+    if scheme in PAIRS:
+        assert found.moved < 0.5 * found.first + 1e-12
+        assert system.momenta is None or found.momentum < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["lobatto2", "gauss2"])
+def test_momenta_of_a_body_that_falls(scheme: str) -> None:
+    """Linear across gravity, and angular about it."""
+    assert drift_of(FALLING, scheme, parts=1).momentum < 5e-12

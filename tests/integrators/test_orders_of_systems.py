@@ -67,6 +67,7 @@ FREE = {
     "double_pendulum": Case("double_pendulum", 0.2, 1.0, 0.0),
     "SO(3)": Case("Spherical", 1.5, 1.0, 1.0),
     "SE(3)": Case("FreeFlyer", 1.5, 1.0, 1.0),
+    "ur5": Case("ur5", 0.2, 1.0, 0.5),
 }
 HELD = {
     "rigid_pendulum": Case("rigid_pendulum", 1.0, 1.0, 1.0),
@@ -99,7 +100,7 @@ def changes(values: list[Array]) -> list[float]:
 
 
 @pytest.mark.parametrize("scheme", PAIRS)
-@pytest.mark.parametrize("name", FREE)
+@pytest.mark.parametrize("name", [*list(FREE)[:4], pytest.param("ur5", marks=HEAVY)])
 def test_states_and_adjoints(name: str, scheme: str) -> None:
     case, steps = FREE[name], steps_of(name, scheme)
     robot = steps.robot
@@ -159,6 +160,15 @@ def test_steps_on_groups_keep_the_canonical_form(name: str, scheme: str) -> None
     x, u = FREE[name].start(steps.robot)
     assert steps.symplectic_defect(x, 0 * u, 0.05) < 1e-9
     assert steps.symplectic_defect(x, u, 0.05) > 1e-6
+
+
+@pytest.mark.parametrize("scheme", PAIRS)
+@pytest.mark.parametrize("name", ["elastic_pendulum", pytest.param("ur5", marks=HEAVY)])
+def test_steps_of_joints_keep_the_canonical_form(name: str, scheme: str) -> None:
+    """Under controls, too, which are constant forces along coordinates."""
+    steps = steps_of(name, scheme)
+    x, u = FREE[name].start(steps.robot)
+    assert steps.symplectic_defect(x, u, 0.02) < 1e-9
 
 
 def driven(scheme: str, steps: int) -> Problem:
