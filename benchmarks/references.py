@@ -194,7 +194,7 @@ def accuracy_table(asked: float, names: Sequence[str] = ()) -> Table:
         for controls in ("constant", "stages"):
             if names and system.name not in names:
                 continue
-            problem = system.problem.with_(integrator={"scheme": AUTO_SCHEME}, controls=controls)
+            problem = system.problem.with_(integrator={"scheme": AUTO_SCHEME}).with_(controls=controls)
             rows.append(
                 (system.name, problem.scheme, controls, *_searched(problem, known[system.name], asked))
             )

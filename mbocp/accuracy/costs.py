@@ -9,8 +9,8 @@ the order s of the scheme, with which the errors of the motion fall,
 
 .. math:: e = \max\Bigl(\frac{d_K}{2^p - 1},\; \frac{d_{K-1}}{2^s (2^s - 1)}\Bigr), 1 \le p \le q \le s.
 
-An order that is seen to be higher than s + 1 is no order, but a difference that happens to be small: half of
-s is taken for the second term then.
+Where q is s, an order that is seen to be higher than s + 1 is no order, but a difference that happens to be
+small: half of s is taken for the second term then. Where it is not, the controls tell of the lower order.
 
 In the formulations whose errors are known to cancel two orders have to be seen. Where they are not alike, the
 error is taken to be the largest difference.
@@ -64,7 +64,7 @@ def cost_error(
     if not is_smooth and not _are_alike(differences, order):
         return float(np.nanmax(differences))
     ratio = before / last if last else np.inf
-    if ratio > 2.0 * s:
+    if ratio > 2.0 * s == 2.0 * q:
         s = s**0.5
     return max(last / (min(max(ratio, 2.0), q) - 1.0), before / (s * (s - 1.0)))
 
