@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from mbocp import load_robot
+from mbocp.view import browser
 from mbocp.view.forces import ForceMark
 from mbocp.view.marks import Marks
 from mbocp.view.replay import write_replay
 from tests.view.test_replay_browser import browse, picture
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(browser.find_browser() is None, reason="no Chromium"),
+]
 
 CLICKED = """<script>const waiting = setInterval(() => {
   if (document.body.dataset.state !== "ready") { return; }

@@ -12,7 +12,10 @@ from mbocp.view.replay import write_replay
 
 SIZE = (900, 600)
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(browser.find_browser() is None, reason="no Chromium"),
+]
 
 
 def browse(page, *extra: str, time: float | None = None) -> str:
