@@ -25,12 +25,16 @@ def random_programme(
     slope: float = 0.1,
     also_before: bool = False,
     crossed: bool = False,
+    plain: int | None = None,
+    is_split: bool = False,
 ):
     """Stages with random quadratic constraints and costs, of one kind, each with its own parameter.
 
     The first `direct` rows are x0_i - w_i + slope w_{direct + i}, with w = (x1, y), as where a step adds up
     speeds; with other entries of the state before and the controls, too, if `also_before`.
     With `crossed`, rows do not know the controls, and these cost products of two alone.
+    With `plain`, the last ny rows do not know x1, and so many of the first only their own entry of it, as
+    where a step has stages. With `is_split`, no curvature couples x1 with y.
     """
     rng = np.random.default_rng(seed)
     nz, nc = 2 * ndx + ny + nu, ndx + ny
@@ -49,6 +53,13 @@ def random_programme(
     curvature[:direct] = [np.zeros((nz, nz))] * direct
     weight = rng.standard_normal((nz, nz))
     metric = weight @ weight.T * share + np.eye(nz)
+    if plain is not None:
+        for i in (*range(plain), *range(ndx, nc)):
+            linear[i, :ndx], curvature[i][:ndx], curvature[i][:, :ndx] = 0.0, 0.0, 0.0
+        linear[range(plain), range(plain)] = -2.0
+    if is_split:
+        for matrix in (*curvature, metric):
+            matrix[:ndx, ndx:nc] = matrix[ndx:nc, :ndx] = 0.0
     if crossed:
         linear[:, -nu:] = 0.0
         curvature = [np.zeros((nz, nz))] * nc
@@ -181,7 +192,10 @@ def shapes(draw: st.DrawFn) -> tuple[tuple[int, ...], dict[str, float]]:
         "direct": draw(st.integers(0, min(ndx, (ndx + ny) // 2))),
         "slope": draw(st.sampled_from([0.02, -0.7, 3.0])),  # the last: too steep to go without pivoting
         "also_before": draw(st.booleans()),
+        "is_split": draw(st.booleans()),
     }
+    if draw(st.booleans()):
+        options |= {"direct": 0, "plain": draw(st.integers(0, ndx))}
     return (num_stages, ndx, ny, nu, ng), options
 
 

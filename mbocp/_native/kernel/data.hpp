@@ -9,8 +9,9 @@
 
 namespace mbocp {
 
-// What a dense step solves with: Jw's factors; Jw = -1; or those of what is left of Jw without its direct rows.
-enum class StepFactors { whole, none, rest };
+// What a dense step solves with: Jw's factors; Jw = -1; those of what is left of Jw without its direct rows; or those
+// of its diagonal blocks E and Y, see Kind.
+enum class StepFactors { whole, none, rest, blocks };
 
 // How a stage's Quu has been factorised: definite or not, without pivoting; definite; with pivoting.
 enum class ControlFactors { ldl, cholesky, lu };

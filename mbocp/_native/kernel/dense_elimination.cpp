@@ -57,17 +57,22 @@ void DenseElimination::add_up(const Stage& s, double shift, double* H) const {
 // Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term, and T'S beside it: half of
 // this, Q - Hss being the sum of the half and its transpose.
 Form DenseElimination::whole_form(const Stage& s, double shift) {
-    const int nd = problem_.ndx, nw = s.kind->nw(), ns = s.kind->ns();
+    const int nd = problem_.ndx, nw = s.kind->nw(), ns = s.kind->ns(), ny = s.kind->ny;
     const int pw = padded(nw), ps = padded(ns), pg = padded(problem_.ng), ld = pg + ps;
     Space space(work_.data());
-    double *H = space.take(nw, pw), *M = space.take(pw, ld), *Q = space.zeros(ps, ld);
+    // Rows that a product rounds its result up to come behind those of M.
+    double *H = space.take(nw, pw), *M = space.take(pw + dense::width, ps), *Q = space.zeros(ps, ld);
     add_up(s, shift, H);
-    for (int i = 0; i < nw; ++i) {
-        i < nd ? dense::copy(s.S + i * pg, M + i * ld, pg) : dense::zero(M + i * ld, pg);
-        dense::copy(s.Hws + i * ps, M + i * ld + pg, ps);
+    dense::copy(s.Hws, M, nw * ps);
+    if (s.kind->has_split_hessian) {
+        double* of_y = M + nd * ps;
+        dense::gemm_tn(ny, ns, ny, H + nd * (pw + 1), pw, s.T + nd * ps, ps, of_y, ps);
+        dense::gemm_tn(nd, ns, nd, H, pw, s.T, ps, M, ps);
+    } else {
+        dense::gemm_tn(nw, ns, nw, H, pw, s.T, ps, M, ps);
     }
-    dense::gemm_tn(nw, ns, nw, H, pw, s.T, ps, M + pg, ld);
-    dense::gemm_tn(ns, ld, nw, s.T, ps, M, ld, Q, ld);
+    if (problem_.ng) dense::gemm_tn(ns, pg, nd, s.T, ps, s.S, pg, Q, ld);
+    dense::gemm_tn(ns, ns, nw, s.T, ps, M, ps, Q + pg, ld);
     return {Q, ld};
 }
 

@@ -1,5 +1,6 @@
 #include "dense_step.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "structured_step.hpp"
@@ -17,6 +18,12 @@ void scatter(const Targets& targets, const double* values, double* const* blocks
     }
 }
 
+// With zeros as far as the row is padded.
+void copy_row(const double* from, double* to, int n) {
+    dense::copy(from, to, n);
+    dense::zero(to + n, padded(n) - n);
+}
+
 // Jw = -1, as where a step's rows are F(x_before, u) - x.
 bool is_minus_identity(const Stage& s) {
     const int nc = s.kind->nc(), pw = padded(s.kind->nw());
@@ -25,6 +32,23 @@ bool is_minus_identity(const Stage& s) {
         if (s.Jw[i * (pw + 1)] != -1.0) return false;
     return true;
 }
+
+// Sizes of the blocks of Jw, where they are in it, and their factors.
+struct BlocksOf {
+    explicit BlocksOf(const Stage& s)
+        : kind(*s.kind), plain(kind.blocks.plain), upper(kind.blocks.upper), ne(upper - plain), ny(kind.nw() - upper),
+          pw(padded(kind.nw())), pe(padded(ne)), py(padded(ny)), Jw(s.Jw), A(Jw + plain * pw), C(A + upper), E(s.LU),
+          Y(E + ne * pe), pivot_E(s.pivot), pivot_Y(pivot_E + upper) {}
+
+    const Kind& kind;
+    const int plain, upper, ne, ny, pw, pe, py;
+    const double *Jw, *A, *C;
+    double *E, *Y;
+    int *pivot_E, *pivot_Y;
+
+    double D(int i) const { return Jw[i * (pw + 1)]; }
+    double B(const Kind::Entry& entry) const { return Jw[entry.row * pw + entry.column]; }
+};
 
 // Whether the kind's direct rows are a = D z + J s here, with D small enough to lose no digits without pivoting.
 bool has_direct_rows(const Stage& s) {
@@ -96,6 +120,7 @@ double DenseStep::factor(int n, int thread) {
     const Kind& k = *s.kind;
     if (is_minus_identity(s)) return s.factors_of = StepFactors::none, 1.0;
     if (has_direct_rows(s)) return factor_rest(s, thread);
+    if (k.blocks.upper) return factor_blocks(s);
     s.factors_of = StepFactors::whole;
     dense::copy(s.Jw, s.LU, k.nc() * padded(k.nw()));
     return dense::lu_factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
@@ -108,10 +133,25 @@ double DenseStep::factor_rest(Stage& s, int thread) const {
     s.factors_of = StepFactors::rest;
     for (int i = 0; i < nz; ++i) {
         const double* row = s.Jw + (na + i) * pw;
-        dense::copy(row + na, s.LU + i * pz, nz);
+        copy_row(row + na, s.LU + i * pz, nz);
         dense::multiply_add(na, row, D, s.LU + i * pz);
     }
     return dense::lu_factor(nz, s.LU, pz, s.pivot);
+}
+
+double DenseStep::factor_blocks(Stage& s) const {
+    const BlocksOf b(s);
+    s.factors_of = StepFactors::blocks;
+    double smallest = INFINITY, largest = 0.0;
+    for (int i = 0; i < b.plain; ++i) {
+        const double size = std::abs(b.D(i));
+        if (!(size > 0.0) || !std::isfinite(size)) return 0.0;
+        smallest = std::min(smallest, size), largest = std::max(largest, size);
+    }
+    for (int i = 0; i < b.ne; ++i) copy_row(b.A + i * b.pw + b.plain, b.E + i * b.pe, b.ne);
+    for (int i = 0; i < b.ny; ++i) copy_row(b.Jw + (b.upper + i) * b.pw + b.upper, b.Y + i * b.py, b.ny);
+    const double of_plain = b.plain ? smallest / largest : 1.0, of_E = dense::lu_factor(b.ne, b.E, b.pe, b.pivot_E);
+    return std::min({of_plain, of_E, dense::lu_factor(b.ny, b.Y, b.py, b.pivot_Y)});
 }
 
 double DenseStep::factor_first(int n, const StageFunction& f) {
@@ -132,6 +172,7 @@ void DenseStep::solve(int n, double* c) const {
         for (int i = 0; i < nc; ++i) c[i] = -c[i];
         return;
     }
+    if (s.factors_of == StepFactors::blocks) return solve_blocks(s, c);
     const int na = s.kind->num_direct, nz = nc - na;
     double* z = c + na;
     dense::gemv(nz, na, s.Jw + na * pw, pw, c, z);
@@ -143,6 +184,7 @@ void DenseStep::solve_transposed(int n, double* w) const {
     const Stage& s = data_[n];
     const int nc = s.kind->nc(), pw = padded(s.kind->nw());
     if (s.factors_of == StepFactors::whole) return dense::lu_solve_transposed(nc, s.LU, pw, s.pivot, w);
+    if (s.factors_of == StepFactors::blocks) return solve_blocks_transposed(s, w);
     for (int i = 0; i < nc && s.factors_of == StepFactors::none; ++i) w[i] = -w[i];
     if (s.factors_of == StepFactors::none) return;
     const int na = s.kind->num_direct, nz = nc - na;
@@ -150,6 +192,28 @@ void DenseStep::solve_transposed(int n, double* w) const {
     for (int i = 0; i < na; ++i) z[i] += s.Jw[i * (pw + 1) + na] * w[i], w[i] = -w[i];
     dense::lu_solve_transposed(nz, s.LU, padded(nz), s.pivot, z);
     dense::gemv_t(nz, na, s.Jw + na * pw, pw, z, w);
+}
+
+void DenseStep::solve_blocks(const Stage& s, double* c) const {
+    const BlocksOf b(s);
+    double *of_E = c + b.plain, *of_Y = c + b.upper;
+    dense::lu_solve_vector(b.ny, b.Y, b.py, b.pivot_Y, of_Y);
+    for (const Kind::Entry& entry : b.kind.beyond) c[entry.row] -= b.B(entry) * c[entry.column];
+    for (int i = 0; i < b.plain; ++i) c[i] /= b.D(i);
+    dense::gemv(b.ne, b.plain, b.A, b.pw, c, of_E, -1.0);
+    dense::gemv(b.ne, b.ny, b.C, b.pw, of_Y, of_E, -1.0);
+    dense::lu_solve_vector(b.ne, b.E, b.pe, b.pivot_E, of_E);
+}
+
+void DenseStep::solve_blocks_transposed(const Stage& s, double* w) const {
+    const BlocksOf b(s);
+    double *of_E = w + b.plain, *of_Y = w + b.upper;
+    dense::lu_solve_transposed(b.ne, b.E, b.pe, b.pivot_E, of_E);
+    dense::gemv_t(b.ne, b.plain, b.A, b.pw, of_E, w, -1.0);
+    for (int i = 0; i < b.plain; ++i) w[i] /= b.D(i);
+    for (const Kind::Entry& entry : b.kind.beyond) w[entry.column] -= b.B(entry) * w[entry.row];
+    dense::gemv_t(b.ne, b.ny, b.C, b.pw, of_E, of_Y, -1.0);
+    dense::lu_solve_transposed(b.ny, b.Y, b.py, b.pivot_Y, of_Y);
 }
 
 double DenseStep::prepare_response(int n, int thread) {
@@ -163,6 +227,7 @@ double DenseStep::prepare_response(int n, int thread) {
     dense::copy(s.Js, s.T, nc * ps);
     if (pivot == 0.0 || s.factors_of == StepFactors::none) return pivot;
     for (int i = 0; i < nc * ps; ++i) s.T[i] = -s.T[i];
+    if (s.factors_of == StepFactors::blocks) return respond_blocks(s), pivot;
     dense::lu_solve(nc, s.LU, padded(s.kind->nw()), s.pivot, s.T, ps, ps);
     return pivot;
 }
@@ -185,6 +250,20 @@ void DenseStep::respond_rest(const Stage& s, int thread) const {
         dense::copy(s.Js + i * ps, s.T + i * ps, ps);
         dense::axpy(ps, s.Jw[i * (pw + 1) + na], V + i * ps, s.T + i * ps);
     }
+}
+
+// T from -Js, which it has.
+void DenseStep::respond_blocks(const Stage& s) const {
+    const BlocksOf b(s);
+    const int ps = padded(s.kind->ns());
+    double *of_E = s.T + b.plain * ps, *of_Y = s.T + b.upper * ps;
+    dense::lu_solve(b.ny, b.Y, b.py, b.pivot_Y, of_Y, ps, ps);
+    for (const Kind::Entry& entry : b.kind.beyond)
+        dense::axpy(ps, -b.B(entry), s.T + entry.column * ps, s.T + entry.row * ps);
+    for (int i = 0; i < b.plain; ++i) dense::scaled(ps, 1.0 / b.D(i), s.T + i * ps, s.T + i * ps);
+    dense::gemm_nn(b.ne, ps, b.plain, b.A, b.pw, s.T, ps, of_E, ps, -1.0);
+    dense::gemm_nn(b.ne, ps, b.ny, b.C, b.pw, of_Y, ps, of_E, ps, -1.0);
+    dense::lu_solve(b.ne, b.E, b.pe, b.pivot_E, of_E, ps, ps);
 }
 
 void DenseStep::respond(int n, const double* ds, double* dw) const {

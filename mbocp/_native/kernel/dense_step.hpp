@@ -1,7 +1,7 @@
 // Steps of 4 to 100 unknowns, as whole matrices.
 //
 // Rows that only add up speeds, a = D z + J s with w = (a, z), are not factorised: with Jw = [-1 D; A E] what is left
-// is E + A D, of half the size.
+// is E + A D, of half the size. Where Jw is a triangle of blocks by its pattern, only those on its diagonal are.
 #pragma once
 
 #include "step.hpp"
@@ -32,6 +32,10 @@ private:
     double factor(int n, int thread);
     double factor_rest(Stage& s, int thread) const;
     void respond_rest(const Stage& s, int thread) const;
+    double factor_blocks(Stage& s) const;
+    void respond_blocks(const Stage& s) const;
+    void solve_blocks(const Stage& s, double* c) const;
+    void solve_blocks_transposed(const Stage& s, double* w) const;
     Space space(int thread) const { return Space(work_.data() + size_ * thread); }
 
     const Problem& problem_;

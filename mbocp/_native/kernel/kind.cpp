@@ -47,6 +47,37 @@ int count_direct(const Pattern& J, int nw, int ndx) {
     return n;
 }
 
+// The form of Jw that leaves least to factorise, by both patterns that it may have.
+Kind::Blocks find_blocks(const std::vector<const Pattern*>& patterns, int nw) {
+    std::vector<std::vector<bool>> has(nw, std::vector<bool>(nw, false));
+    for (const Pattern* J : patterns)
+        for (int k = 0; k < J->nnz(); ++k)
+            if (J->column[k] < nw) has[J->row[k]][J->column[k]] = true;
+    const auto knows = [&](int row, int columns) {  // any of the first ones but its own
+        for (int j = 0; j < columns; ++j)
+            if (j != row && has[row][j]) return true;
+        return false;
+    };
+    const auto cube = [](long n) { return n * n * n; };
+    Kind::Blocks best;
+    long least = cube(nw);
+    for (int upper = 1; upper <= nw; ++upper) {
+        bool is_split = true;
+        for (int i = upper; i < nw && is_split; ++i) is_split = !knows(i, upper);
+        int plain = 0;
+        while (plain < upper && has[plain][plain] && !knows(plain, upper)) ++plain;
+        const long left = cube(upper - plain) + cube(nw - upper);
+        if (is_split && left < least) best = {plain, upper}, least = left;
+    }
+    return best;
+}
+
+bool is_split(const Pattern& upper, int ndx, int nw) {
+    for (int k = 0; k < upper.nnz(); ++k)
+        if (upper.row[k] < ndx && upper.column[k] >= ndx && upper.column[k] < nw) return false;
+    return true;
+}
+
 Targets jacobian_targets(const Pattern& J, int nw, int ldw, int lds) {
     Targets targets;
     for (int k = 0; k < J.nnz(); ++k) {
@@ -94,6 +125,12 @@ void Kind::prepare() {
         const int i = all[2].row[k], j = all[2].column[k] - nw();
         if (i < num_direct && j >= 0 && j != i) before.push_back({i, j});
     }
+    if (groups.empty() && !may_be_explicit && !num_direct) blocks = find_blocks({&all[2], &first[2]}, nw());
+    for (int k = 0; k < all[2].nnz(); ++k) {
+        const int i = all[2].row[k], j = all[2].column[k];
+        if (i < blocks.plain && j >= blocks.upper && j < nw()) beyond.push_back({i, j});
+    }
+    has_split_hessian = ny > 0 && is_split(all[4], ndx, nw());
     const int ldw = padded(nw()), lds = padded(ns());
     to_jacobian = jacobian_targets(all[2], nw(), ldw, lds);
     to_first_jacobian = jacobian_targets(first[2], nw(), ldw, lds);

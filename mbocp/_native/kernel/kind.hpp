@@ -42,6 +42,16 @@ struct Kind {
     int num_direct = 0;
     std::vector<Entry> before;
 
+    // Jw = [D 0 B; A E C; 0 0 Y] by its pattern, where the diagonal D has `plain` rows and Y those from `upper` on, as
+    // where a step's stages are solved for by themselves; `upper` is 0 where there is no such form. `beyond` has the
+    // entries of B.
+    struct Blocks {
+        int plain = 0, upper = 0;
+    };
+    Blocks blocks;
+    std::vector<Entry> beyond;
+    bool has_split_hessian = false;  // no entry of Hww couples the state with the algebraic unknowns
+
     int nw() const { return ndx + ny; }
     int ns() const { return ndx + nu; }
     int nc() const { return ndx + ny; }
