@@ -264,7 +264,7 @@ def test_a_throw(coordinates: str) -> None:
 )
 def test_natural_coordinates(duration: float, asked: float) -> None:
     """Against gauss2 with controls at its stages; errors of two kinds cancel at 20 to 200 steps of 5 s."""
-    words: dict[str, Any] = {"goal": {"q": [1.0, 0.5], "v": 0}, "cost": {"effort": 1.0}}
+    words: dict[str, Any] = {"goal": {"q": [1.0, 0.5], "v": 0}}
     case = mbocp.Problem.create("double_pendulum", duration, 200, scheme="midpoint", **words)
     true = mbocp.solve(case.with_(scheme="gauss2", controls="stages"), check=True).cost
     s = mbocp.solve(case.with_(coordinates="natural", accuracy=asked))
