@@ -70,4 +70,7 @@ def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
     hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)
     derivatives = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), ca.triu(hessian)]
     others = [at.y, at.inputs, at.m, at.theta, at.rho]
-    return StepDerivatives(*space.at_zero_tangents([at.x0, at.x1], derivatives, others, [at.d0, at.d1]))
+    c, cost, dc_dz, dl_dz, hessian = space.at_zero_tangents(
+        [at.x0, at.x1], derivatives, others, [at.d0, at.d1]
+    )
+    return StepDerivatives(c, cost, dc_dz, dl_dz, hessian)

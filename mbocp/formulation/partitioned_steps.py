@@ -62,7 +62,7 @@ class _Derivation:
         still, is_flat = ca.SX.zeros(ndx), at.space.layout.is_flat
         self._given = [at.theta, at.rho] if is_flat else [at.x0, at.x1, at.theta, at.rho]
         values = self._symbols if is_flat else [still, at.y, still, at.inputs]
-        self._chain = Chain(ca.vertcat(*values))
+        self._chain = Chain(ca.vertcat(*values), may_call=True)
         root = self._chain.root()
         self._y, self._u = root[ndx : ndx + ny], root[2 * ndx + ny : 2 * ndx + ny + nu]
         self._root = [root[:ndx], self._y, root[ndx + ny : 2 * ndx + ny], root[2 * ndx + ny :]]
@@ -80,11 +80,12 @@ class _Derivation:
         both = Affine.join([c, cost])
         hessian = ca.triu(chain.hessian(both, ca.vertcat(at.m, 1)))
         slopes = chain.jacobian(c), chain.jacobian(cost)
-        return StepDerivatives(ca.densify(c.value), cost.value, *slopes, hessian, self._lengthening(c, cost))
+        found = ca.densify(c.value), cost.value, *slopes, hessian
+        return StepDerivatives(*found, self._lengthening(*chain.resolved(found[:2])), chain.resolved)
 
-    def _lengthening(self, c: Affine, cost: Affine) -> ca.SX:
+    def _lengthening(self, c: ca.SX, cost: ca.SX) -> ca.SX:
         at = self._at
-        by_theta = ca.gradient(cost.value + ca.dot(at.m, c.value), at.theta)
+        by_theta = ca.gradient(cost + ca.dot(at.m, c), at.theta)
         return at.given["dt"] * (ca.jacobian(at.given["dt"], at.theta) @ by_theta)
 
     def _rows(self) -> PartitionedRows:

@@ -24,7 +24,7 @@ balance count in a unit of force that is one of the parameters, see `Units`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -207,15 +207,20 @@ class _RunningCost:
 
 
 def _functions(at: StepSymbols, step: StepDerivatives) -> dict[str, ca.Function]:
-    derivatives = list(step[:5])
+    derivatives = step[:5]
     arguments, parameters = [at.x0, at.x1, at.y, at.inputs], [at.theta, at.rho]
+    all_inputs, with_m = [*arguments, *parameters], [*arguments, at.m, *parameters]
+
+    def function(name: str, inputs: list[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
+        return ca.Function(name, inputs, ca.cse(list(step.written(outputs))))
+
     found = {
-        "values": ca.Function("values", [*arguments, *parameters], ca.cse(derivatives[:2])),
-        "gradient": ca.Function("gradient", [*arguments, *parameters], ca.cse(derivatives[3:4])),
-        "jacobian": ca.Function("jacobian", [*arguments, *parameters], ca.cse(derivatives[:4])),
-        "complete": ca.Function("complete", [*arguments, at.m, *parameters], ca.cse(derivatives)),
+        "values": function("values", all_inputs, derivatives[:2]),
+        "gradient": function("gradient", all_inputs, derivatives[3:4]),
+        "jacobian": function("jacobian", all_inputs, derivatives[:4]),
+        "complete": function("complete", with_m, derivatives),
     }
     if step.lengthening is not None:
         slope = ca.cse([step.lengthening])
-        found["lengthening"] = ca.Function("lengthening", [*arguments, at.m, *parameters], slope)
+        found["lengthening"] = ca.Function("lengthening", with_m, slope)
     return found

@@ -11,10 +11,15 @@ gives its own sparse derivatives, and the chain rule joins them:
 
 with the arguments :math:`a_k` of the links, linear in :math:`\xi` and in the links' outputs, and the adjoints
 :math:`\bar o_k` of these. For a step of eighteen unknowns this is an eighth of the operations.
+
+A large link that is applied several times can be one function, called with several arguments, instead of as
+many copies of its operations: see `Chain.resolved`. Where its adjoint depends on no later link, as those whose
+outputs go to the result alone, one call gives its outputs, slopes and curvature together.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -22,8 +27,10 @@ import casadi as ca
 
 __all__ = ["Affine", "Chain"]
 
+_LARGE = 500  # operations of a link's derivatives, from which on a call is worth its copies of numbers
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Affine:
     """A vector that is an affine function of the unknowns and of the links' outputs.
 
@@ -67,6 +74,130 @@ class Affine:
         return Affine(ca.vertcat(*[piece.value for piece in pieces]), parts)
 
 
+@dataclass(frozen=True, eq=False)
+class _Derivatives:
+    """A link's outputs, their Jacobian, and the Hessian of w . outputs, in its arguments.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        The link, whose address is a key as long as it is kept.
+    first : casadi.Function
+        (argument, parameters) -> numbers of outputs and Jacobian that are no constants and differ.
+    second : casadi.Function
+        (argument, parameters, w) -> those of the Hessian.
+    both : casadi.Function
+        (argument, parameters, w) -> first, second.
+    matrices : casadi.Function
+        (first, second) -> outputs, Jacobian, Hessian.
+    num_outputs : int
+        How many of the first are outputs, and no slopes.
+    """
+
+    function: ca.Function
+    first: ca.Function
+    second: ca.Function
+    both: ca.Function
+    matrices: ca.Function
+    num_outputs: int
+
+    @classmethod
+    def of(cls, function: ca.Function, count: int, *, is_merged: bool) -> _Derivatives:
+        """Derivatives in the first `count` arguments, joined; common subexpressions may be merged at once."""
+        sizes = [function.numel_in(i) for i in range(function.n_in())]
+        given = [ca.SX.sym(f"p{i}", size) for i, size in enumerate(sizes[count:])]
+        a = ca.SX.sym("a", sum(sizes[:count]))
+        pieces, start = [], 0
+        for size in sizes[:count]:
+            pieces.append(a[start : start + size])
+            start += size
+        out = ca.vertcat(*function.call([*pieces, *given]))
+        w = ca.SX.sym("w", out.numel())
+        curvature, _ = ca.hessian(ca.dot(w, out), a)
+        written = [out, ca.jacobian(out, a), curvature]
+        out, jacobian, curvature = ca.cse(written) if is_merged else written
+        outputs = out
+        first, (out, jacobian) = _distinct("first", [outputs, jacobian])
+        second, (curvature,) = _distinct("second", [curvature])
+        name = function.name()
+        return cls(
+            function,
+            ca.Function(f"{name}_first", [a, *given], [first.values]),
+            ca.Function(f"{name}_second", [a, *given, w], [second.values]),
+            ca.Function(f"{name}_both", [a, *given, w], [first.values, second.values]),
+            ca.Function(f"{name}_matrices", [first.symbols, second.symbols], [out, jacobian, curvature]),
+            len({e.element_hash() for e in _entries(outputs) if not e.is_constant()}),
+        )
+
+    @property
+    def is_large(self) -> bool:
+        """Whether copies of it take long to compile."""
+        return bool(self.both.n_instructions() >= _LARGE)
+
+
+@dataclass(frozen=True, eq=False)
+class _Distinct:
+    """Entries of matrices, each once, and symbols for them."""
+
+    values: ca.SX
+    symbols: ca.SX
+
+
+def _distinct(name: str, matrices: Sequence[ca.SX]) -> tuple[_Distinct, list[ca.SX]]:
+    """Entries that are no constants, each once, and the matrices with symbols in their places."""
+    places: dict[int, int] = {}
+    values: list[ca.SX] = []
+    for matrix in matrices:
+        for entry in _entries(matrix):
+            if not entry.is_constant() and entry.element_hash() not in places:
+                places[entry.element_hash()] = len(values)
+                values.append(entry)
+    symbols = ca.SX.sym(name, len(values))
+    written = []
+    for matrix in matrices:
+        entries = [e if e.is_constant() else symbols[places[e.element_hash()]] for e in _entries(matrix)]
+        written.append(ca.SX(matrix.sparsity(), ca.vertcat(ca.SX.zeros(0, 1), *entries)))
+    return _Distinct(ca.vertcat(ca.SX.zeros(0, 1), *values), symbols), written
+
+
+def _entries(matrix: ca.SX) -> list[ca.SX]:
+    return [matrix.nz[i] for i in range(matrix.nnz())]
+
+
+@dataclass(frozen=True, eq=False)
+class _Link:
+    """A link where it is applied.
+
+    Attributes
+    ----------
+    derivatives : _Derivatives
+    argument : Affine
+    given : tuple of casadi.SX
+        Parameters.
+    first : casadi.SX
+        Numbers of its outputs and slopes, or symbols that stand for them.
+    jacobian : casadi.SX
+        Of its outputs in its argument.
+    is_symbolic : bool
+    """
+
+    derivatives: _Derivatives
+    argument: Affine
+    given: tuple[ca.SX, ...]
+    first: ca.SX
+    jacobian: ca.SX
+    is_symbolic: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Curved:
+    """Symbols that stand for the curvature of a link, and the adjoint of its outputs."""
+
+    link: _Link
+    second: ca.SX
+    adjoint: ca.SX
+
+
 @dataclass
 class Chain:
     """Links from unknowns to a result.
@@ -75,14 +206,17 @@ class Chain:
     ----------
     unknowns : casadi.SX
         xi, in whose direction derivatives are taken; may be numbers.
+    may_call : bool
+        Whether large links may become functions that are called. Values, slopes and Hessians then have
+        symbols for their numbers until `resolved` puts something in their places.
     """
 
     unknowns: ca.SX
-    _arguments: list[Affine] = field(default_factory=list)
-    _jacobians: list[ca.SX] = field(default_factory=list)
-    _calls: list[tuple[ca.Function, list[ca.SX]]] = field(default_factory=list)
+    may_call: bool = False
+    _links: list[_Link] = field(default_factory=list)
     _slopes: list[ca.SX] = field(default_factory=list)  # of the sources
-    _derived: dict[int, tuple[ca.Function, ca.Function, ca.Function]] = field(default_factory=dict)
+    _curved: list[_Curved] = field(default_factory=list)
+    _derived: dict[int, _Derivatives] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._slopes.append(ca.SX.eye(self.unknowns.numel()))
@@ -95,16 +229,14 @@ class Chain:
         self, function: ca.Function, arguments: Sequence[Affine], parameters: Sequence[ca.SX] = ()
     ) -> list[Affine]:
         """Outputs of `function` (*arguments, *parameters); nothing is differentiated in the parameters."""
-        joined = Affine.join(arguments)
-        values, jacobian, _ = self._derivatives(function, len(arguments))
-        argument, given = joined.value, list(parameters)
-        out = values.call([argument, *given])[0]
-        slope = self._slope(joined)
-        local = jacobian.call([argument, *given])[0]
-        self._arguments.append(joined)
-        self._jacobians.append(local)
-        self._calls.append((function, given))
-        self._slopes.append(local @ slope)
+        joined, given = Affine.join(arguments), tuple(parameters)
+        own = self._derivatives(function, len(arguments))
+        is_symbolic = self.may_call and own.is_large
+        count = own.first.numel_out(0)
+        first = ca.SX.sym("first", count) if is_symbolic else own.first.call([joined.value, *given])[0]
+        out, jacobian, _ = own.matrices.call([first, ca.SX.zeros(own.second.numel_out(0))])
+        self._links.append(_Link(own, joined, given, first, jacobian, is_symbolic))
+        self._slopes.append(jacobian @ self._slope(joined))
         size, source = out.numel(), len(self._slopes) - 1
         whole = Affine(out, {source: ca.SX.eye(size)})
         pieces, start = [], 0
@@ -124,15 +256,44 @@ class Chain:
         self._push(result, m, adjoints)
         size = self.unknowns.numel()
         total = ca.SX(size, size)
-        for k in reversed(range(len(self._arguments))):
-            function, given = self._calls[k]
-            argument, adjoint = self._arguments[k], adjoints[k + 1]
-            count = function.n_in() - len(given)
-            curvature = self._derivatives(function, count)[2].call([argument.value, *given, adjoint])[0]
-            slope = self._slope(argument)
+        for link, adjoint in zip(reversed(self._links), reversed(adjoints), strict=False):
+            own = link.derivatives
+            if link.is_symbolic:
+                second = ca.SX.sym("second", own.second.numel_out(0))
+                self._curved.append(_Curved(link, second, adjoint))
+            else:
+                second = own.second.call([link.argument.value, *link.given, adjoint])[0]
+            curvature = own.matrices.call([link.first, second])[2]
+            slope = self._slope(link.argument)
             total += slope.T @ (curvature @ slope)
-            self._push(argument, self._jacobians[k].T @ adjoint, adjoints)
+            self._push(link.argument, link.jacobian.T @ adjoint, adjoints)
         return total
+
+    def resolved(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
+        """Outputs of a function, with the links' numbers in the places of symbols that stand for them.
+
+        Large links that are applied several times are functions that are called, where slopes are asked for
+        and one call gives all that is; everything else is written out.
+        """
+        everything = ca.veccat(*expressions)
+        curved = [one for one in self._curved if ca.depends_on(everything, one.second)]
+        symbolic = [link for link in self._links if link.is_symbolic]
+        called = _called(symbolic, curved, everything)
+        known = _Known()
+        for link in symbolic:
+            own, given = link.derivatives, [known.settled(link.argument.value), *link.given]
+            bent = [one for one in curved if one.link is link] if id(link) in called else []
+            if bent:
+                first, second = own.both.call([*given, known.settled(bent[0].adjoint)], False, True)
+                known.add(bent[0].second, second)
+            else:
+                (first,) = own.first.call(given, id(link) not in called, id(link) in called)
+            known.add(link.first, first)
+        for one in curved:
+            if id(one.link) not in called:
+                given = [known.settled(one.link.argument.value), *one.link.given, known.settled(one.adjoint)]
+                known.add(one.second, one.link.derivatives.second.call(given)[0])
+        return [known.settled(expression) for expression in expressions]
 
     def _slope(self, vector: Affine) -> ca.SX:
         total = ca.SX(vector.value.numel(), self.unknowns.numel())
@@ -146,23 +307,40 @@ class Chain:
             if source:
                 adjoints[source] = adjoints[source] + matrix.T @ adjoint
 
-    def _derivatives(self, function: ca.Function, count: int) -> tuple[ca.Function, ca.Function, ca.Function]:
-        """Outputs joined, their Jacobian, and the Hessian of w . outputs, in the first `count` arguments."""
+    def _derivatives(self, function: ca.Function, count: int) -> _Derivatives:
         key = function.__hash__()
         if key not in self._derived:
-            sizes = [function.numel_in(i) for i in range(function.n_in())]
-            given = [ca.SX.sym(f"p{i}", size) for i, size in enumerate(sizes[count:])]
-            a = ca.SX.sym("a", sum(sizes[:count]))
-            pieces, start = [], 0
-            for size in sizes[:count]:
-                pieces.append(a[start : start + size])
-                start += size
-            out = ca.vertcat(*function.call([*pieces, *given]))
-            w = ca.SX.sym("w", out.numel())
-            curvature, _ = ca.hessian(ca.dot(w, out), a)
-            self._derived[key] = (
-                ca.Function("values", [a, *given], [out]),
-                ca.Function("jacobian", [a, *given], [ca.jacobian(out, a)]),
-                ca.Function("curvature", [a, *given, w], [curvature]),
-            )
+            self._derived[key] = _Derivatives.of(function, count, is_merged=self.may_call)
         return self._derived[key]
+
+
+def _called(links: Sequence[_Link], curved: Sequence[_Curved], everything: ca.SX) -> set[int]:
+    """Links that are functions to call, by their identities."""
+
+    def gives_all(k: int) -> bool:
+        link = links[k]
+        later = ca.vertcat(*[one.first for one in links[k:]])
+        adjoints = [one.adjoint for one in curved if one.link is link]
+        asks_slopes = ca.depends_on(everything, link.first[link.derivatives.num_outputs :])
+        return asks_slopes and len(adjoints) <= 1 and not any(ca.depends_on(a, later) for a in adjoints)
+
+    found = [link for k, link in enumerate(links) if gives_all(k)]
+    times = Counter(id(link.derivatives) for link in found)
+    return {id(link) for link in found if times[id(link.derivatives)] > 1}
+
+
+@dataclass
+class _Known:
+    """What symbols stand for, as far as it is known."""
+
+    _symbols: list[ca.SX] = field(default_factory=list)
+    _values: list[ca.SX] = field(default_factory=list)
+
+    def add(self, symbols: ca.SX, values: ca.SX) -> None:
+        """Let symbols stand for these values."""
+        self._symbols.append(symbols)
+        self._values.append(values)
+
+    def settled(self, expression: ca.SX) -> ca.SX:
+        """Return an expression of known values."""
+        return ca.substitute([expression], self._symbols, self._values)[0] if self._symbols else expression

@@ -27,6 +27,8 @@ typedef double mbocp_lanes;
 #define mbocp_sqrt(x) sqrt(x)
 #define mbocp_sin(x) sin(x)
 #define mbocp_cos(x) cos(x)
+#define mbocp_sin_and_cos(x, other) (*(other) = cos(x), sin(x))
+#define mbocp_cos_and_sin(x, other) (*(other) = sin(x), cos(x))
 #define MBOCP_EACH(f) static double mbocp_each_##f(double x) { return f(x); }
 #define MBOCP_EACH_OF_TWO(f) static double mbocp_each_##f(double x, double y) { return f(x, y); }
 #else
@@ -90,16 +92,24 @@ MBOCP_EACH(sin)
 MBOCP_EACH(cos)
 #define mbocp_sin(x) mbocp_each_sin(x)
 #define mbocp_cos(x) mbocp_each_cos(x)
+#define mbocp_sin_and_cos(x, other) (*(other) = mbocp_cos(x), mbocp_sin(x))
+#define mbocp_cos_and_sin(x, other) (*(other) = mbocp_sin(x), mbocp_cos(x))
 #else
-/* sin(x + quarter pi / 2) within an ulp: x less a multiple n of pi / 2, in three parts of 33 bits and a rest, as a sum y
+/* Sine or cosine of a quarter of the circle from those of the first. */
+static inline __attribute__((unused)) mbocp_lanes mbocp_quarter(mbocp_bits place, mbocp_lanes sine, mbocp_lanes cosine) {
+  mbocp_lanes y = mbocp_select((place & 1) != 0, cosine, sine);
+  return (mbocp_lanes)((mbocp_bits)y ^ ((place & 2) << 62));
+}
+
+/* sin(x) and cos(x) within an ulp: x less a multiple n of pi / 2, in three parts of 33 bits and a rest, as a sum y
 + rest; then the polynomials of fdlibm (Sun Microsystems, 1993) for sine and cosine between -pi / 4 and pi / 4. n has at
 most 20 bits up to the largest x, so that its products are exact; beyond, and where x is no number, the library is asked. */
-static __attribute__((noinline, unused)) mbocp_lanes mbocp_sine(mbocp_lanes x, long long quarter) {
+static inline __attribute__((unused)) void mbocp_sines(mbocp_lanes x, mbocp_lanes* of_sine, mbocp_lanes* of_cosine) {
   const double largest = 1e5, to_integer = 6755399441055744.; /* 1.5 2^52: the last bits of a sum with it count */
   mbocp_lanes shifted = x * 6.36619772367581382433e-01 + to_integer, n = shifted - to_integer;
   mbocp_lanes t = x - n * 1.57079632673412561417e+00, w = n * 6.07710050630396597660e-11, r = t - w, y, rest;
   mbocp_lanes z, v, sine, cosine, half, one_less;
-  mbocp_bits place = (mbocp_bits)shifted + quarter, beyond = ~((x <= largest) & (x >= -largest));
+  mbocp_bits place = (mbocp_bits)shifted, beyond = ~((x <= largest) & (x >= -largest));
   int i, any = 0;
   w = n * 2.02226624879595063154e-21 - ((t - r) - w);
   y = r - w;
@@ -116,15 +126,32 @@ static __attribute__((noinline, unused)) mbocp_lanes mbocp_sine(mbocp_lanes x, l
   half = 0.5 * z;
   one_less = 1. - half;
   cosine = one_less + (((1. - one_less) - half) + (z * cosine - y * rest));
-  y = mbocp_select((place & 1) != 0, cosine, sine);
-  y = (mbocp_lanes)((mbocp_bits)y ^ ((place & 2) << 62));
+  *of_sine = mbocp_quarter(place, sine, cosine);
+  *of_cosine = mbocp_quarter(place + 1, sine, cosine);
   for (i = 0; i < MBOCP_LANES; ++i) any |= beyond[i] != 0;
   if (__builtin_expect(any, 0))
     for (i = 0; i < MBOCP_LANES; ++i)
-      if (beyond[i]) y[i] = quarter ? cos(x[i]) : sin(x[i]);
-  return y;
+      if (beyond[i]) (*of_sine)[i] = sin(x[i]), (*of_cosine)[i] = cos(x[i]);
 }
-#define mbocp_sin(x) mbocp_sine(x, 0)
-#define mbocp_cos(x) mbocp_sine(x, 1)
+static __attribute__((noinline, unused)) mbocp_lanes mbocp_sin_and_cos(mbocp_lanes x, mbocp_lanes* other) {
+  mbocp_lanes sine;
+  mbocp_sines(x, &sine, other);
+  return sine;
+}
+static __attribute__((noinline, unused)) mbocp_lanes mbocp_cos_and_sin(mbocp_lanes x, mbocp_lanes* other) {
+  mbocp_lanes cosine;
+  mbocp_sines(x, other, &cosine);
+  return cosine;
+}
+static __attribute__((noinline, unused)) mbocp_lanes mbocp_sin(mbocp_lanes x) {
+  mbocp_lanes sine, cosine;
+  mbocp_sines(x, &sine, &cosine);
+  return sine;
+}
+static __attribute__((noinline, unused)) mbocp_lanes mbocp_cos(mbocp_lanes x) {
+  mbocp_lanes sine, cosine;
+  mbocp_sines(x, &sine, &cosine);
+  return cosine;
+}
 #endif
 #endif

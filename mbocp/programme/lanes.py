@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-__all__ = ["KIND", "SOURCES", "Lanes", "header", "in_lanes", "one_by_one"]
+__all__ = ["KIND", "SOURCES", "Lanes", "header", "in_lanes", "one_by_one", "other_half", "sine_and_cosine"]
 
 KIND = "mbocp_lanes"  # the type of a number in each lane
 _HEADER = Path(__file__).with_name("lanes.h")
@@ -30,6 +30,8 @@ _NEGATION = re.compile(rf"\(!{_VARIABLE}\)")
 _COMPARISON = re.compile(rf"\({_VARIABLE}(<|<=|==|!=|&&|\|\|){_VARIABLE}\)")
 _CALL = re.compile(rf"(\w+)\({_VARIABLE}(?:,{_VARIABLE})?\)")
 _COMPARED = {"<": "less", "<=": "at_most", "==": "equal", "!=": "unequal", "&&": "and", "||": "or"}
+_SINE = re.compile(rf"mbocp_(sin|cos)\({_VARIABLE}\)")
+_OTHER = {"sin": "cos", "cos": "sin"}
 _KNOWN = frozenset({"fabs", "fmin", "fmax", "sign", "sqrt", "sin", "cos"})
 
 
@@ -101,3 +103,15 @@ def one_by_one(value: str) -> tuple[str, int] | None:
     """Name of the function that a value of `in_lanes` calls lane by lane, and how many arguments it has."""
     match = re.match(r"mbocp_each_(\w+)\(", value)
     return None if match is None else (match[1], value.count(",") + 1)
+
+
+def sine_and_cosine(value: str, place: str) -> str | None:
+    """A sine or cosine whose other half is put at a place by the same call; None where it is neither."""
+    match = _SINE.fullmatch(value)
+    return match and f"mbocp_{match[1]}_and_{_OTHER[match[1]]}({match[2]},{place})"
+
+
+def other_half(value: str) -> str | None:
+    """Return the cosine of an angle for its sine, and the other way around; None where it is neither."""
+    match = _SINE.fullmatch(value)
+    return match and f"mbocp_{_OTHER[match[1]]}({match[2]})"

@@ -4,26 +4,37 @@ CasADi writes a function as one block of statements, tens of thousands of them, 
 goes in or out whether its array is there. Compilers take more than linear time for such blocks: to allocate
 registers, and to tell which loads and stores may meet. Here a function becomes a row of short ones that keep
 what later ones need in an array; arrays that are not there are replaced once, at the entry. Statements and
-their order stay as they were, so results differ at most where a multiplication and an addition that stood on
-both sides of a cut are no longer fused.
+their order stay as they were but for what `mbocp.programme.rewriting` does, so results differ at most by its
+round-off, and where a multiplication and an addition that stood on both sides of a cut are no longer fused.
 
 A function with any line that is not known is left as it is. Of the others some go in lanes, see
-`mbocp.programme.lanes`: there are then two entries, for several stages at once and, through the same
-statements, for one. A function that calls others stays as it is, too, and may have a second form for lanes,
-see `mbocp.programme.composed`.
+`mbocp.programme.lanes`, with those that they call: there are then two entries, for several stages at once
+and, through the same statements, for one. A function that calls others in loops, or with parts of matrices,
+stays as it is, too, and may have a second form for lanes, see `mbocp.programme.composed`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 from mbocp.programme import composed, lanes
 from mbocp.programme.composed import Composed, read_composed
-from mbocp.programme.generated import END, HEAD, Access, Function, Statement, exported_names, read_function
+from mbocp.programme.generated import (
+    CALLS,
+    END,
+    HEAD,
+    Access,
+    Call,
+    Function,
+    Statement,
+    exported_names,
+    read_function,
+)
 from mbocp.programme.lanes import Lanes
 from mbocp.programme.pieces import Pieces
+from mbocp.programme.rewriting import with_reciprocals, with_sines
 
 __all__ = ["split_functions"]
 
@@ -84,6 +95,7 @@ class _Block:
 
 def _blocks(lines: Sequence[str]) -> Iterator[str | _Block]:
     """Functions, and the lines around them."""
+    known: dict[str, Function] = {}  # those that others call come first
     i = 0
     while i < len(lines):
         head = HEAD.fullmatch(lines[i])
@@ -93,7 +105,10 @@ def _blocks(lines: Sequence[str]) -> Iterator[str | _Block]:
             i += 1
             continue
         body = lines[i : end + 1]
-        yield _Block(head[1], body, read_function(head[1], body[1:-1]))
+        function = read_function(head[1], body[1:-1], known)
+        if function is not None:
+            function = known[function.name] = with_reciprocals(function)
+        yield _Block(head[1], body, function)
         i = end + 1
 
 
@@ -106,7 +121,9 @@ class _Wide:
     entries : dict
         Functions of known statements that are called from outside alone, by their names.
     parts : dict
-        Those that others call.
+        Those that composed ones call.
+    inner : dict
+        Those that entries, parts and others of themselves call.
     composed : dict
         Functions that call them.
     sizes : dict
@@ -115,6 +132,7 @@ class _Wide:
 
     entries: dict[str, Function]
     parts: dict[str, Function]
+    inner: dict[str, Function]
     composed: dict[str, Composed]
     sizes: dict[str, tuple[int, int, int, int]]
 
@@ -128,7 +146,7 @@ class _Wide:
         of_lanes: Lanes | None,
     ) -> _Wide:
         """Choose what goes in lanes: what is asked for, where all that it calls can, and there is room."""
-        chosen = cls({}, {}, {}, {})
+        chosen = cls({}, {}, {}, {}, {})
         if of_lanes is None:
             return chosen
         known = {block.name: block for block in blocks}
@@ -137,25 +155,29 @@ class _Wide:
             if name not in of_lanes.functions:
                 continue
             if block.function is not None:
-                if (one := _in_lanes(block.function)) and of_lanes.fit(_numbers(one, piece)):
-                    chosen.entries[block.name] = one
+                parts = _with_called(block.function, known)
+                if parts is not None and of_lanes.fit(sum(_numbers(one, piece) for one in parts.values())):
+                    chosen.entries[block.name] = parts.pop(block.name)
+                    chosen.inner.update(parts)
                 continue
-            sizes, parts = composed.work_of(text, name), cls({}, {}, {}, {})
+            sizes, wide = composed.work_of(text, name), cls({}, {}, {}, {}, {})
             if sizes is None or not composed.fits(of_lanes.number, sizes):
                 continue
-            if parts._add(block, known, piece, of_lanes):
-                chosen.parts.update(parts.parts)
-                chosen.composed.update(parts.composed)
+            if wide._add(block, known, piece, of_lanes):
+                chosen.parts.update(wide.parts)
+                chosen.inner.update(wide.inner)
+                chosen.composed.update(wide.composed)
                 chosen.sizes[block.name] = sizes
         return chosen
 
     def _add(self, block: _Block, known: dict[str, _Block], piece: int, of_lanes: Lanes) -> bool:
         """Add a function and all that it calls; whether that can be."""
         if block.function is not None:
-            one = _in_lanes(block.function)
-            if one is None or not of_lanes.fit(_numbers(one, piece)):
+            parts = _with_called(block.function, known)
+            if parts is None or not of_lanes.fit(sum(_numbers(one, piece) for one in parts.values())):
                 return False
-            self.parts[block.name] = one
+            self.parts[block.name] = parts.pop(block.name)
+            self.inner.update(parts)
             return True
         found = read_composed(block.name, block.lines[1:-1])
         if found is None or not all(name in known for name in found.calls):
@@ -171,14 +193,18 @@ class _Wide:
     @property
     def called(self) -> list[tuple[str, int]]:
         """Functions of the library that are called lane by lane, see `lanes.header`."""
-        functions = (*self.entries.values(), *self.parts.values())
+        functions = (*self.entries.values(), *self.parts.values(), *self.inner.values())
         return [
             one for f in functions for s in f.statements if (one := lanes.one_by_one(s.value)) is not None
         ]
 
+    @property
+    def _functions(self) -> Mapping[str, Function]:
+        return {**self.inner, **self.parts, **self.entries}
+
     def write(self, block: _Block, name: str | None, piece: int) -> Iterator[str]:
         """Lines of a function, in lanes, too, where it goes there."""
-        function = self.parts.get(block.name) or self.entries.get(block.name)
+        function = self._functions.get(block.name)
         if function is not None:
             yield from _write_in_lanes(function, block.lines[0], piece)
             if block.name in self.parts:
@@ -223,26 +249,56 @@ def _write(function: Function, head: str, piece: int) -> Iterator[str]:
         yield f"  const casadi_real* x{a.number}=arg[{a.number}]? arg[{a.number}] : {_ZEROS};"
     for a in function.outputs:
         yield f"  casadi_real* y{a.number}=res[{a.number}]? res[{a.number}] : {_SCRATCH};"
-    yield from pieces.call("casadi_real")
+    yield from pieces.call("casadi_real", _calling)
     yield "  return 0;"
     yield END
+
+
+def _calling(call: Call) -> str:
+    """Line of a call of one stage."""
+    inputs, outputs = dict(call.inputs), dict(call.outputs)
+    given = ", ".join(inputs.get(i, "0") for i in range(max(inputs, default=0) + 1))
+    wanted = ", ".join(outputs.get(i, "0") for i in range(max(outputs, default=0) + 1))
+    arrays = f"const casadi_real* p[]={{{given}}}; casadi_real* r[]={{{wanted}}};"
+    return f"  {{ {arrays} {call.function}(p, r, 0, 0, 0); }}"
+
+
+def _calling_in_lanes(call: Call) -> str:
+    """Line of a call of all lanes."""
+    return f"  {call.function}_in_lanes({', '.join(array for _, array in (*call.inputs, *call.outputs))});"
+
+
+def _with_called(function: Function, known: Mapping[str, _Block]) -> dict[str, Function] | None:
+    """Return a function and all that it calls with a number in each lane; None where one of them cannot."""
+    one = _in_lanes(function)
+    if one is None:
+        return None
+    found = {function.name: one}
+    for name in sorted(function.calls):
+        called = known[name].function
+        more = None if called is None else _with_called(called, known)
+        if more is None:
+            return None
+        found |= more
+    return found
 
 
 def _in_lanes(function: Function) -> Function | None:
     """Return the function with a number in each lane; None where one of its values has no known form."""
     statements: list[Statement] = []
     for s in function.statements:
-        value = s.value if s.target is None or s.value.startswith("x") else lanes.in_lanes(s.value)
+        is_place = s.target is None or s.value.startswith(("x", f"{CALLS}["))
+        value = s.value if is_place else lanes.in_lanes(s.value)
         if value is None:
             return None
         statements.append(s._replace(value=value))
-    return replace(function, statements=tuple(statements))
+    return with_sines(replace(function, statements=tuple(statements)))
 
 
 def _numbers(function: Function, piece: int) -> int:
     """Return how many numbers the function has on the stack, with copies of its inputs and outputs."""
     sizes = sum(a.size for a in (*function.inputs, *function.outputs))
-    return sizes + len(Pieces.of(function, piece).place)
+    return sizes + Pieces.of(function, piece).num_kept
 
 
 def _write_in_lanes(function: Function, head: str, piece: int) -> Iterator[str]:
@@ -250,7 +306,7 @@ def _write_in_lanes(function: Function, head: str, piece: int) -> Iterator[str]:
     pieces, kind = Pieces.of(function, piece), lanes.KIND
     yield from pieces.write(kind)
     yield f"static void {function.name}_in_lanes({', '.join(pieces.parameters(kind))}) {{"
-    yield from pieces.call(kind)
+    yield from pieces.call(kind, _calling_in_lanes)
     yield END
     yield ""
     yield head

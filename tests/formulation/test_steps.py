@@ -72,7 +72,10 @@ class TrapezoidalSteps:
         hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)
         found = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), ca.triu(hessian)]
         others = [at.y, at.u, at.m, at.theta, at.rho]
-        return StepDerivatives(*at.space.at_zero_tangents([at.x0, at.x1], found, others, [at.d0, at.d1]))
+        c, cost, dc_dz, dl_dz, hessian = at.space.at_zero_tangents(
+            [at.x0, at.x1], found, others, [at.d0, at.d1]
+        )
+        return StepDerivatives(c, cost, dc_dz, dl_dz, hessian)
 
 
 def largest_imbalance(solution: mbocp.Solution, robot: Robot) -> float:

@@ -68,6 +68,47 @@ def direct(f: ca.Function, g: ca.Function, x: ca.SX, p: ca.SX) -> ca.SX:
     return f(third, 2 * second, p * p)[0] + third - first
 
 
+def large(count: int) -> ca.Function:
+    """A link of so many operations."""
+
+    def body(a: ca.SX, p: ca.SX) -> list[ca.SX]:
+        value = ca.vertcat(a[0] * p, a[1] + a[0], ca.sin(a[1]))
+        for k in range(count):
+            value = ca.vertcat(
+                ca.sin(value[1]) + 0.1 * k, value[2] * value[0], ca.cos(value[0]) - 0.2 * value[1]
+            )
+        return [value[:2], value[2]]
+
+    return link("large", (2, 1), body)
+
+
+@pytest.mark.parametrize("feeds_itself", [False, True])
+def test_large_links_are_called_where_one_call_gives_all(feeds_itself: bool) -> None:
+    """Numbers are those of links that are written out; slopes alone are always called, values never."""
+    f = large(40)
+    x, p, m = ca.SX.sym("x", 4), ca.SX.sym("p"), ca.SX.sym("m", 3)
+    written: list[list[ca.SX]] = []
+    for may_call in (False, True):
+        chain = Chain(x, may_call=may_call)
+        root = chain.root()
+        first = Affine.join(chain.apply(f, [root[:2]], [p]))
+        of_second = root[2:] + first[:2] if feeds_itself else root[2:]
+        second = Affine.join(chain.apply(f, [of_second], [p * p]))
+        result = first - 2.0 * second
+        parts = [result.value, chain.jacobian(result), chain.hessian(result, m)]
+        written += [chain.resolved(parts[:n]) for n in (1, 2, 3)]
+    made = [ca.Function("f", [x, p, m], ca.cse([ca.densify(v) for v in parts])) for parts in written]
+    calls = [bool(function.find_functions()) for function in made]
+    assert calls == [False, False, False, False, True, not feeds_itself]
+    assert made[4].n_instructions() < made[1].n_instructions() / 3
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        given = [rng.standard_normal(k) for k in (4, 1, 3)]
+        for one, other in zip(made[:3], made[3:], strict=True):
+            for got, want in zip(other.call(given), one.call(given), strict=True):
+                assert np.allclose(got.full(), want.full(), rtol=1e-12, atol=1e-12)
+
+
 # --- steps of a Runge-Kutta method ------------------------------------------------------------------------
 
 
