@@ -60,9 +60,7 @@ class StepDerivatives(NamedTuple):
     dl_dz: ca.SX
     hessian: ca.SX  # of l + m'c, its upper triangle
     lengthening: ca.SX | None = None  # derivative of l + m'c in the logarithm of the step length
-    written: Callable[[Sequence[ca.SX]], Sequence[ca.SX]] = (
-        list  # some of the others as outputs of one function
-    )
+    written: Callable[[Sequence[ca.SX]], Sequence[ca.SX]] = list  # some of these as outputs of a function
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ with the arguments :math:`a_k` of the links, linear in :math:`\xi` and in the li
 :math:`\bar o_k` of these. For a step of eighteen unknowns this is an eighth of the operations.
 
 A large link that is applied several times can be one function, called with several arguments, instead of as
-many copies of its operations: see `Chain.resolved`. Where its adjoint depends on no later link, as those whose
+many copies of its operations: see `Chain.resolved`. Where its adjoint depends on no later link, as where its
 outputs go to the result alone, one call gives its outputs, slopes and curvature together.
 """
 

@@ -23,7 +23,7 @@ SIZES = (3, 2)
 
 
 def calling() -> ca.Function:
-    """A function that calls two others, one of which calls the other, with inputs, their parts, and values."""
+    """A function that calls two others, one of which calls the other, with inputs, parts, and values."""
     a, b = ca.SX.sym("a", 2), ca.SX.sym("b", 2)
     inner = ca.Function("inner", [a, b], [ca.sin(a) * b, ca.densify(ca.diag(a * b)), ca.dot(a, b)])
     first, _, third = inner.call([b, a + 1], False, True)
