@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -35,7 +36,7 @@ from mbocp.formulation.progress import advances
 from mbocp.formulation.remembered import memory_units
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import AT_EVERY_STEP, build_functions
+from mbocp.formulation.stage import AT_EVERY_STEP, LATER, build_first_functions, build_functions
 from mbocp.formulation.step_lengths import begins_phase, given_lengths, phase_starts, spacings
 from mbocp.formulation.steps import Steps
 from mbocp.formulation.switches import (
@@ -52,7 +53,8 @@ from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.problem.horizon import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
-from mbocp.programme.compilation import load_functions
+from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
+from mbocp.robot import Robot
 from mbocp.terms import AccelerationEnd, ExactGoal, Follow, TerminalCost, TermNumbers, own_ends, running_terms
 
 __all__ = ["Pieces", "build_programme", "check_size", "needs_plain_states", "signature_of"]
@@ -162,10 +164,10 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         num_guards=len(signature.guarded),
         functions=load_functions(
             signature.stage_text,
-            lambda: build_functions(signature.steps.mechanics(robot), signature),
+            lambda: build_first_functions(signature.steps.mechanics(robot), signature),
             in_lanes=AT_EVERY_STEP,
             deadline=deadline,
-        ),
+        ).with_later(_later(signature, robot, deadline)),
         end_functions=load_functions(
             "end " + signature.end_text,
             lambda: build_end_functions(signature.steps.mechanics(robot), signature),
@@ -188,6 +190,19 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         has_free_lengths=signature.has_free_lengths,
         easing=_easing(problem, signature, layout),
     )
+
+
+def _later(signature: FunctionSignature, robot: Robot, deadline: float) -> Later:
+    """Functions that are compiled when they are asked for: in a solve before its deadline, or after it."""
+
+    def load() -> CompiledFunctions:
+        return load_functions(
+            "later " + signature.stage_text,
+            lambda: build_functions(signature.steps.mechanics(robot), signature, LATER),
+            deadline=deadline if time.perf_counter() < deadline else math.inf,
+        )
+
+    return Later(LATER, load)
 
 
 def _kind(pieces: Pieces, nr: int) -> StageKind:

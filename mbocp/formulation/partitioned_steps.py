@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -81,10 +82,10 @@ class _Derivation:
         hessian = ca.triu(chain.hessian(both, ca.vertcat(at.m, 1)))
         slopes = chain.jacobian(c), chain.jacobian(cost)
         found = ca.densify(c.value), cost.value, *slopes, hessian
-        return StepDerivatives(*found, self._lengthening(*chain.resolved(found[:2])), chain.resolved)
+        return StepDerivatives(*found, partial(self._lengthening, found[:2]), chain.resolved)
 
-    def _lengthening(self, c: ca.SX, cost: ca.SX) -> ca.SX:
-        at = self._at
+    def _lengthening(self, c_and_cost: Sequence[ca.SX]) -> ca.SX:
+        at, (c, cost) = self._at, self._chain.resolved(c_and_cost)
         by_theta = ca.gradient(cost + ca.dot(at.m, c), at.theta)
         return at.given["dt"] * (ca.jacobian(at.given["dt"], at.theta) @ by_theta)
 

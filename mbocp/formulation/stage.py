@@ -17,6 +17,9 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - lengthening (x0, x1, y, u, m, theta, rho) -> derivative of l + m'c in log(dt); of some schemes
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
+A solve by Newton's method asks for none of `gradient`, `jacobian` and `lengthening`, but for a few first
+derivatives, which `complete` has as well: so these are compiled when a solver asks for them.
+
 The rows of c are kinematics, momentum balance (or speeds), memory, step length, constraints. Which
 equations these are is for the formulation's `Steps` to say. Controls that are forces, y and the momentum
 balance count in a unit of force that is one of the parameters, see `Units`.
@@ -24,7 +27,7 @@ balance count in a unit of force that is one of the parameters, see `Units`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -49,10 +52,13 @@ from mbocp.formulation.switch_terms import IS_IMPACT, idle_impact
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point
 
-__all__ = ["AT_EVERY_STEP", "build_functions", "state_space"]
+__all__ = ["AT_EVERY_STEP", "LATER", "build_first_functions", "build_functions", "state_space"]
 
 # Functions that are asked at all steps at once; the others follow a motion step by step.
 AT_EVERY_STEP = ("values", "complete", "path", "path_values", "retract")
+LATER = ("gradient", "jacobian", "lengthening")
+_ALL = (*AT_EVERY_STEP, "difference", *LATER)
+_AT_M = 4  # where the multipliers are among the inputs of `complete`
 
 
 def state_space(mechanics: Mechanics, signature: FunctionSignature) -> StateSpace:
@@ -61,26 +67,49 @@ def state_space(mechanics: Mechanics, signature: FunctionSignature) -> StateSpac
     return StateSpace(at, mechanics)
 
 
-def build_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[str, ca.Function]:
-    """All functions of a stage of `signature` as CasADi functions, by name.
+def build_functions(
+    mechanics: Mechanics, signature: FunctionSignature, names: Collection[str] | None = None
+) -> dict[str, ca.Function]:
+    """All functions of a stage of `signature` as CasADi functions, by name; or some of them.
 
     Parameters
     ----------
     mechanics : Mechanics
         Of the kind that `signature.steps.mechanics` gives.
     signature : FunctionSignature
+    names : collection of str, optional
+        Of those that are wanted.
     """
     space = state_space(mechanics, signature)
     symbols = _symbols(space, signature)
-    functions = _functions(symbols, signature.steps.derivatives(symbols))
+    makers = _makers(symbols, signature.steps.derivatives(symbols))
     if signature.path:
-        functions["path"] = build_path(symbols, signature)
-        functions["path_values"] = build_path_values(symbols, signature)
+        makers["path"] = partial(build_path, symbols, signature)
+        makers["path_values"] = partial(build_path_values, symbols, signature)
     nx, ndx = space.layout.nx, space.layout.ndx
     x, dx, moved = ca.SX.sym("x", nx), ca.SX.sym("dx", ndx), ca.SX.sym("x_moved", nx)
-    functions["retract"] = ca.Function("retract", [x, dx], [ca.densify(space.retract(x, dx))])
-    functions["difference"] = ca.Function("difference", [x, moved], [ca.densify(space.difference(x, moved))])
-    return functions
+    makers["retract"] = lambda: ca.Function("retract", [x, dx], [ca.densify(space.retract(x, dx))])
+    makers["difference"] = lambda: ca.Function(
+        "difference", [x, moved], [ca.densify(space.difference(x, moved))]
+    )
+    return {name: make() for name, make in makers.items() if names is None or name in names}
+
+
+def build_first_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[str, ca.Function]:
+    """All functions of a stage but those of `LATER`, and what stands for these meanwhile.
+
+    Gradient and Jacobian are then those of `complete`: there is no more to compile, and they take as long.
+    """
+    first = [name for name in _ALL if name not in LATER]
+    found = build_functions(mechanics, signature, first)
+    complete = found["complete"]
+    sizes = [complete.size1_in(i) for i in range(complete.n_in())]
+    given = [ca.MX.sym(f"i{i}", size) for i, size in enumerate(sizes)]
+    alone = given[:_AT_M] + given[_AT_M + 1 :]
+    outputs = complete.call([*given[:_AT_M], ca.MX.zeros(sizes[_AT_M]), *given[_AT_M + 1 :]])
+    found["gradient"] = ca.Function("gradient", alone, outputs[3:4])
+    found["jacobian"] = ca.Function("jacobian", alone, outputs[:4])
+    return found
 
 
 def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
@@ -206,7 +235,7 @@ class _RunningCost:
         return self.given[HAS_BEFORE] * addend / self.spacing
 
 
-def _functions(at: StepSymbols, step: StepDerivatives) -> dict[str, ca.Function]:
+def _makers(at: StepSymbols, step: StepDerivatives) -> dict[str, Callable[[], ca.Function]]:
     derivatives = step[:5]
     arguments, parameters = [at.x0, at.x1, at.y, at.inputs], [at.theta, at.rho]
     all_inputs, with_m = [*arguments, *parameters], [*arguments, at.m, *parameters]
@@ -214,13 +243,13 @@ def _functions(at: StepSymbols, step: StepDerivatives) -> dict[str, ca.Function]
     def function(name: str, inputs: list[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
         return ca.Function(name, inputs, ca.cse(list(step.written(outputs))))
 
-    found = {
-        "values": function("values", all_inputs, derivatives[:2]),
-        "gradient": function("gradient", all_inputs, derivatives[3:4]),
-        "jacobian": function("jacobian", all_inputs, derivatives[:4]),
-        "complete": function("complete", with_m, derivatives),
+    makers: dict[str, Callable[[], ca.Function]] = {
+        "values": partial(function, "values", all_inputs, derivatives[:2]),
+        "gradient": partial(function, "gradient", all_inputs, derivatives[3:4]),
+        "jacobian": partial(function, "jacobian", all_inputs, derivatives[:4]),
+        "complete": partial(function, "complete", with_m, derivatives),
     }
-    if step.lengthening is not None:
-        slope = ca.cse([step.lengthening])
-        found["lengthening"] = ca.Function("lengthening", with_m, slope)
-    return found
+    slope = step.lengthening
+    if slope is not None:
+        makers["lengthening"] = lambda: ca.Function("lengthening", with_m, ca.cse([slope()]))
+    return makers

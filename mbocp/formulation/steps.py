@@ -59,7 +59,7 @@ class StepDerivatives(NamedTuple):
     dc_dz: ca.SX
     dl_dz: ca.SX
     hessian: ca.SX  # of l + m'c, its upper triangle
-    lengthening: ca.SX | None = None  # derivative of l + m'c in the logarithm of the step length
+    lengthening: Callable[[], ca.SX] | None = None  # derivative of l + m'c in log(dt)
     written: Callable[[Sequence[ca.SX]], Sequence[ca.SX]] = list  # some of these as outputs of a function
 
 

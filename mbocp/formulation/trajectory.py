@@ -112,7 +112,7 @@ def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:
     """Largest drift of the forward simulation with the iterate's controls; NaN if it cannot be made."""
     if not formulation.can_drift:
         return 0.0
-    native = kernel_programme(formulation.programme)
+    native = kernel_programme(formulation.programme, sweeps=True)
     iterate.load_into(native)
     sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS)
     if not sweep.ok:

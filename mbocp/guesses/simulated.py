@@ -21,7 +21,7 @@ _SWEEP_ITERATIONS = 50
 def simulated(formulation: Formulation, u: Array) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6)."""
     problem, programme = formulation.problem, formulation.programme
-    native = kernel_programme(programme)
+    native = kernel_programme(programme, sweeps=True)
     at = formulation.layout
     none = np.zeros((problem.num_steps, at.num_more_controls - at.nh))
     us = constant_values(at, np.tile(u, (problem.num_steps, 1)))

@@ -9,6 +9,7 @@ virtual machine.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import hashlib
 import math
@@ -20,11 +21,12 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
+from threading import Lock
 
 import casadi as ca
 
 from mbocp._environment import available_threads
-from mbocp.exceptions import CompilationError
+from mbocp.exceptions import CompilationError, CompilationTimeout
 from mbocp.programme.cache import (
     cache_folder,
     cached,
@@ -42,7 +44,7 @@ from mbocp.programme.keys import key_of, library_of, remember
 from mbocp.programme.lanes import Lanes
 from mbocp.programme.processor import instruction_flags, number_of_lanes
 
-__all__ = ["CompiledFunctions", "NoCompilerWarning", "load_functions"]
+__all__ = ["CompiledFunctions", "Later", "NoCompilerWarning", "load_functions"]
 
 _FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
 # All that -O2 or -O3 gain on such code, compiled in half the time or a third of it.
@@ -81,16 +83,76 @@ class CompiledFunctions:
         CasADi's text of each function, when there is no library.
     compiled_now : bool
         Whether this call had to compile.
+    later : Later, optional
+        Further functions of the shape.
     """
 
-    def __init__(self, library: Path | None, serialised: Mapping[str, str], compiled_now: bool) -> None:
+    def __init__(
+        self,
+        library: Path | None,
+        serialised: Mapping[str, str],
+        compiled_now: bool,
+        later: Later | None = None,
+    ) -> None:
         self.library, self.serialised, self.compiled_now = library, dict(serialised), compiled_now
+        self.later = later
+
+    def with_later(self, later: Later) -> CompiledFunctions:
+        """These functions and further ones."""
+        return CompiledFunctions(self.library, self.serialised, self.compiled_now, later)
+
+    def with_name(self, name: str) -> CompiledFunctions:
+        """Where a function is: among those that come later, if it is there."""
+        return self.later.functions_beside(self) if self.later and name in self.later.names else self
 
     def function(self, name: str) -> ca.Function:
         """One of the functions, for CasADi's own solvers."""
-        if self.library is not None:
-            return _external(name, str(self.library))
-        return ca.Function.deserialize(self.serialised[name])
+        home = self.with_name(name)
+        if home.library is not None:
+            return _external(name, str(home.library))
+        return ca.Function.deserialize(home.serialised[name])
+
+
+class Later:
+    """Functions of a shape that most solves do not ask for: compiled when one of them is asked for first.
+
+    Parameters
+    ----------
+    names : collection of str
+    load : callable
+        Loads them.
+    """
+
+    def __init__(self, names: Collection[str], load: Callable[[], CompiledFunctions]) -> None:
+        self.names = frozenset(names)
+        self._load: Callable[[], CompiledFunctions] | None = load
+        self._found: CompiledFunctions | None = None
+        self._lock = Lock()
+
+    def functions_beside(self, others: CompiledFunctions) -> CompiledFunctions:
+        """The functions; where the time for a solve is over before they are compiled, those of the others."""
+        try:
+            return self._functions()
+        except CompilationTimeout:
+            return others
+
+    def _functions(self) -> CompiledFunctions:
+        with self._lock:
+            if self._found is None and self._load is not None:
+                self._found = self._load()
+            if self._found is None:
+                raise CompilationTimeout("functions were to be compiled")
+            return self._found
+
+    def __getstate__(self) -> tuple[frozenset[str], CompiledFunctions | None]:
+        """For another process, which is to call the same functions, and does not know how they are made."""
+        with contextlib.suppress(CompilationTimeout):
+            self._functions()
+        return self.names, self._found
+
+    def __setstate__(self, state: tuple[frozenset[str], CompiledFunctions | None]) -> None:
+        self.names, self._found = state
+        self._load, self._lock = None, Lock()
 
 
 @lru_cache(maxsize=256)

@@ -102,17 +102,28 @@ def nlp_helpers() -> NlpHelpers:
 
 
 def kernel_programme(
-    programme: StagewiseProgramme, *, has_limits: bool = False, threads: int = 1
+    programme: StagewiseProgramme, *, has_limits: bool = False, threads: int = 1, sweeps: bool = False
 ) -> KernelProgramme:
     """Kernel programme with the functions and parameters of `programme`; the iterate is all zeros.
 
-    Its bounds and guards are part of it with `has_limits`. So many threads share the work on its stages.
+    Parameters
+    ----------
+    programme : StagewiseProgramme
+    has_limits : bool
+        Whether its bounds and guards are part of it.
+    threads : int
+        So many share the work on its stages.
+    sweeps : bool
+        Whether it is there for simulations and sweeps: these then call a function of first derivatives alone,
+        which may have to be compiled, and not the one of all derivatives.
     """
     native = kernel()
 
     def function(name: str) -> StageFunction:
         of_end = name.startswith("terminal")
         return _stage_function(native, programme.end_functions if of_end else programme.functions, name)
+
+    of_sweeps = programme.functions.with_name("jacobian") if sweeps else programme.functions
 
     kinds = [
         native.Kind(
@@ -122,7 +133,7 @@ def kernel_programme(
             nu=k.nu,
             nr=k.nr,
             values=function("values"),
-            jacobian=function("jacobian"),
+            jacobian=_stage_function(native, of_sweeps, "jacobian"),
             complete=function("complete"),
             scale_c=np.ascontiguousarray(k.scale_c),
             scale_y=np.ascontiguousarray(k.scale_y),

@@ -179,7 +179,7 @@ class FBSMGradient:
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> GradientState:
         """Swept state for the iterate's controls."""
         iterate.check(programme)
-        native = kernel_programme(programme)
+        native = kernel_programme(programme, sweeps=True)
         iterate.load_into(native)
         native.eta = np.zeros(programme.ng)
         sweeps, outcome = init_sweeps(native, programme, loop=self.loop, auxiliary=self.auxiliary)

@@ -93,7 +93,7 @@ class FBSMNewton:
                 f'solver.hessian = "{self.hessian}" takes a dense matrix of {size} x {size} entries, '
                 f'more than {_MAX_DENSE_UNKNOWNS} x {_MAX_DENSE_UNKNOWNS}; use "structured" or fewer steps'
             )
-        native = kernel_programme(programme)
+        native = kernel_programme(programme, sweeps=True)
         iterate.load_into(native)
         sweeps, outcome = init_sweeps(native, programme, loop=self.loop, auxiliary=self.auxiliary)
         evaluation = outcome.evaluation

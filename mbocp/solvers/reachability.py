@@ -132,7 +132,7 @@ def _derivative(programme: StagewiseProgramme, amplitude: float) -> tuple[Array,
     Explicit schemes explode where a joint turns by too much in a step, and closed loops are torn open; large
     numbers then hide what a control acts upon.
     """
-    native = kernel_programme(programme)
+    native = kernel_programme(programme, sweeps=True)
     native.u = _random_controls(programme, amplitude)
     xs = np.zeros((programme.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start

@@ -71,7 +71,7 @@ def resimulated(problem: Problem, us: Array) -> Array:
     """
     formulation = formulate(problem)
     programme = formulation.programme
-    native = kernel_programme(programme)
+    native = kernel_programme(programme, sweeps=True)
     native.u = np.ascontiguousarray(us).ravel()
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
