@@ -249,23 +249,35 @@ def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:
     assert len(list(folder.glob("*.so"))) == LIBRARIES + 1  # the functions of the end have no forces in them
 
 
+def flags(
+    functions: list[ca.Function], most: int, cc: tuple[str, ...] = GCC, *, has_lanes: bool = False
+) -> tuple[str, ...]:
+    return compilation._flags_for(cc, functions, most, has_lanes=has_lanes)
+
+
+def long_function() -> ca.Function:
+    x = ca.SX.sym("x", 2)
+    value = x[0]
+    for _ in range(40):
+        value = ca.sin(value) * x[1]
+    return ca.Function("dense", [x], [value])
+
+
 def test_flags_follow_what_is_compiled() -> None:
     x = ca.SX.sym("x", 2)
-    plain = ca.Function("plain", [x], [2 * x])
-    long = x[0]
-    for _ in range(40):
-        long = ca.sin(long) * x[1]
-    dense = ca.Function("dense", [x], [long])
-    assert "-fschedule-insns" in compilation._flags_for(GCC, [plain, dense], 1000)
-    assert "-fschedule-insns" not in compilation._flags_for(GCC, [plain], 1000)
-    assert "-O0" in compilation._flags_for(GCC, [plain, dense], 20)
+    plain, dense = ca.Function("plain", [x], [2 * x]), long_function()
+    calling = ca.Function("calling", [x], [dense.call([x], False, True)[0]])
+    assert "-fschedule-insns" in flags([plain, dense], 1000)
+    assert "-fschedule-insns" in flags([plain, calling], 1000)
+    assert "-fschedule-insns" not in flags([plain], 1000)
+    assert "-O0" in flags([plain, dense], 20)
+    assert "-O0" in flags([plain, calling], 20)
+    assert "-fno-tree-fre" in flags([plain], 1000, has_lanes=True)
+    assert "-fno-tree-fre" not in flags([plain], 1000)
 
 
 def test_clang_gets_no_options_of_another_scheduler() -> None:
-    x = ca.SX.sym("x")
-    value = x
-    for _ in range(40):
-        value = ca.sin(value) * x
-    dense = [ca.Function("f", [x], [value])]
-    assert "-fsched-pressure" in compilation._flags_for((*GCC, "-m64"), dense, 10**6)
-    assert "-fsched-pressure" not in compilation._flags_for(("/usr/bin/ccache", "clang-14"), dense, 10**6)
+    dense = [long_function()]
+    assert "-fsched-pressure" in flags(dense, 10**6, (*GCC, "-m64"))
+    of_clang = flags(dense, 10**6, ("/usr/bin/ccache", "clang-14"), has_lanes=True)
+    assert not {"-fsched-pressure", "-fno-tree-fre"}.intersection(of_clang)
