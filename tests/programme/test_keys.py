@@ -86,13 +86,13 @@ def test_a_comment_in_the_source_of_a_term_compiles_nothing_anew(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     built: list[str] = []
-    write = build.build_functions
+    write = build.build_first_functions
 
     def counted(*args: object) -> Functions:
         built.append("stage")
         return write(*args)
 
-    monkeypatch.setattr(build, "build_functions", counted)
+    monkeypatch.setattr(build, "build_first_functions", counted)
     first = transcribe(pendulum())
     transcribe(pendulum())
     assert len(built) == 1
