@@ -134,6 +134,4 @@ def _cost(problem: Problem) -> str:
 
 
 def _solver(problem: Problem) -> str:
-    robot, N = problem.robot, problem.num_steps
-    unknowns = N * (2 * (2 * robot.nv) + robot.nu + 2 * robot.nc)
-    return f"{problem.solver.method}, about {unknowns} unknowns, {problem.num_end_conditions} end conditions"
+    return f"{problem.solver.method}, {problem.num_end_conditions} end conditions"
