@@ -60,7 +60,7 @@ from mbocp.solvers.newton import (
     start,
 )
 from mbocp.solvers.records import Status
-from mbocp.solvers.round_off import has_a_say
+from mbocp.solvers.round_off import has_a_say, round_off
 from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, Care, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
@@ -87,7 +87,8 @@ _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residu
 _STIFF = 100.0  # shift with which a Newton step gives multipliers that fit, hardly moving the states
 _EXPLAINED = 0.2  # of the gradient: what they may leave
 _RESOLVED = 1e-2  # of the tolerance, for the residual, ...
-_AT_REST = 1e-3  # of the tolerance, for the residual before a step that is not worth taking
+_AT_REST = 1e-3  # of the tolerance, for the residual before a step that is not worth taking, ...
+_FORESEEN = 0.1  # ... and for that step, which is foreseen to a few per cent
 _NOISE = 1e3  # ... and times the tolerance, for increments that do not shrink any more
 
 
@@ -388,9 +389,10 @@ def _is_noise(state: NewtonState, tolerance: float) -> bool:
 
 
 def _is_at_rest(state: NewtonState, tolerance: float) -> bool:
-    """Whether the residual is about round-off, so that the next step would be far below the tolerance."""
-    is_least = state.evaluation.residual <= _AT_REST * tolerance
-    return is_least and state.next_increment <= _RESOLVED * tolerance
+    """Whether the residual is about round-off, and the next step would be far below the tolerance."""
+    return state.next_increment <= _FORESEEN * tolerance and (
+        state.evaluation.residual <= max(_AT_REST * tolerance, *round_off(state.native))
+    )
 
 
 def _is_centred(state: NewtonState, tolerance: float) -> bool:
