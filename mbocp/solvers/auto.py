@@ -83,8 +83,7 @@ def _best(results: Sequence[SolverResult], *, is_spent: bool) -> SolverResult:
     if last.status is Status.TIME_LIMIT:
         return replace(best, status=last.status, advice=last.advice)
     if is_spent and best.status is not Status.MAX_ITERATIONS:
-        reached = (
-            f"not converged within solver.max_iterations (residual {best.record.residual:.1e}); raise it"
-        )
-        return replace(best, status=Status.MAX_ITERATIONS, advice=reached)
+        reached = f"not converged within solver.max_iterations (residual {best.record.residual:.1e})"
+        advice = f"{reached}; raise it; what came nearest ended so: {best.advice}"
+        return replace(best, status=Status.MAX_ITERATIONS, advice=advice)
     return replace(best, status=last.status, advice=last.advice) if best.status is Status.SWITCHED else best

@@ -117,7 +117,7 @@ def test_interruption_after_a_guess_that_failed() -> None:
     """A later guess is worse where it is interrupted: the result is the first one's, and says interrupted."""
     path = EXAMPLES / "arms" / "ur5_reach.toml"
     problem = mbocp.load_problem(
-        path, ["integrator.scheme=se1", "horizon.steps=100", "solver.max_iterations=6"]
+        path, ["integrator.scheme=se1", "horizon.steps=100", "solver.max_iterations=5"]
     )
     s = mbocp.solve(problem, solver="monolithic", callback=stop_at("monolithic (guess: control)", 1))
     check_interrupted(s)
