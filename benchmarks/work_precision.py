@@ -55,6 +55,7 @@ _ASKED = (1e-4, 1e-6)
 _LEVELS = 6
 _FEW = 3  # solves, of which the fastest counts
 _ROUND_OFF = 1e-11  # of a cost: below it there is nothing to see
+_FALLS = 1.2  # ratio of errors with twice the steps, below which they do not fall
 _NEXT = 2.0**4 - 1.0  # of Richardson's extrapolation at order four
 _LIMIT = 20.0  # [s] of a scheme and a system, compiling aside
 _GROWTH = 2.0  # of times from one number of steps to the next, at least
@@ -293,8 +294,8 @@ def reached(points: Sequence[Point], asked: float) -> tuple[float, float, str]:
     if not points:
         return np.nan, np.nan, ""
     if points[-1].cost > asked:
-        if len(points) < 2 or points[-2].cost <= points[-1].cost:
-            return np.nan, np.nan, ""
+        if len(points) < 2 or points[-2].cost <= _FALLS * points[-1].cost:
+            return np.nan, np.nan, ""  # another minimum: no more steps lead there
         steps, _ = _between(points[-2], points[-1], asked)
         return steps, points[-1].seconds * steps / points[-1].steps, "~"
     for coarse, fine in reversed(list(pairwise(points))):
@@ -334,7 +335,7 @@ def table_of(system: System, results: dict[str, list[Point]]) -> Table:
             cells += [f"{mark}{steps:.0f}", f"{mark}{_ms(seconds)}"] if is_known else ["", ""]
         seconds = found[name][-1][1]
         ratio, share = best / seconds, _share_of_functions(points)
-        cells.append(f"{ratio:.2g}" if np.isfinite(ratio) else "")
+        cells.append(f"{ratio:.2g}" if np.isfinite(ratio) and np.isfinite(seconds) else "")
         cells.append(_ms((1.0 - share) * seconds) if share and np.isfinite(seconds) else "")
         cells += [_order(points, what) for what in ("cost", "motion", "adjoint")]
         rows.append(tuple(cells))
