@@ -15,7 +15,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 import pinocchio as pin
@@ -159,8 +158,7 @@ def moved(robot: Robot, scheme: str, dt: float, q: Array, v: Array, num_steps: i
         scheme=scheme,
     )
     formulation = formulate(problem)
-    with patch("mbocp.guesses.simulated._SWEEP_TOLERANCE", _TO_ROUND_OFF):
-        found = formulation.motion_of(simulated(formulation, np.zeros(robot.nu)))
+    found = formulation.motion_of(simulated(formulation, np.zeros(robot.nu), tolerance=_TO_ROUND_OFF))
     return found.qs, found.vs
 
 

@@ -46,7 +46,7 @@ def test_matches_the_reference(case: dict[str, Any], globalisation: str) -> None
     s = solve(case["problem"], *settings, globalisation=globalisation)
     assert s.converged, s.advice
     assert s.residual <= 1e-9
-    assert s.increment <= 1e-9 or "the next increment" in s.advice
+    assert s.increment <= 1e-9 or (s.residual <= 1e-11 and "the next increment" in s.advice)
     assert "strict local minimum" in s.advice
     assert s.cost == pytest.approx(case["cost"], rel=1e-11)
     scale = 1e-10 * (1.0 + np.abs(case["mu_0"]).max())

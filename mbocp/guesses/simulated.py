@@ -18,8 +18,17 @@ _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is ro
 _SWEEP_ITERATIONS = 50
 
 
-def simulated(formulation: Formulation, u: Array) -> Iterate:
-    """Constant control and forward simulation, the paper's guess (section 6)."""
+def simulated(formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_TOLERANCE) -> Iterate:
+    """Constant control and forward simulation, the paper's guess (section 6).
+
+    Parameters
+    ----------
+    formulation : Formulation
+    u : ndarray, shape (nu,)
+        Control of all steps.
+    tolerance : float
+        Of the residual of each step, in its unit of force.
+    """
     problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme, sweeps=True)
     at = formulation.layout
@@ -29,7 +38,7 @@ def simulated(formulation: Formulation, u: Array) -> Iterate:
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
     native.x = xs.ravel()
-    sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS)
+    sweep = native.simulate(tolerance, _SWEEP_ITERATIONS)
     if not sweep.ok:
         raise ProblemError(
             f"guess: the forward simulation with constant control fails "

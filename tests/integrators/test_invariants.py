@@ -9,26 +9,16 @@ import pinocchio as pin
 import pytest
 
 import mbocp
-from benchmarks.invariants import SYSTEMS, Free, drift_of
+from benchmarks.invariants import SYSTEMS, Free, drift_of, moved
 from mbocp._arrays import Array
-from mbocp.formulation import formulate
-from mbocp.guesses.simulated import simulated
 from mbocp.integrators import PAIRS
-from mbocp.problem import Problem
 from mbocp.robot import Robot
 from tests.mechanics.models import BODY, ORIGIN, chain
 from tests.mechanics.models import robot as robot_of
 
 ON_CONSTRAINTS = [name for name, pair in PAIRS.items() if pair.holds_constraints]
-TO_ROUND_OFF = 1e-15  # residual of a step in its unit of force; what is left of it adds up
 BODY_OF_ITS_OWN, FALLING, FOUR_BAR, ARM = SYSTEMS
 CHUNK = 10_000  # steps of one simulation: all of them would take gigabytes
-
-
-@pytest.fixture(autouse=True)
-def to_round_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A guess is simulated to 1e-12, which would be what momenta are wrong by."""
-    monkeypatch.setattr("mbocp.guesses.simulated._SWEEP_TOLERANCE", TO_ROUND_OFF)
 
 
 def arm(gravity: float) -> Robot:
@@ -55,22 +45,6 @@ def flyer(gravity: float) -> Robot:
     return robot_of(model)
 
 
-def motion(robot: Robot, scheme: str, dt: float, q: Array, v: Array, num_steps: int) -> tuple[Array, Array]:
-    """Configurations and velocities of all nodes without controls."""
-    problem = Problem.create(
-        robot,
-        num_steps * dt,
-        num_steps,
-        start={"q": q, "v": v},
-        goal={"v": np.zeros(robot.nv), "enforce": "penalty"},
-        cost={"effort": 1.0, "terminal": 1.0},
-        scheme=scheme,
-    )
-    formulation = formulate(problem)
-    found = formulation.motion_of(simulated(formulation, np.zeros(robot.nu)))
-    return found.qs, found.vs
-
-
 def energies(robot: Robot, qs: Array, vs: Array) -> Array:
     model, data = robot.model, robot.model.createData()
     return np.array([pin.computeMechanicalEnergy(model, data, q, v) for q, v in zip(qs, vs, strict=True)])
@@ -84,7 +58,7 @@ def momenta(robot: Robot, qs: Array, vs: Array, component: int) -> Array:
 def test_momentum_of_a_cyclic_joint_over_ten_thousand_steps(scheme: str) -> None:
     """Nothing pulls at a joint whose axis is vertical, though the other swings in gravity."""
     robot = arm(9.81)
-    qs, vs = motion(robot, scheme, 0.02, np.array([0.3, -0.9]), np.array([1.0, -2.0]), CHUNK)
+    qs, vs = moved(robot, scheme, 0.02, np.array([0.3, -0.9]), np.array([1.0, -2.0]), CHUNK)
     kept = momenta(robot, qs, vs, 0)
     single = momenta(robot, qs, vs, 1)
     assert np.abs(kept / kept[0] - 1.0).max() < 1e-13
@@ -96,7 +70,7 @@ def test_momentum_on_a_sphere_over_ten_thousand_steps(scheme: str) -> None:
     """Angular momentum of the rigid pendulum about the vertical; the rod and its speed stay, too."""
     robot = replace(mbocp.load_robot("rigid_pendulum"), resistances=())
     q = np.array([3.0, 0.0, -4.0])
-    qs, vs = motion(robot, scheme, 0.02, q, np.array([0.0, 2.0, 0.0]), CHUNK)
+    qs, vs = moved(robot, scheme, 0.02, q, np.array([0.0, 2.0, 0.0]), CHUNK)
     kept = qs[:, 0] * vs[:, 1] - qs[:, 1] * vs[:, 0]
     assert np.abs(kept / kept[0] - 1.0).max() < 1e-13
     assert np.abs(np.linalg.norm(qs, axis=1) / 5.0 - 1.0).max() < 1e-12
@@ -108,7 +82,7 @@ def test_momentum_of_a_top_over_ten_thousand_steps(scheme: str) -> None:
     """Angular momentum about the vertical through the pivot; the other two vary."""
     robot = top()
     turned = pin.exp3_quat(np.array([0.4, -0.8, 0.2]))
-    qs, vs = motion(robot, scheme, 0.01, turned, np.array([0.5, -1.0, 6.0]), CHUNK)
+    qs, vs = moved(robot, scheme, 0.01, turned, np.array([0.5, -1.0, 6.0]), CHUNK)
     pairs = zip(qs, vs, strict=True)
     kept = np.array([pin.Quaternion(q).toRotationMatrix() @ robot.momentum(q, v) for q, v in pairs])
     scale = np.abs(kept).max()
@@ -123,7 +97,7 @@ def test_momentum_of_a_free_flyer_over_ten_thousand_steps(scheme: str) -> None:
     """All six components, in the world and about its origin, while a hinge on it moves."""
     robot = flyer(0.0)
     q, v = np.array([0.0] * 6 + [1.0, 0.4]), np.array([0.1, -0.05, 0.02, 0.5, 1.2, -0.7, 0.9])
-    qs, vs = motion(robot, scheme, 0.02, q, v, CHUNK)
+    qs, vs = moved(robot, scheme, 0.02, q, v, CHUNK)
     pairs = list(zip(qs, vs, strict=True))
     kept = np.array(
         [pin.XYZQUATToSE3(q[:7]).act(pin.Force(robot.momentum(q, v)[:6])).vector for q, v in pairs]
@@ -165,7 +139,7 @@ def check_energy(robot: Robot, scheme: str, dt: float, q: Array, v: Array) -> No
     start = energies(robot, q[None], v[None])[0]
     largest, means = [], []
     for _ in range(10):
-        qs, vs = motion(robot, scheme, dt, q, v, CHUNK)
+        qs, vs = moved(robot, scheme, dt, q, v, CHUNK)
         errors = energies(robot, qs, vs) - start
         largest.append(np.abs(errors).max())
         means.append(errors.mean())

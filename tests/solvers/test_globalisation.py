@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -43,6 +44,16 @@ def begun(problem: mbocp.Problem) -> tuple[StagewiseProgramme, GlobalisedNewton,
     iterate, _ = make_guess("line", formulation)
     solver = GlobalisedNewton(control_weight=programme.control_weight)
     return programme, solver, solver.init(programme, iterate)
+
+
+def test_a_shift_grows_where_the_cap_would_leave_next_to_nothing_of_a_step() -> None:
+    """A Panda: shifts that just make the Hessian definite gave seven steps below a twentieth in a row."""
+    file = EXAMPLES.parent / "benchmarks" / "peers" / "problems" / "F.toml"
+    s = mbocp.solve(mbocp.load_problem(file))
+    assert s.converged
+    assert s.cost == pytest.approx(295.80841, rel=1e-7)
+    is_short = [record.step_length < 0.05 for record in s.history[1:]]
+    assert not any(a and b for a, b in itertools.pairwise(is_short))
 
 
 @pytest.mark.parametrize(

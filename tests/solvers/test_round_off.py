@@ -67,6 +67,17 @@ def test_problems_of_ordinary_size_know_the_tolerance_alone(name: str) -> None:
     assert not is_resolved(state, 1e-9)
 
 
+@pytest.mark.parametrize(
+    "name", ["elastic_pendulum", "rigid_pendulum", "../arms/ur5_reach", "../arms/panda_reach"]
+)
+def test_the_step_that_was_foreseen_and_not_taken_is_far_below_the_tolerance(name: str) -> None:
+    _, state = solved(name, {})
+    assert state.evaluation.residual <= 1e-11
+    assert state.increment > 1e-9 >= state.next_increment  # it ends by what it foresees
+    further = GlobalisedNewton().step(state)
+    assert further.increment < 1e-10
+
+
 def stub(size: float, step: float) -> Any:
     """What a kernel programme shows, with multipliers of one size and a last step of another."""
     unit = np.array([1.0, 0.0])
