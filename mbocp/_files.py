@@ -25,6 +25,7 @@ else:  # pragma: no cover
 __all__ = [
     "MAX_LEVELS",
     "MEGABYTE",
+    "RESULT_SUFFIXES",
     "TEXT_LIMIT",
     "is_file",
     "is_folder",
@@ -36,6 +37,7 @@ __all__ = [
 ]
 
 MEGABYTE = 2**20
+RESULT_SUFFIXES = (".h5", ".hdf5")  # of results of a solve
 TEXT_LIMIT = 4 * MEGABYTE  # of problem, study and robot files [bytes]; the largest that we know has 50 kB
 MAX_LEVELS = 64  # of tables and lists within each other
 _TOO_DEEP = f"lists or tables are nested more than {MAX_LEVELS} deep"

@@ -19,8 +19,9 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
 from mbocp.guesses.carried import Carried
 from mbocp.guesses.starts import Warm
-from mbocp.problem import Problem, load_problem
+from mbocp.problem import Problem
 from mbocp.solution import Solution
+from mbocp.solution.from_files import problem_from
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import IterationRecord, Phase
@@ -46,7 +47,7 @@ def solve(
     Parameters
     ----------
     problem : Problem, str or Path
-        The problem, or the path of a problem file.
+        The problem, or the path of a problem file, or of a result, whose problem is solved again.
     solver : str, optional
         Stands for `problem.solver.method`.
     warm_start : Solution, optional
@@ -78,8 +79,7 @@ def solve(
     NotConverged
         With `check`: carries the solution.
     """
-    if not isinstance(problem, Problem):
-        problem = load_problem(problem)
+    problem = problem_from(problem)
     if solver is not None:
         problem = problem.with_(solver=replace(problem.solver, method=solver))
     deadline = _deadline(problem.solver.time_limit, time_limit)

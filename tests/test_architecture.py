@@ -17,6 +17,7 @@ PACKAGE = Path(__file__).parents[1] / "mbocp"
 LAYERS = (
     "_exports",
     "_text",
+    "_warn",
     "_tolerances",
     "_numbers",
     "exceptions",
@@ -62,7 +63,7 @@ ALONE = {
     "meshes": {"_text", "exceptions", "_files", "_arrays", "_linear"},
     "storage": {"exceptions", "_arrays", "_files"},
     "_native": set(),
-    "programme": {"exceptions", "_exports", "_arrays", "_environment", "_native"},
+    "programme": {"_warn", "exceptions", "_exports", "_arrays", "_environment", "_native"},
     "solvers": {"exceptions", "_exports", "_arrays", "_linear", "programme"},
     "exceptions": {"_text"},
 }

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import typer
 
+from mbocp._files import RESULT_SUFFIXES
 from mbocp.cli import signals
-from mbocp.cli.solve import RESULTS, check_output, problem_of
+from mbocp.cli.solve import check_output, problem_of
 
 __all__ = ["live_page"]
 
@@ -27,7 +28,7 @@ def live_page(
 ) -> None:
     """Serve the page until Ctrl-C; write the last motion that converged."""
     if output is not None:
-        check_output(output, "-o", RESULTS)
+        check_output(output, "-o", RESULT_SUFFIXES)
     import mbocp
     from mbocp.cli.progress import Progress
     from mbocp.interactive import Live

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from mbocp._files import is_file, is_folder
+from mbocp._files import RESULT_SUFFIXES, is_file, is_folder
 from mbocp._text import shown
 from mbocp.cli import signals
 from mbocp.cli.report import INTERRUPTED
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = [
     "IMAGES",
     "PAGES",
-    "RESULTS",
     "Outputs",
     "check_output",
     "problem_and_solution",
@@ -32,7 +31,6 @@ __all__ = [
     "run",
 ]
 
-RESULTS = (".h5", ".hdf5")
 PAGES = (".html", ".htm")
 IMAGES = (".png", ".pdf", ".svg")
 _MAX_NAME_BYTES = 255  # bytes, of a file: what Linux takes
@@ -58,7 +56,7 @@ class Outputs:
 
     def _entries(self) -> Iterator[tuple[str, Path, Sequence[str]]]:
         if self.result is not None:
-            yield "-o", self.result, RESULTS
+            yield "-o", self.result, RESULT_SUFFIXES
         if self.replay is not None:
             yield "--replay", self.replay, PAGES
         if self.plot is not None:
@@ -168,7 +166,7 @@ def problem_of(file: Path, settings: Sequence[str]) -> Problem:
 
 def problem_and_solution(file: Path, settings: Sequence[str]) -> tuple[Problem, Solution | None]:
     """The problem of a problem file, or of a result with its solution."""
-    if file.suffix.lower() in RESULTS:
+    if file.suffix.lower() in RESULT_SUFFIXES:
         from mbocp.solution import Solution
 
         solution = Solution.load(file)

@@ -18,8 +18,9 @@ import pinocchio as pin
 from mbocp.interactive.handles import JointHandle, PoseHandle, joint_handles, pose_handles
 from mbocp.interactive.resolver import Answer, Resolver
 from mbocp.interactive.wish import Wish, weight_keys
-from mbocp.problem import Problem, load_problem
+from mbocp.problem import Problem
 from mbocp.solution import Solution
+from mbocp.solution.from_files import problem_from
 from mbocp.solving import solve
 from mbocp.view.live.scene import LiveScene, viser_module
 from mbocp.view.marks import marks_of
@@ -75,7 +76,7 @@ def live(
         If the problem is not well posed.
     """
     viser_module()
-    made = problem if isinstance(problem, Problem) else load_problem(problem)
+    made = problem_from(problem)
     return Live(
         made, solve(made, warm_start=warm_start), host=host, port=port, rate=rate, time_limit=time_limit
     )

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
+from mbocp._warn import warn_caller
 from mbocp.exceptions import MbocpError, ProblemError, UnreachableGoal
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.goal import Goal
@@ -88,7 +89,7 @@ def reachable_members(problem: P) -> tuple[tuple[int, P], ...]:
             f"goal.any: all {len(problem.goals)} goals are out of reach; {'; '.join(map(str, refused))}"
         ) from refused[0]
     for message, category in told.items():
-        warnings.warn(message, category, stacklevel=5)
+        warn_caller(message, category)
     return tuple(found)
 
 

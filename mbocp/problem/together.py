@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
+from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.coordinates import COORDINATES
@@ -14,7 +13,6 @@ from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.switches import SwitchTable, check_impacts
-from mbocp.problem.warn import TO_THE_CALLER
 from mbocp.robot import Robot
 from mbocp.solvers.options import BOUNDED_METHODS
 
@@ -85,17 +83,15 @@ def check_weights(cost: Cost, goal: Goal, *, is_free: bool, has_more: bool) -> N
             f'say enforce = "{meant}", or terminal = 0'
         )
     if np.any(cost.weight("time")) and not is_free:
-        warnings.warn(
+        warn_caller(
             "cost.time: the duration is given, so that its weight adds a constant; "
             "horizon.duration = {min, max} sets it free",
             ProblemWarning,
-            stacklevel=TO_THE_CALLER,
         )
     if goal.enforce == "none" and cost.tracking == 0.0 and not has_more:
-        warnings.warn(
+        warn_caller(
             "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
             ProblemWarning,
-            stacklevel=TO_THE_CALLER,
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
@@ -11,6 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._text import shown
+from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.phases import Mark
@@ -23,7 +23,6 @@ __all__ = ["placed", "via_marks", "via_nodes", "via_order"]
 
 _ON_NODE = 1e-6  # of a step
 _LEAST_LEG = 0.25  # of the mean way between neighbours
-_STACK = 5  # from a warning to the caller of `Problem`
 
 
 def via_nodes(
@@ -91,10 +90,9 @@ def via_nodes(
                 if duration_range is not None
                 else f"t = {node * duration / num_steps:.6g} s"
             )
-            warnings.warn(
+            warn_caller(
                 f"{key}: between two nodes; it holds at the nearest one, {at}",
                 ProblemWarning,
-                stacklevel=_STACK,
             )
         found.append(node)
     return tuple(found)

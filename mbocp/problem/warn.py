@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp._warn import warn_caller
 from mbocp.integrators import SCHEMES
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.goal import Goal
@@ -17,20 +17,19 @@ from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 
-__all__ = ["TO_THE_CALLER", "has_equations_throughout", "warn_alternating", "warn_limits", "warn_singular"]
+__all__ = ["has_equations_throughout", "warn_alternating", "warn_limits", "warn_singular"]
 
 _BESIDE = (
     "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
     "assembly mode: give a pose beside it"
 )
-TO_THE_CALLER = 5  # from here over the check, `__post_init__` and `__init__` of the problem
 
 
 def warn_singular(robot: Robot, q: Array, key: str) -> None:
     """Say that a mechanism is where it may go on in several ways."""
     words = singular_pose(robot, q)
     if words:
-        warnings.warn(f"{key}: {words}; {_BESIDE}", ProblemWarning, stacklevel=TO_THE_CALLER)
+        warn_caller(f"{key}: {words}; {_BESIDE}", ProblemWarning)
 
 
 def warn_alternating(
@@ -45,13 +44,12 @@ def warn_alternating(
         return
     for constraint in path:
         if has_equations_throughout(constraint, num_steps, dt):
-            warnings.warn(
+            warn_caller(
                 f"path {constraint.name!r}: equations at all nodes, and a velocity at the end; "
                 f'integrator.scheme = "{scheme}" moves by mean velocities, so that those across the '
                 "equations alternate from node to node, and solvers converge slowly or not; take scheme = "
                 '"se1", or a tolerance',
                 ProblemWarning,
-                stacklevel=TO_THE_CALLER,
             )
 
 
@@ -74,4 +72,4 @@ def warn_limits(robot: Robot, bounds: Bounds, q: Array, key: str) -> None:
     if outside.any():
         names = ", ".join(robot.q_labels[i].name for i in np.flatnonzero(outside))
         message = f"{key}: outside the position limits of {names}; limits are not enforced"
-        warnings.warn(message, ProblemWarning, stacklevel=TO_THE_CALLER)
+        warn_caller(message, ProblemWarning)

@@ -19,12 +19,12 @@ import shutil
 import stat
 import tempfile
 import time
-import warnings
 from collections.abc import Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 
 from mbocp._environment import number_from
+from mbocp._warn import warn_caller
 from mbocp.exceptions import CompilationError
 
 __all__ = [
@@ -201,11 +201,10 @@ def _forbids_code(folder: Path) -> bool:
 
 @cache
 def _tell(folder: str, reason: str) -> None:
-    warnings.warn(
+    warn_caller(
         f"the cache of compiled functions {folder} is not used: {reason}; mend it (chmod 700, owner, "
         "space) or set MBOCP_CACHE_DIR to another folder. Compiling into a temporary folder.",
         RuntimeWarning,
-        stacklevel=3,
     )
 
 

@@ -15,7 +15,6 @@ import hashlib
 import math
 import os
 import platform
-import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -26,6 +25,7 @@ from threading import Lock
 import casadi as ca
 
 from mbocp._environment import available_threads
+from mbocp._warn import warn_caller
 from mbocp.exceptions import CompilationError, CompilationTimeout
 from mbocp.programme.cache import (
     cache_folder,
@@ -240,11 +240,10 @@ def _place(key: str, wide: Lanes, set_by_user: tuple[str | None, ...]) -> _Place
 
 @cache
 def _warn_no_compiler() -> None:
-    warnings.warn(
+    warn_caller(
         "no C compiler found: stage functions are interpreted, ten to fifty times slower; pip install "
         "mbocp[compiler], or install gcc (Debian: apt install gcc), or set CC",
         NoCompilerWarning,
-        stacklevel=2,
     )
 
 

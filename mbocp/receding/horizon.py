@@ -15,13 +15,14 @@ from mbocp.exceptions import MbocpError, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.updates import ParameterUpdates
 from mbocp.guesses.attempts import solve_from_guesses
-from mbocp.problem import Problem, load_problem
+from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
 from mbocp.receding.checks import check_can_recede, check_functions
 from mbocp.receding.saved import check_can_be_saved, write_horizon
 from mbocp.receding.status import HorizonStatus
 from mbocp.solution import Solution
+from mbocp.solution.from_files import problem_from
 from mbocp.solvers import Phase, Status
 from mbocp.solvers.receding import RecedingSettings, receding_horizon
 from mbocp.solving import formulated
@@ -108,7 +109,7 @@ class RecedingHorizon:
         barrier: float = 1e-3,
         tolerance: float = 1e-6,
     ) -> None:
-        self.problem = problem if isinstance(problem, Problem) else load_problem(problem)
+        self.problem = problem_from(problem)
         check_can_recede(self.problem)
         self._iterations = iterations
         self._formulation, _ = formulated(self.problem, math.inf)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import drives, joints, kinematics
 from mbocp.robot.collision.geometry import read_geometry
@@ -136,9 +136,7 @@ class Robot(RobotModel):
             if norm < _MIN_NORM:
                 raise InvalidValue(where, f"norm {norm:.3g}", "a unit vector")
             if abs(norm - 1.0) > _ROUND_OFF:
-                warnings.warn(
-                    f"{where}: norm {norm:.6g}, normalised to 1", NormalisationWarning, stacklevel=2
-                )
+                warn_caller(f"{where}: norm {norm:.6g}, normalised to 1", NormalisationWarning)
             out[group] /= norm
         return frozen_array(out)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
-
 from mbocp._files import MEGABYTE
+from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, RobotError
 from mbocp.robot import (
     Robot,
@@ -45,15 +44,14 @@ def files_to_store(solution: SolutionData, meshes: bool | None) -> RobotFiles | 
             files = gather(solution.robot_spec)
         except RobotError as error:
             words = f"the result is written without its robot, and can be shown only where that is: {error}"
-            warnings.warn(words, RobotNotStoredWarning, stacklevel=4)
+            warn_caller(words, RobotNotStoredWarning)
             return None
     size = sum(file.size for file in files.files if file.is_mesh)
     if meshes is None and size > MESH_LIMIT:
-        warnings.warn(
+        warn_caller(
             f"the result is written without the robot's meshes, which have {size / MEGABYTE:.0f} MB: "
             "--meshes, or save(..., meshes=True), puts them into it",
             RobotNotStoredWarning,
-            stacklevel=4,
         )
         meshes = False
     return files.without_meshes() if meshes is False else files
@@ -90,8 +88,7 @@ def tell_changed(files: RobotFiles) -> None:
     if changed:
         names = ", ".join(changed[:_MAX_NAMES])
         more = f" and {len(changed) - _MAX_NAMES} more" if len(changed) > _MAX_NAMES else ""
-        warnings.warn(
+        warn_caller(
             f"the robot has changed since ({names}{more}); what the result holds of it is used",
             RobotChangedWarning,
-            stacklevel=4,
         )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from pathlib import Path
 from typing import Any
 
 import mbocp
+from mbocp._warn import warn_caller
 from mbocp.exceptions import MbocpError, StudyError
 from mbocp.study.kinds import first_of_each_kind
 from mbocp.study.pools import ExecutorPool, LocalPool, Pool, check_picklable
@@ -125,7 +125,7 @@ def _check_kinds(study: Study, kinds: Sequence[Task]) -> None:
             raise failed[0][1]
     for task, error in failed:
         values = ", ".join(f"{name} = {word(value)}" for name, value in task.values.items())
-        warnings.warn(f"task {task.index} ({values}) cannot be made: {error}", StudyWarning, stacklevel=3)
+        warn_caller(f"task {task.index} ({values}) cannot be made: {error}", StudyWarning)
 
 
 def _cannot_be_made(study: Study, task: Task) -> MbocpError | None:
@@ -139,10 +139,9 @@ def _cannot_be_made(study: Study, task: Task) -> MbocpError | None:
 def _check_version(file: RowFile) -> None:
     begun = file.header.get("mbocp")
     if begun != mbocp.__version__:
-        warnings.warn(
+        warn_caller(
             f"{file.path}: was begun by mbocp {begun}, this is {mbocp.__version__}; rows may not compare",
             StudyWarning,
-            stacklevel=3,
         )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mbocp._files import is_file, parse_toml, read_text
+from mbocp._files import RESULT_SUFFIXES, is_file, parse_toml, read_text
 from mbocp.exceptions import ProblemFileError, Unreadable
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.overrides import apply_overrides
@@ -38,9 +38,14 @@ def load_problem(
     ------
     ProblemFileError
         If the file is missing, is not TOML, or has a wrong key or value: the message names file and key, what
-        was got and what is allowed.
+        was got and what is allowed. Of a result, `Solution.load_problem` gives the problem.
     """
     path = Path(path)
+    if path.suffix.lower() in RESULT_SUFFIXES and is_file(path):
+        reason = (
+            f"is a result, expected a problem file (TOML): mbocp.Solution.load({str(path)!r}).load_problem()"
+        )
+        raise ProblemFileError(path, f"{reason} is the problem that it solves")
     if is_robot_file(path) and is_file(path):
         reason = (
             f"is a robot, expected a problem file (TOML): `mbocp new {path}` writes one with comments; the "

@@ -6,7 +6,6 @@ A joint that Pinocchio stores as cosine and sine (continuous, planar) may be giv
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
@@ -14,6 +13,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
 from mbocp.problem._checks import ProblemWarning
 from mbocp.robot import Robot
@@ -103,12 +103,11 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
 def _warn_of_turns(slot: _Slot, numbers: Sequence[float], key: str) -> None:
     if slot.has_angle and len(numbers) == slot.n_written and abs(numbers[-1]) >= _TURN:
         angle = float(numbers[-1])
-        warnings.warn(
+        warn_caller(
             f"{key}: joint {slot.name!r} is stored as cosine and sine, which count no turns: {angle:g} rad "
             f"is {math.remainder(angle, 2 * math.pi):.4g} rad to it, the shorter way round; a revolute joint "
             "counts turns, via points lead through them",
             ProblemWarning,
-            stacklevel=2,
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import frozen_array
+from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.file.schema import TermHead
@@ -64,11 +64,10 @@ def _term(robot: Robot, table: TermHead, given: OwnTerm | None) -> OwnTerm:
             changes[side] = frozen_array(getattr(table, side))
     term = replace(given, **changes)
     if term.digest(robot) != table.digest:
-        warnings.warn(
+        warn_caller(
             f"terms: {table.name!r} is not the one that the text was written with: its expression has "
             f"another digest ({term.digest(robot)[:8]}, and not {table.digest[:8]})",
             ProblemWarning,
-            stacklevel=2,
         )
     return term
 

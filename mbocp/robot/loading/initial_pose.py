@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._warn import warn_caller
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, assemble, violations
 from mbocp.robot.loops.redundancy import redundant_rows
@@ -68,11 +68,10 @@ def _assembled(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]
     bad = ", ".join(
         f"{name!r} by {value:.3g} {unit}" for name, value, unit in violations(robot, robot.q0)[:3]
     )
-    warnings.warn(
+    warn_caller(
         f"robot {robot.name!r}: the initial pose violates {bad}; the nearest that closes the loops takes its "
         "place: give another in [initial] of its robot.toml, or fewer joints",
         InitialPoseWarning,
-        stacklevel=5,
     )
     return q0, ()
 

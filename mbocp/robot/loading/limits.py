@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._warn import warn_caller
 from mbocp.robot import joints
 from mbocp.robot.loading.mimic import Follower
 from mbocp.robot.parts import Limits
@@ -53,11 +53,10 @@ def _limit_leader(
     if max(lower[at], low) < min(upper[at], high):
         lower[at], upper[at] = max(lower[at], low), min(upper[at], high)
     else:
-        warnings.warn(
+        warn_caller(
             f"robot {robot!r}: the position limits of {follower.name!r} leave {follower.leader!r}, "
             "which it mimics, nowhere to move: they are left out",
             NotModelledWarning,
-            stacklevel=2,
         )
 
 

@@ -7,12 +7,12 @@ about the equations of motion of a mechanism in free motion, and are not told.
 from __future__ import annotations
 
 import difflib
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
 from mbocp._text import shortened, shown
+from mbocp._warn import warn_caller
 from mbocp.robot.loading.urdf_inertia import read_inertials
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_number
 from mbocp.robot.warnings import NotModelledWarning
@@ -55,10 +55,9 @@ def tell_not_modelled(path: Path, root: ElementTree.Element) -> None:
     told = list(dict.fromkeys([*_extensions(root), *_misspelt(root)]))
     if told:
         more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
-        warnings.warn(
+        warn_caller(
             f"{path}: not modelled, and left out: {'; '.join(told[:_MAX_NAMES])}{more}",
             NotModelledWarning,
-            stacklevel=2,
         )
 
 

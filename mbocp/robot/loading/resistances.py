@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
+from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints
 from mbocp.robot.loading.mimic import Follower
@@ -76,11 +76,10 @@ def joint_resistances(
     found = [resistance for resistance in every if among is None or resistance.name in among]
     rubbing = [resistance.name for resistance in found if resistance.friction]
     if rubbing and losses.friction is None:
-        warnings.warn(
+        warn_caller(
             f"robot {robot!r}: the Coulomb friction that the URDF gives {_listed(rubbing)} is left out; "
             'friction = "smooth" takes it in, friction = "none" leaves it out without a word',
             NotModelledWarning,
-            stacklevel=2,
         )
     kept = (
         replace(

@@ -11,7 +11,6 @@ It becomes a `RobotTable`, as if it were a robot.toml, and a URDF with the other
 
 from __future__ import annotations
 
-import warnings
 from copy import deepcopy
 from itertools import takewhile
 from pathlib import Path
@@ -22,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from mbocp._files import MEGABYTE, read_text
 from mbocp._text import shown
+from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
 from mbocp.robot.loading.actuator_tables import ActuationTable
 from mbocp.robot.loading.constraint_tables import ConstraintTable, PointTable, WeldTable
@@ -122,11 +122,10 @@ def read_robot_yaml(path: Path) -> RobotYaml:
     _check_lengths(path, found)
     if found.model_extra:
         unknown, known = ", ".join(map(repr, found.model_extra)), ", ".join(RobotYaml.model_fields)
-        warnings.warn(
+        warn_caller(
             f"{path}: what {unknown} says is left out (known keys: {known}); a robot.toml in this folder can "
             "say more, and takes the place of the robot.yaml",
             IgnoredKeysWarning,
-            stacklevel=2,
         )
     return found
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,6 +12,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._text import shown
+from mbocp._warn import warn_caller
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import LARGEST, child_attribute, finite_number, finite_numbers
 from mbocp.robot.warnings import ImpossibleInertiaWarning
@@ -77,11 +77,10 @@ def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.M
     told = [words for joint in bad for words in _faults(joint, model, read_inertials(path, root))]
     if told:
         more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
-        warnings.warn(
+        warn_caller(
             f"{path}: inertias that no body has ({'; '.join(told[:_MAX_NAMES])}{more}); they are used as "
             "they stand. Check units (kg m^2) and axes",
             ImpossibleInertiaWarning,
-            stacklevel=2,
         )
 
 

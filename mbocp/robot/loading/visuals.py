@@ -6,7 +6,6 @@ Pinocchio's own builder loads every mesh (seconds for some robots) and stops at 
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -18,6 +17,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._files import is_file, is_folder
 from mbocp._text import shortened, shown
+from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.unpacked import unpacked_file, unpacked_root
 from mbocp.robot.loading.urdf import Urdf
@@ -57,10 +57,9 @@ def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) ->
             if shape is not None:
                 visuals.addGeometryObject(_object(urdf, model, link, number, visual, shape, materials))
     if missing:
-        warnings.warn(
+        warn_caller(
             f"{urdf.path}: shown without its missing meshes ({_named(missing)})",
             MissingMeshWarning,
-            stacklevel=2,
         )
     return visuals
 

@@ -25,8 +25,15 @@ def test_folder_instead_of_file(tmp_path: Path) -> None:
         load_problem(tmp_path)
 
 
-def test_binary_instead_of_text(tmp_path: Path) -> None:
+def test_result_instead_of_problem_file(tmp_path: Path) -> None:
     path = tmp_path / "result.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
+    with pytest.raises(ProblemFileError, match=r"is a result, .*Solution\.load\('.*'\)\.load_problem\(\)"):
+        load_problem(path)
+
+
+def test_binary_instead_of_text(tmp_path: Path) -> None:
+    path = tmp_path / "result.bin"
     path.write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
     with pytest.raises(ProblemFileError, match="not a text file"):
         load_problem(path)
