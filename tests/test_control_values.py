@@ -310,7 +310,7 @@ def test_plots_draw_the_polynomial(tmp_path: Path) -> None:
     from mbocp.view.figures.panels import control_panels
 
     solution = solution_of(pendulum("stages"))
-    (panel,) = control_panels(solution, None)
+    (panel,) = control_panels(solution)
     assert not panel.step
     inner = np.unique(panel.t[:-1])
     assert len(inner) > 3 * solution.num_steps

@@ -28,10 +28,12 @@ from mbocp.view.figures.style import (
     line_style,
     mark_phases,
     new_figure,
+    note_in_corner,
     plain_text,
     save_figure,
     strip_legend,
 )
+from mbocp.view.figures.zigzag import SHORT_NOTE
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -57,9 +59,9 @@ def plot_states(solution: Solution, *, rate: str = "v") -> Figure:
     return _stack(solution, [*panels.state_panels(solution), *panels.rate_panels(solution, rate)])
 
 
-def plot_controls(solution: Solution, robot: Robot | None = None) -> Figure:
-    """Controls over time; limits of the problem, or else of `robot`, are dashed where the motion is near."""
-    return _stack(solution, panels.control_panels(solution, _effort(robot)))
+def plot_controls(solution: Solution) -> Figure:
+    """Controls over time; limits of the problem are dashed where the motion is near."""
+    return _stack(solution, panels.control_panels(solution))
 
 
 def plot_rates(solution: Solution, robot: Robot | None = None) -> Figure:
@@ -107,7 +109,7 @@ def plot_path(solution: Solution, robot: Robot, frames: Sequence[str] | None = N
 def plot_solution(solution: Solution, path: str | Path, robot: Robot | None = None) -> Path:
     """Write an overview of the solution on one page as PNG, PDF or SVG, by the suffix of `path`.
 
-    With `robot` the page has the path in space, the effort limits and the constraint violation, too.
+    With `robot` the page has the path in space, the powers and the constraint violation, too.
 
     Raises
     ------
@@ -122,7 +124,7 @@ def overview(solution: Solution, robot: Robot | None = None) -> Figure:
     tiles: list[panels.Panel | LinePanel] = [
         *panels.state_panels(solution),
         *panels.rate_panels(solution, "v"),
-        *panels.control_panels(solution, _effort(robot)),
+        *panels.control_panels(solution),
         *panels.rate_limit_panels(solution, robot),
     ]
     tiles += _first_of_each_symbol(panels.multiplier_panels(solution))
@@ -203,6 +205,8 @@ def _draw(tile: panels.Panel | LinePanel, axes: Axes, shared: dict[str, Any]) ->
         handles = tile.draw(axes, [line_style(places[name]) for name in tile.names])
         for name, handle in zip(tile.names, handles, strict=True):
             shared.setdefault(name, handle)
+    if isinstance(tile, LinePanel) and tile.faint is not None:
+        note_in_corner(axes, SHORT_NOTE)
 
 
 def _mark_phases(tile: panels.Panel | LinePanel, axes: Axes, solution: Solution) -> None:
@@ -242,10 +246,6 @@ def _title(figure: Figure, solution: Solution) -> None:
         fontsize=10.5,
         color="black" if solution.converged else WARNING,
     )
-
-
-def _effort(robot: Robot | None) -> Array | None:
-    return None if robot is None else robot.limits.effort
 
 
 def _violation(solution: Solution, robot: Robot | None) -> Array | None:

@@ -12,7 +12,7 @@ from mbocp.solution.atomic import replace_file
 from mbocp.view.meshcat.page import Below
 from mbocp.view.of_solution import drawn_of
 from mbocp.view.replay import replay_page
-from mbocp.view.reports.plots import other_figures, tied_figures
+from mbocp.view.reports.plots import other_figures, tied_figures, why_zigzag
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -64,7 +64,7 @@ def write_report(
 
 def _content(solution: Solution, robot: Robot, facts: Iterable[tuple[str, str]]) -> str:
     sections = [
-        ("Over time", f'<div class="plots">{"".join(tied_figures(solution, robot))}</div>'),
+        ("Over time", _over_time(solution, robot)),
         ("What came out", _table(facts)),
         ("Active limits", _limits(solution.active_limits)),
         (
@@ -75,6 +75,12 @@ def _content(solution: Solution, robot: Robot, facts: Iterable[tuple[str, str]])
         ("Made with", _table(_versions(solution.versions))),
     ]
     return "\n".join(f"<h2>{title}</h2>\n{body}" for title, body in sections)
+
+
+def _over_time(solution: Solution, robot: Robot) -> str:
+    words = why_zigzag(solution)
+    note = f'<p class="note">{words}</p>' if words else ""
+    return f'<div class="plots">{"".join(tied_figures(solution, robot))}</div>{note}'
 
 
 def _facts(solution: Solution) -> list[tuple[str, str]]:

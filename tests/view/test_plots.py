@@ -11,6 +11,8 @@ import matplotlib
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -22,6 +24,7 @@ from mbocp.solution import Column, IterationRecord, Status
 from mbocp.view.figures import style
 from mbocp.view.figures.path import frame_paths
 from mbocp.view.figures.style import PALETTE, line_style, shorten
+from mbocp.view.figures.zigzag import without_zigzag
 from mbocp.view.plots import (
     overview,
     plot_controls,
@@ -115,18 +118,26 @@ def test_controls_are_steps_where_one_can_see_them() -> None:
 def test_limits_are_dashed_where_the_motion_comes_near() -> None:
     robot = load_robot("ur5")  # 150 N m and 28 N m
     us = np.tile([30.0, 30.0, 30.0, 20.0, 20.0, 40.0], (20, 1))
-    solution = motion(robot, robot.q0 + 0.5, us=us)
-    axes = plot_controls(solution, robot).axes[0]
+    limits = np.array([-robot.limits.effort, robot.limits.effort])
+    solution = dataclasses.replace(motion(robot, robot.q0 + 0.5, us=us), limits_u=limits)
+    axes = plot_controls(solution).axes[0]
     assert levels(axes) == {-28.0, 28.0}
     assert axes.get_title(loc="right") == "limits dashed; 1 beyond their limit; limits from ±150 not shown"
     weak = dataclasses.replace(solution, us=0.01 * solution.us)
-    assert plot_controls(weak, robot).axes[0].get_title(loc="right") == "limits from ±28 not shown"
-    assert plot_controls(weak).axes[0].get_title(loc="right") == ""
+    assert plot_controls(weak).axes[0].get_title(loc="right") == "limits from ±28 not shown"
+
+
+def test_limits_that_nobody_enforces_are_not_drawn() -> None:
+    robot = load_robot("ur5")  # the URDF has an effort for each joint
+    figure = overview(motion(robot, robot.q0 + 0.5, us=np.full((20, 6), 100.0)), robot)
+    controls = panel(figure, "Control")
+    assert controls.get_title(loc="right") == ""
+    assert levels(controls) == set()
 
 
 def test_limits_of_the_problem_are_dashed() -> None:
     solution = limited()
-    states, controls = plot_states(solution), plot_controls(solution, load_robot("ur5"))
+    states, controls = plot_states(solution), plot_controls(solution)
     assert levels(panel(states, "Configuration")) == set()
     assert levels(panel(states, "Velocity")) == {-2.0, 2.0}
     assert panel(states, "Velocity").get_title(loc="right") == "limits dashed"
@@ -192,6 +203,38 @@ def test_exponents_stand_beside_legends() -> None:
             seen += 1
             assert exponent.get_window_extent().x1 <= names.get_window_extent().x0 + 0.1  # [pixel]
     assert seen
+
+
+def test_adjoints_that_zigzag_are_drawn_as_their_mean() -> None:
+    smooth = pendulum(num_steps=60)
+    sign = np.where(np.arange(61) % 2, -1.0, 1.0)[:, None]
+    rough = dataclasses.replace(smooth, mus=smooth.mus + 5.0 * sign)
+    axes = panel(plot_multipliers(rough), "Adjoint of the configuration")
+    mean, as_computed = (np.asarray(axes.lines[i].get_ydata()) for i in (0, len(axes.lines) // 2))
+    np.testing.assert_allclose(mean, smooth.mus[:, 0], atol=0.02 * np.ptp(smooth.mus[:, 0]))
+    np.testing.assert_array_equal(as_computed, rough.mus[:, 0])
+    assert axes.get_ylim()[1] < 4.0 < as_computed.max()
+    assert [text.get_text() for text in axes.texts] == ["mean of neighbours; faint: as computed"]
+    calm = panel(plot_multipliers(smooth), "Adjoint of the configuration")
+    np.testing.assert_array_equal(calm.lines[0].get_ydata(), smooth.mus[:, 0])
+    assert not calm.texts
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-50.0, 50.0), st.floats(-0.5, 0.5))
+def test_a_line_comes_out_of_its_zigzag(at: float, slope: float, jump: float, growth: float) -> None:
+    k = np.arange(40.0)
+    line, sign = at + slope * k / 40, (-1.0) ** k
+    rough = line + jump * (1 + growth * k / 40) * sign
+    means = without_zigzag(rough[:, None])[:, 0]
+    assert np.abs(means - line).max() <= max(1e-9, 0.05 * np.ptp(line))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_does_not_alternate_stays_as_it_is(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    smooth = np.sin(np.linspace(0, 9, 50))[:, None]
+    for values in (smooth, rng.normal(size=(50, 1)), smooth + np.nan, smooth[:5], np.zeros((50, 1))):
+        np.testing.assert_array_equal(without_zigzag(values), values)
 
 
 def test_multipliers_of_a_constrained_system() -> None:

@@ -17,6 +17,7 @@ from mbocp.view.figures.style import (
     calm_limits,
     finish_axes,
     mark_time,
+    note_beside_title,
     plain_text,
     shorten,
 )
@@ -25,6 +26,7 @@ __all__ = ["FEW", "LinePanel", "line_panels"]
 
 FEW = 4  # curves whose names fit over a panel
 _ROUND_OFF = 1e-6  # relative, by which a solver may miss a limit that it keeps
+_FAINT: Any = {"alpha": 0.3, "linewidth": 0.6}
 _MAX_STEPS = 60  # beyond, steps are too short to be seen, and dashes too long
 
 
@@ -44,6 +46,8 @@ class LinePanel:
         Whether the values are constant between the times; then `t` has one entry more.
     limits : ndarray, shape (2, len(names)), or None
         Lower and upper limits, infinite where there are none; dashed.
+    faint : ndarray, shape (m, len(names)), or None
+        Values as computed, of which `values` are means; drawn faintly where they differ.
     """
 
     title: str
@@ -53,26 +57,34 @@ class LinePanel:
     values: Array
     step: bool = False
     limits: Array | None = None
+    faint: Array | None = None
 
     def draw(self, axes: Axes, styles: Sequence[LineStyle]) -> list[Any]:
         """Draw the curves; the caller adds the legend, for which this returns the handles."""
-        t, values, drawstyle = self.t, self.values, "default"
-        if self.step and len(values) <= _MAX_STEPS:
-            values, drawstyle = (
-                np.vstack([values, values[-1:]]),
-                "steps-post",
-            )  # the last value holds until the end
+        t, drawstyle = self.t, "default"
+        if self.step and len(self.values) <= _MAX_STEPS:
+            drawstyle = "steps-post"
         elif self.step:
             t = (t[:-1] + t[1:]) / 2
+        values = self._until_the_end(self.values, drawstyle)
         handles = [
             axes.plot(t, values[:, i], drawstyle=drawstyle, **style._asdict())[0]
             for i, style in enumerate(styles)
         ]
         calm_limits(axes, values)
+        if self.faint is not None:
+            axes.set_ylim(axes.get_ylim())  # what is computed may be larger by orders
+            faint = self._until_the_end(self.faint, drawstyle)
+            for i in np.flatnonzero((self.faint != self.values).any(axis=0)):
+                axes.plot(t, faint[:, i], drawstyle=drawstyle, color=styles[i].color, **_FAINT)
         finish_axes(axes, title=self.title, ylabel=self.ylabel)
         mark_time(axes, self.t)
         self._draw_limits(axes, styles)
         return handles
+
+    def _until_the_end(self, values: Array, drawstyle: str) -> Array:
+        """The last value of a step holds until its end."""
+        return np.vstack([values, values[-1:]]) if drawstyle == "steps-post" else values
 
     def _draw_limits(self, axes: Axes, styles: Sequence[LineStyle]) -> None:
         """Draw limits dashed where the motion comes near them; else say where they are."""
@@ -100,7 +112,7 @@ class LinePanel:
             nearest = np.abs(self.limits[far]).min()
             sign = "±" if (self.limits[0] == -self.limits[1]).all() else ""
             words.append(f"limits from {sign}{nearest:.3g} not shown")
-        axes.set_title("; ".join(words), loc="right", fontsize=6.5, color=GREY, fontweight="normal", pad=3)
+        note_beside_title(axes, "; ".join(words))
 
 
 def _groups(columns: Sequence[Column]) -> list[list[int]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,9 +26,11 @@ from mbocp.view.figures.style import (
     finish_axes,
     line_style,
     mark_time,
+    note_beside_title,
     plain_text,
     strip_legend,
 )
+from mbocp.view.figures.zigzag import SHORT_NOTE, without_zigzag
 
 __all__ = [
     "LinePanel",
@@ -100,11 +102,9 @@ def rate_panels(solution: Solution, rate: str) -> list[LinePanel]:
     return line_panels("Velocity", "$v$", labels, solution.t, solution.vs, limits=limits)
 
 
-def control_panels(solution: Solution, effort: Array | None) -> list[LinePanel]:
-    """Return the controls, a panel for each unit, with the problem's limits or else the robot's `effort`."""
+def control_panels(solution: Solution) -> list[LinePanel]:
+    """Return the controls, a panel for each unit, with the limits that the problem enforces."""
     labels, limits = solution.labels.u, solution.limits_u
-    if effort is not None and not np.isfinite(limits).any():
-        limits = np.array([-effort, effort])
     if solution.has_constant_controls:
         return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limits)
     t, values = _within_steps(solution)
@@ -161,7 +161,13 @@ def multiplier_panels(solution: Solution) -> list[LinePanel]:
         if values.shape[1]
         for panel in line_panels(title, symbol, columns, t, values, step=step)
     ]
-    return [*force_panels(solution), *found, *_limit_panels(solution)]
+    return [*force_panels(solution), *(_calmed(panel) for panel in found), *_limit_panels(solution)]
+
+
+def _calmed(panel: LinePanel) -> LinePanel:
+    """A panel with the means of curves that zigzag before the curves themselves."""
+    means = without_zigzag(panel.values)
+    return panel if means is panel.values else replace(panel, values=means, faint=panel.values)
 
 
 def _limit_panels(solution: Solution) -> list[LinePanel]:
@@ -221,11 +227,21 @@ def _empty(axes: Axes, words: str) -> None:
     axes.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY)
 
 
+def _mark_solves(axes: Axes, solution: Solution) -> None:
+    """Draw a line where each further solve begins, and say how many there were."""
+    counts = [phase.iterations + 1 for phase in solution.phases if phase.iterations]
+    if len(counts) > 1:
+        for first in np.cumsum(counts)[:-1]:
+            axes.axvline(first - 0.5, color=GREY, linewidth=0.6, linestyle=":", zorder=0)
+        note_beside_title(axes, f"{len(counts)} solves, one after the other")
+
+
 def convergence_panel(solution: Solution) -> Panel:
     """Return residual and increment over the iterations."""
 
     def draw(axes: Axes) -> None:
         k = np.arange(float(len(solution.history)))
+        _mark_solves(axes, solution)
         for index, (name, label, marker) in enumerate(
             (("residual", "residual", "o"), ("increment", "increment", "s"))
         ):
@@ -265,8 +281,12 @@ def hamiltonian_panel(solution: Solution) -> Panel:
 
     def draw(axes: Axes) -> None:
         values = solution.control_hamiltonians
-        axes.plot(solution.t[:-1], values, color=PALETTE[0])
+        means = without_zigzag(values[:, None])[:, 0]
+        axes.plot(solution.t[:-1], means, color=PALETTE[0])
         calm_limits(axes, values)
+        if (means != values).any() and np.isfinite(values).all():
+            axes.plot(solution.t[:-1], values, color=PALETTE[0], alpha=0.3, linewidth=0.6)
+            note_beside_title(axes, SHORT_NOTE)
         finish_axes(axes, title="Control Hamiltonian", ylabel=r"$\mathcal{H}$ [cost/s]")
         mark_time(axes, solution.t)
         if not np.isfinite(values).any():

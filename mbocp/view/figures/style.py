@@ -34,6 +34,8 @@ __all__ = [
     "mark_phases",
     "mark_time",
     "new_figure",
+    "note_beside_title",
+    "note_in_corner",
     "plain_text",
     "save_figure",
     "shorten",
@@ -162,6 +164,18 @@ def finish_axes(
             "right"
         )  # over the ticks: the legend is beside it
     axes.xaxis.set_major_locator(MaxNLocator(6))
+
+
+def note_beside_title(axes: Axes, words: str) -> None:
+    """Write a few words at the right end above the axes."""
+    axes.set_title(words, loc="right", fontsize=6.5, color=GREY, fontweight="normal", pad=3)
+
+
+def note_in_corner(axes: Axes, words: str) -> None:
+    """Write a few words within the axes, at the top right."""
+    box = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
+    place: Any = {"xy": (0.99, 0.98), "xycoords": "axes fraction", "ha": "right", "va": "top"}
+    axes.annotate(words, **place, fontsize=6.5, color=GREY, bbox=box)
 
 
 def _whole_decades(axes: Axes) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError
 from mbocp.view.live.triangles import Triangles, triangles_of
 from mbocp.view.meshcat.commands import Command
@@ -169,7 +169,7 @@ class LiveScene:
         try:
             pieces = list(triangles_of(drawn))
         except ReplayError as error:
-            warnings.warn(f"{path.removeprefix(WORLD)}: {error}", stacklevel=2)
+            warn_caller(f"{path.removeprefix(WORLD)}: {error}")
             return
         self._drawn[path] = [
             self._draw_piece(f"{path}/piece_{number}", piece) for number, piece in enumerate(pieces)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
@@ -213,7 +213,7 @@ def _robot_commands(robot: Robot, motion: Motion) -> tuple[list[Command], dict[i
         try:
             drawn = library.draw(visual)
         except ReplayError as error:
-            warnings.warn(f"{error}; its joint is drawn as a stick", stacklevel=4)
+            warn_caller(f"{error}; its joint is drawn as a stick")
             missing.add(joint)
             continue
         commands.append(set_object(path, drawn))

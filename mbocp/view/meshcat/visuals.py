@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import io
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +20,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE
 from mbocp._text import shortened
+from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError, Unreadable
 from mbocp.meshes.parts import MeshPart, Surface, checked
 from mbocp.meshes.pictures import Picture, picture_folders, read_picture
@@ -119,7 +119,7 @@ class MeshLibrary:
             except (Unreadable, ValueError) as error:
                 self._refused.add(image)
                 words = f"{mesh}: shown without its picture {shortened(str(image))}, which {error}"
-                warnings.warn(words, stacklevel=2)
+                warn_caller(words)
         colour = _GREY if part.surface.colour == (1.0, 1.0, 1.0) else part.surface.colour
         return replace(part, surface=Surface(colour))
 

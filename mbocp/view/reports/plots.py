@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["other_figures", "tied_figures"]
+__all__ = ["other_figures", "tied_figures", "why_zigzag"]
 
-_SIZE = (5.2, 2.7)  # [inch]
+_SIZE = (4.5, 2.4)  # [inch]
 _DIGITS = 5  # of the numbers under a plot
+_MEANS = "Lines and numbers: means of neighbouring steps. Faint: as computed."
 _MAX_NAMES = 30  # curves whose numbers stand under a plot
 
 
@@ -35,7 +36,7 @@ def tied_figures(solution: Solution, robot: Robot) -> Iterator[str]:
     tiles: Sequence[LinePanel] = [
         *panels.state_panels(solution),
         *panels.rate_panels(solution, "v"),
-        *panels.control_panels(solution, robot.limits.effort),
+        *panels.control_panels(solution),
         *panels.rate_limit_panels(solution, robot),
         *panels.multiplier_panels(solution),
     ]
@@ -63,7 +64,20 @@ def tied_figures(solution: Solution, robot: Robot) -> Iterator[str]:
             f'<span><i style="border-color:{style.color}"></i>{html.escape(_plain(name))} <b></b></span>'
             for name, style in zip(shown, styles, strict=False)
         )
-        yield _figure(picture, tile.title, html.escape(json.dumps(curves, separators=(",", ":"))), legend)
+        note = "" if tile.faint is None else _MEANS
+        data = html.escape(json.dumps(curves, separators=(",", ":")))
+        yield _figure(picture, tile.title, data, legend, note)
+
+
+def why_zigzag(solution: Solution) -> str:
+    """Why multipliers jump from step to step, for those who see it in plots; nothing without constraints."""
+    if not solution.nc or all(panel.faint is None for panel in panels.multiplier_panels(solution)):
+        return ""
+    return (
+        "Equations of motion with constraints have index 3. Nothing damps a part of their adjoints that "
+        "changes its sign from step to step: it is drawn faintly, and the mean of neighbouring steps in its "
+        "place. Motion, controls and forces have no such part."
+    )
 
 
 def other_figures(solution: Solution, robot: Robot) -> Iterator[str]:
@@ -87,14 +101,15 @@ def other_figures(solution: Solution, robot: Robot) -> Iterator[str]:
             else:
                 tile.draw(axes)
             picture = _picture(figure)
-        yield _figure(picture, title, "", "")
+        yield _figure(picture, title)
 
 
-def _figure(picture: str, title: str, curves: str, legend: str) -> str:
+def _figure(picture: str, title: str, curves: str = "", legend: str = "", note: str = "") -> str:
     data, tied = (f' data-curves="{curves}"', " tied") if curves else ("", "")
     caption = f"<figcaption>{legend}</figcaption>" if legend else ""
     image = f'<img alt="{html.escape(_plain(title))}" src="data:image/svg+xml;base64,{picture}">'
-    return f'<figure{data}><div class="picture{tied}">{image}</div>{caption}</figure>'
+    words = f'<p class="note">{note}</p>' if note else ""
+    return f'<figure{data}><div class="picture{tied}">{image}</div>{caption}{words}</figure>'
 
 
 def _picture(figure: Figure) -> str:
