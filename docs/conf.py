@@ -11,6 +11,7 @@ import mbocp
 
 project = "mbocp"
 author = "The mbocp developers"
+copyright = f"2026, {author}"
 version = release = mbocp.__version__
 
 extensions = [

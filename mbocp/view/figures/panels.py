@@ -189,7 +189,12 @@ def _limit_panels(solution: Solution) -> list[LinePanel]:
         for kind, words, symbol, columns, times, values in blocks
         if kind in active
         for panel in line_panels(words, symbol, columns, times, values, step=kind == "control")
+        if _largest(panel.values) > _PULLS * _largest(values)  # the rest is what a barrier leaves over
     ]
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(np.nan_to_num(values)).max(initial=0.0))
 
 
 def _pulling_rows(solution: Solution) -> tuple[list[int], str]:

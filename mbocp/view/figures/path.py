@@ -26,7 +26,7 @@ _HINGES = ("revolute", "continuous", "spherical")
 _NUM_ARROWS = 7
 _FLATNESS_RATIO = 0.25  # of the size: how thick a robot may be whose motion is drawn as flat
 _MAX_NODES = 2000  # more points do not make a finer picture
-_TICK_PADS, _LABEL_PADS = (0, 0, 3), (-1, -1, 3)  # [points]; those of z stand beside their axis, not below
+_TICK_PADS, _LABEL_PADS = (0, 0, 3), (1, 3, 6)  # [points]; those of z stand beside their axis, not below
 _SHRINK, _MAX_SHRINKS = 0.94, 8  # of a box whose labels leave the page
 
 
