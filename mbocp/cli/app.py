@@ -87,7 +87,10 @@ def new(
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a problem file for a robot: its joints, its limits, a motion that solves at once."""
+    """Write a problem file for a robot, with comments.
+
+    It names the joints and their limits, and asks for a motion that solves at once.
+    """
     from mbocp.cli.new import write_new
 
     write_new(name, output, _options(package_dir, free_flyer, lock), force=force, quiet=quiet)
@@ -162,7 +165,10 @@ def check(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Say what a problem file asks for, and what is odd about it and its robot, without solving it."""
+    """Say what a problem file asks for, and what is odd about it.
+
+    Its robot is looked at, too; nothing is solved.
+    """
     from mbocp.cli.check import check_file
 
     check_file(file, settings or [], output, quiet=quiet)
@@ -189,7 +195,10 @@ def explain(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Say why a problem cannot be solved: what arithmetic tells, else which limit has to give."""
+    """Say why a problem cannot be solved.
+
+    First what arithmetic tells; if that proves nothing, which limit has to give.
+    """
     from mbocp.cli.explain import explain_file
 
     explain_file(file, settings or [], search=search, as_json=as_json, quiet=quiet)
@@ -201,7 +210,7 @@ def replay(
     results: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RESULT...",
+            metavar="RESULT",
             help="What `mbocp solve -o` wrote; of several, the others move beside the first.",
             show_default=False,
         ),
@@ -251,7 +260,10 @@ def replay(
     size: Annotated[str, typer.Option(metavar="WxH", help="Size of the pictures [pixel].")] = "960x640",
     quiet: Quiet = False,
 ) -> None:
-    """Replay results: one page that works offline, live in the browser, or as pictures or a film."""
+    """Replay results: a page, live in the browser, pictures, or a film.
+
+    The page is one file that works offline.
+    """
     from mbocp.cli.replay import Look, Recording, replay_results
 
     look = Look(tuple(trace or ()), ghosts, tuple(ghost_at or ()), camera, speed)
@@ -277,7 +289,10 @@ def live(
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser window.")] = True,
     quiet: Quiet = False,
 ) -> None:
-    """Drag the goal of a problem on a page, which solves it again meanwhile; needs mbocp[live]."""
+    """Drag the goal on a page, and watch it being solved again.
+
+    Needs mbocp[live].
+    """
     from mbocp.cli.live import live_page
 
     live_page(file, settings or [], output, host=host, port=port, browser=browser, quiet=quiet)
@@ -289,14 +304,26 @@ def plot(
     result: ResultFile,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE.png", help="Image to write. [default: RESULT.png]"),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE.png",
+            help="Image to write: .png, .pdf or .svg. [default: RESULT.png]",
+        ),
+    ] = None,
+    style: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="A style of matplotlib (grayscale, seaborn-v0_8-paper, my.mplstyle): fonts, sizes, grids.",
+        ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Plot a result: states, controls, multipliers, convergence, path."""
     from mbocp.cli.results import plot_result
 
-    plot_result(result, output, quiet=quiet)
+    plot_result(result, output, style, quiet=quiet)
 
 
 @app.command(epilog=examples("report"))
@@ -309,7 +336,10 @@ def report(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write all about a result as one page: replay, plots tied to its time, limits, problem, versions."""
+    """Write all about a result as one page that works offline.
+
+    Replay, plots tied to its time, active limits, convergence, the problem, versions.
+    """
     from mbocp.cli.results import report_result
 
     report_result(result, output, quiet=quiet)
@@ -379,7 +409,7 @@ def spheres(
     lock: Locks = None,
     as_json: Json = False,
 ) -> None:
-    """Show the spheres that stand for a robot's links where it may collide."""
+    """Show the spheres that stand for links where a robot may collide."""
     from mbocp.cli.spheres import print_spheres
 
     signals.leave_in_order()
@@ -435,7 +465,7 @@ def paper(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Reproduce a paper: its tables beside mbocp's numbers, and its figures.
+    """Reproduce a paper: its tables beside mbocp's, and its figures.
 
     Without options, say what there is.
     """
@@ -493,7 +523,7 @@ def study(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Solve many problems: a grid, a random sample or a list of changes to one.
+    """Solve many problems: a grid, a random sample, or a list.
 
     Exit status: 0 all tasks converged, 1 some did not (each has a row), 2 bad input, 130 interrupted
     (--resume goes on).
@@ -513,7 +543,7 @@ def study(
 @app.command(epilog=examples("doctor"))
 @reporting
 def doctor(as_json: Json = False) -> None:
-    """Say what works on this machine, and what to do about what does not.
+    """Say what works on this machine, and how to mend what does not.
 
     Exit status: 0 if everything needed works, 1 if not.
     """

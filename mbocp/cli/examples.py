@@ -20,7 +20,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "mbocp replay reach.h5 --movie reach.gif --camera 60,20",
     ),
     "live": ("mbocp live reach.toml", "mbocp live reach.h5 -o kept.h5"),
-    "plot": ("mbocp plot reach.h5", "mbocp plot reach.h5 -o reach.pdf"),
+    "plot": ("mbocp plot reach.h5", "mbocp plot reach.h5 -o reach.pdf --style my.mplstyle"),
     "report": ("mbocp report reach.h5 -o reach.html",),
     "info": ("mbocp info reach.h5", "mbocp info reach.h5 --json"),
     "export": ("mbocp export reach.h5 -o reach.csv --rate 125", "mbocp export reach.h5 -o reach.script"),

@@ -22,16 +22,19 @@ if TYPE_CHECKING:
 __all__ = ["load_result", "named", "plot_result", "print_info", "report_result", "tell"]
 
 
-def plot_result(result: Path, output: Path | None, *, quiet: bool) -> None:
+def plot_result(result: Path, output: Path | None, style: str | None, *, quiet: bool) -> None:
     """Write plots."""
     path = output if output is not None else result.with_suffix(".png")
     check_output(path, "-o", IMAGES)
+    from mbocp.view.figures.style import house_style
     from mbocp.view.plots import plot_solution
 
     signals.leave_in_order()
+    with house_style(style):  # a style that is not there is refused before the robot is loaded
+        pass
     solution, robot = load_result(result)
     with named(result, "cannot be drawn"):
-        plot_solution(solution, path, robot=robot)
+        plot_solution(solution, path, robot=robot, style=style)
     tell(f"plot: {path}", quiet)
 
 
@@ -82,8 +85,16 @@ def _held(solution: Solution) -> str:
     if files is None:
         return "no robot: it can be shown and solved again where its robot is"
     left_out = len(files.left_out)
-    words = f"its robot: {len(files.files) - left_out} files, {files.size / 1e6:.2g} MB"
-    return f"{words}; {left_out} meshes were left out" if left_out else words
+    words = f"its robot: {_count(len(files.files) - left_out, 'file')}, {_size(files.size)}"
+    return f"{words}; {_count(left_out, 'mesh', 'meshes')} left out" if left_out else words
+
+
+def _count(number: int, one: str, many: str = "") -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def _size(size: int) -> str:
+    return f"{size / 1e6:.2g} MB" if size >= 1e5 else f"{size / 1e3:.2g} kB"
 
 
 def load_result(result: Path) -> tuple[Solution, Robot]:

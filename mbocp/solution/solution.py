@@ -196,7 +196,7 @@ class Solution(SolutionData):
 
         return dataset_of(self)
 
-    def plot(self, path: str | Path, *, robot: Robot | None = None) -> Path:
+    def plot(self, path: str | Path, *, robot: Robot | None = None, style: str | Path | None = None) -> Path:
         """Write an overview on one page, as PNG, PDF or SVG by the suffix of `path`.
 
         Parameters
@@ -204,15 +204,21 @@ class Solution(SolutionData):
         path : str or Path
         robot : Robot, optional
             Default: the one of the solution, see `load_robot`.
+        style : str or Path, optional
+            Name of a style of matplotlib, or a file with one (.mplstyle), over mbocp's own; colours and
+            dashes of curves stay.
 
         Raises
         ------
         ResultFileError
             If the suffix is none of the three, or the file cannot be written.
+        InvalidValue
+            If there is no such style.
         InvalidValue, RobotError
             As `load_robot`.
         """
-        return mbocp.plot_solution(self, path, robot=self.load_robot() if robot is None else robot)
+        shown = self.load_robot() if robot is None else robot
+        return mbocp.plot_solution(self, path, robot=shown, style=style)
 
     def replay(
         self,

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -106,21 +107,31 @@ def plot_path(solution: Solution, robot: Robot, frames: Sequence[str] | None = N
     return figure
 
 
-def plot_solution(solution: Solution, path: str | Path, robot: Robot | None = None) -> Path:
+def plot_solution(
+    solution: Solution,
+    path: str | Path,
+    robot: Robot | None = None,
+    *,
+    style: str | Path | None = None,
+) -> Path:
     """Write an overview of the solution on one page as PNG, PDF or SVG, by the suffix of `path`.
 
-    With `robot` the page has the path in space, the powers and the constraint violation, too.
+    `style` is the name of a style of matplotlib, or a file with one (.mplstyle), over mbocp's own: fonts,
+    sizes, lines, grids, backgrounds; colours and dashes of curves stay. With `robot` the page has the path in
+    space, the powers and the constraint violation, too.
 
     Raises
     ------
     ResultFileError
         If the suffix is none of the three, or the file cannot be written.
+    InvalidValue
+        If there is no such style.
     """
-    return save_figure(overview(solution, robot), path)
+    return save_figure(overview(solution, robot, style=style), path, style=style)
 
 
-def overview(solution: Solution, robot: Robot | None = None) -> Figure:
-    """Everything about a solution on one page."""
+def overview(solution: Solution, robot: Robot | None = None, *, style: str | Path | None = None) -> Figure:
+    """Everything about a solution on one page; `style` as in `plot_solution`."""
     tiles: list[panels.Panel | LinePanel] = [
         *panels.state_panels(solution),
         *panels.rate_panels(solution, "v"),
@@ -131,7 +142,7 @@ def overview(solution: Solution, robot: Robot | None = None) -> Figure:
     tiles += [panels.convergence_panel(solution), panels.hamiltonian_panel(solution)]
     if solution.control_momenta.size or solution.nc or not solution.is_vector_space:
         tiles.append(panels.drift_panel(solution, _violation(solution, robot)))
-    with house_style():
+    with house_style(style):
         paths = frame_paths(robot, solution.qs) if robot is not None and robot.trace_frames else None
         figure, places, path_place = _page(len(tiles), paths)
         shared: dict[str, Any] = {}
@@ -244,7 +255,7 @@ def _title(figure: Figure, solution: Solution) -> None:
     figure.suptitle(
         "\n".join([plain_text(words[0]), *words[1:]]),
         fontsize=10.5,
-        color="black" if solution.converged else WARNING,
+        color=matplotlib.rcParams["text.color"] if solution.converged else WARNING,
     )
 
 

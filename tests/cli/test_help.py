@@ -43,6 +43,12 @@ def test_help_shows_the_examples_as_they_are(run: Run, name: str) -> None:
         assert re.search(rf"^ +{re.escape(line)}$", shown, re.MULTILINE)
 
 
+def test_no_command_is_described_by_half_a_sentence(run: Run) -> None:
+    listed = run("--help").stdout.partition("Commands:\n")[2]
+    assert len(listed.splitlines()) >= len(EXAMPLES)
+    assert all(line.endswith(".") and not line.endswith("...") for line in listed.splitlines() if line)
+
+
 def test_a_shell_completes_commands() -> None:
     asked = {"_MBOCP_COMPLETE": "complete_bash", "COMP_WORDS": "mbocp re", "COMP_CWORD": "1"}
     script = "import sys; sys.argv[0] = 'mbocp'; from mbocp.cli import main; main()"

@@ -18,7 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
-from mbocp.exceptions import ResultFileError, UnknownFrame
+from mbocp.exceptions import InvalidValue, ResultFileError, UnknownFrame
 from mbocp.robot import load_robot
 from mbocp.solution import Column, IterationRecord, Status
 from mbocp.view.figures import style
@@ -357,6 +357,25 @@ def test_the_file_is_what_its_suffix_says(suffix: str, tmp_path: Path) -> None:
     start = path.read_bytes()[:60]
     assert {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}[suffix] in start
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_style_takes_the_place_of_the_own_one(tmp_path: Path) -> None:
+    own = tmp_path / "own.mplstyle"
+    own.write_text("axes.labelsize: 14\nfigure.facecolor: '#102030'\n")
+    figure = overview(pendulum(num_steps=20), style=own)
+    assert {axes.xaxis.label.get_size() for axes in figure.axes} == {14.0}
+    plain, dark = (
+        plot_solution(pendulum(num_steps=20), tmp_path / name, style=style).read_bytes()
+        for name, style in (("plain.png", None), ("dark.png", "dark_background"))
+    )
+    assert plain != dark
+    assert {axes.xaxis.label.get_size() for axes in overview(pendulum(num_steps=20)).axes} == {8.5}
+
+
+def test_a_style_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValue, match=r"style: got nonsense, .*mplstyle.*dark_background"):
+        plot_solution(pendulum(num_steps=20), tmp_path / "a.png", style="nonsense")
+    assert not (tmp_path / "a.png").exists()
 
 
 @pytest.mark.parametrize(("name", "got"), [("picture.bmp", "suffix '.bmp'"), ("picture", "needs a suffix")])

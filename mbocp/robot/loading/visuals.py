@@ -57,8 +57,9 @@ def build_visuals(urdf: Urdf, model: pin.Model, package_dirs: Sequence[Path]) ->
             if shape is not None:
                 visuals.addGeometryObject(_object(urdf, model, link, number, visual, shape, materials))
     if missing:
+        path = urdf.path if unpacked_root(urdf.path.parent) is None else urdf.path.name  # that of a result
         warn_caller(
-            f"{urdf.path}: shown without its missing meshes ({_named(missing)})",
+            f"{path}: shown without its missing meshes ({_named(missing)})",
             MissingMeshWarning,
         )
     return visuals

@@ -75,8 +75,9 @@ class LinePanel:
         if self.faint is not None:
             axes.set_ylim(axes.get_ylim())  # what is computed may be larger by orders
             faint = self._until_the_end(self.faint, drawstyle)
-            for i in np.flatnonzero((self.faint != self.values).any(axis=0)):
-                axes.plot(t, faint[:, i], drawstyle=drawstyle, color=styles[i].color, **_FAINT)
+            for i, style in enumerate(styles):
+                if (self.faint[:, i] != self.values[:, i]).any():
+                    axes.plot(t, faint[:, i], drawstyle=drawstyle, color=style.color, **_FAINT)
         finish_axes(axes, title=self.title, ylabel=self.ylabel)
         mark_time(axes, self.t)
         self._draw_limits(axes, styles)

@@ -176,7 +176,7 @@ class FramePaths:
             inner = np.abs(ticks - middle[i]) < 0.85 * half[i]
             axis.set_major_locator(FixedLocator(list(ticks[inner])))
             axis.set_tick_params(pad=_TICK_PADS[i])
-            axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
+            axis.set_pane_color((0.5, 0.5, 0.5, 0.06))  # a shade of whatever is behind
 
 
 def frame_paths(robot: Robot, qs: Array, frames: Sequence[str] | None = None) -> FramePaths:

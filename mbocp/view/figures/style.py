@@ -18,7 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from mbocp._arrays import Array
-from mbocp.exceptions import ResultFileError
+from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution.atomic import replace_file
 
 __all__ = [
@@ -95,10 +95,34 @@ def line_style(index: int) -> LineStyle:
 
 
 @contextmanager
-def house_style() -> Iterator[None]:
-    """Set matplotlib's defaults within this context."""
+def house_style(style: str | Path | None = None) -> Iterator[None]:
+    """Set matplotlib's defaults within this context.
+
+    Parameters
+    ----------
+    style : str or Path, optional
+        Name of a style of matplotlib, or a file with one (.mplstyle): what it says takes the place of what
+        mbocp does, but for colours and dashes of curves.
+
+    Raises
+    ------
+    InvalidValue
+        If there is no such style, or it cannot be read.
+    """
     with matplotlib.rc_context(_STYLE):
+        if style is not None:
+            _use(style)
         yield
+
+
+def _use(style: str | Path) -> None:
+    from matplotlib import style as styles  # it reads all styles that there are
+
+    try:
+        styles.use(style)
+    except (OSError, ValueError, RuntimeError) as error:
+        names = ", ".join(styles.available)
+        raise InvalidValue("style", str(style), f"a file (.mplstyle) or one of {names}") from error
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -174,7 +198,7 @@ def note_beside_title(axes: Axes, words: str) -> None:
 
 def note_in_corner(axes: Axes, words: str) -> None:
     """Write a few words within the axes, at the top right."""
-    box = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
+    box = {"facecolor": matplotlib.rcParams["axes.facecolor"], "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
     place: Any = {"xy": (0.99, 0.98), "xycoords": "axes fraction", "ha": "right", "va": "top"}
     axes.annotate(words, **place, fontsize=6.5, color=GREY, bbox=box)
 
@@ -226,8 +250,10 @@ def calm_limits(axes: Axes, values: Array) -> None:
         axes.set_ylim(middle - half, middle + half)
 
 
-def save_figure(figure: Figure, path: str | Path, *, dpi: int = DPI) -> Path:
+def save_figure(figure: Figure, path: str | Path, *, dpi: int = DPI, style: str | Path | None = None) -> Path:
     """Write a figure as PNG, PDF or SVG, by the suffix; an interrupted write leaves the old file whole.
+
+    `style` is that of the figure, see `plot_solution`.
 
     Raises
     ------
@@ -239,7 +265,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = DPI) -> Path:
         got = f"a picture cannot have the suffix {suffix!r}" if suffix else "a picture needs a suffix"
         raise ResultFileError(path, f"{got}: use {', '.join(SUFFIXES)}")
     drawn = io.BytesIO()
-    with house_style():
+    with house_style(style):
         if suffix == ".png":
             _write_png(figure, drawn, dpi)
         else:

@@ -1,7 +1,8 @@
 """meshcat, imported quietly: its server module still imports a deprecated part of pyzmq.
 
 Pinocchio imports all its viewers with one of them. Viser, and what it brings, takes a while
-and is not for this.
+and is not for this. Nor is IPython, of which meshcat wants the name of one class, for cells of notebooks:
+where IPython runs it has been imported before.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import ModuleType
 
 
 @contextmanager
@@ -24,7 +26,24 @@ def _without(*names: str) -> Iterator[None]:
             sys.modules.pop(name, None)
 
 
-with warnings.catch_warnings(), _without("viser", "trimesh"):
+@contextmanager
+def _without_ipython() -> Iterator[None]:
+    """Let the class that meshcat asks IPython for be plain text, unless IPython has been imported."""
+    if "IPython" in sys.modules:
+        yield
+        return
+    display = ModuleType("IPython.display")
+    display.HTML = str  # type: ignore[attr-defined]
+    names = {"IPython": ModuleType("IPython"), "IPython.display": display}
+    sys.modules.update(names)
+    try:
+        yield
+    finally:
+        for name in names:
+            del sys.modules[name]
+
+
+with warnings.catch_warnings(), _without("viser", "trimesh"), _without_ipython():
     warnings.simplefilter("ignore", DeprecationWarning)
     import meshcat
     from meshcat import geometry as mg
