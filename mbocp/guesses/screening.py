@@ -20,7 +20,7 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.finer import finer
 from mbocp.guesses.line import is_whole, line
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
-from mbocp.guesses.ways import random_way, straight
+from mbocp.guesses.ways import middle_of_line, random_way, straight
 from mbocp.programme import Iterate
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
 
@@ -115,9 +115,10 @@ class Screening:
     def _trials(self, coarse: Formulation) -> Iterator[_Trial]:
         """Ends of the trials that get there, one of those that meet on their way."""
         problem, passed = self.formulation.problem, set[tuple[float, float]]()
+        middle = middle_of_line(problem)
         for number, (reach, shares) in enumerate(_TRIALS):
             rng = np.random.default_rng([problem.solver.seed, self.number, number])
-            iterate = line(coarse, random_way(problem, rng, reach) if reach else straight(problem))
+            iterate = line(coarse, random_way(problem, rng, reach, middle) if reach else straight(problem))
             for share in shares:
                 if self._is_over:
                     return

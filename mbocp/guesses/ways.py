@@ -28,6 +28,7 @@ __all__ = [
     "Way",
     "branch_ways",
     "given_way",
+    "middle_of_line",
     "position_limits",
     "random_way",
     "straight",
@@ -148,14 +149,22 @@ def position_limits(problem: Problem) -> tuple[Array, Array]:
     return of_robot.position_lower, of_robot.position_upper
 
 
-def random_way(problem: Problem, rng: np.random.Generator, reach: float = _REACH) -> Way:
+def middle_of_line(problem: Problem) -> Array:
+    """The configuration in the middle of the straight line, closed loops closed."""
+    return straight(problem)(problem.q_start, np.array([0.0, _LEG, 1.0]))[1]
+
+
+def random_way(
+    problem: Problem, rng: np.random.Generator, reach: float = _REACH, middle: Array | None = None
+) -> Way:
     """A way towards a random configuration within the limits, closed loops closed.
 
-    `reach` says how far it goes from the middle of the line, 1 being there.
+    `reach` says how far it goes from the middle of the line, 1 being there; who makes several ways gives them
+    the middle, which takes a path of its own where loops are closed.
     """
     robot = problem.robot
     bounds = joint_bounds(robot.model, *position_limits(problem), frozenset())
-    middle = straight(problem)(problem.q_start, np.array([0.0, _LEG, 1.0]))[1]
+    middle = middle_of_line(problem) if middle is None else middle
     through = bounds.random(robot.model, bounds.clipped(middle), rng)
     if robot.nc:
         return _two_legs(problem, _reached(robot, problem, through))

@@ -74,12 +74,12 @@ def path_towards(
     whole = np.where(wanted, robot.difference(q_start, target), 0.0)
     q, qs, last, loops = q_start, [], np.zeros(robot.nv), _Loops(robot, wanted)
     for share in shares:
-        there = robot.integrate(q_start, share * whole)
+        there = pin.integrate(robot.model, q_start, share * whole)
         near = loops.led_to(q, there, last)
         found = follow(robot, q, there, wanted) if near is None else near
-        if np.abs(robot.difference(found, there)[wanted]).max(initial=0.0) > ARRIVAL_TOLERANCE:
+        if np.abs(pin.difference(robot.model, found, there)[wanted]).max(initial=0.0) > ARRIVAL_TOLERANCE:
             return None
-        last = np.zeros(robot.nv) if near is None else robot.difference(q, found)
+        last = np.zeros(robot.nv) if near is None else pin.difference(robot.model, q, found)
         q = found
         qs.append(q)
     is_closed = not qs or not violations(robot, q)
@@ -148,7 +148,9 @@ class _Loops:
         gone, step, rate = 0.0, 1.0, last
         while gone < 1.0:
             left = pin.difference(self._model, q, there)
-            found = self._closed(q, np.where(self._led, left * (step / (1.0 - gone)), step * rate))
+            ahead = np.where(self._led, left * (step / (1.0 - gone)), step * rate)
+            leaps = np.abs(ahead[self._led]).max(initial=0.0) >= _MAX_LEAP  # wherever the others end
+            found = None if leaps else self._closed(q, ahead)
             if found is not None:
                 rate = pin.difference(self._model, q, found) / step
                 q, gone, step = found, gone + step, min(2.0 * step, 1.0 - gone - step)

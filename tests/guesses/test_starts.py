@@ -16,7 +16,7 @@ from mbocp.exceptions import ProblemFileError
 from mbocp.formulation import formulate
 from mbocp.guesses import several
 from mbocp.guesses.starts import guesses_in_turn, start_guesses
-from mbocp.guesses.ways import branch_ways, random_way, straight, turned_ways
+from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight, turned_ways
 from mbocp.problem.frames import pose_errors
 from mbocp.programme import compilation
 from mbocp.solvers import SolverSettings, Status
@@ -215,6 +215,8 @@ def test_random_ways_keep_loops_closed_and_lead_to_the_goal():
         assert max(np.abs(robot.constraint_residual(q)).max() for q in qs) < 1e-9
         assert np.abs(robot.difference(qs[-1], problem.goal.q)).max() < 1e-6
         assert np.abs(qs - direct).max() > 1e-2
+        known = random_way(problem, np.random.default_rng(seed), middle=middle_of_line(problem))
+        assert np.array_equal(known(problem.q_start, shares), qs)
     assert not list(turned_ways(formulate(problem)))
 
 
