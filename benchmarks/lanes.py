@@ -21,7 +21,7 @@ from benchmarks.newton import SE1, Case, load, newton, warm_guess
 from benchmarks.tables import Table, show
 from mbocp.programme.processor import number_of_lanes
 
-__all__ = ["LanesTime", "lanes_table", "threads_table"]
+__all__ = ["KernelIterate", "LanesTime", "lanes_table", "threads_table"]
 
 _CASES = (
     Case("UR5", "arms/ur5_reach.toml", SE1),
@@ -58,7 +58,7 @@ class LanesTime:
         return LanesTime(*map(min, astuple(self), astuple(other)))
 
 
-class _Iterate:
+class KernelIterate:
     """An iterate some steps after the first guess, and the same direction from it again and again."""
 
     def __init__(self, problem: mbocp.Problem, lanes: int, threads: int = 1) -> None:
@@ -106,7 +106,7 @@ def lanes_table(cases: Sequence[Case] = _CASES, repetitions: int = 200) -> Table
     rows = []
     for case in cases:
         problem = load(case)
-        iterates = [_Iterate(problem, lanes) for lanes in widths]
+        iterates = [KernelIterate(problem, lanes) for lanes in widths]
         rounds = [[i.measure(repetitions // _ROUNDS) for i in iterates] for _ in range(_ROUNDS)]
         rows += _rows(case.label, problem.num_steps, widths, rounds)
     return Table(
@@ -123,7 +123,7 @@ def threads_table(cases: Sequence[Case] = _SHARED_CASES, threads: int = 2, repet
     rows = []
     for case in cases:
         problem = load(case)
-        iterates = [_Iterate(problem, number_of_lanes(), number) for number in numbers]
+        iterates = [KernelIterate(problem, number_of_lanes(), number) for number in numbers]
         each, clock = repetitions // _ROUNDS, time.perf_counter_ns
         rounds = [[i.measure(each, clock) for i in iterates] for _ in range(_ROUNDS)]
         rows += _rows(case.label, problem.num_steps, numbers, rounds)
