@@ -9,13 +9,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import mbocp
 from benchmarks.lanes import KernelIterate
@@ -25,7 +25,7 @@ from benchmarks.tables import Table, show
 from mbocp.formulation import formulate
 from mbocp.programme.processor import number_of_lanes
 
-__all__ = ["CASES", "Growth", "growth_rows", "measured"]
+__all__ = ["CASES", "Growth", "growth_rows", "measured", "table_of"]
 
 CASES = {
     "ur5_reach": Case("ur5_reach", "arms/ur5_reach.toml", SE1),
@@ -75,7 +75,7 @@ def measured(case: str, num_steps: int, threads: int) -> Growth:
     begun = time.perf_counter()
     solution = mbocp.solve(problem)
     took = time.perf_counter() - begun
-    peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    peak = _peak()
     iterate = KernelIterate(problem, number_of_lanes(), threads)
     times = iterate.measure(max(_LEAST, min(200, _BUDGET // num_steps)), time.perf_counter_ns)
     return Growth(
@@ -88,6 +88,12 @@ def measured(case: str, num_steps: int, threads: int) -> Growth:
         iterate.native.num_bytes,
         peak,
     )
+
+
+def _peak() -> int:
+    """Largest resident memory of this process [bytes]; `getrusage` would count that of its parent, too."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return 1024 * next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
 
 
 def growth_rows(case: str, steps: Sequence[int], threads: Sequence[int]) -> Iterator[Growth]:

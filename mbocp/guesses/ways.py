@@ -151,7 +151,8 @@ def position_limits(problem: Problem) -> tuple[Array, Array]:
 
 def middle_of_line(problem: Problem) -> Array:
     """The configuration in the middle of the straight line, closed loops closed."""
-    return straight(problem)(problem.q_start, np.array([0.0, _LEG, 1.0]))[1]
+    middle: Array = straight(problem)(problem.q_start, np.array([0.0, _LEG, 1.0]))[1]
+    return middle
 
 
 def random_way(

@@ -11,6 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the package
 
+from benchmarks.growth import growth_rows, table_of
 from benchmarks.machine import header
 from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
 from benchmarks.paper.__main__ import PAGE, replaced
@@ -49,6 +50,22 @@ def test_a_table_has_a_row_for_each_case() -> None:
 def test_exponent_of_a_power() -> None:
     steps = [100, 300, 1000]
     assert exponent(steps, [1e-6 * n**1.25 for n in steps]) == pytest.approx(1.25)
+
+
+def test_growth_in_time_and_memory_is_that_of_one_horizon_after_the_other() -> None:
+    found = list(growth_rows("elastic_pendulum", (100, 3000), (1, 2)))
+    assert [(g.num_steps, g.threads) for g in found] == [(100, 1), (100, 2), (3000, 1), (3000, 2)]
+    assert all(g.converged for g in found)
+    assert found[2].iterations == found[3].iterations  # the same bits, whatever the number of threads
+    few, _, many, _ = found
+    assert 25 < many.stages / few.stages < 40
+    assert many.peak - few.peak > many.stages - few.stages > 0  # stages are not all that is kept
+    assert [row[:2] for row in table_of("elastic_pendulum", found).rows] == [
+        ("100", "1"),
+        ("3000", "1"),
+        ("100", "2"),
+        ("3000", "2"),
+    ]
 
 
 def test_growth_is_measured_at_every_number_of_steps() -> None:
