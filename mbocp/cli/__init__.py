@@ -56,9 +56,9 @@ def _run() -> None:
     from mbocp.cli import signals  # first of all, and alone: everything else takes time
 
     signals.leave_at_once()
-    from mbocp.cli.app import app
+    from mbocp.cli.app import app_for
 
     try:
-        app()
+        app_for(sys.argv[1:])()
     finally:
         signals.leave_at_once()  # the work is done; the interpreter takes a while to end

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +14,7 @@ from mbocp.cli.examples import examples
 from mbocp.cli.report import reporting
 from mbocp.cli.robot_options import RobotOptions
 
-__all__ = ["app"]
+__all__ = ["app", "app_for"]
 
 app = typer.Typer(
     name="mbocp",
@@ -22,6 +24,17 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def app_for(words: Sequence[str]) -> typer.Typer:
+    """Command line for some words: the command that the first of them names, else all, which take time."""
+    named = [one for one in app.registered_commands if one.callback and one.callback.__name__ in words[:1]]
+    if not named:
+        return app
+    alone = copy.copy(app)
+    alone.registered_commands = named
+    return alone
+
 
 ProblemFile = Annotated[Path, typer.Argument(metavar="FILE", help="Problem file (TOML).", show_default=False)]
 ResultFile = Annotated[

@@ -8,7 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
 
+from mbocp.cli.app import app, app_for
 from tests.solution.fabricated import limited
 
 UR5 = Path(__file__).parents[2] / "examples" / "arms" / "ur5_reach.toml"
@@ -105,3 +108,21 @@ def test_a_result_leaves_most_of_the_package_alone() -> None:
     everything = len(list(Path(UR5.parents[2], "mbocp").rglob("*.py")))
     read = [name for name in modules("from mbocp.solution import Solution") if name.startswith("mbocp.")]
     assert len(read) < everything / 5
+
+
+COMMANDS = sorted(get_command(app).commands)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_is_built_without_the_others(name: str) -> None:
+    """And is what it would be among them."""
+    alone = app_for([name, "--quiet"])
+    assert list(get_command(alone).commands) == [name]  # type: ignore[attr-defined]
+    helps = [CliRunner().invoke(line, [name, "--help"], prog_name="mbocp") for line in (alone, app)]
+    assert helps[0].output == helps[1].output
+    assert helps[0].exit_code == 0
+
+
+@pytest.mark.parametrize("words", [[], ["--help"], ["--version"], ["sovle", "solve"], ["Solve"]])
+def test_other_words_see_all_commands(words: list[str]) -> None:
+    assert sorted(get_command(app_for(words)).commands) == COMMANDS  # type: ignore[attr-defined]
