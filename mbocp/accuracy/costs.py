@@ -13,21 +13,54 @@ Where q is s, an order that is seen to be higher than s + 1 is no order, but a d
 small: half of s is taken for the second term then. Where it is not, the controls tell of the lower order.
 
 In the formulations whose errors are known to cancel two orders have to be seen. Where they are not alike, the
-error is taken to be the largest difference.
+error is taken to be the larger of the last two differences, of order one of twice the last: errors of two
+orders that cancel in one of them do not in the other.
+
+What costs tend to, :math:`J_K + (J_K - J_{K-1}) / (2^q - 1)`, is known better than the error of the last of
+them is small: by as much as the limits of the last two pairs differ, over :math:`2^q - 1`, and by a
+fiftieth of that error at least. So the error of any other steps is their cost against it, and what it is
+unsure by. Where errors are not those of the order q, the last cost takes the place of the limit, and its
+error that of what it is unsure by.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["cost_error"]
+__all__ = ["CostLimit", "cost_error", "cost_limit"]
 
 _LOWEST, _HIGHER = 0.8, 1.0  # orders that are believed: from about one to one above that of the scheme
 _ROUND_OFF = 1e-11  # of a cost: differences below it tell nothing
+_OF_ITS_ORDER = 1.5  # times what the last difference says: errors beyond are of no order
+_LEAST_UNSURE = 0.02  # of the error of the last cost
+
+
+@dataclass(frozen=True)
+class CostLimit:
+    """What costs tend to with steps of no length, and what that may be wrong by.
+
+    Attributes
+    ----------
+    value, unsure : float
+        In the unit of the costs.
+    """
+
+    value: float
+    unsure: float
+
+    def error_of(self, cost: float) -> float:
+        """What a cost is wrong by, at most."""
+        return abs(cost - self.value) + self.unsure
+
+    def beside(self, other: CostLimit) -> CostLimit:
+        """The same, as unsure as the two are apart where not even what they are unsure by covers that."""
+        apart = abs(self.value - other.value)
+        return self if apart <= self.unsure + other.unsure else replace(self, unsure=max(self.unsure, apart))
 
 
 def cost_error(
@@ -62,11 +95,33 @@ def cost_error(
     if not np.isfinite(before):
         return last
     if not is_smooth and not _are_alike(differences, order):
-        return float(np.nanmax(differences))
+        return max(last, before, 2.0 * last / (q - 1.0))
     ratio = before / last if last else np.inf
     if ratio > 2.0 * s == 2.0 * q:
         s = s**0.5
     return max(last / (min(max(ratio, 2.0), q) - 1.0), before / (s * (s - 1.0)))
+
+
+def cost_limit(costs: Sequence[float], order: int, error: float) -> CostLimit:
+    """What some costs tend to.
+
+    Parameters
+    ----------
+    costs : sequence of float
+        Two at least, coarse to fine, each with twice as many steps as before. NaN: not known.
+    order : int
+        q, with which they are expected to fall.
+    error : float
+        Of the last, as `cost_error` and others say.
+    """
+    factor = 2.0**order - 1.0
+    limits = np.asarray(costs[1:]) + np.diff(costs) / factor
+    step = abs(float(limits[-1]) - costs[-1])
+    if not error <= _OF_ITS_ORDER * step:
+        return CostLimit(float(costs[-1]), error)
+    before = abs(float(limits[-1] - limits[-2])) / factor if len(limits) > 1 else step
+    between = before if np.isfinite(before) else step
+    return CostLimit(float(limits[-1]), max(error - step, between, _LEAST_UNSURE * error))
 
 
 def _are_alike(differences: Array, order: int) -> bool:

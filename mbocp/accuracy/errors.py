@@ -12,6 +12,10 @@ Controls are constant in a step, or the polynomials through the values that a re
 the second line is what work and energy differ by. A replay tells how the motion's errors grow; where the
 robot is unstable, as an arm that holds its links up, they grow by many powers of ten in an open loop.
 
+What a local error changes the cost by is, to leading order, its product with the adjoint of the node,
+:math:`\mu^q_n \cdot e^q_n + \mu^p_n \cdot e^p_n`, with e^p that of the momentum. The sum over the components
+of what these products are in size tells where errors cost, even where they cancel in a step.
+
 Where constraints begin and end along the way, :math:`\varphi_n` is the flow under those that act in step n,
 see `mbocp.accuracy.course`.
 """
@@ -19,6 +23,7 @@ see `mbocp.accuracy.course`.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,9 +34,10 @@ from mbocp.integrators import control_powers
 from mbocp.problem.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
+from mbocp.robot.kinematics import mass_matrices
 from mbocp.solution import Accuracy
 
-__all__ = ["accuracy_of", "local_errors"]
+__all__ = ["StepErrors", "accuracy_of", "step_errors"]
 
 _MOST_PARTS = 64  # of a step: stiffer ones are not followed
 _RESOLVED = 0.01  # of the local errors: what the flow itself may be wrong by
@@ -103,10 +109,32 @@ def accuracy_of(
     )
 
 
-def local_errors(
-    robot: Robot, motion: Motion, *, table: SwitchTable | None = None, deadline: float = math.inf
-) -> Array:
-    """Largest local error of each step [rad, m], shape (N,); infinite where the robot is too stiff to follow.
+@dataclass(frozen=True, eq=False)
+class StepErrors:
+    """Errors of the steps of a motion.
+
+    Attributes
+    ----------
+    largest : ndarray, shape (N,)
+        Largest local error [rad, m]; infinite where the robot is too stiff to follow.
+    costs : ndarray, shape (N,)
+        What local errors may change the cost by, weighed with the adjoints, each component by its size; the
+        largest local errors where nobody knows adjoints.
+    """
+
+    largest: Array
+    costs: Array
+
+
+def step_errors(
+    robot: Robot,
+    motion: Motion,
+    *,
+    table: SwitchTable | None = None,
+    adjoints: Array | None = None,
+    deadline: float = math.inf,
+) -> StepErrors:
+    """Errors of each step.
 
     Parameters
     ----------
@@ -114,6 +142,8 @@ def local_errors(
     motion : Motion
     table : SwitchTable, optional
         Which constraints act in which step; without, those of the robot.
+    adjoints : ndarray, shape (N + 1, 2 nv), optional
+        Duals (mu_q, mu_p) of the states of the nodes.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
     """
@@ -121,8 +151,21 @@ def local_errors(
     speeds = _speeds(robot, motion.qs[:-1], course.starts(motion.qs, motion.vs))
     followed = _followed(course, motion, speeds)
     if followed is None:
-        return np.full(len(motion.us), np.inf)
-    found: Array = np.abs(course.flow.differences(followed[0], motion.qs[1:])).max(axis=1)
+        unknown = np.full(len(motion.us), np.inf)
+        return StepErrors(unknown, unknown)
+    (ends, end_speeds, *_), qs = followed, motion.qs[1:]
+    errors = np.abs(course.flow.differences(ends, qs))
+    largest: Array = errors.max(axis=1)
+    if adjoints is None or robot.drives or not np.isfinite(adjoints).all():
+        return StepErrors(largest, largest)
+    momenta = _momenta(robot, qs, course.reached(motion.qs, motion.vs)) - _momenta(robot, ends, end_speeds)
+    weighed = np.abs(adjoints[1:]) * np.hstack([errors, np.abs(momenta)])
+    return StepErrors(largest, weighed.sum(axis=1))
+
+
+def _momenta(robot: Robot, qs: Array, vs: Array) -> Array:
+    """Momenta M(q) v, shape (k, nv)."""
+    found: Array = np.einsum("nij,nj->ni", mass_matrices(robot.model, qs), vs)
     return found
 
 

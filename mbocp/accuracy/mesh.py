@@ -74,10 +74,12 @@ def halved(dts: Array) -> Array:
     return found
 
 
-def lengths_for(dts: Array, errors: Array, shares: Array, wanted: Wanted, *, most: int) -> Array:
-    """Lengths of steps whose errors are as wanted, in pairs of equal ones, shape (N,) of the pairs.
+def lengths_for(
+    dts: Array, errors: Array, shares: Array, wanted: Wanted, *, most: int, in_pairs: bool = True
+) -> Array:
+    """Lengths of steps whose errors are as wanted, shape (N,), or in pairs of equal ones, shape (N / 2,).
 
-    Their number is even, so that there are coarser ones of two pairs each.
+    The number of pairs is even, so that there are coarser ones of two pairs each.
 
     Parameters
     ----------
@@ -90,6 +92,8 @@ def lengths_for(dts: Array, errors: Array, shares: Array, wanted: Wanted, *, mos
     wanted : Wanted
     most : int
         Number of steps.
+    in_pairs : bool
+        Whether each length found is that of two steps.
     """
     local = dts * (wanted.step / np.maximum(errors, _FLOOR * wanted.step)) ** (1.0 / (wanted.order + 1))
     lengths = np.minimum(local, _lengths_of_cost(dts, shares, wanted))
@@ -97,8 +101,9 @@ def lengths_for(dts: Array, errors: Array, shares: Array, wanted: Wanted, *, mos
     lengths = _without_jumps(lengths, dts)
     ends = np.append(0.0, np.cumsum(dts))
     counted = np.append(0.0, np.cumsum(dts / lengths))
-    pairs = 2 * int(np.ceil(np.clip(counted[-1], _FEWEST, most) / 4.0))
-    nodes = np.interp(np.linspace(0.0, counted[-1], pairs + 1), counted, ends)
+    needed = np.clip(counted[-1], _FEWEST, most)
+    count = 2 * int(np.ceil(needed / 4.0)) if in_pairs else int(np.ceil(needed))
+    nodes = np.interp(np.linspace(0.0, counted[-1], count + 1), counted, ends)
     found: Array = np.diff(nodes)
     return found
 

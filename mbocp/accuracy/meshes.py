@@ -65,6 +65,10 @@ class Mesh(Protocol):
         """
         ...
 
+    def fewest(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> Mesh:
+        """Steps whose errors are as wanted as they are, from the same; nobody halves these or takes two."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class _Lengths:
@@ -91,6 +95,9 @@ class _Lengths:
 
     def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Lengths:
         return _Lengths(lengths_for(dts, errors, shares, wanted, most=MOST_STEPS + 2))
+
+    def fewest(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Lengths:
+        return _Lengths(lengths_for(dts, errors, shares, wanted, most=MOST_STEPS, in_pairs=False))
 
 
 _Whole: TypeAlias = tuple[int, ...]
@@ -128,6 +135,14 @@ class _Counts:
         return _Counts(tuple(factor * count for count in self.counts), self.bases)
 
     def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Counts:
+        return _multiples(np.ceil(self._needed(dts, errors, shares, wanted) / 2.0), self.bases)
+
+    def fewest(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Counts:
+        bases = tuple(base // _COARSEST for base in self.bases)
+        return _multiples(np.ceil(self._needed(dts, errors, shares, wanted)), bases)
+
+    def _needed(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> Array:
+        """Numbers of steps whose errors are as wanted, which need not be whole."""
         fine = 2 * np.array(self.counts, dtype=np.float64)
         starts = np.append(0, np.cumsum(fine)[:-1]).astype(int)
         worst, q = np.maximum.reduceat(errors, starts), wanted.cost_order
@@ -136,7 +151,8 @@ class _Counts:
         roots = (np.maximum(sums, _FLOOR * sums.mean()) * fine**q) ** (1.0 / (q + 1))
         needed = roots * (roots.sum() / wanted.cost) ** (1.0 / q) / fine
         factors = np.clip(np.fmax(local, needed), 1.0 / _COARSER, _FINER)
-        return _multiples(np.ceil(factors * fine / 2.0), self.bases)
+        found: Array = factors * fine
+        return found
 
 
 def _multiples(counts: Array, bases: _Whole) -> _Counts:

@@ -154,9 +154,10 @@ def _asked(solution: Solution) -> list[str]:
         return []
     rounds = "1 round" if found.rounds == 1 else f"{found.rounds} rounds"
     lengths = np.diff(solution.t)
+    wrong = f"the cost is wrong by {found.cost_error:.1g} of it" if found.cost_error else "the cost is zero"
     return [
         f"{found.asked:g} was asked for: {solution.num_steps} steps of {lengths.min():.3g} to "
-        f"{lengths.max():.3g} s, found in {rounds}; the cost is wrong by {found.cost_error:.1g} of it"
+        f"{lengths.max():.3g} s, found in {rounds}; {wrong}"
     ]
 
 

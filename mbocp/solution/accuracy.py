@@ -45,7 +45,7 @@ class Accuracy:
         What `horizon.accuracy` asked for; NaN where the number of steps was given.
     cost_error : float
         Error of the cost against that of steps of no length, as a share of it: an estimate of the rounds in
-        which the steps were found.
+        which the steps were found. Zero where the cost is.
     rounds : int
         Number of these.
     """

@@ -19,12 +19,17 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.units import Run, run_in
 
-__all__ = ["cost_factor", "run_with_tiny_costs"]
+__all__ = ["cost_factor", "is_no_cost", "run_with_tiny_costs"]
 
 _MIN_COST = 1e-5  # cost: ten thousand tolerances of the default
 _ZERO = 1e-20  # cost: the square of controls of 1e-10, in units in which ordinary ones are about 1
 _ROUND_OFF = 1e-6  # residual in the unit of a cost of about 1: more is no round-off
 _FINAL = (Status.INTERRUPTED, Status.TIME_LIMIT, Status.INFEASIBLE)  # another unit would not help
+
+
+def is_no_cost(cost: float) -> bool:
+    """Whether a cost is zero to round-off."""
+    return abs(cost) <= _ZERO
 
 
 def cost_factor(cost: float) -> float:
@@ -53,7 +58,7 @@ def run_with_tiny_costs(run: Run, settings: SolverSettings, start: Start) -> Out
         label=f" (cost times {factor:.0e})",
     )
     result = again.result
-    if outcome.result.status is Status.CONVERGED and abs(result.record.cost) <= _ZERO:
+    if outcome.result.status is Status.CONVERGED and is_no_cost(result.record.cost):
         return outcome
     is_gain = outcome.result.status is not Status.CONVERGED or result.status is Status.CONVERGED
     is_wrong = result.record.residual > _ROUND_OFF  # then the first was converged by its size alone

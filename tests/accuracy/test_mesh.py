@@ -79,6 +79,23 @@ def test_no_fewer_steps_would_do_for_the_cost() -> None:
     assert share.max() / share.min() < 1.2
 
 
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 4]), st.floats(0.7, 0.95))
+@settings(max_examples=15, deadline=None)
+def test_steps_that_nobody_halves_are_as_few_as_the_cost_allows(seed: int, q: int, aim: float) -> None:
+    """Their shares add up to what is wanted, to what whole numbers leave; equal steps need no fewer."""
+    dts = np.full(400, 0.01)
+    t = np.cumsum(dts) - 0.005
+    density = 1.0 + np.random.default_rng(seed).uniform(0.5, 2.0) * np.sin(t) ** 2
+    now = float(density @ dts ** (q + 1))
+    wanted = Wanted(1.0, 2 * q, now / aim, q)
+    found = lengths_for(dts, np.full(400, 1e-9), density * dts ** (q + 1), wanted, most=MOST, in_pairs=False)
+    middles = np.cumsum(found) - found / 2
+    came_to = np.interp(middles, t, density) @ found ** (q + 1)
+    assert came_to == pytest.approx(wanted.cost, rel=0.05)
+    equal = density @ dts * (t[-1] / found.size) ** q
+    assert came_to <= 1.05 * equal
+
+
 @given(LENGTHS, st.floats(-5.0, 5.0), st.floats(0.1, 3.0))
 @settings(max_examples=15, deadline=None)
 def test_shares_are_what_ramps_differ_from_their_means(dts: Array, rate: float, weight: float) -> None:

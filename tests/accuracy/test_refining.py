@@ -45,9 +45,9 @@ def test_the_error_of_the_cost_is_below_what_was_asked_for(name: str, asked: flo
     assert s.accuracy.local_error <= asked
     assert s.accuracy.rounds >= 1
     assert true_error(s, name) <= asked
-    assert s.accuracy.cost_error >= 0.8 * true_error(s, name)
-    if asked < 1e-5:  # steps are short enough for the leading order
-        assert s.accuracy.cost_error == pytest.approx(true_error(s, name), rel=0.5)
+    assert s.accuracy.cost_error >= 0.98 * true_error(s, name)
+    if name == "cart_pendulum_rigid":  # the errors of the elastic one happen to cancel
+        assert s.accuracy.cost_error == pytest.approx(true_error(s, name), rel=0.05)
     equal = mbocp.solve(case.with_(num_steps=s.num_steps), warm_start=s)
     assert equal.converged
     assert true_error(equal, name) > 1.5 * true_error(s, name)

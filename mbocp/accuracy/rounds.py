@@ -1,0 +1,201 @@
+r"""Rounds of a search for steps: a solution, the errors of its steps and of its cost, and the steps after it.
+
+Differences of the costs of fewer steps tell the error of the cost, see `mbocp.accuracy.costs`. Where
+controls are constant, and for schemes of order four and more, the error is taken to be at least what the
+ramps of the controls say, see `mbocp.accuracy.mesh`: differences of costs may cancel. Where controls vary
+within steps, steps have shares in it as in what their local errors, weighed with the adjoints, change the
+cost by.
+
+The error is a part of the cost. Where the least cost is zero there is no such part, and what is left of it is
+the square of round-off: nothing is asked of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.accuracy.costs import CostLimit, cost_error, cost_limit
+from mbocp.accuracy.errors import StepErrors, step_errors
+from mbocp.accuracy.mesh import Wanted, control_shares
+from mbocp.accuracy.meshes import Mesh
+from mbocp.accuracy.of_solution import motion_of
+from mbocp.integrators import SCHEMES, cost_order
+from mbocp.problem import Problem
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.named_phase import phase_nodes
+from mbocp.solution import Solution
+from mbocp.solvers.cost_unit import is_no_cost
+
+__all__ = ["Round", "asked_of", "is_rough", "shares_of", "step_errors_of"]
+
+_AIM_STEP, _AIM_COST = 0.5, 0.6  # of what is asked: errors of the next round are not known exactly
+_SURE = 1.2  # what the estimate of the cost's error may be wrong by
+_CALIBRATED = 20.0  # times what the shares say, where differences of costs say more
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """A solution, the errors of its steps, and the error of its cost.
+
+    Attributes
+    ----------
+    problem, solved : Problem
+        With its accuracy, and with its steps.
+    solution : Solution
+    errors : StepErrors
+    costs : tuple of float
+        Those with fewer steps and with these, coarse to fine, each with twice as many as before.
+    guess_used : str
+    limit : CostLimit
+        What the costs tend to.
+    error : float
+        Of the cost, in its unit.
+    sure : float
+        What that may be wrong by, as a factor.
+    """
+
+    problem: Problem
+    solved: Problem
+    solution: Solution
+    errors: StepErrors
+    costs: tuple[float, ...]
+    guess_used: str
+    limit: CostLimit
+    error: float
+    sure: float = _SURE
+
+    @classmethod
+    def of(cls, problem: Problem, solved: Problem, pair: Sequence[Solution], *, deadline: float) -> Round:
+        """The finer of two solutions, with what the coarser tells of it."""
+        fine, costs = pair[-1], tuple(solution.cost for solution in pair)
+        errors = step_errors_of(solved, fine, deadline=deadline)
+        unknown = CostLimit(fine.cost, math.inf)
+        return cls(problem, solved, fine, errors, costs, pair[0].guess_used, unknown, math.inf)._judged()
+
+    def seen_with(self, coarser: Sequence[Solution], before: Round | None) -> Round:
+        """The same with costs of coarser steps, fine to coarse, and beside the round before.
+
+        Steps that are too coarse to be solved leave the order unknown: errors are then as if it were one.
+        Where the cost was said to be exact enough before, too, but tended to something else, one is wrong.
+        """
+        if not coarser:
+            return self
+        more = [solution.cost if solution.is_stationary else math.nan for solution in coarser]
+        found = replace(self, costs=(*more[::-1], *self.costs))._judged()
+        if before is None or not before.has_cost:
+            return found
+        limit = found.limit.beside(before.limit)
+        return replace(found, limit=limit, error=max(found.error, limit.unsure))
+
+    def _judged(self) -> Round:
+        """With what its costs say of the error, and its controls."""
+        order = _sure_order(self.problem)
+        highest, is_smooth = SCHEMES[self.problem.scheme].order, not is_rough(self.problem)
+        error = cost_error(self.costs, order, highest=highest, is_smooth=is_smooth)
+        if _sums_up(self.problem):
+            error = max(error, float(shares_of(self.problem, self.solved, self.solution, self.errors).sum()))
+        return replace(self, error=error, limit=cost_limit(self.costs, order, error))
+
+    @property
+    def cost_error(self) -> float:
+        """Error of the cost as a part of it; zero where there is no cost."""
+        return 0.0 if is_no_cost(self.solution.cost) else self.error / abs(self.solution.cost)
+
+    @property
+    def has_cost(self) -> bool:
+        """Whether its cost is exact enough."""
+        return self.sure * self.cost_error <= asked_of(self.problem)
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether its steps are, too."""
+        return bool(self.errors.largest.max() <= asked_of(self.problem)) and self.has_cost
+
+    def next_mesh(self, mesh: Mesh) -> Mesh:
+        """The coarser steps of the next round."""
+        asked = asked_of(self.problem)
+        wanted = self._wanted(_AIM_STEP * asked, _AIM_COST * asked * abs(self.solution.cost))
+        found = mesh.next(*self._known(), wanted)
+        is_stuck = len(self.costs) > 2 and found.num_steps <= mesh.num_steps
+        return mesh.halved() if is_stuck else found
+
+    def fewest(self, mesh: Mesh, step: float, cost: float) -> Mesh:
+        """The fewest steps whose errors are these [rad, m] and, of the cost, in its unit."""
+        return mesh.fewest(*self._known(), self._wanted(step, cost))
+
+    def _wanted(self, step: float, cost: float) -> Wanted:
+        cost = math.inf if is_no_cost(self.solution.cost) else cost
+        return Wanted(step, SCHEMES[self.problem.scheme].order, cost, _cost_order(self.problem))
+
+    def _known(self) -> tuple[Array, Array, Array]:
+        """Lengths of steps, their errors and shares in that of the cost; impacts and partings have none."""
+        fine, shares = self.solution, shares_of(self.problem, self.solved, self.solution, self.errors)
+        goes = np.diff(fine.t) > 0.0
+        dts, errors, shares = (x[goes] for x in (np.diff(fine.t), self.errors.largest, shares))
+        told = float(shares.sum())
+        if not told > 0.0:
+            shares, told = dts, float(dts.sum())
+        if math.isfinite(self.error):
+            most = _CALIBRATED if _sums_up(self.problem) else math.inf
+            shares = shares * min(self.error / told, most)
+        return dts, errors, shares
+
+
+def step_errors_of(solved: Problem, solution: Solution, *, deadline: float) -> StepErrors:
+    """Errors of the steps of a solution."""
+    adjoints = solution.mus if solved.switches is None else None
+    return step_errors(
+        solved.robot, motion_of(solution), table=solved.switches, adjoints=adjoints, deadline=deadline
+    )
+
+
+def shares_of(problem: Problem, solved: Problem, solution: Solution, errors: StepErrors) -> Array:
+    """Shares of steps in the error of the cost, shape (N,).
+
+    Those of local errors where it is not constant controls that make it.
+    """
+    if _cost_order(problem) == 1 or problem.controls != "constant":
+        found = errors.largest if _cost_order(problem) == 1 else errors.costs
+        return np.where(np.isfinite(found), found, 1.0)
+    us, dts = solution.us, np.diff(solution.t)
+    effort = np.broadcast_to(problem.cost.effort, us.shape[1:])
+    weights = np.where(effort > 0.0, effort, 0.0) if np.any(effort) else np.ones(effort.shape)
+    shares = np.zeros(len(dts))
+    for first, last in phase_nodes(solved.phase).values() or [(0, len(dts))]:
+        own = first + np.flatnonzero(dts[first:last])  # controls may leap where phases end
+        shares[own] = control_shares(us[own], dts[own], weights)
+    return shares
+
+
+def asked_of(problem: Problem) -> float:
+    """What is asked for [rad, m; part of the cost]; NaN where nothing is."""
+    return math.nan if problem.accuracy is None else problem.accuracy
+
+
+def is_rough(problem: Problem) -> bool:
+    """Whether errors of the motion are of the size of those of constant controls, so that they may cancel.
+
+    So they are by the midpoint rule where velocities of what is held alternate.
+    """
+    return problem.switches is not None or not COORDINATES[problem.coordinates].has_joint_states
+
+
+def _cost_order(problem: Problem) -> int:
+    return cost_order(problem.controls, problem.scheme)
+
+
+def _sure_order(problem: Problem) -> int:
+    """Order of which the cost can be sure: one where controls leap at times that are found."""
+    leaps = problem.has_free_lengths and problem.widest_limits.any_finite
+    return 1 if leaps else _cost_order(problem)
+
+
+def _sums_up(problem: Problem) -> bool:
+    """Whether the shares of the steps are the error of the cost, to leading order."""
+    is_ramp = problem.controls == "constant"
+    return is_ramp and SCHEMES[problem.scheme].order >= 4 and not problem.inequalities
