@@ -19,6 +19,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.problem.cause import Cause
 from mbocp.problem.first_motion import holding_controls
 from mbocp.problem.least_time import least_time
+from mbocp.problem.momentum_causes import momentum_causes
 from mbocp.problem.phases import node_times
 from mbocp.problem.place_causes import place_causes
 from mbocp.problem.problem import Problem
@@ -63,7 +64,7 @@ def causes_of(problem: Problem) -> tuple[Cause, ...]:
     """
     member = problem.members[0][1]
     found = [cause for leg in _legs(member) for cause in _of_leg(member, leg)]
-    found += [*_weights(member), *_falls(member), *place_causes(member)]
+    found += [*_weights(member), *_falls(member), *momentum_causes(member), *place_causes(member)]
     worst: dict[tuple[str, str], Cause] = {}
     for cause in sorted(found, key=lambda c: (not c.is_certain, -c.excess)):
         worst.setdefault((cause.kind, cause.where), cause)

@@ -62,6 +62,7 @@ def completed_goal(
     *,
     num_steps: int,
     scheme: str,
+    suits: str = "",
     closes_loops: bool = True,
 ) -> Goal:
     """Return a goal with the configuration that its poses and loops leave open.
@@ -71,6 +72,8 @@ def completed_goal(
     q_start, q_before : ndarray, shape (nq,)
         Configuration of the start, and the last that is known before the goal, of which the goal is to be
         near: that of a via point, or of the start [m, rad, unit quaternion xyzw].
+    suits : str
+        What the scheme was chosen for; "" if the problem says it.
     closes_loops : bool
         Whether all constraints of the robot hold at the end.
 
@@ -90,7 +93,7 @@ def completed_goal(
     goal = with_configuration(robot, goal, q_before, limits)
     goal = without_driven_velocities(robot, goal)
     for key, default in (("guard", True), ("redundant", "drop")):
-        check_unused(f"goal.{key}", getattr(goal, key), default, scheme)
+        check_unused(f"goal.{key}", getattr(goal, key), default, scheme, suits=suits)
     if goal.is_exact:
         goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, q_start))
         check_goal_rate(robot, goal)

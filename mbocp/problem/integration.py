@@ -77,16 +77,23 @@ class Stabilisation:
 
 
 def check_integrator(
-    robot: Robot, scheme: str, lie: str, substeps: int, stabilisation: Stabilisation
+    robot: Robot, scheme: str, lie: str, substeps: int, stabilisation: Stabilisation, *, suits: str = ""
 ) -> None:
-    """Refuse options that the scheme does not use, and robots that it cannot integrate."""
+    """Refuse options that the scheme does not use, and robots that it cannot integrate.
+
+    Parameters
+    ----------
+    suits : str
+        What the scheme was chosen for; "" if the problem says it.
+    """
     check_choice("integrator.scheme", scheme, SCHEMES)
     check_choice("integrator.lie", lie, LIE_METHODS)
     check_integer("integrator.substeps", substeps, minimum=1)
-    check_unused("integrator.lie", lie, "munthe_kaas", scheme)
-    check_unused("integrator.substeps", substeps, 1, scheme)
+    check_unused("integrator.lie", lie, "munthe_kaas", scheme, suits=suits)
+    check_unused("integrator.substeps", substeps, 1, scheme, suits=suits)
     for field in fields(Stabilisation):
-        check_unused(f"integrator.{field.name}", getattr(stabilisation, field.name), field.default, scheme)
+        key, value = f"integrator.{field.name}", getattr(stabilisation, field.name)
+        check_unused(key, value, field.default, scheme, suits=suits)
     if robot.drives and not SCHEMES[scheme].takes_drives:
         able = [name for name, data in SCHEMES.items() if data.takes_drives]
         raise ProblemError(
@@ -151,13 +158,14 @@ def check_control_terms(controls: str, cost: Cost, limits: Bounds, along: tuple[
         )
 
 
-def check_unused(key: str, value: object, default: object, scheme: str) -> None:
-    """Refuse a value that the scheme would pass over in silence."""
+def check_unused(key: str, value: object, default: object, scheme: str, *, suits: str = "") -> None:
+    """Refuse a value that the scheme would pass over in silence; `suits` as in `check_integrator`."""
     if not SCHEMES[scheme].takes(key) and value != default:
         got = f'"{value}"' if isinstance(value, str) else str(value).lower()
+        chosen = f' ("auto" chose it for {suits})' if suits else ""
         raise ProblemError(
-            f'{key}: got {got}, which scheme "{scheme}" does not use; leave it out, or choose an explicit '
-            f"scheme ({_quoted(schemes_with(key))})"
+            f'{key}: got {got}, which scheme "{scheme}" does not use{chosen}; leave it out, or choose an '
+            f"explicit scheme ({_quoted(schemes_with(key))}){' as integrator.scheme' * bool(suits)}"
         )
 
 

@@ -256,7 +256,8 @@ class Problem:
         self._take_time()
         check_choice("coordinates", self.coordinates, COORDINATES)
         self._take_scheme()
-        check_integrator(self.robot, self.scheme, self.lie, self.substeps, self.stabilisation)
+        options = (self.lie, self.substeps, self.stabilisation)
+        check_integrator(self.robot, self.scheme, *options, suits=self.scheme_reason)
         check_controls(self.controls, self.scheme)
         check_has_actuators(self.robot)
         self._set(limits=self.limits.completed(self.robot))
@@ -573,6 +574,7 @@ class Problem:
             self.via[-1].goal.q if self.via else self.q_start,
             num_steps=self.num_steps,
             scheme=self.scheme,
+            suits=self.scheme_reason,
             closes_loops=self.switches is None or bool(self.switches.own[-1].all()),
         )
         self._set(goal=goal)

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mbocp
 from mbocp.problem import Problem, load_problem
 from mbocp.problem.causes import causes_of
 from mbocp.problem.least_time import least_time
+from mbocp.robot import load_robot
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -98,3 +100,92 @@ def test_a_base_without_a_motor_falls():
 )
 def test_nothing_is_said_against_what_has_a_solution(name):
     assert causes_of(load_problem(EXAMPLES / f"{name}.toml")) == ()
+
+
+SKATER = """<robot name="skater">
+  <link name="floor"/>
+  <link name="base"><inertial><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="upper"><inertial><origin xyz="0.25 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.25 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="slide" type="planar"><parent link="floor"/><child link="base"/><axis xyz="0 0 1"/></joint>
+  <joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+    <dynamics damping="0.1"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.5 0 0"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+@pytest.fixture(scope="module")
+def skater(tmp_path_factory):
+    """An arm of two links on a base that slides and turns on ice."""
+    file = tmp_path_factory.mktemp("skater") / "skater.urdf"
+    file.write_text(SKATER)
+    return load_robot(str(file), actuated=["shoulder", "elbow"])
+
+
+def skated(robot, goal, v_start=None, **words) -> Problem:
+    start = {"q": [0, 0, 0, 0.1, 0.2]} | ({} if v_start is None else {"v": v_start})
+    return Problem.create(robot, 1.0, 40, start=start, goal=goal, scheme="midpoint", **words)
+
+
+def test_rest_that_holds_by_itself_is_named(skater):
+    """And without it the same motion is found: the base comes to rest."""
+    arm = {"shoulder": 0.5, "elbow": 1.0}
+    problem = skated(skater, {"q": arm, "v": 0})
+    (cause,) = causes_of(problem)
+    assert (cause.kind, cause.where, cause.is_certain) == ("momentum", "slide", False)
+    assert "nothing pushes skater along x, along y and about z" in cause.words
+    assert cause.words.endswith("leave slide out of goal.v")
+    assert mbocp.solve(problem).status == "singular"
+    mended = skated(skater, {"q": arm, "v": {"shoulder": 0, "elbow": 0}})
+    assert causes_of(mended) == ()
+    s = mbocp.solve(mended, check=True)
+    assert np.abs(s.vs[-1]).max() < 1e-5  # a step turns the base, which keeps momenta to its order
+
+
+def test_a_momentum_that_stays_contradicts_rest(skater):
+    """Along the axes in which it has one, unless the goal leaves something free to have it."""
+    problem = skated(skater, {"v": 0}, [0.5, 0, 0, 0, 0])
+    causes = causes_of(problem)
+    assert (causes[0].kind, causes[0].is_certain) == ("momentum", True)
+    along_x = next(cause for cause in causes if cause.where == "translation along x")
+    assert "its momentum of 2 kg m/s stays" in along_x.words  # 4 kg at 0.5 m/s
+    assert causes_of(skated(skater, {"v": {"shoulder": 0, "elbow": 0}}, [0.5, 0, 0, 0, 0])) == ()
+
+
+def test_a_centre_of_mass_stays_where_nothing_pushes_it(skater):
+    rates = {"shoulder": 0, "elbow": 0}
+    causes = causes_of(skated(skater, {"q": [0.5, 0, 0, 0.1, 0.2], "v": rates}))
+    assert [(c.kind, c.where, c.is_certain) for c in causes] == [("momentum", "translation along x", True)]
+    assert "stays where it is, and the goal has it 0.5 m elsewhere" in causes[0].words
+    moved = skated(skater, {"q": [0.5, 0, 0, 0.1, 0.2], "v": rates}, [0.5, 0, 0, 0, 0])
+    assert causes_of(moved) == ()
+
+
+CART = """<robot name="cart">
+  <link name="rail"/>
+  <link name="body"><inertial><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="pole"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="rolls" type="prismatic"><parent link="rail"/><child link="body"/><axis xyz="1 0 0"/>
+    <limit lower="-9" upper="9" effort="9" velocity="9"/><dynamics damping="DAMPING"/></joint>
+  <joint name="swings" type="continuous"><parent link="body"/><child link="pole"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize(
+    ("damping", "actuated", "is_kept"),
+    [("0", ["swings"], True), ("1", ["swings"], False), ("0", ["rolls"], False)],
+)
+def test_what_is_damped_or_pushed_keeps_no_momentum(tmp_path, damping, actuated, is_kept):
+    file = tmp_path / "cart.urdf"
+    file.write_text(CART.replace("DAMPING", damping))
+    robot = load_robot(str(file), actuated=actuated)
+    causes = causes_of(Problem.create(robot, 1.0, 40, goal={"q": {"swings": 1.0}, "v": 0}))
+    assert any(cause.kind == "momentum" for cause in causes) is is_kept
+    if is_kept:
+        assert "nothing pushes cart along x" in causes[-1].words

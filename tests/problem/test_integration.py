@@ -160,3 +160,27 @@ def test_partitioned_schemes_refuse_what_they_do_not_take() -> None:
             Problem.create(
                 arm, 1.0, 10, goal={"v": [0.0, 0.0]}, scheme=scheme, coordinates="natural", cost={}
             )
+
+
+@pytest.mark.parametrize(
+    ("setting", "key"),
+    [
+        ("integrator.lie=plain", "integrator.lie"),
+        ("integrator.substeps=2", "integrator.substeps"),
+        ("goal.guard=false", "goal.guard"),
+        ("goal.redundant=keep", "goal.redundant"),
+    ],
+)
+def test_a_refusal_says_that_auto_chose_the_scheme(load: Loader, setting: str, key: str) -> None:
+    """And which ones to name in its place: one of these is taken."""
+    with pytest.raises(ProblemError) as refused:
+        load(setting)
+    words = str(refused.value)
+    assert f"{key}: got " in words
+    assert 'scheme "gauss2" does not use ("auto" chose it for an open chain of joints)' in words
+    assert '"rk4"' in words
+    assert words.endswith("as integrator.scheme")
+    assert load(setting, RK4).scheme == "rk4"
+    with pytest.raises(ProblemError) as named:
+        load(setting, "integrator.scheme=gauss2")
+    assert '"auto"' not in str(named.value)
