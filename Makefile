@@ -1,4 +1,4 @@
-# make demo | docs | wheel | test | quick | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | clean;
+# make demo | docs | images | wheel | test | quick | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | clean;
 # each installs what it needs into .venv first.
 PYTHON ?= python3
 VENV   := .venv
@@ -8,7 +8,7 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo docs pages wheel try-wheel test quick test-all attack lint bench bench-dense bench-peers sanitize campaign setup clean
+.PHONY: demo docs pages images wheel try-wheel test quick test-all attack lint bench bench-dense bench-peers sanitize campaign setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -22,6 +22,11 @@ docs: setup
 	$(BIN)/python docs/site/make_gallery.py
 	$(SPHINX)
 	@echo build/site/index.html
+
+# The pictures that pages hold, anew: from results of the gallery and the commands on the pages. Needs Chromium.
+images: setup
+	$(PIP) install --group docs
+	$(BIN)/python docs/site/make_images.py
 
 pages: setup
 	$(PIP) install --group docs

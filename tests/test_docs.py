@@ -162,8 +162,26 @@ def test_the_examples_of_the_readme_are_the_same_problem(tmp_path: Path) -> None
     assert problem_to_toml(in_python) == problem_to_toml(in_toml)
 
 
-def test_the_picture_is_small() -> None:
-    assert (ROOT / "docs/images/ur5_reach.png").stat().st_size < 150_000
+def pictures() -> dict[str, Path]:
+    """All pictures of the pages, by their place in docs/images."""
+    folder = ROOT / "docs" / "images"
+    return {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
+
+
+def test_pictures_are_small_and_shown() -> None:
+    pages = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    for name, path in pictures().items():
+        assert path.stat().st_size < 400_000, name
+        assert f"images/{name})" in pages, name
+
+
+def test_every_picture_is_made_by_a_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    made = importlib.import_module("make_images").made()
+    others = {name for name in pictures() if name not in made}
+    assert made <= set(pictures())
+    figures = re.compile(r"paper_fig\d\.png|so3/so3_fig\d+\.png|work_precision_\w+\.png|live\.png")
+    assert all(figures.fullmatch(name) for name in others), others
 
 
 def test_the_functions_of_the_architecture_exist() -> None:

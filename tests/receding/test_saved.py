@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -100,6 +101,15 @@ def test_the_example_arrives(problem, tmp_path):
     folder = RecedingHorizon(problem).save(tmp_path / "ur5")
     told = subprocess.run([example, folder], env={}, capture_output=True, text=True, check=True).stdout
     assert float(told.split(": ")[-1].split()[0]) < 1e-2
+
+
+def test_the_block_of_the_page_compiles(tmp_path):
+    page = (HERE.parents[1] / "docs" / "receding_horizon.md").read_text("utf-8")
+    (block,) = re.findall(r"^```cpp\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    include, _, body = block.partition("\n\n")
+    before = "void command(const double *) {}\nint main() {\nstd::vector<double> q, v, goal;\n"
+    (tmp_path / "page.cpp").write_text(f"{include}\n#include <vector>\n{before}{body}}}\n")
+    assert compiled(tmp_path / "page.cpp", tmp_path / "page").exists()
 
 
 def test_a_horizon_that_remembers_controls_goes_on(program, problem, tmp_path):

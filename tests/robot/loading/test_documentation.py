@@ -9,6 +9,7 @@ import pytest
 
 from mbocp.robot import load_robot
 from mbocp.robot.loading.part_table import PartTable
+from mbocp.robot.loading.robot_yaml import RobotYaml, read_robot_yaml
 from mbocp.robot.loading.schema import TABLES, RobotTable
 from mbocp.robot.loading.sources import robot_folders
 from tests.robot import urdfs
@@ -59,3 +60,11 @@ def test_every_robot_has_a_readme_and_a_description(name: str) -> None:
     assert robot.name == name
     assert robot.description
     assert any(folder.joinpath(name).is_dir() for folder in robot_folders())
+
+
+def test_the_robot_yaml_of_the_page_is_one(tmp_path: Path) -> None:
+    (block,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "robots.md").read_text(), re.DOTALL)
+    (tmp_path / "robot.yaml").write_text(block)
+    found = read_robot_yaml(tmp_path / "robot.yaml")  # warns of keys that are not known
+    assert found.joint_type == ["SPHERICAL", "UJOINT_XY"]
+    assert found.model_fields_set == set(RobotYaml.model_fields)
