@@ -27,22 +27,23 @@ IMAGES = DOCS / "images"
 LOOPS = ("delta", "five_bar", "four_bar", "parallelogram_arm", "slider_crank", "stewart")
 ROBOTS = {"panda": "panda", "iris": "iris", "so101": "so101", "so101_bare": "so101_bare"}  # pages by picture
 MOMENTS = (0.0, 0.4, 0.8)  # parts of the motion that have passed, side by side
-PANEL = (348, 199)  # [pixel] of one of them
-SHOWN = (0, 92, 840, 572)  # [pixel] of a photograph of 840 x 640: all but what is written on it, and its bar
+PANEL = (348, 232)  # [pixel] of one of them
+BARE = "<style>header, #bar { visibility: hidden }</style></head>"  # a page with nothing written on it
 GAP = 3  # [pixel]
 
 
 def loops() -> None:
     """Each closed loop of the gallery at three times."""
     for name in LOOPS:
-        page = FOLDER / f"loops-{name}.html"
-        duration = float(json.loads(page.with_suffix(".json").read_text())["duration"])
+        replay, page = FOLDER / f"loops-{name}.html", FOLDER / "bare.html"
+        page.write_text(replay.read_text("utf-8").replace("</head>", BARE, 1), "utf-8")
+        duration = float(json.loads(replay.with_suffix(".json").read_text())["duration"])
         sheet = Image.new("RGB", (3 * PANEL[0] + 2 * GAP, PANEL[1]), "white")
         for column, moment in enumerate(MOMENTS):
             picture = FOLDER / "moment.png"
-            photograph(page, picture, moment * duration, (840, 640))
+            photograph(page, picture, moment * duration)
             with Image.open(picture) as taken:
-                panel = taken.convert("RGB").crop(SHOWN).resize(PANEL, Image.Resampling.LANCZOS)
+                panel = taken.convert("RGB").resize(PANEL, Image.Resampling.LANCZOS)
             sheet.paste(panel, (column * (PANEL[0] + GAP), 0))
         sheet.quantize(192, dither=Image.Dither.NONE).save(IMAGES / "loops" / f"{name}.png", optimize=True)
 
