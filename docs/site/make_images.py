@@ -80,7 +80,7 @@ def pick_and_place() -> None:
     """The moving picture of the first page."""
     result = FOLDER / "arms-pick_and_place.h5"
     film = IMAGES / "pick_and_place.gif"
-    mbocp("replay", result, "--movie", film, "--size", "600x327", "--fps", "12.5")
+    mbocp("replay", result, "--movie", film, "--size", "600x328", "--fps", "12.5")
 
 
 MAKERS: dict[str, Callable[[], None]] = {
