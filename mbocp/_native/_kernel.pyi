@@ -164,7 +164,12 @@ class Programme:
     @property
     def limit_multipliers(self) -> Array: ...
     def simulate(
-        self, tolerance: float, max_iterations: int, warm: bool = False, feedback: bool = False
+        self,
+        tolerance: float,
+        max_iterations: int,
+        warm: bool = False,
+        feedback: bool = False,
+        compensated: bool = False,
     ) -> Sweep: ...
     def gradient(self, auxiliary: bool = False, feedback: bool = False) -> Evaluation: ...
     def end_sensitivity(self, feedback: bool = False) -> Array: ...

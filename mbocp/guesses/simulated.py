@@ -18,7 +18,9 @@ _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is ro
 _SWEEP_ITERATIONS = 50
 
 
-def simulated(formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_TOLERANCE) -> Iterate:
+def simulated(
+    formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_TOLERANCE, compensated: bool = False
+) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6).
 
     Parameters
@@ -28,6 +30,9 @@ def simulated(formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_T
         Control of all steps.
     tolerance : float
         Of the residual of each step, in its unit of force.
+    compensated : bool
+        Whether the rows of a step take what rounding the states left of those before (section VIII.5 of
+        [Hairer2006]_): the round-off of many steps does not add up then.
     """
     problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme, sweeps=True)
@@ -38,7 +43,7 @@ def simulated(formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_T
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
     native.x = xs.ravel()
-    sweep = native.simulate(tolerance, _SWEEP_ITERATIONS)
+    sweep = native.simulate(tolerance, _SWEEP_ITERATIONS, compensated=compensated)
     if not sweep.ok:
         raise ProblemError(
             f"guess: the forward simulation with constant control fails "

@@ -44,7 +44,8 @@ def shares_of(kind: str, scheme: str) -> tuple[float, ...]:
     """Where in a step its controls have values, from 0 to 1; empty where they are constant."""
     if kind == "linear":
         return (0.0, 1.0)
-    return PAIRS[scheme].c if kind == "stages" and scheme in PAIRS else ()
+    has_values = kind == "stages" and scheme in PAIRS and PAIRS[scheme].num_stages > 1
+    return PAIRS[scheme].c if has_values else ()
 
 
 def cost_order(kind: str, scheme: str) -> int:

@@ -66,6 +66,7 @@ _R3, _R15 = sqrt(3.0), sqrt(15.0)
 
 PAIRS: Mapping[str, Pair] = MappingProxyType(
     {
+        "gauss1": Pair(2, ((1 / 2,),), (1.0,), holds_constraints=False),
         "gauss2": Pair(
             4,
             ((1 / 4, 1 / 4 - _R3 / 6), (1 / 4 + _R3 / 6, 1 / 4)),

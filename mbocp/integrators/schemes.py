@@ -114,7 +114,13 @@ SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
         for name, tau in VELOCITY_TAU.items()
     }
     | {
-        name: replace(_PARTITIONED, order=pair.order, takes_loops=pair.holds_constraints)
+        name: replace(
+            _PARTITIONED,
+            order=pair.order,
+            takes_loops=pair.holds_constraints,
+            # One stage sees the mean of linear controls alone, whose ends could then alternate.
+            controls=_PARTITIONED.controls if pair.num_stages > 1 else ("constant", "stages"),
+        )
         for name, pair in PAIRS.items()
     }
     | {

@@ -34,6 +34,7 @@ Scheme: TypeAlias = Literal[
     "se2",
     "midpoint",
     "semi_implicit_euler",
+    "gauss1",
     "gauss2",
     "gauss3",
     "lobatto2",

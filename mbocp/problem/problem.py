@@ -147,8 +147,8 @@ class Problem:
         In which coordinates the mechanics are written: the joints' own, or positions and directors of all
         bodies, see `mbocp.mechanics.natural_coordinates`. Start, goal and results are in those of the joints
         in either case.
-    scheme : {"auto", "se1", "se2", "midpoint", "semi_implicit_euler", "gauss2", "gauss3", "lobatto2", \
-            "lobatto3", "euler", "heun", "rk4", "rkf5"}
+    scheme : {"auto", "se1", "se2", "midpoint", "semi_implicit_euler", "gauss1", "gauss2", "gauss3", \
+            "lobatto2", "lobatto3", "euler", "heun", "rk4", "rkf5"}
         How time is discretised, see `mbocp.integrators`; the last four are explicit. Of a problem that is
         made, never "auto", which takes what suits it, see `mbocp.problem.default_scheme`.
     chooses_scheme : bool

@@ -19,6 +19,7 @@ from mbocp.integrators.partitioned import Node, PartitionedStep, Stage
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from tests.integrators.partitioned import two_form_of
+from tests.integrators.test_symplecticity import null_space
 
 _SMALL = 1e-9  # of rows: from there on Newton's method ends where they fall no more
 _SHIFT = 2e-5  # of a difference quotient [s]
@@ -51,7 +52,7 @@ class Steps:
         self._rows, self._moved = _functions(mechanics, scheme)
         self.nv, self.nc, self.num_stages = robot.nv, robot.nc, self.pair.num_stages
         self.ny = self.num_stages * (self.nv + self.nc)
-        self._momentum = _momentum(mechanics)
+        self._momentum, self._consistency = _momentum(mechanics), _consistency(mechanics)
 
     def step(self, x: Array, y: Array, u: Array, h: float) -> tuple[Array, Array, Array]:
         """State and unknowns after a step, and the derivative of this state, shape (2 nv, 2 nv)."""
@@ -80,11 +81,22 @@ class Steps:
         return Run(np.array(xs), np.array(forces), slope)
 
     def symplectic_defect(self, x: Array, u: Array, h: float) -> float:
-        """Largest entry of F' J F - J by that of J, F the derivative of a step in (q, p)."""
+        """Largest entry of F' J F - J by that of J, F the derivative of a step in (q, p).
+
+        On tangents of states that agree with the constraints.
+        """
         x1, _, slope = self.step(x, np.zeros(self.ny), u, h)
-        F = self._to_momenta(x1) @ slope @ np.linalg.inv(self._to_momenta(x))
-        before, after = self._two_form(x), self._two_form(x1)
-        return float(np.abs(F.T @ after @ F - before).max() / (1.0 + np.abs(before).max()))
+        along = self.consistent_tangents(x)
+        start, end = self._to_momenta(x) @ along, self._to_momenta(x1) @ slope @ along
+        before, after = start.T @ self._two_form(x) @ start, end.T @ self._two_form(x1) @ end
+        return float(np.abs(after - before).max() / (1.0 + np.abs(before).max()))
+
+    def consistent_tangents(self, x: Array) -> Array:
+        """Basis of the tangents of states that agree with the constraints, shape (2 nv, 2 (nv - nc))."""
+        if not self.nc:
+            return np.eye(2 * self.nv)
+        _, slopes = self._consistency(*self._parts(x))
+        return null_space(slopes.full())
 
     def _to_momenta(self, x: Array) -> Array:
         _, slope, mass = (out.full() for out in self._momentum(*self._parts(x)))
@@ -137,6 +149,17 @@ def _momentum(mechanics: JointMechanics) -> ca.Function:
     p = mechanics.momentum(mechanics.integrate(q, d), v)
     out = [ca.substitute(e, d, 0 * d) for e in (p, ca.jacobian(p, d), ca.jacobian(p, v))]
     return ca.Function("momentum", [q, v], [ca.densify(e) for e in out])
+
+
+def _consistency(mechanics: JointMechanics) -> ca.Function:
+    """What vanishes in states that agree with the constraints, and its derivative in (dq, dv)."""
+    q, v = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", mechanics.nv)
+    d = ca.SX.sym("d", 2 * mechanics.nv)
+    moved = mechanics.integrate(q, d[: mechanics.nv])
+    rate = mechanics.constraint_jacobian(moved) @ (v + d[mechanics.nv :])
+    rows = ca.vertcat(mechanics.constraints(moved), rate)
+    out = [ca.densify(ca.substitute(e, d, 0 * d)) for e in (rows, ca.jacobian(rows, d))]
+    return ca.Function("consistency", [q, v], out)
 
 
 class Truth:

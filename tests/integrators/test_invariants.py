@@ -114,16 +114,16 @@ def test_momentum_of_a_free_flyer_over_ten_thousand_steps(scheme: str) -> None:
 @pytest.mark.parametrize("scheme", PAIRS)
 def test_energy_stays_within_bounds_over_a_hundred_thousand_steps(scheme: str) -> None:
     """Ten times as many steps have no larger errors, and no trend."""
-    check_energy(
-        arm(9.81), scheme, 0.02 if scheme == "lobatto2" else 0.05, np.array([0.5, -0.3]), np.zeros(2)
-    )
+    dt = 0.02 if PAIRS[scheme].order == 2 else 0.05
+    check_energy(arm(9.81), scheme, dt, np.array([0.5, -0.3]), np.zeros(2))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", PAIRS)
 def test_energy_of_a_top_stays_within_bounds_over_a_hundred_thousand_steps(scheme: str) -> None:
     turned = pin.exp3_quat(np.array([0.4, -0.8, 0.2]))
-    check_energy(top(), scheme, 0.01 if scheme == "lobatto2" else 0.02, turned, np.array([0.2, -0.4, 1.5]))
+    dt = 0.01 if PAIRS[scheme].order == 2 else 0.02
+    check_energy(top(), scheme, dt, turned, np.array([0.2, -0.4, 1.5]))
 
 
 @pytest.mark.slow
@@ -149,9 +149,9 @@ def check_energy(robot: Robot, scheme: str, dt: float, q: Array, v: Array) -> No
 
 
 LONG = [
-    *((BODY_OF_ITS_OWN, scheme) for scheme in ("midpoint", "lobatto2", "gauss2")),
+    *((BODY_OF_ITS_OWN, scheme) for scheme in ("midpoint", *PAIRS)),
     *((FOUR_BAR, scheme) for scheme in ("midpoint", *ON_CONSTRAINTS)),
-    *((ARM, scheme) for scheme in ("midpoint", "lobatto2", "gauss2")),
+    *((ARM, scheme) for scheme in ("midpoint", *PAIRS)),
 ]
 
 
@@ -167,11 +167,24 @@ def test_the_last_tenth_of_a_hundred_thousand_steps_is_like_the_first(system: Fr
     assert found.last < 1.5 * found.first + 1e-12
     if scheme in PAIRS:
         assert found.moved < 0.5 * found.first + 1e-12
-        assert system.momenta is None or found.momentum < 1e-12
+        assert system.momenta is None or found.momentum < 1e-13
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["lobatto2", "gauss2"])
+@pytest.mark.parametrize("scheme", ["gauss1", "lobatto2", "gauss2"])
 def test_momenta_of_a_body_that_falls(scheme: str) -> None:
-    """Linear across gravity, and angular about it."""
-    assert drift_of(FALLING, scheme, parts=1).momentum < 5e-12
+    """Linear across gravity, and angular about it, as parts of what it comes to have along gravity."""
+    assert drift_of(FALLING, scheme, parts=1).momentum < 1e-13
+
+
+def test_compensated_steps_do_not_add_rounding_up() -> None:
+    """A momentum that rounding moves by steps as they are stays where rounding of one step leaves it."""
+    robot = arm(9.81)
+    changes = []
+    for compensated in (False, True):
+        q, v = np.array([0.3, -0.9]), np.array([1.0, -2.0])
+        qs, vs = moved(robot, "lobatto2", 0.02, q, v, CHUNK, compensated=compensated)
+        kept = momenta(robot, qs, vs, 0)
+        changes.append(np.abs(kept / kept[0] - 1.0).max())
+    assert changes[1] < 5e-15
+    assert changes[1] < 0.3 * changes[0]

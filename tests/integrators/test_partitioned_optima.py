@@ -15,11 +15,13 @@ pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SMALL = {
+    "gauss1": "paper/elastic_pendulum.toml",
     "gauss2": "paper/elastic_pendulum.toml",
     "gauss3": "paper/elastic_pendulum.toml",
     "lobatto2": "paper/rigid_pendulum.toml",
     "lobatto3": "paper/rigid_pendulum.toml",
 }
+SCHEMES_OF_ONE: tuple[tuple[str, ...], ...] = ((), ("integrator.scheme=midpoint",))
 
 
 def load(scheme: str, *settings: str) -> Problem:
@@ -48,6 +50,23 @@ def test_control_momenta_of_a_body_on_a_ball_joint(scheme: str) -> None:
     assert solution.converged, solution.advice
     assert solution.control_momenta.shape[1] == 0 or solution.control_momentum_drift < 1e-9
     assert solution.manifold_drift < 1e-12
+
+
+def test_one_stage_is_the_midpoint_rule_where_masses_are_constant() -> None:
+    """In a vector space; where the mass varies it is the discrete Lagrangian that is taken in the middle."""
+    one, rule = (
+        mbocp.solve(load("gauss1", "horizon.steps=20", *more), check=True) for more in SCHEMES_OF_ONE
+    )
+    assert one.cost == pytest.approx(rule.cost, rel=1e-12)
+    assert np.abs(one.qs - rule.qs).max() < 1e-9
+    arms = [
+        mbocp.load_problem(
+            EXAMPLES / "arms/ur5_reach.toml", [f"integrator.scheme={name}", "horizon.steps=20"]
+        )
+        for name in ("gauss1", "midpoint")
+    ]
+    costs = [mbocp.solve(arm, check=True).cost for arm in arms]
+    assert abs(costs[0] / costs[1] - 1.0) > 1e-6
 
 
 def test_hamiltonian_of_a_free_duration_vanishes_in_the_mean() -> None:

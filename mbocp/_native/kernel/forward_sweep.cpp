@@ -8,10 +8,12 @@ namespace mbocp {
 ForwardSweep::ForwardSweep(const Problem& problem, Iterate& iterate, Step& step, const Elimination& gains)
     : problem_(problem), iterate_(iterate), step_(step), gains_(gains), c_(problem.max_nw, 0.0),
       direction_(problem.max_nw, 0.0), simplified_(problem.max_nw, 0.0), dx_(problem.ndx, 0.0),
-      x_before_(problem.nx, 0.0), y_before_(problem.max_nw, 0.0), planned_(problem.nx, 0.0) {}
+      x_before_(problem.nx, 0.0), y_before_(problem.max_nw, 0.0), left_over_(problem.ndx, 0.0),
+      planned_(problem.nx, 0.0) {}
 
-Sweep ForwardSweep::run(double tolerance, int max_iterations, bool warm, bool feedback) {
+Sweep ForwardSweep::run(double tolerance, int max_iterations, bool warm, bool feedback, bool compensated) {
     Sweep sweep;
+    dense::zero(left_over_.data(), problem_.ndx);
     double largest = 0;
     for (int n = 0; n < problem_.N; ++n) {
         sweep.residual = 0;
@@ -23,6 +25,7 @@ Sweep ForwardSweep::run(double tolerance, int max_iterations, bool warm, bool fe
             sweep.failed_stage = n;
             return sweep;
         }
+        if (compensated) std::copy(c_.begin(), c_.begin() + problem_.ndx, left_over_.begin());
         largest = std::max(largest, sweep.residual);
     }
     sweep.residual = largest, sweep.ok = true;
@@ -40,13 +43,14 @@ bool ForwardSweep::feed_back(int n) {
     return true;
 }
 
-// c of the last call, and its largest entry; infinite where it is not finite.
+// c of the last call with what is left over, and its largest entry; infinite where it is not finite.
 double ForwardSweep::residual(int n, const StageFunction& f) {
     double norm = 0;
     const int nc = problem_.kind(n).nc();
     const Pattern& rows = f.outputs[0];
     dense::zero(c_.data(), nc);
     for (int i = 0; i < rows.nnz(); ++i) c_[rows.row[i]] = f.res[0][i];
+    for (int i = 0; i < problem_.ndx; ++i) c_[i] += left_over_[i];
     for (int i = 0; i < nc; ++i) norm = std::max(norm, std::isfinite(c_[i]) ? std::abs(c_[i]) : INFINITY);
     return norm;
 }

@@ -212,7 +212,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("trial", &Programme::trial, nb::arg("alpha"), Released())
         .def("accept", &Programme::accept, nb::arg("alpha"), nb::arg("alpha_limits") = 1.0)
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false,
-             nb::arg("feedback") = false, Released())
+             nb::arg("feedback") = false, nb::arg("compensated") = false, Released())
         .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false, nb::arg("feedback") = false, Released())
         .def(
             "end_sensitivity",

@@ -35,9 +35,9 @@ public:
     bool move(double alpha) { return trial_point.move(riccati.direction(), alpha); }
     Trial trial(double alpha) { return trial_point.evaluate(riccati.direction(), alpha); }
     void accept(double alpha, double alpha_limits) { trial_point.accept(riccati.direction(), alpha, alpha_limits); }
-    Sweep simulate(double tolerance, int max_iterations, bool warm, bool feedback) {
+    Sweep simulate(double tolerance, int max_iterations, bool warm, bool feedback, bool compensated) {
         riccati.forget();
-        return forward_sweep.run(tolerance, max_iterations, warm, feedback);
+        return forward_sweep.run(tolerance, max_iterations, warm, feedback, compensated);
     }
     Evaluation gradient(bool auxiliary, bool feedback) {
         riccati.forget();
