@@ -116,7 +116,17 @@ CASES = (
     ReferenceCase("panda_reach", "arms/panda_reach", ("gauss2", "midpoint"), 800, 4),
     ReferenceCase("payload", "arms/payload", ("gauss2", "midpoint"), 100, 4),
     ReferenceCase("kinova_reach", "arms/kinova_reach", ("midpoint", "gauss2/stages"), 400, 4),
+    ReferenceCase("reach_pose", "arms/reach_pose", ("gauss2", "midpoint"), 100),
+    ReferenceCase("via_points", "arms/via_points", ("gauss2", "midpoint"), 80),
+    ReferenceCase("cup", "arms/cup", ("gauss2", "midpoint"), 80),
+    ReferenceCase("two_arms", "worlds/two_arms", ("gauss2", "midpoint"), 80),
+    ReferenceCase("round_trip", "free_flyer/round_trip", ("midpoint", "rk4"), 60),
     ReferenceCase("four_bar", "loops/four_bar", _LOBATTO, 100),
+    ReferenceCase("five_bar", "loops/five_bar", _LOBATTO, 50),
+    ReferenceCase("slider_crank", "loops/slider_crank", _LOBATTO, 100, 4),
+    ReferenceCase("parallelogram_arm", "loops/parallelogram_arm", _LOBATTO, 50),
+    ReferenceCase("stewart", "loops/stewart", ("midpoint", "lobatto2"), 25),
+    ReferenceCase("delta", "loops/delta", ("midpoint", "lobatto2"), 50, 4),
     # Its limit of the position begins and ends to act at thirds of the time.
     ReferenceCase("bryson_denham", "optima/bryson_denham", ("gauss2", "midpoint"), 60),
     ReferenceCase("unicycle", "so3/unicycle_pendulum", ("rkf5", "heun"), 200, 5, _UNLIMITED, first=1),
@@ -170,15 +180,21 @@ def _costs(case: ReferenceCase, scheme: str) -> Iterator[float]:
         yield before.cost
 
 
-def reference_table(cases: Sequence[ReferenceCase] = CASES) -> tuple[Table, dict[str, dict[str, float]]]:
+def reference_table(
+    cases: Sequence[ReferenceCase] = CASES, *, told: bool = False
+) -> tuple[Table, dict[str, dict[str, float]]]:
     """Table of all, and the numbers as data."""
     rows, data = [], {}
     for case in cases:
         found = reference_of(case)
-        data[case.name] = {"cost": found.cost, "error": found.error}
+        # Twelve digits are told.
+        error = max(float(f"{found.error:.1e}"), 1e-12)
+        data[case.name] = {"cost": float(f"{found.cost:.12g}"), "error": error}
         rows.append(
             (case.name, *case.schemes, *(f"{cost:.12g}" for cost in found.costs), f"{found.error:.1e}")
         )
+        if told:
+            print(*rows[-1], flush=True)
     columns = ("system", "scheme", "and", "limit of the costs", "of the other", "differ by")
     return Table("Optimal costs in continuous time", columns, rows), data
 
@@ -315,7 +331,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.controls is not None:
         show(steps_table(options.controls, cases), markdown=True)
         return
-    table, data = reference_table(cases)
+    table, data = reference_table(cases, told=True)
     present([header(), table], _DOCS, _BEGIN, into_page=options.docs)
     if options.data:
         kept = json.loads(_DATA.read_text(encoding="utf-8")) if options.names else {}
