@@ -19,7 +19,7 @@ _SWEEP_ITERATIONS = 50
 
 
 def simulated(
-    formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_TOLERANCE, compensated: bool = False
+    formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_TOLERANCE, **how: bool
 ) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6).
 
@@ -30,9 +30,10 @@ def simulated(
         Control of all steps.
     tolerance : float
         Of the residual of each step, in its unit of force.
-    compensated : bool
-        Whether the rows of a step take what rounding the states left of those before (section VIII.5 of
-        [Hairer2006]_): the round-off of many steps does not add up then.
+    **how : bool
+        What the kernel's `simulate` takes. With ``compensated = True`` the rows of a step take what rounding
+        the states left of those before (section VIII.5 of [Hairer2006]_): the round-off of many steps does
+        not add up then.
     """
     problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme, sweeps=True)
@@ -43,7 +44,7 @@ def simulated(
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
     native.x = xs.ravel()
-    sweep = native.simulate(tolerance, _SWEEP_ITERATIONS, compensated=compensated)
+    sweep = native.simulate(tolerance, _SWEEP_ITERATIONS, **how)
     if not sweep.ok:
         raise ProblemError(
             f"guess: the forward simulation with constant control fails "
