@@ -65,7 +65,7 @@ FEW_SCHEMES = ("se1", "midpoint", "gauss2", "gauss2/stages", "lobatto3", "lobatt
 SCHEMES = (
     *TAU,
     *PAIRS,
-    *(f"{name}/stages" for name in PAIRS),
+    *(f"{name}/stages" for name, pair in PAIRS.items() if pair.num_stages > 1),
     "gauss2/linear",
     "lobatto3/linear",
     *(name for name in TABLEAUX if name != "euler"),
