@@ -48,7 +48,8 @@ class StateBounds:
     @property
     def is_empty(self) -> bool:
         """Whether nothing is bounded."""
-        return not (self.limited_x.any() or self.limited_u.any() or self.limited_path.any())
+        sides = (self.x_lower, self.x_upper, self.u_lower, self.u_upper, self.path_lower, self.path_upper)
+        return not any(np.isfinite(_own_rows(side)).any() for side in sides)
 
     @property
     def limited_x(self) -> BoolArray:
@@ -79,6 +80,11 @@ class StateBounds:
     def upper(self) -> Array:
         """Upper bounds of states, controls and path functions, shape (N, nx + nu + nh)."""
         return np.hstack([self.x_upper, self.u_upper, self.path_upper])
+
+
+def _own_rows(side: Array) -> Array:
+    """The one row of a side that has the same for every node in the memory of one."""
+    return side[:1] if side.strides[0] == 0 else side
 
 
 def _limited(lower: Array, upper: Array) -> BoolArray:

@@ -27,6 +27,7 @@ def random_programme(
     crossed: bool = False,
     plain: int | None = None,
     is_split: bool = False,
+    is_apart: bool = False,
 ):
     """Stages with random quadratic constraints and costs, of one kind, each with its own parameter.
 
@@ -34,7 +35,8 @@ def random_programme(
     speeds; with other entries of the state before and the controls, too, if `also_before`.
     With `crossed`, rows do not know the controls, and these cost products of two alone.
     With `plain`, the last ny rows do not know x1, and so many of the first only their own entry of it, as
-    where a step has stages. With `is_split`, no curvature couples x1 with y.
+    where a step has stages. With `is_split`, no curvature couples x1 with y. With `is_apart`, none couples
+    the controls with other unknowns, and none knows the first state before; nor do direct rows know controls.
     """
     rng = np.random.default_rng(seed)
     nz, nc = 2 * ndx + ny + nu, ndx + ny
@@ -60,6 +62,11 @@ def random_programme(
     if is_split:
         for matrix in (*curvature, metric):
             matrix[:ndx, ndx:nc] = matrix[ndx:nc, :ndx] = 0.0
+    if is_apart:
+        for matrix in (*curvature, metric):
+            matrix[:-nu, -nu:] = matrix[-nu:, :-nu] = 0.0
+            matrix[nc], matrix[:, nc] = 0.0, 0.0
+        linear[:direct, -nu:] = 0.0
     if crossed:
         linear[:, -nu:] = 0.0
         curvature = [np.zeros((nz, nz))] * nc
@@ -194,8 +201,14 @@ def shapes(draw: st.DrawFn) -> tuple[tuple[int, ...], dict[str, float]]:
         "also_before": draw(st.booleans()),
         "is_split": draw(st.booleans()),
     }
-    if draw(st.booleans()):
+    options["is_apart"] = draw(st.booleans())
+    kind = draw(st.sampled_from(["any", "blocks", "joints"]))
+    if kind == "blocks":
         options |= {"direct": 0, "plain": draw(st.integers(0, ndx))}
+    if kind == "joints":
+        joints = draw(st.integers(1, 9))
+        ndx, ny = 2 * joints, 0
+        options |= {"direct": joints}
     return (num_stages, ndx, ny, nu, ng), options
 
 

@@ -24,47 +24,45 @@ int count_negative(const Eigen::VectorXd& eigenvalues) {
 }  // namespace
 
 struct EndMultiplier::Work {
-    explicit Work(int n) : R(n, n), scaled(n, n), product(n, n), scale(n), eigen(n) {}
+    explicit Work(int n) : R(n, n), scale(n), scaled(n), eigen(n), pivot(static_cast<std::size_t>(n)) {}
 
-    RowMatrix R, scaled, product;
-    Eigen::VectorXd scale;
+    RowMatrix R;
+    Eigen::VectorXd scale, scaled;
     Eigen::SelfAdjointEigenSolver<RowMatrix> eigen;
+    std::vector<int> pivot;
 };
 
 EndMultiplier::EndMultiplier(const Problem& problem)
     : ng_(problem.ng), R_(static_cast<std::size_t>(padded(ng_)) * padded(ng_) + 4, 0.0),
-      inverse_(static_cast<std::size_t>(ng_) * ng_, 0.0), work_(std::make_unique<Work>(ng_)) {}
+      factors_(static_cast<std::size_t>(ng_) * padded(ng_) + 4, 0.0), work_(std::make_unique<Work>(ng_)) {}
 EndMultiplier::~EndMultiplier() = default;
 
 void EndMultiplier::clear() { std::fill(R_.begin(), R_.end(), 0.0); }
 
-// Eigenvectors of the equilibrated matrix: ng is small, and inertia comes for free.
+// Of the equilibrated matrix: its eigenvalues, and what it is solved with.
 bool EndMultiplier::factorise(Factorisation& result) {
     if (!ng_) return true;
-    auto& [R, scaled, product, scale, eigen] = *work_;
-    const MatrixMap given(R_.data(), ng_, ng_, Eigen::OuterStride<>(padded(ng_)));
-    R.noalias() = 0.5 * (given + given.transpose());
+    auto& [R, scale, scaled, eigen, pivot] = *work_;
+    const int pg = padded(ng_);
+    const MatrixMap given(R_.data(), ng_, ng_, Eigen::OuterStride<>(pg));
+    R = given.selfadjointView<Eigen::Upper>();
     for (int i = 0; i < ng_; ++i) scale[i] = 1.0 / std::sqrt(std::max(std::abs(R(i, i)), 1e-300));
     for (int i = 0; i < ng_; ++i)
-        for (int j = 0; j < ng_; ++j) R(i, j) = scale[i] * R(i, j) * scale[j];
+        for (int j = 0; j < ng_; ++j) factors_[i * pg + j] = R(i, j) = scale[i] * R(i, j) * scale[j];
     if (!R.allFinite()) return false;
-    eigen.compute(R);
+    eigen.compute(R, Eigen::EigenvaluesOnly);
     const int negative = count_negative(eigen.eigenvalues());
-    if (negative < 0) return false;
+    if (negative < 0 || dense::factor(ng_, factors_.data(), pg, pivot.data()) == 0.0) return false;
     result.negative += negative;
     result.end_condition = eigen.eigenvalues().cwiseAbs().minCoeff() / eigen.eigenvalues().cwiseAbs().maxCoeff();
-    for (int i = 0; i < ng_; ++i)
-        for (int j = 0; j < ng_; ++j)
-            scaled(i, j) = scale[i] * eigen.eigenvectors()(i, j) * (1.0 / eigen.eigenvalues()[j]);
-    product.noalias() = scaled * eigen.eigenvectors().transpose();
-    for (int i = 0; i < ng_; ++i)
-        for (int j = 0; j < ng_; ++j) inverse_[static_cast<std::size_t>(i) * ng_ + j] = product(i, j) * scale[j];
     return true;
 }
 
 void EndMultiplier::solve(const Numbers& r, Numbers& eta) const {
-    std::fill(eta.begin(), eta.end(), 0.0);
-    if (ng_) dense::gemv(ng_, ng_, inverse_.data(), ng_, r.data(), eta.data(), -1.0);
+    auto& [R, scale, scaled, eigen, pivot] = *work_;
+    for (int i = 0; i < ng_; ++i) scaled[i] = -scale[i] * r[i];
+    dense::solve_vector(ng_, factors_.data(), padded(ng_), pivot.data(), scaled.data());
+    for (int i = 0; i < ng_; ++i) eta[i] = scale[i] * scaled[i];
 }
 
 Controls::Controls(const Problem& problem, Data& data, const Barrier& barrier, EndMultiplier& eta)
@@ -74,36 +72,13 @@ Controls::Controls(const Problem& problem, Data& data, const Barrier& barrier, E
 }
 
 bool Controls::eliminate(int n, const Form& form, Factorisation& result) {
-    const int nu = data_[n].kind->nu, first = padded(problem_.ng) + problem_.nd;
-    barrier_.add_to_controls(n, form.at + problem_.nd * form.ld + first, form.ld);
-    bool is_done = false;
-    switch (nu) {
-    case 1:
-        is_done = eliminate_few<1>(n, form, result);
-        break;
-    case 2:
-        is_done = eliminate_few<2>(n, form, result);
-        break;
-    case 3:
-        is_done = eliminate_few<3>(n, form, result);
-        break;
-    case 4:
-        is_done = eliminate_few<4>(n, form, result);
-        break;
-    case 5:
-        is_done = eliminate_few<5>(n, form, result);
-        break;
-    case 6:
-        is_done = eliminate_few<6>(n, form, result);
-        break;
-    case 7:
-        is_done = eliminate_few<7>(n, form, result);
-        break;
-    case 8:
-        is_done = eliminate_few<8>(n, form, result);
-        break;
-    }
-    return is_done || eliminate_any(n, form, result);
+    barrier_.add_to_controls(n, form.of_controls + padded(problem_.ng) + problem_.nd, form.ld);
+    const auto eliminate = [&](auto nu) {
+        if constexpr (nu() > 0)
+            if (eliminate_few<nu()>(n, form, result)) return true;
+        return eliminate_any(n, form, result);
+    };
+    return dense::for_few(data_[n].kind->nu, eliminate);
 }
 
 // By factors that stay in registers. False, with nothing changed that counts, where these cannot be trusted.
@@ -111,25 +86,25 @@ template <int Nu>
 bool Controls::eliminate_few(int n, const Form& form, Factorisation& result) {
     Stage& s = data_[n];
     const int nd = problem_.nd, ng = problem_.ng, px = padded(nd), pg = padded(ng), ld = form.ld, ldz = pg + px;
-    const double* U = form.at + nd * ld;
+    const double* U = form.of_controls;
     dense::SmallLdl<Nu> factors;
     if (!factors.factor(U + pg + nd, ld)) return false;
     factors.keep(s.Quu, padded(Nu));
     s.factors = ControlFactors::ldl;
+    result.negative += factors.negative();
     Space space(work_.data());
-    double *Z = space.take(Nu, ldz), *signed_Z = Z;
-    factors.solve(U, ld, s.Keta, pg, Z, ldz, pg / 4);
-    factors.solve(U + pg, ld, s.K, px, Z + pg, ldz, px / 4);
-    if (factors.negative()) {
-        result.negative += factors.negative();
-        factors.sign(Z, signed_Z = space.take(Nu, ldz), ldz);
-    }
+    double *Y = space.take(Nu, ldz), *Z = space.take(Nu, ldz);
+    factors.solve(U, ld, s.Keta, pg, Y, Z, ldz, pg / 4);
+    factors.solve(U + pg, ld, s.K, px, Y + pg, Z + pg, ldz, px / 4);
     if (n > 0) {
         const Stage& before = data_[n - 1];
-        dense::subtract_tn<Nu>(nd, px, signed_Z + pg, ldz, Z + pg, ldz, form.at + pg, ld, before.P, px);
-        if (ng) dense::subtract_tn<Nu>(nd, pg, signed_Z + pg, ldz, Z, ldz, form.at, ld, before.S, pg);
+        dense::subtract_symmetric<Nu>(nd, Z + pg, Y + pg, ldz, form.of_state + pg, ld, before.P, px);
+        for (int i = 0; i < nd; ++i) dense::zero(before.P + i * px + nd, px - nd);
+        if (ng) dense::subtract_tn<Nu>(nd, pg, Z + pg, ldz, Y, ldz, form.of_state, ld, before.S, pg);
     }
-    if (ng) dense::subtract_tn<Nu>(ng, pg, signed_Z, ldz, Z, ldz, eta_.matrix(), pg, eta_.matrix(), pg);
+    double* R = eta_.matrix();
+    for (int i = 0; i < ng; i += dense::width, R += dense::width * (pg + 1))
+        dense::subtract_tn<Nu>(dense::width, pg - i, Z + i, ldz, Y + i, ldz, R, pg, R, pg);
     return true;
 }
 
@@ -139,7 +114,7 @@ bool Controls::eliminate_any(int n, const Form& form, Factorisation& result) {
     const int nu = s.kind->nu, nd = problem_.nd, ng = problem_.ng, pu = padded(nu), px = padded(nd), pg = padded(ng);
     // K = -Quu^{-1} Qux, Keta = -Quu^{-1} QS_u.
     for (int i = 0; i < nu; ++i) {
-        const double* row = form.at + (nd + i) * form.ld;
+        const double* row = form.of_controls + i * form.ld;
         for (int j = 0; j < nu; ++j) s.Quu[i * pu + j] = row[pg + nd + j];
         for (int j = 0; j < nd; ++j) s.K[i * px + j] = -row[pg + j];
         for (int g = 0; g < ng; ++g) s.Keta[i * pg + g] = -row[g];
@@ -180,10 +155,13 @@ bool Controls::factorise(Stage& s, Factorisation& result) {
 void Controls::pass_on(int n, const Form& form) {
     const Stage& s = data_[n];
     const int nu = s.kind->nu, nd = problem_.nd, ng = problem_.ng, px = padded(nd), pg = padded(ng), ld = form.ld;
-    const double* U = form.at + nd * ld;
+    const double* U = form.of_controls;
     if (n > 0) {
         double* P = data_[n - 1].P;
-        for (int i = 0; i < nd; ++i) dense::copy(form.at + i * ld + pg, P + i * px, px);
+        for (int i = 0; i < nd; ++i) {
+            dense::copy(form.of_state + i * ld + pg, P + i * px, nd);
+            dense::zero(P + i * px + nd, px - nd);
+        }
         dense::gemm_tn(nd, nd, nu, U + pg, ld, s.K, px, P, px);
         for (int i = 0; i < nd; ++i)
             for (int j = 0; j < i; ++j) {
@@ -194,7 +172,7 @@ void Controls::pass_on(int n, const Form& form) {
     if (!ng) return;
     if (n > 0) {
         double* S = data_[n - 1].S;
-        for (int i = 0; i < nd; ++i) dense::copy(form.at + i * ld, S + i * pg, pg);
+        for (int i = 0; i < nd; ++i) dense::copy(form.of_state + i * ld, S + i * pg, pg);
         dense::gemm_tn(nd, ng, nu, U + pg, ld, s.Keta, pg, S, pg);
     }
     dense::gemm_tn(ng, ng, nu, U, ld, s.Keta, pg, eta_.matrix(), pg);
@@ -204,24 +182,9 @@ void Controls::solve(const Stage& s, double* k) const {
     const int nu = s.kind->nu, pu = padded(nu);
     if (s.factors == ControlFactors::cholesky) return dense::cholesky_solve_vector(nu, s.Quu, pu, k);
     if (s.factors == ControlFactors::lu) return dense::lu_solve_vector(nu, s.Quu, pu, s.control_pivot, k);
-    switch (nu) {
-    case 1:
-        return dense::ldl_solve_vector<1>(s.Quu, pu, k);
-    case 2:
-        return dense::ldl_solve_vector<2>(s.Quu, pu, k);
-    case 3:
-        return dense::ldl_solve_vector<3>(s.Quu, pu, k);
-    case 4:
-        return dense::ldl_solve_vector<4>(s.Quu, pu, k);
-    case 5:
-        return dense::ldl_solve_vector<5>(s.Quu, pu, k);
-    case 6:
-        return dense::ldl_solve_vector<6>(s.Quu, pu, k);
-    case 7:
-        return dense::ldl_solve_vector<7>(s.Quu, pu, k);
-    case 8:
-        return dense::ldl_solve_vector<8>(s.Quu, pu, k);
-    }
+    dense::for_few(nu, [&](auto n) {
+        if constexpr (n() > 0) dense::ldl_solve_vector<n()>(s.Quu, pu, k);
+    });
 }
 
 }  // namespace mbocp

@@ -18,7 +18,7 @@ public:
     ~EndMultiplier();
 
     void clear();
-    double* matrix() { return R_.data(); }  // rows of padded(ng)
+    double* matrix() { return R_.data(); }  // rows of padded(ng); of it the upper triangle counts
     bool factorise(Factorisation& result);  // false where it is singular or not finite
     // eta <- -R^{-1} r
     void solve(const Numbers& r, Numbers& eta) const;
@@ -27,14 +27,15 @@ private:
     struct Work;  // of the factorisation, as large as it has to be from the beginning
 
     const int ng_;
-    Numbers R_, inverse_;
+    Numbers R_, factors_;
     std::unique_ptr<Work> work_;
 };
 
-// A stage's quadratic form over (state before, controls), rows and columns, with the columns of eta in front of the
-// latter: rows of (S, padded(ng) | state before, nd | controls, nu | padding), of length ld.
+// A stage's quadratic form over (state before, controls), with the columns of eta in front: rows of the state before
+// and of the controls, each (S, padded(ng) | state before, nd | controls, nu | padding), of length ld. Only the
+// symmetric part of the state's block counts, and what its rows have in the controls' columns does not.
 struct Form {
-    double* at;
+    double *of_state, *of_controls;
     int ld;
 };
 

@@ -24,7 +24,7 @@ std::size_t lay_out(const Problem& problem, const Kind& k, double* base, int* in
     if (k.structure) {
         take(s.J, k.complete->outputs[2].nnz()), take(s.H, k.complete->outputs[4].nnz());
         take(step, k.structure->num_doubles()), take(s.T, product(nd, pm)), take(s.Q, product(pm, pm));
-        take(s.g, ldd + pm), take(s.b, problem.ndx), take(s.Hz, nw + ns);
+        take(s.g, ldd + pm), take(s.b, problem.ndx);
     } else {
         take(s.Jw, product(nc, pw)), take(s.Js, product(nc, ps));
         take(s.Hww, product(pw, pw)), take(s.Hws, product(pw, ps)), take(s.Hss, product(ps, ps));
@@ -32,7 +32,7 @@ std::size_t lay_out(const Problem& problem, const Kind& k, double* base, int* in
     }
     take(s.Quu, product(k.nu, padded(k.nu))), take(s.K, product(padded(k.nu), ldd)), take(s.Keta, product(k.nu, ldg));
     take(s.P, product(ldd, ldd)), take(s.S, product(ldd, ldg));
-    take(s.t0, nw), take(s.k, k.nu), take(s.p, nd);
+    take(s.t0, nw), take(s.k, k.nu), take(s.p, nd), take(s.Hz, nw + ns);
     if (k.structure && base) k.structure->place(s.step, step, ints);
     return at;
 }

@@ -29,15 +29,16 @@ struct Stage {
 
     // Of a step with a structure: values of the sparse derivatives; the factored step; half the Hessian Q over (xi
     // before, u) of the stage over reachable states, and g, its gradient in xi and in these; offsets, dx = B xi + b
-    // with xi = dx[chosen]; and H z of the last forward pass.
-    double *J, *H, *Q, *g, *b, *Hz;
+    // with xi = dx[chosen].
+    double *J, *H, *Q, *g, *b;
     int* chosen;
     StepFactor step;
 
     // Of the recursion: the response T of w, or of xi, to what is before; the eliminated controls with their gains; the
-    // value function P and the columns S of eta at the stage's end; and what one right-hand side makes of it.
+    // value function P and the columns S of eta at the stage's end; what one right-hand side makes of it; and H z of
+    // the last forward pass.
     double *T, *Quu, *K, *Keta, *P, *S;
-    double *t0, *k, *p;
+    double *t0, *k, *p, *Hz;
     int* control_pivot;
     ControlFactors factors;
 };

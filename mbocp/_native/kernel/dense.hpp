@@ -15,18 +15,25 @@ inline constexpr int width = 4;  // doubles in a vector register (AVX2); SSE2 co
 inline int padded(int n) { return (n + width - 1) / width * width; }
 
 typedef double Vec __attribute__((vector_size(32), aligned(8), may_alias));
+typedef long long Indices __attribute__((vector_size(32)));
 
 inline Vec load(const double* p) { return *reinterpret_cast<const Vec*>(p); }
 inline void store(double* p, Vec v) { *reinterpret_cast<Vec*>(p) = v; }
 
+// The first n entries, at most as many as a vector has, and zeros.
+inline Vec load_first(const double* p, int n) {
+    const long long size = n;
+    return Indices{0, 1, 2, 3} < Indices{size, size, size, size} ? load(p) : Vec{0.0, 0.0, 0.0, 0.0};
+}
+
 // Rows of a stage's matrices are short: a call costs more than they do.
-inline void zero(double* p, int n) {
+__attribute__((always_inline)) inline void zero(double* p, int n) {
     if (n > 64) return void(std::memset(p, 0, sizeof(double) * static_cast<std::size_t>(n)));
     for (; n >= width; n -= width, p += width) store(p, Vec{0.0, 0.0, 0.0, 0.0});
     for (; n > 0; --n) *p++ = 0.0;
 }
 
-inline void copy(const double* from, double* to, int n) {
+__attribute__((always_inline)) inline void copy(const double* from, double* to, int n) {
     if (n > 64) return void(std::memcpy(to, from, sizeof(double) * static_cast<std::size_t>(n)));
     for (; n >= width; n -= width, from += width, to += width) store(to, load(from));
     for (; n > 0; --n) *to++ = *from++;
@@ -45,17 +52,23 @@ inline double largest(int n, const double* x) {
     return out;
 }
 
-// Tiles of C += A^T B: four rows by V vectors of columns, which stay in registers.
-template <int V>
+// Tiles of C = A^T B, or of C += A^T B: four rows by V vectors of columns, which stay in registers; A and B have K
+// rows, or k where K is 0.
+template <int K, bool Add, int V>
 inline void gemm_tn_columns(int m, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc) {
     for (int i = 0; i < m; i += 4) {
-        Vec sum[4][V];
-        for (int r = 0; r < 4; ++r)
+        Vec sum[4][V] = {};
+        for (int r = 0; r < 4 && Add; ++r)
             for (int v = 0; v < V; ++v) sum[r][v] = load(C + (i + r) * ldc + 4 * v);
-        for (int p = 0; p < k; ++p) {
+        const auto add = [&](int p) {
             const double *a = A + p * lda + i, *b = B + p * ldb;
             for (int r = 0; r < 4; ++r)
                 for (int v = 0; v < V; ++v) sum[r][v] += a[r] * load(b + 4 * v);
+        };
+        if constexpr (K > 0) {
+            _Pragma("GCC unroll 8") for (int p = 0; p < K; ++p) add(p);
+        } else {
+            for (int p = 0; p < k; ++p) add(p);
         }
         for (int r = 0; r < 4; ++r)
             for (int v = 0; v < V; ++v) store(C + (i + r) * ldc + 4 * v, sum[r][v]);
@@ -63,10 +76,16 @@ inline void gemm_tn_columns(int m, int k, const double* A, int lda, const double
 }
 
 // Rows and columns of a block of four by four, the other way round.
-inline void transpose(Vec& a, Vec& b, Vec& c, Vec& d) {
-    const Vec p = {a[0], b[0], c[0], d[0]}, q = {a[1], b[1], c[1], d[1]};
-    const Vec r = {a[2], b[2], c[2], d[2]}, s = {a[3], b[3], c[3], d[3]};
-    a = p, b = q, c = r, d = s;
+__attribute__((always_inline)) inline void transpose(Vec& a, Vec& b, Vec& c, Vec& d) {
+#if defined(__clang__) || __GNUC__ >= 12
+    const Vec ab0 = __builtin_shufflevector(a, b, 0, 4, 2, 6), ab1 = __builtin_shufflevector(a, b, 1, 5, 3, 7);
+    const Vec cd0 = __builtin_shufflevector(c, d, 0, 4, 2, 6), cd1 = __builtin_shufflevector(c, d, 1, 5, 3, 7);
+    a = __builtin_shufflevector(ab0, cd0, 0, 1, 4, 5), b = __builtin_shufflevector(ab1, cd1, 0, 1, 4, 5);
+    c = __builtin_shufflevector(ab0, cd0, 2, 3, 6, 7), d = __builtin_shufflevector(ab1, cd1, 2, 3, 6, 7);
+#else
+    const Vec rows[4] = {a, b, c, d};
+    for (int i = 0; i < 4; ++i) a[i] = rows[i][0], b[i] = rows[i][1], c[i] = rows[i][2], d[i] = rows[i][3];
+#endif
 }
 
 // A <- A + A' + H, H symmetric or null; n is rounded up to whole vectors.
@@ -96,10 +115,37 @@ inline void for_tiles(int vectors, Tile tile) {
     if (vectors > at) tile(std::integral_constant<int, 1>(), 4 * at);
 }
 
-// C (m x n) += A^T B with A (k x m), B (k x n), all row-major; m and n are rounded up to whole vectors,
-// so C needs padded(m) rows and every leading dimension must be padded.
+// work(std::integral_constant of n) where there is code for that size, else work(that of 0).
+template <class Work>
+inline auto for_few(int n, const Work& work) {
+    switch (n) {
+    case 1:
+        return work(std::integral_constant<int, 1>());
+    case 2:
+        return work(std::integral_constant<int, 2>());
+    case 3:
+        return work(std::integral_constant<int, 3>());
+    case 4:
+        return work(std::integral_constant<int, 4>());
+    case 5:
+        return work(std::integral_constant<int, 5>());
+    case 6:
+        return work(std::integral_constant<int, 6>());
+    case 7:
+        return work(std::integral_constant<int, 7>());
+    case 8:
+        return work(std::integral_constant<int, 8>());
+    }
+    return work(std::integral_constant<int, 0>());
+}
+
+// C (m x n) += A^T B with A (k x m), B (k x n), all row-major, or without `Add` C = A^T B; K is k where the compiler is
+// to know it. m and n are rounded up to whole vectors, so C needs padded(m) rows and every leading dimension must be
+// padded.
+template <int K = 0, bool Add = true>
 inline void gemm_tn(int m, int n, int k, const double* A, int lda, const double* B, int ldb, double* C, int ldc) {
-    for_tiles(padded(n) / 4, [&](auto V, int j) { gemm_tn_columns<V()>(m, k, A, lda, B + j, ldb, C + j, ldc); });
+    for_tiles(padded(n) / 4,
+              [&](auto V, int j) { gemm_tn_columns<K, Add, V()>(m, k, A, lda, B + j, ldb, C + j, ldc); });
 }
 
 // R rows of C += scale A B over V vectors of columns.
@@ -206,17 +252,15 @@ inline void gemv_t_columns(int m, const double* A, int lda, const double* x, dou
 // y (n) += scale A^T x, A (m x n) row-major.
 inline void gemv_t(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
     for_tiles(n / 4, [&](auto V, int j) { gemv_t_columns<V()>(m, A + j, lda, x, y + j, scale); });
-    for (int j = n / 4 * 4; j < n; ++j) {
-        const double* a = A + j;
-        double sum = y[j];
-        int i = 0;
-        for (; i + 4 <= m; i += 4, a += 4 * lda) {
-            const double f[4] = {scale * x[i], scale * x[i + 1], scale * x[i + 2], scale * x[i + 3]};
-            sum += f[0] * a[0] + f[1] * a[lda] + f[2] * a[2 * lda] + f[3] * a[3 * lda];
-        }
-        for (; i < m; ++i, a += lda) sum += (scale * x[i]) * a[0];
-        y[j] = sum;
+    const int j = n / 4 * 4;
+    if (j < n && j + width <= lda) {  // a whole vector of a padded row
+        double last[width] = {};
+        gemv_t_columns<1>(m, A + j, lda, x, last, scale);
+        for (int i = j; i < n; ++i) y[i] += last[i - j];
+        return;
     }
+    for (int k = j; k < n; ++k)
+        for (int i = 0; i < m; ++i) y[k] += (scale * x[i]) * A[i * lda + k];
 }
 
 // In-place LU with partial pivoting; returns min |pivot| / max |pivot| (0 when singular or not finite).
@@ -285,6 +329,89 @@ inline void lu_solve_transposed(int n, const double* A, int lda, const int* pivo
     for (int i = n - 1; i > 0; --i) axpy(i, -b[i], A + i * lda, b);
     for (int k = n - 1; k >= 0; --k)
         if (pivot[k] != k) std::swap(b[k], b[pivot[k]]);
+}
+
+// Inverse of a small matrix in its place, rows of V vectors, by Gauss-Jordan with row pivoting; returns as `lu_factor`.
+template <int V>
+inline double invert_rows(int n, double* A, int lda) {
+    int pivot[width * V];
+    double smallest = INFINITY, largest = 0.0;
+    for (int k = 0; k < n; ++k) {
+        double *row = A + k * lda, most = std::abs(row[k]);
+        pivot[k] = k;
+        for (int i = k + 1; i < n; ++i)
+            if (std::abs(A[i * lda + k]) > most) most = std::abs(A[i * lda + k]), pivot[k] = i;
+        if (!(most > 0.0) || !std::isfinite(most)) return 0.0;
+        smallest = std::min(smallest, most), largest = std::max(largest, most);
+        if (pivot[k] != k) std::swap_ranges(row, row + n, A + pivot[k] * lda);
+        const double inverse = 1.0 / row[k];
+        Vec top[V];
+        Indices is_k[V];  // by registers: vectors wait for numbers that were just stored one by one
+        for (int v = 0; v < V; ++v) {
+            const long long at = k - width * v;
+            is_k[v] = Indices{0, 1, 2, 3} == Indices{at, at, at, at};
+            top[v] = inverse * (is_k[v] ? Vec{1.0, 1.0, 1.0, 1.0} : load(row + width * v));
+            store(row + width * v, top[v]);
+        }
+        for (int i = 0; i < n; ++i) {
+            double* other = A + i * lda;
+            if (i == k) continue;
+            const double f = other[k];
+            for (int v = 0; v < V; ++v)
+                store(other + width * v, (is_k[v] ? Vec{0.0, 0.0, 0.0, 0.0} : load(other + width * v)) - f * top[v]);
+        }
+    }
+    for (int k = n - 1; k >= 0; --k)
+        for (int i = 0; i < n && pivot[k] != k; ++i) std::swap(A[i * lda + k], A[i * lda + pivot[k]]);
+    return n ? smallest / largest : 1.0;
+}
+
+// What a matrix is solved with: its inverse where it is small, as products take no chain of divisions; else its LU.
+inline constexpr int most_inverted = 16;
+
+inline double factor(int n, double* A, int lda, int* pivot) {
+    if (n <= 4) return invert_rows<1>(n, A, lda);
+    if (n <= 8) return invert_rows<2>(n, A, lda);
+    if (n <= 12) return invert_rows<3>(n, A, lda);
+    if (n <= most_inverted) return invert_rows<4>(n, A, lda);
+    return lu_factor(n, A, lda, pivot);
+}
+
+// B <- A^{-1} B with what `factor` has made of A; B (n x m) row-major, m a multiple of the vector's width.
+inline void solve(int n, const double* A, int lda, const int* pivot, double* B, int ldb, int m) {
+    if (n > most_inverted) return lu_solve(n, A, lda, pivot, B, ldb, m);
+    for_tiles(m / width, [&](auto V, int j) {
+        double given[most_inverted * width * V()];
+        for (int i = 0; i < n; ++i)
+            for (int v = 0; v < V(); ++v) store(given + width * (V() * i + v), load(B + i * ldb + j + width * v));
+        const auto rows = [&](auto R, int i) {
+            Vec sum[R()][V()] = {};
+            for (int p = 0; p < n; ++p)
+                for (int r = 0; r < R(); ++r)
+                    for (int v = 0; v < V(); ++v)
+                        sum[r][v] += A[(i + r) * lda + p] * load(given + width * (V() * p + v));
+            for (int r = 0; r < R(); ++r)
+                for (int v = 0; v < V(); ++v) store(B + (i + r) * ldb + j + width * v, sum[r][v]);
+        };
+        int i = 0;
+        for (; i + 3 <= n; i += 3) rows(std::integral_constant<int, 3>(), i);
+        if (n - i == 2) rows(std::integral_constant<int, 2>(), i);
+        if (n - i == 1) rows(std::integral_constant<int, 1>(), i);
+    });
+}
+
+// b <- A^{-1} b, and b <- A^{-T} b; by whole vectors, as the inverse has zeros as far as its rows are padded.
+inline void solve_vector(int n, const double* A, int lda, const int* pivot, double* b) {
+    if (n > most_inverted) return lu_solve_vector(n, A, lda, pivot, b);
+    double given[most_inverted] = {};
+    copy(b, given, n), zero(b, n);
+    gemv(n, padded(n), A, lda, given, b);
+}
+inline void solve_transposed(int n, const double* A, int lda, const int* pivot, double* b) {
+    if (n > most_inverted) return lu_solve_transposed(n, A, lda, pivot, b);
+    double found[most_inverted] = {};
+    gemv_t(n, padded(n), A, lda, b, found);
+    copy(found, b, n);
 }
 
 // Lower Cholesky factor in place (upper part untouched); false when not positive definite.

@@ -2,10 +2,25 @@
 
 #include <algorithm>
 
+#include "dense_step.hpp"
 #include "structured_elimination.hpp"
 
 namespace mbocp {
 using dense::padded;
+
+namespace {
+
+// B += A where A has entries.
+void add_box(const Box& box, const double* A, int lda, double* B, int ldb) {
+    A += box.row * lda + box.column, B += box.row * ldb + box.column;
+    dense::for_tiles(padded(box.columns) / dense::width, [&](auto V, int j) {
+        for (int i = 0; i < box.rows; ++i)
+            for (int v = j; v < j + dense::width * V(); v += dense::width)
+                dense::store(B + i * ldb + v, dense::load(B + i * ldb + v) + dense::load(A + i * lda + v));
+    });
+}
+
+}  // namespace
 
 std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data, Step& step, Barrier& barrier,
                                               EndMultiplier& eta) {
@@ -16,7 +31,8 @@ std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data
 DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), step_(step), barrier_(barrier), controls_(problem, data, barrier, eta) {
     const std::size_t pw = padded(problem.max_nw), ps = padded(problem.max_ns), pg = padded(problem.ng);
-    work_.allocate(2 * pw * pw + (2 * pw + ps) * (pg + ps) + 2 * pw + 2 * ps + 96);
+    // Of a form: its rows, H, M, G, Y, and J'(...); see below.
+    work_.allocate((2 * pw + 1) * pw + (3 * pw + ps + 12) * (pg + ps) + 4 * pw + 4 * ps + 128);
     vectors_.allocate(pw + ps + 16);
     pivots_.assign(static_cast<std::size_t>(problem.N), -1.0);
 }
@@ -36,90 +52,145 @@ bool DenseElimination::condense(int n, const Weights& weights, Factorisation& re
     const double pivot = pivots_[n] < 0.0 ? step_.prepare_response(n, 0) : pivots_[n];
     result.smallest_pivot = std::min(result.smallest_pivot, pivot);
     if (pivot < singular) return false;
-    const int nd = problem_.ndx, ps = padded(s.kind->ns());
     if (!barrier_.empty()) barrier_.add_to_value(n, s.P);
-    if (barrier_.has_equations()) barrier_.learn(n, s.T, s.Hss, ps, nd);
-    const Form form = s.factors_of == StepFactors::rest ? form_of_rest(s, weights.shift) : whole_form(s, weights.shift);
-    dense::symmetrise(s.kind->ns(), form.at + padded(problem_.ng), form.ld, s.Hss, ps);
-    return controls_.eliminate(n, form, result);
+    if (barrier_.has_equations()) {
+        complete_response(s);
+        barrier_.learn(n, s.T, s.Hss, padded(s.kind->ns()), problem_.ndx);
+    }
+    if (s.factors_of != StepFactors::rest) return controls_.eliminate(n, whole_form(s, weights.shift), result);
+    const auto form = [&](auto joints) { return form_of_rest<joints()>(s, weights.shift); };
+    return controls_.eliminate(n, dense::for_few(s.kind->joints(), form), result);
 }
 
-// Half of Hww + P, the latter shifted.
+// Hww + P, the latter shifted.
+template <int Joints>
 void DenseElimination::add_up(const Stage& s, double shift, double* H) const {
-    const int nd = problem_.ndx, nw = s.kind->nw(), pw = padded(nw), px = padded(nd);
-    dense::scaled(nw * pw, 0.5, s.Hww, H);
+    const int nd = Joints ? 2 * Joints : problem_.ndx, nw = Joints ? 2 * Joints : s.kind->nw();
+    const int pw = padded(nw), px = padded(nd);
     for (int i = 0; i < nd; ++i) {
-        dense::axpy(nd, 0.5, s.P + i * px, H + i * pw);
-        H[i * pw + i] += 0.5 * shift;
+        dense::copy(s.P + i * px, H + i * pw, px);
+        dense::zero(H + i * pw + px, pw - px);
     }
+    for (int i = 0; i < nd && shift != 0.0; ++i) H[i * pw + i] += shift;
+    dense::zero(H + nd * pw, (nw - nd) * pw);
+    for (const Box& box : {s.kind->of_Hww_state, s.kind->of_Hww_rest}) add_box(box, s.Hww, pw, H, pw);
 }
 
-// Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, through one product by halving the middle term, and T'S beside it: half of
-// this, Q - Hss being the sum of the half and its transpose.
+// Controls' rows behind those of the state, or, unless these are to be connected, behind the rows that a product rounds
+// its result up to.
+Form DenseElimination::take_form(const Kind& k, Space& space, bool is_connected) const {
+    const int nd = problem_.ndx, ld = padded(problem_.ng) + padded(k.ns()), first = is_connected ? nd : padded(nd);
+    double* rows = space.take(first + padded(k.nu) + dense::width, ld);
+    return {rows, rows + first * ld, ld};
+}
+
+void DenseElimination::add_hessian(const Stage& s, const Form& form) const {
+    const Kind& k = *s.kind;
+    const int ps = padded(k.ns()), pg = padded(problem_.ng);
+    add_box(k.of_Hss_state, s.Hss, ps, form.of_state + pg, form.ld);
+    add_box(k.of_Hss_controls, s.Hss + problem_.ndx * ps, ps, form.of_controls + pg, form.ld);
+}
+
+// Q = Hss + T'(Hww + P)T + T'Hws + Hws'T, and T'S beside it.
 Form DenseElimination::whole_form(const Stage& s, double shift) {
-    const int nd = problem_.ndx, nw = s.kind->nw(), ns = s.kind->ns(), ny = s.kind->ny;
-    const int pw = padded(nw), ps = padded(ns), pg = padded(problem_.ng), ld = pg + ps;
+    const Kind& k = *s.kind;
+    const int nd = problem_.ndx, nw = k.nw(), ns = k.ns(), ny = k.ny, nu = k.nu;
+    const int pw = padded(nw), ps = padded(ns), pg = padded(problem_.ng);
     Space space(work_.data());
-    // Rows that a product rounds its result up to come behind those of M.
-    double *H = space.take(nw, pw), *M = space.take(pw + dense::width, ps), *Q = space.zeros(ps, ld);
-    add_up(s, shift, H);
-    dense::copy(s.Hws, M, nw * ps);
-    if (s.kind->has_split_hessian) {
-        double* of_y = M + nd * ps;
-        dense::gemm_tn(ny, ns, ny, H + nd * (pw + 1), pw, s.T + nd * ps, ps, of_y, ps);
-        dense::gemm_tn(nd, ns, nd, H, pw, s.T, ps, M, ps);
+    const Form form = take_form(k, space);
+    const int ld = form.ld;
+    double *H = space.take(nw, pw), *M = space.take(pw + dense::width, ps), *of_y = M + nd * ps;
+    add_up<0>(s, shift, H);
+    // What a product rounds its rows up to comes before the rows that are there.
+    if (k.has_split_hessian) {
+        dense::gemm_tn<0, false>(nd, ns, nd, H, pw, s.T, ps, M, ps);
+        dense::gemm_tn<0, false>(ny, ns, ny, H + nd * (pw + 1), pw, s.T + nd * ps, ps, of_y, ps);
     } else {
-        dense::gemm_tn(nw, ns, nw, H, pw, s.T, ps, M, ps);
+        dense::gemm_tn<0, false>(nw, ns, nw, H, pw, s.T, ps, M, ps);
     }
-    if (problem_.ng) dense::gemm_tn(ns, pg, nd, s.T, ps, s.S, pg, Q, ld);
-    dense::gemm_tn(ns, ns, nw, s.T, ps, M, ps, Q + pg, ld);
-    return {Q, ld};
+    add_box(k.of_Hws, s.Hws, ps, M, ps);
+    dense::gemm_tn<0, false>(nd, pg, nd, s.T, ps, s.S, pg, form.of_state, ld);
+    dense::gemm_tn<0, false>(nu, pg, nd, s.T + nd, ps, s.S, pg, form.of_controls, ld);
+    dense::gemm_tn<0, false>(nu, ns, nw, s.T + nd, ps, M, ps, form.of_controls + pg, ld);
+    if (k.couples_controls) dense::gemm_tn(nu, ns, nw, s.Hws + nd, ps, s.T, ps, form.of_controls + pg, ld);
+    add_box(k.of_Hws, s.Hws, ps, M, ps);
+    dense::gemm_tn<0, false>(nd, nd, nw, s.T, ps, M, ps, form.of_state + pg, ld);
+    add_hessian(s, form);
+    return form;
 }
 
-// The same where w = (a, z) with a = D z + J s. With z = V s, L = [D; 1] and halves H of the Hessian:
+// The same where w = (a, z) with a = D z + J s. With z = V s, L = [D; 1], H = Hww + P and Y = L'(H J + Hws):
 //
-//   V'(L'H L V + 2 L'(H J) + L'Hws) + J'(H J + Hws), and V'L'S + J'S
+//   V'(L'H L V + Y) + Y'V + J'(H J + Hws) + Hws'J + Hss, and V'L'S + J'S
 //
-// up to what its transpose has. J has the identity or little more, so products are as deep as z is long.
+// J has the identity or little more, so products are as deep as z is long. Where Y and J know no controls, the
+// controls' rows have but the first term, and with 2 Y in place of Y the state's have the right symmetric part; else
+// all is added up by halves and their transposes.
+template <int Joints>
 Form DenseElimination::form_of_rest(const Stage& s, double shift) {
     const Kind& k = *s.kind;
-    const int nd = problem_.ndx, nw = k.nw(), ns = k.ns(), na = k.num_direct, nz = nw - na;
-    const int pw = padded(nw), ps = padded(ns), pg = padded(problem_.ng), pz = padded(nz), ld = pg + ps;
+    const int na = Joints ? Joints : k.num_direct, nd = Joints ? 2 * na : problem_.ndx, nw = Joints ? 2 * na : k.nw();
+    const int nz = nw - na, ns = nd + k.nu, nu = k.nu, pw = padded(nw), pd = padded(nd), pz = padded(nz);
+    const int ps = padded(ns), pg = padded(problem_.ng), ny = k.couples_controls ? ps : pd;
+    const double part = k.couples_controls ? 0.5 : 1.0, *V = s.T + na * ps;
     Space space(work_.data());
-    double *H = space.take(nw, pw), *M = space.take(pw, ld), *Q = space.zeros(ps, ld);
-    double *B = space.take(pw), *D = space.zeros(pw), *J = space.zeros(ps), *twice_J = space.zeros(ps),
-           *G = space.zeros(pz, pz), *rows = space.take(na, ld);
-    add_up(s, shift, H);
-    for (int i = 0; i < na; ++i) D[i] = s.Jw[i * (pw + 1) + na], J[i] = s.Js[i * (ps + 1)], twice_J[i] = 2.0 * J[i];
+    const Form form = take_form(k, space, k.couples_controls);
+    const int ld = form.ld;
+    dense::zero(form.of_state, (k.couples_controls ? padded(nd + nu) : pd) * ld);
+    double *H = space.take(nw + 1, pw), *M = space.take(pz, ld), *Y = space.zeros(nz, ps), *G = space.take(pz, pz);
+    double *B = space.take(pw), *D = space.zeros(pw), *J = space.zeros(pw), *part_J = space.zeros(pw);
+    add_up<Joints>(s, shift, H);
+    for (int i = 0; i < na; ++i) D[i] = s.Jw[i * (pw + 1) + na], J[i] = s.Js[i * (ps + 1)], part_J[i] = part * J[i];
+    const auto columns = [&](const Box& box) { return padded(box.columns); };
+    for (int i = k.of_Hws.row; i < k.of_Hws.row + k.of_Hws.rows; ++i) {
+        const int at = k.of_Hws.column, into = i < na ? i : i - na;
+        dense::axpy(columns(k.of_Hws), i < na ? D[i] : 1.0, s.Hws + i * ps + at, Y + into * ps + at);
+    }
     for (int i = 0; i < nz; ++i) {
-        double* m = M + i * ld;
-        na + i < nd ? dense::copy(s.S + (na + i) * pg, m, pg) : dense::zero(m, pg);
-        dense::copy(s.Hws + (na + i) * ps, m + pg, ps);
-        dense::copy(H + (na + i) * pw, B, pw);  // row i of L'H
-        if (i < na) {
-            dense::axpy(pg, D[i], s.S + i * pg, m);
-            dense::axpy(ps, D[i], s.Hws + i * ps, m + pg);
-            dense::axpy(pw, D[i], H + i * pw, B);
+        double *m = M + i * ld, *y = Y + i * ps, *g = G + i * pz;
+        const double *a = H + i * pw, *z = H + (na + i) * pw, *S = s.S + i * pg;
+        const double d = i < na ? D[i] : 0.0;
+        for (int j = 0; j < pw; j += dense::width)  // row i of L'H
+            dense::store(B + j, i < na ? d * dense::load(a + j) + dense::load(z + j) : dense::load(z + j));
+        for (int j = 0; j < pg; j += dense::width) {
+            dense::Vec v = na + i < nd ? dense::load(S + na * pg + j) : dense::Vec{};
+            dense::store(m + j, i < na ? v + d * dense::load(S + j) : v);
         }
-        dense::copy(B + na, G + i * pz, nz);
-        dense::multiply_add(na, D, B, G + i * pz);
-        dense::multiply_add(na, twice_J, B, m + pg);
-        for (const auto& [row, column] : k.before) m[pg + column] += 2.0 * s.Js[row * ps + column] * B[row];
+        for (int j = 0; j < pz; j += dense::width) {  // not from B: the processor waits for what crosses its vectors
+            const dense::Vec beside = d * dense::load(a + na + j) + dense::load(z + na + j);
+            dense::store(g + j, part * (beside + dense::load(D + j) * dense::load(B + j)));
+        }
+        dense::multiply_add(na, J, B, y);
+        for (const auto& [row, column] : k.before) y[column] += s.Js[row * ps + column] * B[row];
     }
-    dense::gemm_tn(nz, ns, nz, G, pz, s.T + na * ps, ps, M + pg, ld);
-    for (int i = 0; i < na; ++i) {  // of J'(S | H J + Hws): what the identity in J has, and the rest
-        double* q = Q + i * ld;
-        dense::copy(s.S + i * pg, q, pg), dense::copy(s.Hws + i * ps, q + pg, ps);
-        dense::multiply_add(na, J, H + i * pw, q + pg);
-        for (const auto& [row, column] : k.before) q[pg + column] += s.Js[row * ps + column] * H[i * pw + row];
+    dense::gemm_tn<Joints, false>(nz, ns, nz, G, pz, V, ps, M + pg, ld);
+    for (int i = 0; i < nz; ++i) dense::axpy(ny, 1.0, Y + i * ps, M + i * ld + pg);
+    for (int i = 0; i < na; ++i) {  // of J'(S | H J + 2 Hws): what the identity in J has, and the rest
+        double* q = form.of_state + i * ld;
+        dense::copy(s.S + i * pg, q, pg);
+        dense::multiply_add(na, part_J, H + i * pw, q + pg);
+        for (const auto& [row, column] : k.before) q[pg + column] += part * s.Js[row * ps + column] * H[i * pw + row];
     }
-    if (!k.before.empty()) dense::copy(Q, rows, na * ld);
+    for (int i = k.of_Hws.row; i < std::min(na, k.of_Hws.row + k.of_Hws.rows); ++i) {
+        const int at = k.of_Hws.column;
+        dense::axpy(columns(k.of_Hws), 2.0 * part, s.Hws + i * ps + at, form.of_state + i * ld + pg + at);
+    }
+    double* rows = space.take(k.before.empty() ? 0 : na, ld);
+    if (!k.before.empty()) dense::copy(form.of_state, rows, na * ld);
     for (int i = 0; i < na; ++i)
-        if (J[i] != 1.0) dense::scaled(ld, J[i], Q + i * ld, Q + i * ld);
+        if (J[i] != 1.0) dense::scaled(ld, J[i], form.of_state + i * ld, form.of_state + i * ld);
     for (const auto& [row, column] : k.before)
-        dense::axpy(ld, s.Js[row * ps + column], rows + row * ld, Q + column * ld);
-    dense::gemm_tn(ns, ld, nz, s.T + na * ps, ps, M, ld, Q, ld);
-    return {Q, ld};
+        dense::axpy(ld, s.Js[row * ps + column], rows + row * ld, form.of_state + column * ld);
+    if (k.couples_controls) {
+        dense::gemm_tn<Joints>(ns, ld, nz, V, ps, M, ld, form.of_state, ld);
+        dense::symmetrise(ns, form.of_state + pg, ld, s.Hss, ps);
+        return form;
+    }
+    dense::gemm_tn<Joints, false>(nu, ld, nz, V + nd, ps, M, ld, form.of_controls, ld);
+    for (int i = 0; i < nz; ++i) dense::axpy(pd, 1.0, Y + i * ps, M + i * ld + pg);
+    dense::gemm_tn<Joints>(nd, pg + nd, nz, V, ps, M, ld, form.of_state, ld);
+    add_hessian(s, form);
+    return form;
 }
 
 void DenseElimination::start_backward(const Residual& rhs, const Weights& weights, Numbers& r) {
@@ -133,20 +204,18 @@ void DenseElimination::start_backward(const Residual& rhs, const Weights& weight
 void DenseElimination::backward(int n, const Residual& rhs, const Weights& weights, Numbers& r) {
     const Stage& s = data_[n];
     const int nd = problem_.ndx, ng = problem_.ng, nw = s.kind->nw(), ns = s.kind->ns(), nu = s.kind->nu;
-    const int pw = padded(nw), ps = padded(ns), px = padded(nd), pg = padded(ng);
+    const int px = padded(nd), pg = padded(ng);
     const double* c = rhs.c.data() + problem_.m_offset[n];
     Space space(vectors_.data());
     double *h = space.take(nw), *q = space.take(ns);
     for (int i = 0; i < s.kind->nc(); ++i) s.t0[i] = -c[i];
     step_.solve(n, s.t0);
     dense::copy(rhs.w.data() + problem_.m_offset[n], h, nw);
-    for (int i = 0; i < nd; ++i) h[i] += s.p[i];
-    dense::gemv(nw, nw, s.Hww, pw, s.t0, h);
-    dense::gemv(nd, nd, s.P, px, s.t0, h);
-    for (int i = 0; i < nd; ++i) h[i] += weights.shift * s.t0[i];
     dense::copy(rhs.s.data() + problem_.s_offset(n), q, ns);
-    dense::gemv_t(nw, ns, s.T, ps, h, q);
-    dense::gemv_t(nw, ns, s.Hws, ps, s.t0, q);
+    add_hessian_of(s, s.t0, h, q);
+    for (int i = 0; i < nd; ++i) h[i] += s.p[i] + weights.shift * s.t0[i];
+    dense::gemv_t(nd, nd, s.P, px, s.t0, h);  // which is symmetric
+    add_response_transposed(s, h, q);
     for (int i = 0; i < nu; ++i) s.k[i] = -q[nd + i];
     controls_.solve(s, s.k);
     if (ng) {
@@ -161,7 +230,7 @@ void DenseElimination::backward(int n, const Residual& rhs, const Weights& weigh
 
 void DenseElimination::forward(const Residual& rhs, const Weights& weights, Increment& out, KktCheck* check) {
     const auto turn = [&](int n) { forward_stage(n, rhs, weights, out); };
-    const auto verify = [&](int n) { check->add_stage(n, rhs, out, weights.shift); };
+    const auto verify = [&](int n) { check->add_stage(n, rhs, out, weights.shift, data_[n].Hz); };
     Crew& crew = problem_.crew();
     const bool may_share = check && crew.size() > 1;
     if (may_share && section_.begin()) {
@@ -185,9 +254,9 @@ void DenseElimination::forward_stage(int n, const Residual& rhs, const Weights& 
     const Stage& s = data_[n];
     const Kind& k = *s.kind;
     const int nd = problem_.ndx, ng = problem_.ng, nw = k.nw(), ns = k.ns(), nu = k.nu;
-    const int pw = padded(nw), ps = padded(ns), px = padded(nd), pg = padded(ng);
+    const int px = padded(nd), pg = padded(ng);
     Space space(work_.data());
-    double *dw = space.take(nw), *ds = space.take(ns);
+    double *dw = space.take(nw), *ds = space.take(ns), *of_s = s.Hz + nw;
     const double* dx = out.dx.data() + problem_.dx_offset(n);
     double *du = out.du.data() + problem_.u_offset[n], *dm = out.dm.data() + problem_.m_offset[n];
     dense::copy(s.k, du, nu);
@@ -196,14 +265,16 @@ void DenseElimination::forward_stage(int n, const Residual& rhs, const Weights& 
     dense::copy(dx, ds, nd);
     dense::copy(du, ds + nd, nu);
     dense::copy(s.t0, dw, nw);
-    dense::gemv(nw, ns, s.T, ps, ds, dw);
+    add_response(s, ds, dw);
     dense::copy(dw, out.dx.data() + problem_.dx_offset(n + 1), nd);
     dense::copy(dw + nd, out.dy.data() + problem_.y_offset[n], k.ny);
-    dense::copy(rhs.w.data() + problem_.m_offset[n], dm, nw);
-    dense::gemv(nw, nw, s.Hww, pw, dw, dm);
-    dense::gemv(nw, ns, s.Hws, ps, ds, dm);
-    dense::gemv(nd, nd, s.P, px, dw, dm);
-    for (int i = 0; i < nd; ++i) dm[i] += s.p[i] + weights.shift * dw[i];
+    dense::zero(s.Hz, nw + ns);
+    step_.add_hessian(n, dw, ds, s.Hz, of_s);
+    for (int i = 0; i < nd; ++i) s.Hz[i] += weights.shift * dw[i];
+    const double* w = rhs.w.data() + problem_.m_offset[n];
+    for (int i = 0; i < nw; ++i) dm[i] = w[i] + s.Hz[i];
+    dense::gemv_t(nd, nd, s.P, px, dw, dm);
+    for (int i = 0; i < nd; ++i) dm[i] += s.p[i];
     dense::gemv(nd, ng, s.S, pg, out.deta.data(), dm);
     for (int i = 0; i < k.nc(); ++i) dm[i] = -dm[i];
     step_.solve_transposed(n, dm);

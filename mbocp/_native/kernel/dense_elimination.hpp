@@ -23,9 +23,14 @@ public:
     void feed_back_transposed(int n, const double* du, double* dx) const override;
 
 private:
+    // Of that many joints, see Kind, or of any number where it is 0.
+    template <int Joints>
     void add_up(const Stage& s, double shift, double* H) const;
-    Form whole_form(const Stage& s, double shift);
+    template <int Joints>
     Form form_of_rest(const Stage& s, double shift);
+    Form whole_form(const Stage& s, double shift);
+    Form take_form(const Kind& k, Space& space, bool is_connected = false) const;
+    void add_hessian(const Stage& s, const Form& form) const;
     void forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out);
 
     const Problem& problem_;

@@ -18,10 +18,9 @@ void scatter(const Targets& targets, const double* values, double* const* blocks
     }
 }
 
-// With zeros as far as the row is padded.
+// With zeros as far as the row is padded; what is behind the given one can be read.
 void copy_row(const double* from, double* to, int n) {
-    dense::copy(from, to, n);
-    dense::zero(to + n, padded(n) - n);
+    for (int j = 0; j < n; j += dense::width) dense::store(to + j, dense::load_first(from + j, n - j));
 }
 
 // Jw = -1, as where a step's rows are F(x_before, u) - x.
@@ -58,6 +57,14 @@ bool has_direct_rows(const Stage& s) {
     return na > 0;
 }
 
+// y += A x and y += A'x where A has entries.
+void add_product(const Box& box, const double* A, int lda, const double* x, double* y) {
+    dense::gemv(box.rows, box.columns, A + box.row * lda + box.column, lda, x + box.column, y + box.row);
+}
+void add_transposed(const Box& box, const double* A, int lda, const double* x, double* y) {
+    dense::gemv_t(box.rows, box.columns, A + box.row * lda + box.column, lda, x + box.row, y + box.column);
+}
+
 }  // namespace
 
 std::unique_ptr<Step> make_step(const Problem& problem, Data& data) {
@@ -90,24 +97,41 @@ void DenseStep::store_first(int n, const StageFunction& f) {
 void DenseStep::add_jacobian(int n, const double* dw, const double* ds, double* c) const {
     const Stage& s = data_[n];
     const Kind& k = *s.kind;
-    dense::gemv(k.nc(), k.nw(), s.Jw, padded(k.nw()), dw, c);
-    dense::gemv(k.nc(), k.ns(), s.Js, padded(k.ns()), ds, c);
+    const int na = k.num_direct, nz = k.nw() - na, pw = padded(k.nw()), ps = padded(k.ns());
+    for (int i = 0; i < na; ++i) {
+        const double* row = s.Jw + i * (pw + 1);
+        c[i] += row[0] * dw[i] + row[na] * dw[na + i] + s.Js[i * (ps + 1)] * ds[i];
+    }
+    for (const auto& [i, j] : k.before) c[i] += s.Js[i * ps + j] * ds[j];
+    dense::gemv(nz, k.nw(), s.Jw + na * pw, pw, dw, c + na);
+    dense::gemv(nz, k.ns(), s.Js + na * ps, ps, ds, c + na);
 }
 
 void DenseStep::add_jacobian_transposed(int n, const double* dm, double* w, double* s) const {
     const Stage& at = data_[n];
     const Kind& k = *at.kind;
-    if (w) dense::gemv_t(k.nc(), k.nw(), at.Jw, padded(k.nw()), dm, w);
-    if (s) dense::gemv_t(k.nc(), k.ns(), at.Js, padded(k.ns()), dm, s);
+    const int na = k.num_direct, nz = k.nw() - na, pw = padded(k.nw()), ps = padded(k.ns());
+    if (w) {
+        for (int i = 0; i < na; ++i) {
+            const double* row = at.Jw + i * (pw + 1);
+            w[i] += row[0] * dm[i], w[na + i] += row[na] * dm[i];
+        }
+        dense::gemv_t(nz, k.nw(), at.Jw + na * pw, pw, dm + na, w);
+    }
+    if (!s) return;
+    for (int i = 0; i < na; ++i) s[i] += at.Js[i * (ps + 1)] * dm[i];
+    for (const auto& [i, j] : k.before) s[j] += at.Js[i * ps + j] * dm[i];
+    dense::gemv_t(nz, k.ns(), at.Js + na * ps, ps, dm + na, s);
 }
 
 void DenseStep::add_hessian(int n, const double* dw, const double* ds, double* w, double* s) const {
     const Stage& at = data_[n];
-    const int nw = at.kind->nw(), ns = at.kind->ns(), pw = padded(nw), ps = padded(ns);
-    dense::gemv(nw, nw, at.Hww, pw, dw, w);
-    dense::gemv(nw, ns, at.Hws, ps, ds, w);
-    dense::gemv(ns, ns, at.Hss, ps, ds, s);
-    dense::gemv_t(nw, ns, at.Hws, ps, dw, s);
+    const Kind& k = *at.kind;
+    const int nd = problem_.ndx, ps = padded(k.ns());
+    add_hessian_of(at, dw, w, s);
+    add_product(k.of_Hws, at.Hws, ps, ds, w);
+    add_transposed(k.of_Hss_state, at.Hss, ps, ds, s);
+    add_transposed(k.of_Hss_controls, at.Hss + nd * ps, ps, ds + nd, s);
 }
 
 void DenseStep::copy_state_jacobian(int n, double* F, int ld) const {
@@ -123,7 +147,7 @@ double DenseStep::factor(int n, int thread) {
     if (k.blocks.upper) return factor_blocks(s);
     s.factors_of = StepFactors::whole;
     dense::copy(s.Jw, s.LU, k.nc() * padded(k.nw()));
-    return dense::lu_factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
+    return dense::factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
 }
 
 double DenseStep::factor_rest(Stage& s, int thread) const {
@@ -136,7 +160,7 @@ double DenseStep::factor_rest(Stage& s, int thread) const {
         copy_row(row + na, s.LU + i * pz, nz);
         dense::multiply_add(na, row, D, s.LU + i * pz);
     }
-    return dense::lu_factor(nz, s.LU, pz, s.pivot);
+    return dense::factor(nz, s.LU, pz, s.pivot);
 }
 
 double DenseStep::factor_blocks(Stage& s) const {
@@ -150,8 +174,8 @@ double DenseStep::factor_blocks(Stage& s) const {
     }
     for (int i = 0; i < b.ne; ++i) copy_row(b.A + i * b.pw + b.plain, b.E + i * b.pe, b.ne);
     for (int i = 0; i < b.ny; ++i) copy_row(b.Jw + (b.upper + i) * b.pw + b.upper, b.Y + i * b.py, b.ny);
-    const double of_plain = b.plain ? smallest / largest : 1.0, of_E = dense::lu_factor(b.ne, b.E, b.pe, b.pivot_E);
-    return std::min({of_plain, of_E, dense::lu_factor(b.ny, b.Y, b.py, b.pivot_Y)});
+    const double of_plain = b.plain ? smallest / largest : 1.0, of_E = dense::factor(b.ne, b.E, b.pe, b.pivot_E);
+    return std::min({of_plain, of_E, dense::factor(b.ny, b.Y, b.py, b.pivot_Y)});
 }
 
 double DenseStep::factor_first(int n, const StageFunction& f) {
@@ -161,13 +185,13 @@ double DenseStep::factor_first(int n, const StageFunction& f) {
     dense::zero(s.LU, k.nc() * padded(k.nw()));
     for (std::size_t i = 0; i < k.to_first_jacobian.size(); ++i)
         if (k.to_first_jacobian[i].block == W) s.LU[k.to_first_jacobian[i].offset] = f.res[2][i];
-    return dense::lu_factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
+    return dense::factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
 }
 
 void DenseStep::solve(int n, double* c) const {
     const Stage& s = data_[n];
     const int nc = s.kind->nc(), pw = padded(s.kind->nw());
-    if (s.factors_of == StepFactors::whole) return dense::lu_solve_vector(nc, s.LU, pw, s.pivot, c);
+    if (s.factors_of == StepFactors::whole) return dense::solve_vector(nc, s.LU, pw, s.pivot, c);
     if (s.factors_of == StepFactors::none) {
         for (int i = 0; i < nc; ++i) c[i] = -c[i];
         return;
@@ -176,44 +200,44 @@ void DenseStep::solve(int n, double* c) const {
     const int na = s.kind->num_direct, nz = nc - na;
     double* z = c + na;
     dense::gemv(nz, na, s.Jw + na * pw, pw, c, z);
-    dense::lu_solve_vector(nz, s.LU, padded(nz), s.pivot, z);
+    dense::solve_vector(nz, s.LU, padded(nz), s.pivot, z);
     for (int i = 0; i < na; ++i) c[i] = s.Jw[i * (pw + 1) + na] * z[i] - c[i];
 }
 
 void DenseStep::solve_transposed(int n, double* w) const {
     const Stage& s = data_[n];
     const int nc = s.kind->nc(), pw = padded(s.kind->nw());
-    if (s.factors_of == StepFactors::whole) return dense::lu_solve_transposed(nc, s.LU, pw, s.pivot, w);
+    if (s.factors_of == StepFactors::whole) return dense::solve_transposed(nc, s.LU, pw, s.pivot, w);
     if (s.factors_of == StepFactors::blocks) return solve_blocks_transposed(s, w);
     for (int i = 0; i < nc && s.factors_of == StepFactors::none; ++i) w[i] = -w[i];
     if (s.factors_of == StepFactors::none) return;
     const int na = s.kind->num_direct, nz = nc - na;
     double* z = w + na;
     for (int i = 0; i < na; ++i) z[i] += s.Jw[i * (pw + 1) + na] * w[i], w[i] = -w[i];
-    dense::lu_solve_transposed(nz, s.LU, padded(nz), s.pivot, z);
+    dense::solve_transposed(nz, s.LU, padded(nz), s.pivot, z);
     dense::gemv_t(nz, na, s.Jw + na * pw, pw, z, w);
 }
 
 void DenseStep::solve_blocks(const Stage& s, double* c) const {
     const BlocksOf b(s);
     double *of_E = c + b.plain, *of_Y = c + b.upper;
-    dense::lu_solve_vector(b.ny, b.Y, b.py, b.pivot_Y, of_Y);
+    dense::solve_vector(b.ny, b.Y, b.py, b.pivot_Y, of_Y);
     for (const Kind::Entry& entry : b.kind.beyond) c[entry.row] -= b.B(entry) * c[entry.column];
     for (int i = 0; i < b.plain; ++i) c[i] /= b.D(i);
     dense::gemv(b.ne, b.plain, b.A, b.pw, c, of_E, -1.0);
     dense::gemv(b.ne, b.ny, b.C, b.pw, of_Y, of_E, -1.0);
-    dense::lu_solve_vector(b.ne, b.E, b.pe, b.pivot_E, of_E);
+    dense::solve_vector(b.ne, b.E, b.pe, b.pivot_E, of_E);
 }
 
 void DenseStep::solve_blocks_transposed(const Stage& s, double* w) const {
     const BlocksOf b(s);
     double *of_E = w + b.plain, *of_Y = w + b.upper;
-    dense::lu_solve_transposed(b.ne, b.E, b.pe, b.pivot_E, of_E);
+    dense::solve_transposed(b.ne, b.E, b.pe, b.pivot_E, of_E);
     dense::gemv_t(b.ne, b.plain, b.A, b.pw, of_E, w, -1.0);
     for (int i = 0; i < b.plain; ++i) w[i] /= b.D(i);
     for (const Kind::Entry& entry : b.kind.beyond) w[entry.column] -= b.B(entry) * w[entry.row];
     dense::gemv_t(b.ne, b.ny, b.C, b.pw, of_E, of_Y, -1.0);
-    dense::lu_solve_transposed(b.ny, b.Y, b.py, b.pivot_Y, of_Y);
+    dense::solve_transposed(b.ny, b.Y, b.py, b.pivot_Y, of_Y);
 }
 
 double DenseStep::prepare_response(int n, int thread) {
@@ -224,15 +248,14 @@ double DenseStep::prepare_response(int n, int thread) {
         if (pivot > 0.0) respond_rest(s, thread);
         return pivot;
     }
-    dense::copy(s.Js, s.T, nc * ps);
+    dense::scaled(nc * ps, s.factors_of == StepFactors::none ? 1.0 : -1.0, s.Js, s.T);
     if (pivot == 0.0 || s.factors_of == StepFactors::none) return pivot;
-    for (int i = 0; i < nc * ps; ++i) s.T[i] = -s.T[i];
     if (s.factors_of == StepFactors::blocks) return respond_blocks(s), pivot;
-    dense::lu_solve(nc, s.LU, padded(s.kind->nw()), s.pivot, s.T, ps, ps);
+    dense::solve(nc, s.LU, padded(s.kind->nw()), s.pivot, s.T, ps, ps);
     return pivot;
 }
 
-// T, of z first: with a = D z + J s the other rows are (E + A D) z + (B + A J) s = 0.
+// T of z alone: with a = D z + J s the other rows are (E + A D) z + (B + A J) s = 0.
 void DenseStep::respond_rest(const Stage& s, int thread) const {
     const Kind& k = *s.kind;
     const int nw = k.nw(), na = k.num_direct, nz = nw - na, pw = padded(nw), ps = padded(k.ns());
@@ -245,11 +268,46 @@ void DenseStep::respond_rest(const Stage& s, int thread) const {
         dense::multiply_add(na, A, minus_J, v);
         for (const auto& [row, column] : k.before) v[column] -= A[row] * s.Js[row * ps + column];
     }
-    dense::lu_solve(nz, s.LU, padded(nz), s.pivot, V, ps, ps);
+    dense::solve(nz, s.LU, padded(nz), s.pivot, V, ps, ps);
+}
+
+void add_hessian_of(const Stage& at, const double* dw, double* w, double* s) {
+    const Kind& k = *at.kind;
+    for (const Box& box : {k.of_Hww_state, k.of_Hww_rest})  // Hww is symmetric, as Hss is
+        add_transposed(box, at.Hww, padded(k.nw()), dw, w);
+    add_transposed(k.of_Hws, at.Hws, padded(k.ns()), dw, s);
+}
+
+void complete_response(const Stage& s) {
+    if (s.factors_of != StepFactors::rest) return;
+    const int na = s.kind->num_direct, pw = padded(s.kind->nw()), ps = padded(s.kind->ns());
     for (int i = 0; i < na; ++i) {
         dense::copy(s.Js + i * ps, s.T + i * ps, ps);
-        dense::axpy(ps, s.Jw[i * (pw + 1) + na], V + i * ps, s.T + i * ps);
+        dense::axpy(ps, s.Jw[i * (pw + 1) + na], s.T + (na + i) * ps, s.T + i * ps);
     }
+}
+
+void add_response(const Stage& s, const double* ds, double* dw) {
+    const Kind& k = *s.kind;
+    const int nw = k.nw(), ns = k.ns(), pw = padded(nw), ps = padded(ns);
+    if (s.factors_of != StepFactors::rest) return dense::gemv(nw, ns, s.T, ps, ds, dw);
+    const int na = k.num_direct, nz = nw - na;
+    double* z = dw + na;
+    for (int i = 0; i < na; ++i) dw[i] += s.Js[i * (ps + 1)] * ds[i] - s.Jw[i * (pw + 1) + na] * z[i];
+    for (const auto& [row, column] : k.before) dw[row] += s.Js[row * ps + column] * ds[column];
+    dense::gemv(nz, ns, s.T + na * ps, ps, ds, z);
+    for (int i = 0; i < na; ++i) dw[i] += s.Jw[i * (pw + 1) + na] * z[i];
+}
+
+void add_response_transposed(const Stage& s, double* dw, double* ds) {
+    const Kind& k = *s.kind;
+    const int nw = k.nw(), ns = k.ns(), pw = padded(nw), ps = padded(ns);
+    if (s.factors_of != StepFactors::rest) return dense::gemv_t(nw, ns, s.T, ps, dw, ds);
+    const int na = k.num_direct, nz = nw - na;
+    double* z = dw + na;
+    for (int i = 0; i < na; ++i) z[i] += s.Jw[i * (pw + 1) + na] * dw[i], ds[i] += s.Js[i * (ps + 1)] * dw[i];
+    for (const auto& [row, column] : k.before) ds[column] += s.Js[row * ps + column] * dw[row];
+    dense::gemv_t(nz, ns, s.T + na * ps, ps, z, ds);
 }
 
 // T from -Js, which it has.
@@ -257,20 +315,18 @@ void DenseStep::respond_blocks(const Stage& s) const {
     const BlocksOf b(s);
     const int ps = padded(s.kind->ns());
     double *of_E = s.T + b.plain * ps, *of_Y = s.T + b.upper * ps;
-    dense::lu_solve(b.ny, b.Y, b.py, b.pivot_Y, of_Y, ps, ps);
+    dense::solve(b.ny, b.Y, b.py, b.pivot_Y, of_Y, ps, ps);
     for (const Kind::Entry& entry : b.kind.beyond)
         dense::axpy(ps, -b.B(entry), s.T + entry.column * ps, s.T + entry.row * ps);
     for (int i = 0; i < b.plain; ++i) dense::scaled(ps, 1.0 / b.D(i), s.T + i * ps, s.T + i * ps);
     dense::gemm_nn(b.ne, ps, b.plain, b.A, b.pw, s.T, ps, of_E, ps, -1.0);
     dense::gemm_nn(b.ne, ps, b.ny, b.C, b.pw, of_Y, ps, of_E, ps, -1.0);
-    dense::lu_solve(b.ne, b.E, b.pe, b.pivot_E, of_E, ps, ps);
+    dense::solve(b.ne, b.E, b.pe, b.pivot_E, of_E, ps, ps);
 }
 
 void DenseStep::respond(int n, const double* ds, double* dw) const {
-    const Stage& s = data_[n];
-    const Kind& k = *s.kind;
-    dense::zero(dw, k.nw());
-    dense::gemv(k.nw(), k.ns(), s.T, padded(k.ns()), ds, dw);
+    dense::zero(dw, data_[n].kind->nw());
+    add_response(data_[n], ds, dw);
 }
 
 }  // namespace mbocp

@@ -44,4 +44,12 @@ private:
     std::size_t size_;  // of what a thread has of it
 };
 
+// The response T of a dense step, of which there are the rows of z alone where direct rows are left out:
+// dw += T ds; ds += T'dw, which overwrites dw; and all its rows in their place.
+void add_response(const Stage& s, const double* ds, double* dw);
+void add_response_transposed(const Stage& s, double* dw, double* ds);
+void complete_response(const Stage& s);
+// w += Hww dw, s += Hws'dw
+void add_hessian_of(const Stage& at, const double* dw, double* w, double* s);
+
 }  // namespace mbocp

@@ -10,6 +10,14 @@
 namespace mbocp {
 using dense::padded;
 
+void Box::include(int i, int j) {
+    const int first = j / dense::width * dense::width;
+    if (!rows) row = i, column = first;
+    const int end = std::max(row + rows, i + 1), last = std::max(column + columns, j + 1);
+    row = std::min(row, i), column = std::min(column, first);
+    rows = end - row, columns = last - column;
+}
+
 void check_output(const Function& f, std::size_t index, int rows, int columns, const char* what) {
     if (f->outputs.size() <= index || f->outputs[index].rows != rows || f->outputs[index].columns != columns)
         throw std::invalid_argument(std::string(what) + ": expected output " + std::to_string(index) + " of shape (" +
@@ -131,12 +139,28 @@ void Kind::prepare() {
         if (i < blocks.plain && j >= blocks.upper && j < nw()) beyond.push_back({i, j});
     }
     has_split_hessian = ny > 0 && is_split(all[4], ndx, nw());
+    find_boxes(all[4]);
     const int ldw = padded(nw()), lds = padded(ns());
     to_jacobian = jacobian_targets(all[2], nw(), ldw, lds);
     to_first_jacobian = jacobian_targets(first[2], nw(), ldw, lds);
     to_gradient = gradient_targets(all[3], nw());
     to_first_gradient = gradient_targets(first[3], nw());
     to_hessian = hessian_targets(all[4], nw(), ldw, lds);
+}
+
+void Kind::find_boxes(const Pattern& upper) {
+    for (const Entry& entry : before) couples_controls = couples_controls || entry.column >= ndx;
+    for (int k = 0; k < upper.nnz(); ++k) {
+        const int i = upper.row[k], j = upper.column[k], s_i = i - nw(), s_j = j - nw();
+        if (j < nw()) {
+            for (const auto& [a, b] : {Entry{i, j}, Entry{j, i}}) (a < ndx ? of_Hww_state : of_Hww_rest).include(a, b);
+        } else if (i < nw()) {
+            of_Hws.include(i, s_j), couples_controls = couples_controls || s_j >= ndx;
+        } else {
+            for (const auto& [a, b] : {Entry{s_i, s_j}, Entry{s_j, s_i}})
+                (a < ndx ? of_Hss_state : of_Hss_controls).include(a < ndx ? a : a - ndx, b);
+        }
+    }
 }
 
 void Kind::prepare_structure() {

@@ -17,6 +17,13 @@ void check_output(const Function& f, std::size_t index, int rows, int columns, c
 enum Part { W, S };
 enum Block { WW, WS, SS };
 
+// Rows and columns beyond which a block has no entries; the first column is that of a whole vector.
+struct Box {
+    int row = 0, column = 0, rows = 0, columns = 0;
+
+    void include(int i, int j);
+};
+
 struct Target {
     int block, offset, mirror;  // mirror: second place of a symmetric entry, or -1
 };
@@ -51,10 +58,17 @@ struct Kind {
     Blocks blocks;
     std::vector<Entry> beyond;
     bool has_split_hessian = false;  // no entry of Hww couples the state with the algebraic unknowns
+    bool couples_controls = false;   // Hws has entries in the controls' columns, or w_i does above
+    // Of a dense step: where Hww has entries in the state's and in the algebraic unknowns' rows, Hws in any, and Hss in
+    // the state's and in the controls' rows.
+    Box of_Hww_state, of_Hww_rest, of_Hws, of_Hss_state, of_Hss_controls;
 
     int nw() const { return ndx + ny; }
     int ns() const { return ndx + nu; }
     int nc() const { return ndx + ny; }
+
+    // Direct rows, as many as others, of a state twice as long and nothing else, as a robot's steps have; or 0.
+    int joints() const { return ny == 0 && ndx == 2 * num_direct ? num_direct : 0; }
 
     Targets to_jacobian, to_hessian, to_gradient;  // of `complete`
     Targets to_first_jacobian, to_first_gradient;  // of `jacobian`
@@ -70,6 +84,7 @@ struct Kind {
     void prepare();  // scatter tables from the functions' patterns
 
 private:
+    void find_boxes(const Pattern& upper);
     void prepare_structure();
 };
 

@@ -27,7 +27,7 @@ void Scatter::apply(const double* values, int num_lanes, double* const* stages) 
         for (const Run& run : runs_) {
             const auto in_lanes = [&](int i) { return dense::load(values + run.from[i] * num_lanes + w); };
             dense::Vec a = in_lanes(0), b = in_lanes(1), c = in_lanes(2), d = in_lanes(3);
-            transpose(a, b, c, d);
+            dense::transpose(a, b, c, d);
             dense::store(s0 + run.to, a), dense::store(s1 + run.to, b);
             dense::store(s2 + run.to, c), dense::store(s3 + run.to, d);
         }

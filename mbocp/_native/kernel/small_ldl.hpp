@@ -42,20 +42,13 @@ public:
         }
     }
 
-    // Columns of B (N rows): X = -A^{-1} B and Z = |D|^{-1/2} L^{-1} B, so that B'A^{-1}B = Z' sign(D) Z.
-    MBOCP_INLINE void solve(const double* B, int ldb, double* X, int ldx, double* Z, int ldz, int vectors) const {
-        double root[N];
-        MBOCP_UNROLL for (int k = 0; k < N; ++k) root[k] = std::sqrt(std::abs(inverse_[k]));
+    // Columns of B (N rows): X = -A^{-1} B, Y = L^{-1} B and Z = D^{-1} Y, so that B'A^{-1}B = Z'Y.
+    MBOCP_INLINE void solve(const double* B, int ldb, double* X, int ldx, double* Y, double* Z, int ldz,
+                            int vectors) const {
         constexpr int wide = N <= 4 ? 3 : N <= 6 ? 2 : 1;  // that many vectors of columns stay in registers
         int v = 0;
-        for (; v + wide <= vectors; v += wide) columns<wide>(root, B + 4 * v, ldb, X + 4 * v, ldx, Z + 4 * v, ldz);
-        for (; v < vectors; ++v) columns<1>(root, B + 4 * v, ldb, X + 4 * v, ldx, Z + 4 * v, ldz);
-    }
-
-    // Rows of Z with the signs of D.
-    void sign(const double* Z, double* out, int ld) const {
-        for (int k = 0; k < N; ++k)
-            for (int j = 0; j < ld; ++j) out[k * ld + j] = inverse_[k] < 0.0 ? -Z[k * ld + j] : Z[k * ld + j];
+        for (; v + wide <= vectors; v += wide) columns<wide>(B + 4 * v, ldb, X + 4 * v, ldx, Y + 4 * v, Z + 4 * v, ldz);
+        for (; v < vectors; ++v) columns<1>(B + 4 * v, ldb, X + 4 * v, ldx, Y + 4 * v, Z + 4 * v, ldz);
     }
 
 private:
@@ -73,16 +66,17 @@ private:
     }
 
     template <int V>
-    MBOCP_INLINE void columns(const double (&root)[N], const double* B, int ldb, double* X, int ldx, double* Z,
-                              int ldz) const {
+    MBOCP_INLINE void columns(const double* B, int ldb, double* X, int ldx, double* Y, double* Z, int ldz) const {
         Vec b[N][V];
         MBOCP_UNROLL for (int i = 0; i < N; ++i) MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] =
             load(B + i * ldb + 4 * v);
         MBOCP_UNROLL for (int k = 0; k < N; ++k) MBOCP_UNROLL for (int i = k + 1; i < N; ++i)
             MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] -= l_[i][k] * b[k][v];
         MBOCP_UNROLL for (int i = 0; i < N; ++i) MBOCP_UNROLL for (int v = 0; v < V; ++v) {
-            store(Z + i * ldz + 4 * v, root[i] * b[i][v]);
-            b[i][v] *= -inverse_[i];
+            store(Y + i * ldz + 4 * v, b[i][v]);
+            b[i][v] *= inverse_[i];
+            store(Z + i * ldz + 4 * v, b[i][v]);
+            b[i][v] = -b[i][v];
         }
         MBOCP_UNROLL for (int k = N - 1; k >= 0; --k) MBOCP_UNROLL for (int i = 0; i < k; ++i)
             MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] -= l_[k][i] * b[k][v];
@@ -130,6 +124,25 @@ inline void subtract_tn(int m, int n, const double* A, int lda, const double* B,
         for (int i = 0; i < m; i += 4)
             subtract_tile<K, V()>(A + i, lda, B + j, ldb, from + i * ldf + j, ldf, C + i * ldc + j, ldc);
     });
+}
+
+// P <- (Q + Q')/2 - Z'Y, symmetric as Z'Y is, with Y, Z (K x n); n is rounded up to whole vectors.
+template <int K>
+inline void subtract_symmetric(int n, const double* Z, const double* Y, int ldz, const double* Q, int ldq, double* P,
+                               int ldp) {
+    for (int i = 0; i < n; i += 4)
+        for (int j = i; j < n; j += 4) {
+            Vec rows[4], other[4];
+            MBOCP_UNROLL for (int r = 0; r < 4; ++r) other[r] = load(Q + (j + r) * ldq + i);
+            transpose(other[0], other[1], other[2], other[3]);
+            MBOCP_UNROLL for (int r = 0; r < 4; ++r) rows[r] = 0.5 * (load(Q + (i + r) * ldq + j) + other[r]);
+            MBOCP_UNROLL for (int p = 0; p < K; ++p) MBOCP_UNROLL for (int r = 0; r < 4; ++r) rows[r] -=
+                Z[p * ldz + i + r] * load(Y + p * ldz + j);
+            MBOCP_UNROLL for (int r = 0; r < 4; ++r) store(P + (i + r) * ldp + j, rows[r]);
+            if (i == j) continue;
+            transpose(rows[0], rows[1], rows[2], rows[3]);
+            MBOCP_UNROLL for (int r = 0; r < 4; ++r) store(P + (j + r) * ldp + i, rows[r]);
+        }
 }
 
 #undef MBOCP_UNROLL

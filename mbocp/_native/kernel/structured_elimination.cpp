@@ -191,7 +191,7 @@ bool StructuredElimination::condense(int n, const Weights& weights, Factorisatio
     for (int i = 0; i < nd + nu; ++i) dense::copy(s.Q + i * pm, Q + i * ld + pg, pm);
     dense::gemm_tn(nd + nu, ld, nd, s.T, pm, M, ld, Q, ld);
     dense::symmetrise(nd + nu, Q + pg, ld, nullptr, 0);
-    return controls_.eliminate(n, {Q, ld}, result);
+    return controls_.eliminate(n, {Q, Q + nd * ld, ld}, result);
 }
 
 void StructuredElimination::backward(int n, const Residual&, const Weights& weights, Numbers& r) {
