@@ -214,8 +214,9 @@ def test_control_momenta_of_a_free_body(coordinates: str, gravity: tuple[float, 
 def test_sliding_masses_have_the_same_equations_in_both() -> None:
     joint = solved(mbocp.load_problem("examples/paper/rigid_pendulum.toml"))
     natural = solved(mbocp.load_problem("examples/paper/rigid_pendulum.toml").with_(coordinates="natural"))
-    assert np.array_equal(joint.us, natural.us)
-    assert np.array_equal(joint.lams, natural.lams)
+    for name in ("us", "lams"):  # the patterns of their blocks need not be the same, nor then the last digits
+        wanted = getattr(joint, name)
+        np.testing.assert_allclose(getattr(natural, name), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
 def test_what_has_no_meaning_is_refused() -> None:
