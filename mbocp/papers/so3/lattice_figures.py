@@ -89,7 +89,7 @@ def success_figure(outcomes: Outcomes) -> Figure:
             ha="center",
             va="top",
             color="white" if rate > 12 else "#222222",
-            fontsize=8,
+            fontsize=7,
             fontweight="bold",
         )
     _finish(axes, outcomes, "Rate of success", "tasks solved [%]")
