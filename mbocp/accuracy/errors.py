@@ -34,7 +34,7 @@ from mbocp.integrators import control_powers
 from mbocp.problem.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
-from mbocp.robot.kinematics import mass_matrices
+from mbocp.robot.kinematics import momenta_of
 from mbocp.solution import Accuracy
 
 __all__ = ["StepErrors", "accuracy_of", "step_errors"]
@@ -158,15 +158,10 @@ def step_errors(
     largest: Array = errors.max(axis=1)
     if adjoints is None or robot.drives or not np.isfinite(adjoints).all():
         return StepErrors(largest, largest)
-    momenta = _momenta(robot, qs, course.reached(motion.qs, motion.vs)) - _momenta(robot, ends, end_speeds)
-    weighed = np.abs(adjoints[1:]) * np.hstack([errors, np.abs(momenta)])
+    reached = momenta_of(robot.model, qs, course.reached(motion.qs, motion.vs))
+    missed = np.abs(reached - momenta_of(robot.model, ends, end_speeds))
+    weighed = np.abs(adjoints[1:]) * np.hstack([errors, missed])
     return StepErrors(largest, weighed.sum(axis=1))
-
-
-def _momenta(robot: Robot, qs: Array, vs: Array) -> Array:
-    """Momenta M(q) v, shape (k, nv)."""
-    found: Array = np.einsum("nij,nj->ni", mass_matrices(robot.model, qs), vs)
-    return found
 
 
 def _followed(course: Course, motion: Motion, speeds: Array) -> tuple[Array, Array, int, float] | None:

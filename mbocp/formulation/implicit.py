@@ -17,7 +17,6 @@ from mbocp.formulation.implicit_steps import ImplicitSteps
 from mbocp.formulation.joint import (
     boundary_duals,
     largest_defects,
-    momenta_of,
     momenta_of_symmetries,
     stage_costs,
     tangent_duals,
@@ -47,6 +46,7 @@ from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violatio
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
 from mbocp.robot import Label
+from mbocp.robot.kinematics import momenta_of
 
 __all__ = ["ImplicitFormulation"]
 
@@ -190,7 +190,7 @@ class ImplicitFormulation:
         velocities = (1.0 - self.tau) * motion.vs[:-1] + self.tau * motion.vs[1:]
         rows = self._row_duals(iterate)
         along = tau * duals.costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
-        inertial = momenta_of(robot, q_taus, np.diff(motion.vs, axis=0) / dts[:, None])
+        inertial = momenta_of(robot.model, q_taus, np.diff(motion.vs, axis=0) / dts[:, None])
         hamiltonians: Array = (
             stage_costs(self.programme, iterate) / dts
             + np.einsum("ni,ni->n", along, velocities)

@@ -15,14 +15,11 @@ from mbocp.mechanics.diagnostics import control_momenta
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
-from mbocp.robot import Robot
-from mbocp.robot.kinematics import mass_matrices
 from mbocp.terms import TermNumbers, running_terms
 
 __all__ = [
     "boundary_duals",
     "largest_defects",
-    "momenta_of",
     "momenta_of_symmetries",
     "stage_costs",
     "tangent_duals",
@@ -67,12 +64,6 @@ def _pull_back(space: ConfigurationSpace) -> ca.Function:
     """From coordinates and their dual to the dual of the tangent vector."""
     z, c, v = ca.SX.sym("z", space.nz), ca.SX.sym("c", space.nz), ca.SX.sym("v", space.nv)
     return ca.Function("pulled", [z, c], [ca.gradient(ca.dot(c, space.rate(z, v)), v)])
-
-
-def momenta_of(robot: Robot, qs: Array, vs: Array) -> Array:
-    """M(q) v of each row, once a solve on Pinocchio's own algorithm."""
-    momenta: Array = np.einsum("nij,nj->ni", mass_matrices(robot.model, qs), vs)
-    return momenta
 
 
 def momenta_of_symmetries(

@@ -11,11 +11,11 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities
-from mbocp.formulation.joint import momenta_of
 from mbocp.problem import Problem
 from mbocp.problem.phases import node_times
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
+from mbocp.robot.kinematics import momenta_of
 
 __all__ = ["Trajectory", "read_trajectory", "times_of"]
 
@@ -75,7 +75,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         t=times_of(problem, motion.dts),
         qs=motion.qs,
         vs=motion.vs,
-        ps=momenta_of(problem.robot, motion.qs, motion.vs),
+        ps=momenta_of(problem.robot.model, motion.qs, motion.vs),
         us=motion.us,
         u_values=motion.values,
         u_shares=np.array(motion.shares),

@@ -28,6 +28,7 @@ __all__ = [
     "gravity_potential",
     "mass_matrices",
     "mass_matrix",
+    "momenta_of",
     "turns",
     "velocity_from_momentum",
 ]
@@ -77,6 +78,12 @@ def mass_matrices(model: pin.Model, qs: Array) -> Array:
     upper = np.triu(found)
     full: Array = upper + np.triu(upper, 1).transpose(0, 2, 1)
     return full
+
+
+def momenta_of(model: pin.Model, qs: Array, vs: Array) -> Array:
+    """Momenta M(q) v at many configurations, shape (nodes, nv)."""
+    found: Array = np.einsum("nij,nj->ni", mass_matrices(model, qs), vs)
+    return found
 
 
 def _mass_columns(model: pin.Model, q: Array) -> Array:
