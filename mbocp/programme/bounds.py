@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class StateBounds:
         """Number of path functions."""
         return int(self.path_lower.shape[1])
 
-    @property
+    @cached_property
     def is_empty(self) -> bool:
         """Whether nothing is bounded."""
         sides = (self.x_lower, self.x_upper, self.u_lower, self.u_upper, self.path_lower, self.path_upper)

@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.fbsm_gradient import Switch
 from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.phases import STOPPED, Outcome, Phases, how_it_ended
 from mbocp.solvers.progress import WINDOW, has_stalled
+from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import Status
 from mbocp.solvers.registry import make_solver
 from mbocp.solvers.settings import SolverSettings
@@ -38,7 +40,7 @@ def _solve_freely(settings: SolverSettings, iterate: Iterate, phases: Phases) ->
     succeeds, the first goes on from its best iterate.
     """
     results: list[SolverResult] = []
-    told: list[str] = []
+    tried: list[tuple[str, Solver[Any]]] = []
 
     def is_over() -> bool:
         is_spent = settings.is_spent(phases.taken)
@@ -51,8 +53,8 @@ def _solve_freely(settings: SolverSettings, iterate: Iterate, phases: Phases) ->
         limited = replace(settings.within(phases.taken), is_careful=is_last)
         solver = make_solver(name, limited.unhurried() if name == "monolithic" else limited, switch)
         watch = partial(has_stalled, window=_PATIENCE if is_last else WINDOW) if switch is None else None
+        tried.append((name, solver))
         results.append(phases.run(solver, name, start, should_stop=watch))
-        told.append(f"{name} {how_it_ended(results[-1])}")
 
     attempt("monolithic", iterate)
     first = results[0]
@@ -65,7 +67,8 @@ def _solve_freely(settings: SolverSettings, iterate: Iterate, phases: Phases) ->
         attempt("monolithic", first.iterate, is_last=True)
     best = _best(results, is_spent=settings.is_spent(phases.taken))
     if len(results) == 1:
-        return phases.outcome(best, f"auto: {make_solver('monolithic', settings).name}")
+        return phases.outcome(best, f"auto: {tried[0][1].name}")
+    told = [f"{name} {how_it_ended(result)}" for (name, _), result in zip(tried, results, strict=True)]
     return phases.outcome(best, "auto: " + " > ".join(phases.names), "auto: " + ", ".join(told))
 
 

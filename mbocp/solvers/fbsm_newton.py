@@ -11,7 +11,7 @@ equation are left, eq. (31). The step :math:`c = -K^{-1} r_u`, :math:`K = \nabla
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -99,10 +99,10 @@ class FBSMNewton:
         evaluation = outcome.evaluation
         if evaluation is None:
             state = new_state(programme, native, native.evaluate())
-            return replace(state, failure=Status.SWEEP_FAILED, failed_stage=outcome.failed_stage)
+            return state._replace(failure=Status.SWEEP_FAILED, failed_stage=outcome.failed_stage)
         if self.globalised and not iterate.eta.any():
             evaluation = end_multiplier(native, sweeps)
-        return replace(new_state(programme, native, evaluation), sweeps=sweeps)
+        return new_state(programme, native, evaluation)._replace(sweeps=sweeps)
 
     def step(self, state: NewtonState) -> NewtonState:
         """One accepted step."""
@@ -134,7 +134,7 @@ class FBSMNewton:
             if shift > MAX_SHIFT or not self.globalised:
                 stuck = Status.LINE_SEARCH_FAILED if self.globalised else Status.SWEEP_FAILED
                 failure = stuck if factorisation.ok else Status.SINGULAR
-                return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
+                return state._replace(failure=failure, failed_stage=factorisation.bad_stage)
 
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance."""

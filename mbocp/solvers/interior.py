@@ -43,7 +43,7 @@ def _polished(
     settings: SolverSettings, judged: Judged, title: str, phases: Phases
 ) -> tuple[SolverResult, str]:
     """Newton's method from where an interior-point solver ended; the better of the two."""
-    found, most = judged.result, settings.within(phases.taken).options.newton_iterations
+    found, most = judged.result, settings.within(phases.taken).newton_iterations
     newton = polisher(settings.tolerance, settings.control_weight, most)
     polished = phases.run(newton, "polish", found.iterate, should_stop=meets(settings.tolerance))
     if polished.status is Status.CONVERGED or polished.record.residual <= settings.tolerance:

@@ -88,7 +88,7 @@ def run(
                 continue  # no step was taken; `terminate` knows why
             record = _record(state, phase, first, time.perf_counter() - clock)
             history.append(record)
-            if _is_better(record, best_record) and state.iteration % _KEEP_EVERY == 0:
+            if state.iteration % _KEEP_EVERY == 0 and _is_better(record, best_record):
                 best, best_record = _iterate(state, programme), record
             if callback:
                 callback(record)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,7 +68,7 @@ def init_barrier(programme: StagewiseProgramme, iterate: Iterate, threads: int =
     else:
         barrier *= _WARM_FACTOR
         _start_warm(native, programme, iterate.bounds, barrier)
-    return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
+    return new_state(programme, native, native.evaluate())._replace(barrier=barrier)
 
 
 def resumed(
@@ -97,7 +97,7 @@ def resumed(
         _centre(native, rows, barrier)
     else:
         _drop_idle(native, rows)
-    return replace(new_state(programme, native, native.evaluate()), barrier=barrier)
+    return new_state(programme, native, native.evaluate())._replace(barrier=barrier)
 
 
 def warm_barrier(
@@ -240,8 +240,7 @@ def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
         evaluation = state.native.weigh(barrier)
     if barrier == state.barrier:
         return state
-    return replace(
-        state,
+    return state._replace(
         barrier=barrier,
         barrier_since=state.iteration,
         evaluation=evaluation,
@@ -261,8 +260,7 @@ def raised(state: NewtonState, tolerance: float) -> NewtonState:
     if barrier <= state.barrier:
         return state
     evaluation = state.native.weigh(barrier)
-    return replace(
-        state,
+    return state._replace(
         barrier=barrier,
         least_barrier=barrier,
         evaluation=evaluation,

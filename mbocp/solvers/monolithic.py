@@ -120,10 +120,10 @@ class PureNewton:
         native = state.native
         factorisation, augmentation = factorise(state)
         if not factorisation.ok:
-            return replace(state, failure=Status.SINGULAR, failed_stage=factorisation.bad_stage)
+            return state._replace(failure=Status.SINGULAR, failed_stage=factorisation.bad_stage)
         direction = native.solve()
         if not direction.finite:
-            return replace(state, failure=Status.DIVERGED)
+            return state._replace(failure=Status.DIVERGED)
         native.move(1.0)
         native.accept(1.0)
         return next_state(
@@ -207,7 +207,7 @@ class GlobalisedNewton:
                 is_stuck = is_short and attempts >= care.patience
                 if is_stuck and state.patience == 0 and state.evaluation.violation > FEASIBLE_VIOLATION:
                     return self._relaxed(
-                        replace(state, reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
+                        state._replace(reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
                     )
                 if is_stuck:
                     restored = self._restored(state, shift)
@@ -216,7 +216,7 @@ class GlobalisedNewton:
                 if found is not None:
                     break
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
-                    return replace(state, increment=direction.increment)  # round-off hides any decrease
+                    return state._replace(increment=direction.increment)  # round-off hides any decrease
             attempts += 1
             least = max(_MIN_SHIFT, _OF_LAST * state.last_shift) if is_indefinite else _MIN_SHIFT
             shift = larger_shift(shift, least, care)
@@ -224,7 +224,7 @@ class GlobalisedNewton:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 if direction is not None and state.restarts < _RESTARTS:
                     return self.step(self._restarted(state))
-                return replace(state, failure=failure, failed_stage=factorisation.bad_stage)
+                return state._replace(failure=failure, failed_stage=factorisation.bad_stage)
         length, by_cost = found
         state.native.accept(length * direction.longest, direction.longest_dual)
         evaluation = state.native.evaluate()
@@ -285,7 +285,7 @@ class GlobalisedNewton:
         factorisation, _, direction = self._direction(state, 0.0)
         if not factorisation.ok:
             return raised(state, self.tolerance)
-        return state if direction is None else replace(state, shift=0.0)
+        return state if direction is None else state._replace(shift=0.0)
 
     def _restarted(self, state: NewtonState) -> NewtonState:
         """The same motion with multipliers that know nothing of the way there."""
@@ -294,8 +294,7 @@ class GlobalisedNewton:
         if native.slack.size:
             native.start_limits(state.barrier)
         evaluation = native.evaluate()
-        return replace(
-            state,
+        return state._replace(
             evaluation=evaluation,
             shift=0.0,
             filter=Filter.start(evaluation.violation),
@@ -354,12 +353,11 @@ class GlobalisedNewton:
                 at_minimum=shift == 0.0,
             )
             if state.filter.accepts_after_relaxation(reference.evaluation, after.evaluation):
-                return replace(after, reference=None, filter=state.filter.grown(reference.evaluation))
+                return after._replace(reference=None, filter=state.filter.grown(reference.evaluation))
             if after.failure is None and after.reference is not None and after.reference.steps_left:
                 return after
         reference.iterate.restore(native)
-        return replace(
-            state,
+        return state._replace(
             evaluation=native.evaluate(),
             iteration=state.iteration + 1,
             increment=math.inf,
@@ -431,9 +429,9 @@ def _with_least_squares(state: NewtonState, control_weight: float) -> NewtonStat
     native.m, native.eta = native.dm.copy(), native.deta.copy()
     evaluation = native.evaluate()
     if evaluation.finite and evaluation.dual <= _EXPLAINED * state.evaluation.dual:
-        return replace(state, evaluation=evaluation, augmentation=augmentation)
+        return state._replace(evaluation=evaluation, augmentation=augmentation)
     native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
-    return replace(state, evaluation=native.evaluate())
+    return state._replace(evaluation=native.evaluate())
 
 
 def _with_adjoint(state: NewtonState) -> NewtonState | None:
@@ -450,7 +448,7 @@ def _with_adjoint(state: NewtonState) -> NewtonState | None:
     if evaluation.finite:
         evaluation = end_multiplier(native, Sweeps())
     if evaluation.finite and 0.0 < np.abs(native.m).max() < _MAX_ADJOINT:
-        return replace(state, evaluation=native.evaluate())
+        return state._replace(evaluation=native.evaluate())
     kept.restore(native)
     native.evaluate()
     return None

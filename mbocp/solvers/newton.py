@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.iterate import Iterate
@@ -55,8 +55,7 @@ class Reference:
         return cls(Kept.of(state.native), state.evaluation, steps)
 
 
-@dataclass(frozen=True)
-class Direction:
+class Direction(NamedTuple):
     """What is known of a Newton step that the kernel holds.
 
     Attributes
@@ -84,9 +83,8 @@ class Direction:
         return cls(found.increment, found.slope, min(found.longest, cap), found.longest_dual, cap)
 
 
-@dataclass(frozen=True)
-class NewtonState:
-    """Where Newton's method stands.
+class NewtonState(NamedTuple):
+    """Where Newton's method stands: a tuple, since a changed one is made in each iteration.
 
     Attributes
     ----------
@@ -143,7 +141,7 @@ class NewtonState:
     augmentation: float = 0.0
     shift: float = 0.0
     last_shift: float = 0.0
-    filter: Filter = field(default_factory=Filter)
+    filter: Filter = Filter()
     reference: Reference | None = None
     patience: int = 0
     at_minimum: bool = False
@@ -206,8 +204,7 @@ def next_state(
 ) -> NewtonState:
     """State after a step."""
     before = state.evaluation.residual
-    return replace(
-        state,
+    return state._replace(
         contraction=evaluation.residual / before if step_length == 1.0 and before > 0.0 else math.inf,
         evaluation=evaluation,
         iteration=state.iteration + 1,

@@ -22,11 +22,11 @@ Maker = Callable[[SolverSettings, Switch | None], Solver[Any]]
 def _monolithic(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
     options = settings.options
     if options.globalisation == "none":
-        return PureNewton(options.tolerance, options.newton_iterations, threads=settings.threads)
+        return PureNewton(options.tolerance, settings.newton_iterations, threads=settings.threads)
     words = "barrier, " if settings.has_inequalities else ""
     return GlobalisedNewton(
         options.tolerance,
-        options.newton_iterations,
+        settings.newton_iterations,
         control_weight=settings.control_weight,
         is_careful=settings.is_careful,
         rough=settings.rough,
@@ -42,7 +42,7 @@ def _fbsm_newton(settings: SolverSettings, switch: Switch | None) -> Solver[Any]
     is_global = options.globalisation == "default"
     return FBSMNewton(
         options.tolerance,
-        options.newton_iterations,
+        settings.newton_iterations,
         control_weight=settings.control_weight,
         globalised=is_global,
         hessian=options.hessian,
@@ -55,7 +55,7 @@ def _fbsm_bb(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
     options = settings.options
     return FBSMGradient(
         options.tolerance,
-        options.gradient_iterations,
+        settings.gradient_iterations,
         theta_max=options.theta_max,
         auxiliary=options.adjoint == "auxiliary",
         loop=options.loop,

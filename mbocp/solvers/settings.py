@@ -35,6 +35,8 @@ class SolverSettings:
         Residual with which Newton's method may end, whatever the increment; 0: it is to converge.
     threads : int
         Share the work of Newton's method on the stages.
+    most : int or None
+        Limit of iterations in the place of the options'; None: theirs holds.
     """
 
     options: Options
@@ -45,6 +47,7 @@ class SolverSettings:
     is_careful: bool = False
     rough: float = 0.0
     threads: int = 1
+    most: int | None = None
 
     @classmethod
     def of(
@@ -75,26 +78,36 @@ class SolverSettings:
         o = self.options
         return Switch(o.switch_residual, o.switch_cost, o.switch_iterations)
 
+    @property
+    def max_iterations(self) -> int | None:
+        """Limit of iterations; None: each method has its own."""
+        return self.options.max_iterations if self.most is None else self.most
+
+    @property
+    def newton_iterations(self) -> int:
+        """Limit of a Newton method."""
+        return self.options.newton_iterations if self.most is None else self.most
+
+    @property
+    def gradient_iterations(self) -> int:
+        """Limit of `fbsm_bb` on its own."""
+        return self.options.gradient_iterations if self.most is None else self.most
+
     def is_spent(self, taken: int) -> bool:
         """Whether so many iterations use up the limit of all phases together."""
-        limit = self.options.max_iterations
+        limit = self.max_iterations
         return limit is not None and taken >= limit
 
     def within(self, taken: int) -> SolverSettings:
         """Settings with what so many iterations leave of their limit, one at least."""
-        limit = self.options.max_iterations
-        if limit is None:
-            return self
-        return self._with_most(max(1, limit - taken))
+        limit = self.max_iterations
+        return self if limit is None else replace(self, most=max(1, limit - taken))
 
     def unhurried(self) -> SolverSettings:
         """Settings for a Newton method that may go on while it makes progress, if the user sets no limit."""
-        return self if self.options.max_iterations is not None else self._with_most(_UNHURRIED_ITERATIONS)
-
-    def _with_most(self, iterations: int) -> SolverSettings:
-        return replace(self, options=replace(self.options, max_iterations=iterations))
+        return self if self.max_iterations is not None else replace(self, most=_UNHURRIED_ITERATIONS)
 
     def interior_iterations(self, taken: int) -> int:
         """Limit of an interior-point method after so many iterations of others."""
-        limit = self.options.max_iterations
+        limit = self.max_iterations
         return _INTERIOR_ITERATIONS if limit is None else limit - taken

@@ -165,7 +165,7 @@ def test_a_guess_outside_its_limits_is_no_obstacle() -> None:
     outside[:] = 40.0
     native.u = outside
     native.start_limits(state.barrier)
-    state = replace(state, evaluation=native.evaluate())
+    state = state._replace(evaluation=native.evaluate())
     while solver.terminate(state) is None:
         state = solver.step(state)
     assert str(solver.terminate(state)) == "converged"
@@ -244,12 +244,12 @@ def test_a_barrier_is_raised_to_the_tolerance_at_most(arm: Path) -> None:
     _, _, state = begun(LIMITS)
     most = 1e-9 * max(1.0, abs(state.evaluation.cost))
     assert raised(state, 1e-9) is state  # a first barrier is larger
-    low = replace(state, barrier=1e-12)
+    low = state._replace(barrier=1e-12)
     once = raised(low, 1e-9)
     assert once.barrier == once.least_barrier == pytest.approx(1e-11)
-    last = raised(replace(low, barrier=0.5 * most), 1e-9)
+    last = raised(low._replace(barrier=0.5 * most), 1e-9)
     assert last.barrier == most
     assert raised(last, 1e-9) is last
-    assert raised(replace(state, barrier=0.0), 1e-9).least_barrier == 0.0
-    settled = replace(once, evaluation=once.native.weigh(once.barrier))
+    assert raised(state._replace(barrier=0.0), 1e-9).least_barrier == 0.0
+    settled = once._replace(evaluation=once.native.weigh(once.barrier))
     assert update_barrier(settled, 1e-9).barrier >= once.least_barrier

@@ -47,10 +47,10 @@ def test_solvers_have_the_options_of_the_problem() -> None:
 def test_a_limit_of_iterations_is_for_all_phases_together() -> None:
     assert not SETTINGS.is_spent(11)
     assert SETTINGS.is_spent(12)
-    assert SETTINGS.within(5).options.newton_iterations == 7
-    assert SETTINGS.within(20).options.gradient_iterations == 1
+    assert SETTINGS.within(5).newton_iterations == 7
+    assert SETTINGS.within(20).gradient_iterations == 1
     assert SETTINGS.interior_iterations(5) == 7
     free = SolverSettings(SolverOptions(), control_weight=1.0)
     assert not free.is_spent(10**6)
     assert free.within(10**6) is free
-    assert free.options.newton_iterations == 200
+    assert free.newton_iterations == 200
