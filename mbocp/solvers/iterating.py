@@ -17,6 +17,7 @@ from mbocp.solvers.records import IterationRecord, Status
 __all__ = ["Callback", "SolverResult", "StopTest", "run"]
 
 _KEEP_EVERY = 10  # iterations: how often a better iterate is copied, in case that the last one is worse
+_MUCH_LESS = 0.1  # of the last increment: the next one that is, and is foreseen, is not just more round-off
 _HOLDS = 1e-6  # violation of steps and end condition beside which a larger residual is one of stationarity
 
 Callback = Callable[[IterationRecord], object]
@@ -147,6 +148,8 @@ def _kept(state: SolverState, tolerance: float) -> str:
         return f"the residual ({e.residual:.0e}) is round-off, since multipliers or states are large"
     if state.increment > tolerance >= state.next_increment:
         return "the residual is below the tolerance, as the next increment would be"
+    if state.increment > tolerance and state.next_increment < _MUCH_LESS * state.increment:
+        return "the residual is below the tolerance, as the next increment would be relative to the unknowns"
     if state.increment > tolerance:
         noise = f"the increments are round-off ({state.increment:.0e})"
         return f"the residual is below the tolerance, {noise}"

@@ -60,7 +60,7 @@ from mbocp.solvers.newton import (
     start,
 )
 from mbocp.solvers.records import Status
-from mbocp.solvers.round_off import has_a_say, round_off
+from mbocp.solvers.round_off import has_a_say, relative_increment, round_off
 from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, Care, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
@@ -88,7 +88,9 @@ _STIFF = 100.0  # shift with which a Newton step gives multipliers that fit, har
 _EXPLAINED = 0.2  # of the gradient: what they may leave
 _RESOLVED = 1e-2  # of the tolerance, for the residual, ...
 _AT_REST = 1e-3  # of the tolerance, for the residual before a step that is not worth taking, ...
-_FORESEEN = 0.1  # ... and for that step, which is foreseen to a few per cent
+_FORESEEN = 0.1  # ... and for that step, which is foreseen to a few per cent, ...
+_FORESEEN_OF_UNKNOWNS = 1e-3  # ... or relative to the unknowns: long horizons have many, and large norms
+_STILL = 2  # steps in a row that halve neither residual nor increment
 _NOISE = 1e3  # ... and times the tolerance, for increments that do not shrink any more
 
 
@@ -217,6 +219,8 @@ class GlobalisedNewton:
                     break
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return state._replace(increment=direction.increment)  # round-off hides any decrease
+                if shift == 0.0 and _is_round_off(state, direction.increment, self.tolerance):
+                    return state._replace(increment=direction.increment, still=_STILL)
             attempts += 1
             least = max(_MIN_SHIFT, _OF_LAST * state.last_shift) if is_indefinite else _MIN_SHIFT
             shift = larger_shift(shift, least, care)
@@ -368,28 +372,46 @@ class GlobalisedNewton:
 
 
 def _is_noise(state: NewtonState, tolerance: float) -> bool:
-    """Whether the residual is far below the tolerance, and increments are no more than round-off.
+    """Whether residual and increments are round-off, which no step makes less.
 
-    With limits the barrier leaves something of the residual by construction, which does not count. Where they
-    are active from end to end, multipliers are sums of many others, and jump though the motion rests.
+    With limits multipliers are sums of many others where limits are active from end to end, and jump though
+    the motion rests.
+    """
+    native = state.native
+    return _is_round_off(state, state.increment, tolerance) and (
+        state.still >= _STILL
+        or (state.barrier > 0.0 and norm(native.dx) <= tolerance and norm(native.du) <= tolerance)
+    )
+
+
+def _is_round_off(state: NewtonState, increment: float, tolerance: float) -> bool:
+    """Whether the residual is far below the tolerance, or about round-off, and an increment may be that, too.
+
+    The longer the horizon, the larger the norms of residual, increment and unknowns. With limits the barrier
+    leaves something of the residual by construction, which does not count.
     """
     evaluation, native = state.evaluation, state.native
     left = evaluation.barrier_error if state.barrier else evaluation.residual
     return (
         evaluation.residual <= tolerance
-        and left <= _RESOLVED * tolerance
-        and state.increment <= _NOISE * tolerance
-        and (
-            state.still > 1
-            or (state.barrier > 0.0 and norm(native.dx) <= tolerance and norm(native.du) <= tolerance)
-        )
+        and (left <= _RESOLVED * tolerance or left <= max(round_off(native)))
+        and (increment <= _NOISE * tolerance or relative_increment(native) <= tolerance)
     )
 
 
 def _is_at_rest(state: NewtonState, tolerance: float) -> bool:
-    """Whether the residual is about round-off, and the next step would be far below the tolerance."""
-    return state.next_increment <= _FORESEEN * tolerance and (
-        state.evaluation.residual <= max(_AT_REST * tolerance, *round_off(state.native))
+    """Whether the residual is about round-off, and the next step would be far below the tolerance.
+
+    That step by itself, or relative to the unknowns, the more of which there are, the more round-off it has.
+    """
+    residual, native = state.evaluation.residual, state.native
+    if not math.isfinite(state.next_increment) or residual > tolerance:
+        return False
+    if residual > max(_AT_REST * tolerance, *round_off(native)):
+        return False
+    return (
+        state.next_increment <= _FORESEEN * tolerance
+        or state.contraction * relative_increment(native) <= _FORESEEN_OF_UNKNOWNS * tolerance
     )
 
 

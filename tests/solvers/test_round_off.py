@@ -78,6 +78,51 @@ def test_the_step_that_was_foreseen_and_not_taken_is_far_below_the_tolerance(nam
     assert further.increment < 1e-10
 
 
+def test_a_tolerance_below_the_round_off_of_increments_ends_by_round_off() -> None:
+    """Steps among round-off are refused, and no shift helps."""
+    settings = {"horizon.steps": 1000, "solver.tolerance": 1e-12, "solver.method": "monolithic"}
+    s = mbocp.solve(mbocp.load_problem(PAPER / "elastic_pendulum.toml", settings))
+    assert s.converged, s.advice
+    assert s.iterations <= 10
+    assert all(record.regularisation == 0.0 for record in s.history)
+    assert s.residual < 1e-12
+
+
+@pytest.mark.parametrize("length", [1, 100, 10_000, 1_000_000])
+@pytest.mark.parametrize(
+    ("residual", "step", "expected"),
+    [
+        (1e-12, 3e-9, True),
+        (1e-11, 3e-9, False),  # above round-off, and far below the tolerance
+        (1e-12, 3e-6, False),  # not yet there, relative to the unknowns
+    ],
+)
+def test_long_horizons_end_when_short_ones_do(
+    length: int, residual: float, step: float, expected: bool
+) -> None:
+    """Norms of the same motion in more steps are larger by a root, those of its round-off, too."""
+    scale = np.sqrt(length)
+    evaluation = SimpleNamespace(residual=scale * residual, primal=0.0, dual=scale * residual)
+    contraction = 1e-3
+    state = NewtonState(
+        stub(1e3 * scale, step * scale),
+        evaluation,
+        increment=step * scale,
+        step_length=1.0,
+        contraction=contraction,
+    )
+    ended = GlobalisedNewton().terminate(state) is not None
+    assert ended == expected
+
+
+def test_residuals_above_the_tolerance_are_never_at_rest() -> None:
+    evaluation = SimpleNamespace(residual=2e-9, primal=2e-9, dual=0.0)
+    state = NewtonState(
+        stub(1e9, 1e-12), evaluation, increment=1e-12, step_length=1.0, contraction=1e-3, still=9
+    )
+    assert GlobalisedNewton().terminate(state) is None
+
+
 def stub(size: float, step: float) -> Any:
     """What a kernel programme shows, with multipliers of one size and a last step of another."""
     unit = np.array([1.0, 0.0])
