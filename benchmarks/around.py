@@ -20,7 +20,7 @@ from unittest.mock import patch
 import numpy as np
 
 import mbocp
-from benchmarks.machine import one_core
+from benchmarks.machine import memory, one_core
 from benchmarks.tables import Table, show
 from mbocp.guesses import attempts, eased, screening, several
 from mbocp.solution.later import complete
@@ -135,27 +135,18 @@ def tasks_table(tasks: int = 1000, seed: int = 0) -> Table:
     problem = mbocp.load_problem(_EXAMPLES / f"{_TASKS}.toml")
     rng, q_goal = np.random.default_rng(seed), np.asarray(problem.goal.q)
     _measured(problem)
-    times, memory = list[_Times](), list[float]()
+    times, resident = list[_Times](), list[float]()
     for _ in range(tasks):
         goal = {"q": q_goal + _SPREAD * rng.uniform(-1.0, 1.0, q_goal.size)}
         times.append(_measured(problem, goal))
-        memory.append(_resident())
-    begin = memory[tasks // _BEGIN]
+        resident.append(1e-6 * memory("VmRSS"))
+    begin = resident[tasks // _BEGIN]
     return Table(
         f"{tasks} tasks of one shape",
         ("problem", *_COLUMNS, f"memory after {tasks // _BEGIN + 1} tasks [MB]", f"after {tasks} [MB]"),
-        [(_TASKS, *_row(times), f"{begin:.1f}", f"{memory[-1]:.1f}")],
+        [(_TASKS, *_row(times), f"{begin:.1f}", f"{resident[-1]:.1f}")],
         f"Goals within {_SPREAD:g} rad of the example's. Memory: resident.",
     )
-
-
-def _resident() -> float:
-    """Resident memory of this process [MB]; 0 where the system does not say."""
-    try:
-        text = Path("/proc/self/status").read_text(encoding="ascii")
-    except OSError:
-        return 0.0
-    return next((float(line.split()[1]) for line in text.splitlines() if line.startswith("VmRSS")), 0.0) / 1e3
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

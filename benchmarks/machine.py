@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import platform
 from importlib.metadata import version
+from pathlib import Path
 
 from benchmarks.tables import Table
 from mbocp.papers.machine import processor
 from mbocp.programme.kernel import kernel
 
-__all__ = ["header", "one_core"]
+__all__ = ["header", "memory", "one_core"]
 
 
 def one_core() -> None:
@@ -30,3 +31,15 @@ def header() -> Table:
         ("load", f"{os.getloadavg()[0]:.2f} (one-minute average at the start)"),
     ]
     return Table("Machine", ("", "found"), rows)
+
+
+def memory(name: str) -> int:
+    """Memory of this process [bytes]: "VmRSS", resident, or "VmHWM", the largest resident one.
+
+    0 where the system does not say. `getrusage` would count the parent's, too.
+    """
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return 0
+    return 1024 * next((int(line.split()[1]) for line in lines if line.startswith(f"{name}:")), 0)
