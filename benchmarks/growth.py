@@ -146,8 +146,8 @@ def table_of(case: str, found: Sequence[Growth]) -> Table:
         ),
         rows,
         "Times of a stage, in microseconds. Time of an iteration of all stages, threads: "
-        f"{fits or 'one horizon only'}. Memory of the whole process: what the largest resident memory of a solve "
-        "grows by from one horizon to the next, by its further stages.",
+        f"{fits or 'one horizon only'}. Memory of the whole process: what the largest resident memory of a "
+        "solve grows by from one horizon to the next, by its further stages.",
     )
 
 
