@@ -184,13 +184,11 @@ def sides(bounds: StateBounds) -> dict[str, Array]:
 
 def _stage_function(native: Kernel, functions: CompiledFunctions, name: str) -> StageFunction:
     if functions.library is not None:
-        library = str(functions.library)
-        _opened(library, name)
-        return native.StageFunction.from_library(library, name)
+        return _opened(str(functions.library), name).copy()
     return native.StageFunction.from_string(functions.serialised[name])
 
 
 @lru_cache(maxsize=256)
 def _opened(library: str, name: str) -> StageFunction:
-    """Keep a library loaded from solve to solve: loading it takes ten times as long as looking into it."""
+    """A function that is only copied: loading its library and looking into it takes ten times as long."""
     return kernel().StageFunction.from_library(library, name)

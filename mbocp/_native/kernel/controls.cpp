@@ -14,6 +14,10 @@ namespace {
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using MatrixMap = Eigen::Map<RowMatrix, 0, Eigen::OuterStride<>>;
 
+// Relative size of the smallest eigenvalue above which a bound on it will do.
+constexpr double well_conditioned = 2e-3;
+constexpr int few_columns = 64;  // of the end condition and the state
+
 // Negative eigenvalues of a symmetric matrix; -1 when it is singular.
 int count_negative(const Eigen::VectorXd& eigenvalues) {
     const double largest = eigenvalues.cwiseAbs().maxCoeff();
@@ -24,9 +28,9 @@ int count_negative(const Eigen::VectorXd& eigenvalues) {
 }  // namespace
 
 struct EndMultiplier::Work {
-    explicit Work(int n) : R(n, n), scale(n), scaled(n), eigen(n), pivot(static_cast<std::size_t>(n)) {}
+    explicit Work(int n) : R(n, n), L(n, n), scale(n), scaled(n), eigen(n), pivot(static_cast<std::size_t>(n)) {}
 
-    RowMatrix R;
+    RowMatrix R, L;
     Eigen::VectorXd scale, scaled;
     Eigen::SelfAdjointEigenSolver<RowMatrix> eigen;
     std::vector<int> pivot;
@@ -39,10 +43,10 @@ EndMultiplier::~EndMultiplier() = default;
 
 void EndMultiplier::clear() { std::fill(R_.begin(), R_.end(), 0.0); }
 
-// Of the equilibrated matrix: its eigenvalues, and what it is solved with.
+// Of the equilibrated matrix: signs and sizes of its eigenvalues, and what it is solved with.
 bool EndMultiplier::factorise(Factorisation& result) {
     if (!ng_) return true;
-    auto& [R, scale, scaled, eigen, pivot] = *work_;
+    auto& [R, L, scale, scaled, eigen, pivot] = *work_;
     const int pg = padded(ng_);
     const MatrixMap given(R_.data(), ng_, ng_, Eigen::OuterStride<>(pg));
     R = given.selfadjointView<Eigen::Upper>();
@@ -50,16 +54,32 @@ bool EndMultiplier::factorise(Factorisation& result) {
     for (int i = 0; i < ng_; ++i)
         for (int j = 0; j < ng_; ++j) factors_[i * pg + j] = R(i, j) = scale[i] * R(i, j) * scale[j];
     if (!R.allFinite()) return false;
+    const bool is_regular = dense::factor(ng_, factors_.data(), pg, pivot.data()) > 0.0;
+    if (is_regular && is_plain(result)) return true;
     eigen.compute(R, Eigen::EigenvaluesOnly);
     const int negative = count_negative(eigen.eigenvalues());
-    if (negative < 0 || dense::factor(ng_, factors_.data(), pg, pivot.data()) == 0.0) return false;
+    if (negative < 0 || !is_regular) return false;
     result.negative += negative;
     result.end_condition = eigen.eigenvalues().cwiseAbs().minCoeff() / eigen.eigenvalues().cwiseAbs().maxCoeff();
     return true;
 }
 
+// Whether it is negative definite and so well conditioned that its inverse shows it, as mostly: eigenvalues, which take
+// several times as long, are not needed then.
+bool EndMultiplier::is_plain(Factorisation& result) {
+    if (ng_ > dense::most_inverted) return false;
+    const RowMatrix& R = work_->R;
+    const MatrixMap inverse(factors_.data(), ng_, ng_, Eigen::OuterStride<>(padded(ng_)));
+    const double bound = 1.0 / (R.norm() * inverse.norm());  // Frobenius norms are above the largest eigenvalues
+    if (!(bound > well_conditioned)) return false;
+    work_->L = -R;
+    if (!dense::cholesky(ng_, work_->L.data(), ng_)) return false;
+    result.negative += ng_, result.end_condition = bound;
+    return true;
+}
+
 void EndMultiplier::solve(const Numbers& r, Numbers& eta) const {
-    auto& [R, scale, scaled, eigen, pivot] = *work_;
+    auto& [R, L, scale, scaled, eigen, pivot] = *work_;
     for (int i = 0; i < ng_; ++i) scaled[i] = -scale[i] * r[i];
     dense::solve_vector(ng_, factors_.data(), padded(ng_), pivot.data(), scaled.data());
     for (int i = 0; i < ng_; ++i) eta[i] = scale[i] * scaled[i];
@@ -68,24 +88,30 @@ void EndMultiplier::solve(const Numbers& r, Numbers& eta) const {
 Controls::Controls(const Problem& problem, Data& data, const Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), barrier_(barrier), eta_(eta),
       diagonal_(static_cast<std::size_t>(problem.max_nu), 0.0) {
-    work_.allocate(2 * static_cast<std::size_t>(problem.max_nu) * (padded(problem.ng) + padded(problem.nd)) + 32);
+    const std::size_t columns = std::max(few_columns, padded(problem.ng) + padded(problem.nd));
+    work_.allocate(2 * static_cast<std::size_t>(problem.max_nu) * columns + 32);
 }
 
 bool Controls::eliminate(int n, const Form& form, Factorisation& result) {
     barrier_.add_to_controls(n, form.of_controls + padded(problem_.ng) + problem_.nd, form.ld);
     const auto eliminate = [&](auto nu) {
-        if constexpr (nu() > 0)
-            if (eliminate_few<nu()>(n, form, result)) return true;
+        if constexpr (nu() > 0) {
+            const bool are_few = padded(problem_.ng) + padded(problem_.nd) <= few_columns;
+            if (are_few ? eliminate_few<nu(), few_columns>(n, form, result) : eliminate_few<nu(), 0>(n, form, result))
+                return true;
+        }
         return eliminate_any(n, form, result);
     };
     return dense::for_few(data_[n].kind->nu, eliminate);
 }
 
-// By factors that stay in registers. False, with nothing changed that counts, where these cannot be trusted.
-template <int Nu>
+// By factors that stay in registers, with rows of work of that length, which the compiler knows, or of any where it is
+// 0. False, with nothing changed that counts, where these cannot be trusted.
+template <int Nu, int Columns>
 bool Controls::eliminate_few(int n, const Form& form, Factorisation& result) {
     Stage& s = data_[n];
-    const int nd = problem_.nd, ng = problem_.ng, px = padded(nd), pg = padded(ng), ld = form.ld, ldz = pg + px;
+    const int nd = problem_.nd, ng = problem_.ng, px = padded(nd), pg = padded(ng), ld = form.ld;
+    const int ldz = Columns ? Columns : pg + px;
     const double* U = form.of_controls;
     dense::SmallLdl<Nu> factors;
     if (!factors.factor(U + pg + nd, ld)) return false;
@@ -99,7 +125,7 @@ bool Controls::eliminate_few(int n, const Form& form, Factorisation& result) {
     if (n > 0) {
         const Stage& before = data_[n - 1];
         dense::subtract_symmetric<Nu>(nd, Z + pg, Y + pg, ldz, form.of_state + pg, ld, before.P, px);
-        for (int i = 0; i < nd; ++i) dense::zero(before.P + i * px + nd, px - nd);
+        for (int i = 0; i < nd && nd < px; ++i) dense::zero(before.P + i * px + nd, px - nd);
         if (ng) dense::subtract_tn<Nu>(nd, pg, Z + pg, ldz, Y, ldz, form.of_state, ld, before.S, pg);
     }
     double* R = eta_.matrix();

@@ -24,6 +24,8 @@ public:
     void solve(const Numbers& r, Numbers& eta) const;
 
 private:
+    bool is_plain(Factorisation& result);
+
     struct Work;  // of the factorisation, as large as it has to be from the beginning
 
     const int ng_;
@@ -49,7 +51,7 @@ public:
     void solve(const Stage& s, double* k) const;
 
 private:
-    template <int Nu>
+    template <int Nu, int Columns>
     bool eliminate_few(int n, const Form& form, Factorisation& result);
     bool eliminate_any(int n, const Form& form, Factorisation& result);
     bool factorise(Stage& s, Factorisation& result);

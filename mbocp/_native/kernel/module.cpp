@@ -84,6 +84,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
     nb::class_<StageFunction>(module, "StageFunction")
         .def_static("from_library", &StageFunction::from_library, nb::arg("path"), nb::arg("name"))
         .def_static("from_string", &StageFunction::from_string, nb::arg("serialised"))
+        .def("copy", &StageFunction::copy, "The same function of its library with memory of its own.")
         .def_ro("num_inputs", &StageFunction::num_inputs);
 
     nb::class_<Kind>(module, "Kind")

@@ -15,7 +15,9 @@ struct Evaluation {
 struct Factorisation {
     int negative = 0;             // negative eigenvalues of the control Hessians plus those of eta's Schur complement
     double smallest_pivot = 0.0;  // relative, over the stages' step matrices
-    double end_condition = 1.0;   // relative size of the smallest eigenvalue of eta's (equilibrated) Schur complement
+    // Relative size of the smallest eigenvalue of eta's (equilibrated) Schur complement; where it is above 2e-3,
+    // perhaps a bound below it that is, too.
+    double end_condition = 1.0;
     bool ok = false;
     int bad_stage = -1;  // where a matrix was singular; num_stages: the end condition
 };

@@ -15,7 +15,7 @@ using Places = std::vector<Place>;
 class Scatter {
 public:
     // `zero` is the place of a zero among the outputs: what is beside a number in a vector and has no place is zeroed.
-    Scatter(const Places& places, int zero);
+    Scatter(Places places, int zero);
     // Stages' memories begin on the boundary of a vector; there are as many as lanes, and may be repeated.
     void apply(const double* values, int num_lanes, double* const* stages) const;
 

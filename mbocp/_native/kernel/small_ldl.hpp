@@ -118,8 +118,8 @@ MBOCP_INLINE void subtract_tile(const double* A, int lda, const double* B, int l
 
 // C (m x n) = from - A'B with A (K x m), B (K x n); m and n are rounded up to whole vectors.
 template <int K>
-inline void subtract_tn(int m, int n, const double* A, int lda, const double* B, int ldb, const double* from, int ldf,
-                        double* C, int ldc) {
+MBOCP_INLINE void subtract_tn(int m, int n, const double* A, int lda, const double* B, int ldb, const double* from,
+                              int ldf, double* C, int ldc) {
     for_tiles(padded(n) / 4, [&](auto V, int j) {
         for (int i = 0; i < m; i += 4)
             subtract_tile<K, V()>(A + i, lda, B + j, ldb, from + i * ldf + j, ldf, C + i * ldc + j, ldc);
@@ -128,8 +128,8 @@ inline void subtract_tn(int m, int n, const double* A, int lda, const double* B,
 
 // P <- (Q + Q')/2 - Z'Y, symmetric as Z'Y is, with Y, Z (K x n); n is rounded up to whole vectors.
 template <int K>
-inline void subtract_symmetric(int n, const double* Z, const double* Y, int ldz, const double* Q, int ldq, double* P,
-                               int ldp) {
+MBOCP_INLINE void subtract_symmetric(int n, const double* Z, const double* Y, int ldz, const double* Q, int ldq,
+                                     double* P, int ldp) {
     for (int i = 0; i < n; i += 4)
         for (int j = i; j < n; j += 4) {
             Vec rows[4], other[4];

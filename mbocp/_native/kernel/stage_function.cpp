@@ -44,16 +44,19 @@ F symbol(void* library, const std::string& path, const std::string& name) {
 
 class Compiled final : public StageFunction {
 public:
-    Compiled(const std::string& path, const std::string& name) : path_(path), name_(name) {
-        library_ = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+    Compiled(const std::string& path, const std::string& name) {
+        library_.reset(dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL), [](void* p) {
+            if (p) dlclose(p);
+        });
         if (!library_) throw std::runtime_error(dlerror());
-        evaluate_ = symbol<Evaluate>(library_, path, name);
+        void* library = library_.get();
+        evaluate_ = symbol<Evaluate>(library, path, name);
         Index sizes[4];
-        symbol<Work>(library_, path, name + "_work")(&sizes[0], &sizes[1], &sizes[2], &sizes[3]);
-        num_inputs = static_cast<int>(symbol<Count>(library_, path, name + "_n_in")());
-        const auto n_out = symbol<Count>(library_, path, name + "_n_out")();
-        const auto in = symbol<SparsityOf>(library_, path, name + "_sparsity_in");
-        const auto out = symbol<SparsityOf>(library_, path, name + "_sparsity_out");
+        symbol<Work>(library, path, name + "_work")(&sizes[0], &sizes[1], &sizes[2], &sizes[3]);
+        num_inputs = static_cast<int>(symbol<Count>(library, path, name + "_n_in")());
+        const auto n_out = symbol<Count>(library, path, name + "_n_out")();
+        const auto in = symbol<SparsityOf>(library, path, name + "_sparsity_in");
+        const auto out = symbol<SparsityOf>(library, path, name + "_sparsity_out");
         for (int i = 0; i < num_inputs; ++i) input_sizes.push_back(from_compact(in(i)).nnz());
         for (Index i = 0; i < n_out; ++i) outputs.push_back(from_compact(out(i)));
         arg.resize(static_cast<std::size_t>(sizes[0]));
@@ -63,28 +66,32 @@ public:
         allocate();
         find_lanes(name);
     }
-    ~Compiled() override { dlclose(library_); }
+    Compiled(const Compiled& other)
+        : StageFunction(other), library_(other.library_), evaluate_(other.evaluate_),
+          evaluate_in_lanes_(other.evaluate_in_lanes_), iw_(other.iw_.size()), w_(other.w_.size()) {
+        allocate();
+        if (num_lanes > 1) allocate_lanes();
+    }
+    std::shared_ptr<StageFunction> copy() const override { return std::make_shared<Compiled>(*this); }
     bool call() override { return evaluate_(arg.data(), res.data(), iw_.data(), w_.data(), 0) == 0; }
 
 protected:
     bool call_all() override {
         return evaluate_in_lanes_(const_cast<const double**>(lane_inputs_.data()), lane_outputs_.data()) == 0;
     }
-    std::shared_ptr<StageFunction> copy() const override { return from_library(path_, name_); }
 
 private:
     void find_lanes(const std::string& name) {
-        const auto number = reinterpret_cast<NumLanes>(dlsym(library_, (name + "_num_lanes").c_str()));
+        const auto number = reinterpret_cast<NumLanes>(dlsym(library_.get(), (name + "_num_lanes").c_str()));
         if (!number) return;
         num_lanes = number();
         if (num_lanes != 4 && num_lanes != 8) num_lanes = 1;
         if (num_lanes == 1) return;
-        evaluate_in_lanes_ = reinterpret_cast<EvaluateInLanes>(dlsym(library_, (name + "_in_lanes").c_str()));
+        evaluate_in_lanes_ = reinterpret_cast<EvaluateInLanes>(dlsym(library_.get(), (name + "_in_lanes").c_str()));
         allocate_lanes();
     }
 
-    const std::string path_, name_;
-    void* library_ = nullptr;
+    std::shared_ptr<void> library_;
     Evaluate evaluate_ = nullptr;
     EvaluateInLanes evaluate_in_lanes_ = nullptr;
     std::vector<Index> iw_;

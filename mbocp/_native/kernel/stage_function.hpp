@@ -22,6 +22,7 @@ inline constexpr int most_lanes = 8;
 // `share`, `call_in_lanes`, `values`; number k of an output is then at [k * num_lanes + lane].
 class StageFunction {
 public:
+    StageFunction() = default;
     virtual ~StageFunction() = default;
 
     // Set inputs with arg[i] = pointer, then call; outputs land in res[i] (nonzeros only). False: not finite or failed.
@@ -48,14 +49,20 @@ public:
     // A serialised casadi::Function, evaluated by CasADi's virtual machine.
     static std::shared_ptr<StageFunction> from_string(const std::string& serialised);
 
+    // The same function with memory of its own, in a fraction of the time that `from_library` takes; null where it
+    // cannot be copied.
+    virtual std::shared_ptr<StageFunction> copy() const { return nullptr; }
     // The function of each of so many threads, which call it side by side; of thread 0 it is this one. False: it cannot
     // be copied.
     bool copy_for(int num_threads);
     StageFunction& of(int thread) { return thread == 0 ? *this : *copies_[static_cast<std::size_t>(thread) - 1]; }
 
 protected:
+    // What is known of the other one, without its memory.
+    StageFunction(const StageFunction& other)
+        : num_lanes(other.num_lanes), arg(other.arg.size()), res(other.res.size()), outputs(other.outputs),
+          input_sizes(other.input_sizes), num_inputs(other.num_inputs) {}
     virtual bool call_all() { return false; }
-    virtual std::shared_ptr<StageFunction> copy() const { return nullptr; }
     void allocate();
     void allocate_lanes();
 
