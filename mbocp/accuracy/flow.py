@@ -223,7 +223,8 @@ def _answered(rate: ca.Function, difference: ca.Function, parts: int, size: int,
 
 
 def _sum(row: Array, slopes: list[ca.MX]) -> ca.MX:
-    return sum((float(a) * k for a, k in zip(row, slopes, strict=False) if a), start=ca.MX(0))
+    weighed = [(float(a), k) for a, k in zip(row, slopes, strict=False) if a]
+    return ca.horzcat(*(k for _, k in weighed)) @ ca.DM([a for a, _ in weighed])
 
 
 @lru_cache(maxsize=1)

@@ -21,6 +21,8 @@ def script() -> None:
     """
     status: list[int] = []  # when it is known
     gc.set_threshold(*_COLLECT)
+    # Before NumPy: matrices are small here, and BLAS's other threads wait for work at a processor's cost.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     atexit.register(_end, status)  # the first to be registered is the last to be called
     try:
         main()

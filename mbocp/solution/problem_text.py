@@ -47,7 +47,7 @@ _KEYS = {"limits_u": "effort", "limits_v": "velocity", "limits_q": "position"}
 class _Part(BaseModel):
     """Some keys of a table; what others there are does not matter here."""
 
-    model_config = ConfigDict(strict=True, frozen=True)
+    model_config = ConfigDict(strict=True, frozen=True, defer_build=True)
 
 
 class _Integrator(_Part):
@@ -67,10 +67,10 @@ class _Horizon(_Part):
 
 class _Problem(_Part):
     coordinates: str = "joint"
-    horizon: _Horizon = _Horizon()
+    horizon: _Horizon = _Horizon.model_construct()
     phase: list[dict[str, Any]] = []
-    integrator: _Integrator = _Integrator()
-    robot: _Robot | str = _Robot()
+    integrator: _Integrator = _Integrator.model_construct()
+    robot: _Robot | str = _Robot.model_construct()
     goal: dict[str, Any] = {}
     limits: dict[str, Any] = {}
     via: list[dict[str, Any]] = []
@@ -91,7 +91,7 @@ def integrator_of(problem_text: str) -> dict[str, Any]:
     problem = _parsed(problem_text)
     if problem is None:
         return {"coordinates": "", "scheme": "", "lie": "", "substeps": 1, "rotations": ""}
-    robot = problem.robot if isinstance(problem.robot, _Robot) else _Robot()
+    robot = problem.robot if isinstance(problem.robot, _Robot) else _Robot.model_construct()
     return {
         "coordinates": problem.coordinates,
         **problem.integrator.model_dump(),

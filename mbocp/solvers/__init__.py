@@ -8,7 +8,7 @@ from mbocp._exports import names_of
 
 if TYPE_CHECKING:
     from mbocp.programme.iterate import Iterate, zero_multipliers
-    from mbocp.solvers.fbsm_gradient import FBSMGradient, GradientState, Switch
+    from mbocp.solvers.fbsm_gradient import FBSMGradient, GradientState
     from mbocp.solvers.fbsm_newton import FBSMNewton
     from mbocp.solvers.iterating import SolverResult, run
     from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton

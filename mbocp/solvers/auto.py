@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any
 
 from mbocp.programme.iterate import Iterate
-from mbocp.solvers.fbsm_gradient import Switch
 from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.phases import STOPPED, Outcome, Phases, how_it_ended
 from mbocp.solvers.progress import WINDOW, has_stalled
@@ -17,6 +16,7 @@ from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import Status
 from mbocp.solvers.registry import make_solver
 from mbocp.solvers.settings import SolverSettings
+from mbocp.solvers.switch import Switch
 
 __all__ = ["solve_automatically"]
 

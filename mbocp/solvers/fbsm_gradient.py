@@ -33,12 +33,13 @@ from mbocp.solvers.multiplier import EndCondition
 from mbocp.solvers.protocol import Measures
 from mbocp.solvers.records import Status
 from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
+from mbocp.solvers.switch import Switch
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation, KernelProgramme
 
-__all__ = ["FBSMGradient", "GradientState", "Switch"]
+__all__ = ["FBSMGradient", "GradientState"]
 
 _MEMORY = 10  # iterations that the merit is compared with
 _HALVINGS = 40
@@ -46,25 +47,6 @@ _ARMIJO = 1e-4
 _ROUND_OFF = 1e-13  # of the merit
 _CONTROL_ERROR = 1e3  # tolerances: what the controls may be off by, ||r_u|| / alpha at most
 _STAGNATION = 500  # iterations without any better residual or merit
-
-
-@dataclass(frozen=True)
-class Switch:
-    """When a hybrid goes over to Newton's method, step 2 of section 5.3; 0 switches a criterion off.
-
-    Attributes
-    ----------
-    residual : float
-        Once r_u is smaller.
-    cost : float
-        Once the cost is below this part of the guess's.
-    iterations : int
-        After so many steps.
-    """
-
-    residual: float = 10.0
-    cost: float = 0.5
-    iterations: int = 25
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from types import MappingProxyType
 from typing import Any
 
 from mbocp.exceptions import InvalidValue
-from mbocp.solvers.fbsm_gradient import FBSMGradient, Switch
 from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.settings import SolverSettings
+from mbocp.solvers.switch import Switch
 
 __all__ = ["INTERIOR_POINT", "SOLVERS", "make_solver"]
 
@@ -52,6 +52,8 @@ def _fbsm_newton(settings: SolverSettings, switch: Switch | None) -> Solver[Any]
 
 
 def _fbsm_bb(settings: SolverSettings, switch: Switch | None) -> Solver[Any]:
+    from mbocp.solvers.fbsm_gradient import FBSMGradient
+
     options = settings.options
     return FBSMGradient(
         options.tolerance,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers.fbsm_gradient import Switch
 from mbocp.solvers.options import Options
+from mbocp.solvers.switch import Switch
 
 __all__ = ["SolverSettings"]
 

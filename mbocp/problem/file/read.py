@@ -43,6 +43,7 @@ from mbocp.problem.file.schema import (
     RobotTable,
     StartTable,
     WeightsTable,
+    checked_table,
 )
 from mbocp.problem.file.target import read_target
 from mbocp.problem.file.term_table import terms_from
@@ -99,7 +100,7 @@ def from_tables(
     if robot is not None:
         document["robot"] = "" if isinstance(robot, Robot) else plain(robot)
     try:
-        table = ProblemTable.model_validate(document)
+        table = checked_table(document)
     except ValidationError as error:
         raise schema_error(label, ProblemTable, error) from error
     folder = source.parent if source is not None else Path()
