@@ -100,6 +100,9 @@ def _at_nodes(
     problem: Problem, sides: Sequence[tuple[Array, Array]], *, is_inner: bool
 ) -> tuple[Array, Array]:
     N, none = problem.num_steps, np.zeros(0)
+    if not sides:
+        nothing = StateBounds.everywhere(none, N)
+        return nothing, nothing
     lower = StateBounds.everywhere(np.concatenate([none, *(lower for lower, _ in sides)]), N)
     upper = StateBounds.everywhere(np.concatenate([none, *(upper for _, upper in sides)]), N)
     holds = path_nodes(problem)

@@ -120,7 +120,8 @@ def _add(pieces: dict[str, int], more: Mapping[str, int]) -> None:
 
 def mask(sizes: Mapping[str, int], names: Container[str]) -> BoolArray:
     """Which entries of a vector of pieces belong to those of certain names."""
-    return np.concatenate([np.full(size, name in names) for name, size in sizes.items()])
+    belongs = np.fromiter((name in names for name in sizes), dtype=np.bool_, count=len(sizes))
+    return np.repeat(belongs, list(sizes.values()))
 
 
 def pieces(vector: S, sizes: Mapping[str, int]) -> dict[str, S]:

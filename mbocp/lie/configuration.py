@@ -8,8 +8,9 @@ numbers at 1, whose derivatives are infinite in the branch that is not taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -73,7 +74,7 @@ class ConfigurationSpace:
 
     def __init__(self, model: pin.Model, rotations: str = "quaternion") -> None:
         self.nq, self.nv = model.nq, model.nv
-        self.parts: tuple[Part, ...] = tuple(_parts(model, rotations == "dcm"))
+        self.parts = _parts(model, rotations == "dcm")
         self.nz = sum(part.group.nz for part in self.parts)
         self._structure = (self.nq, self.nz, self.nv, *(part.structure for part in self.parts))
 
@@ -161,22 +162,25 @@ class ConfigurationSpace:
         return ca.vertcat(*pieces) if pieces else ca.SX.zeros(0, 1)
 
 
-def _parts(model: pin.Model, with_matrices: bool) -> Iterator[Part]:
-    at_z = 0
+@lru_cache(maxsize=64)
+def _parts(model: pin.Model, with_matrices: bool) -> tuple[Part, ...]:
+    at_z, parts = 0, list[Part]()
     for index in range(1, model.njoints):
         joint = model.joints[index]
         if joint.nv == 0 or joint.shortname() == "JointModelMimic":
             continue  # moves with another joint: no numbers of its own
         group = _group(model, index, with_matrices)
         is_matrix = with_matrices and (group.nz, group.nv) in ((9, 3), (12, 6))
-        yield Part(
+        part = Part(
             group,
             slice(joint.idx_q, joint.idx_q + joint.nq),
             slice(at_z, at_z + group.nz),
             slice(joint.idx_v, joint.idx_v + joint.nv),
             at_z + group.nz - 9 if is_matrix else -1,
         )
+        parts.append(part)
         at_z += group.nz
+    return tuple(parts)
 
 
 def _group(model: pin.Model, index: int, with_matrices: bool) -> Group:

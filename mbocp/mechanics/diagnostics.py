@@ -184,10 +184,9 @@ def largest_turn(robot: Robot, qs: Array, vs: Array, dt: float, substeps: int = 
     if not angular:
         return "", 0.0
     speeds = np.abs(vs).max(axis=0)
-    for joint in robot.model.joints[1:]:
-        if joint.nq == joint.nv == 1:
-            leap = np.abs(np.diff(qs[:, joint.idx_q])).max(initial=0.0) / dt
-            speeds[joint.idx_v] = max(speeds[joint.idx_v], leap)
+    at_q, at_v = robot.single
+    leaps = np.abs(np.diff(qs[:, at_q], axis=0)).max(axis=0, initial=0.0) / dt
+    speeds[at_v] = np.maximum(speeds[at_v], leaps)
     turns = speeds[angular] * dt / substeps
     worst = int(turns.argmax())
     return labels[angular[worst]].name, float(turns[worst])

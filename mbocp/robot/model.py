@@ -9,9 +9,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSource, CollisionSphere
@@ -145,6 +146,13 @@ class RobotModel:
     def frame_names(self) -> tuple[str, ...]:
         """Names of all frames; "world" also means the first, the universe."""
         return tuple(frame.name for frame in self.model.frames)
+
+    @cached_property
+    def single(self) -> tuple[IntArray, IntArray]:
+        """Where joints of one coordinate and one velocity have them: in q, and in v."""
+        found = [(joint.idx_q, joint.idx_v) for joint in self.model.joints[1:] if joint.nq == joint.nv == 1]
+        at_q, at_v = np.array(found, dtype=np.intp).reshape(-1, 2).T
+        return at_q, at_v
 
     @cached_property
     def q_labels(self) -> tuple[Label, ...]:
