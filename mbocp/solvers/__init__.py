@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mbocp.solvers.registry import SOLVERS, make_solver
     from mbocp.solvers.settings import SolverSettings
     from mbocp.solvers.strategy import run_strategy
+    from mbocp.solvers.switch import Switch
 
 __all__ = [
     "SOLVERS",
