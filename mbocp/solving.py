@@ -187,5 +187,8 @@ def formulated(problem: Problem, deadline: float) -> tuple[Formulation, str]:
     rows = tuple(row for row in found if row < len(projections))  # conditions of one's own stay
     if not rows:
         return formulation, ""
+    from mbocp.formulation.fewer_ends import without_end_rows
+
     names = ", ".join(formulation.programme.describe_row(-1, row) for row in rows)
-    return formulate(problem, rows, deadline=deadline), f"; left out, since the dynamics imply it: {names}"
+    fewer = without_end_rows(formulation, rows, deadline=deadline)
+    return fewer, f"; left out, since the dynamics imply it: {names}"

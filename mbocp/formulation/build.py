@@ -57,7 +57,14 @@ from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
 from mbocp.robot import Robot
 from mbocp.terms import AccelerationEnd, ExactGoal, Follow, TerminalCost, TermNumbers, own_ends, running_terms
 
-__all__ = ["Pieces", "build_programme", "check_size", "needs_plain_states", "signature_of"]
+__all__ = [
+    "Pieces",
+    "build_programme",
+    "check_size",
+    "load_end_functions",
+    "needs_plain_states",
+    "signature_of",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +175,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
             in_lanes=AT_EVERY_STEP,
             deadline=deadline,
         ).with_later(_later(signature, robot, deadline)),
-        end_functions=load_functions(
-            "end " + signature.end_text,
-            lambda: build_end_functions(signature.steps.mechanics(robot), signature),
-            of_end=True,
-            deadline=deadline,
-        ),
+        end_functions=load_end_functions(signature, robot, deadline),
         theta=theta,
         rho=rho,
         rho_terminal=rho_terminal,
@@ -189,6 +191,16 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=signature.has_free_lengths,
         easing=_easing(problem, signature, layout),
+    )
+
+
+def load_end_functions(signature: FunctionSignature, robot: Robot, deadline: float) -> CompiledFunctions:
+    """Functions of the end, compiled or from the cache."""
+    return load_functions(
+        "end " + signature.end_text,
+        lambda: build_end_functions(signature.steps.mechanics(robot), signature),
+        of_end=True,
+        deadline=deadline,
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -63,15 +62,13 @@ class ExplicitFormulation:
     tau = force_tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
 
     @classmethod
-    def of(
-        cls, problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
-    ) -> ExplicitFormulation:
+    def of(cls, problem: Problem, *, deadline: float = math.inf) -> ExplicitFormulation:
         """See `mbocp.formulation.formulate`."""
         robot = problem.robot
         space = ConfigurationSpace(robot.model, robot.rotations)
         guarded = guarded_parts(problem, space)
         speeds = robot.speed_map if robot.drives else None
-        rows = end_condition_rows(robot, problem.goal, speeds).without(without)
+        rows = end_condition_rows(robot, problem.goal, speeds)
         leaves_the_group = problem.lie != "munthe_kaas"
         signature = signature_of(
             problem,

@@ -35,23 +35,32 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     ProblemError
         If a velocity is limited that is no unknown, because controls prescribe it.
     """
+    found = _formulate(problem, deadline)
+    if not without:
+        return found
+    from mbocp.formulation.fewer_ends import without_end_rows
+
+    return without_end_rows(found, without, deadline=deadline)
+
+
+def _formulate(problem: Problem, deadline: float) -> Formulation:
     # Each is imported where it is asked for: they are as large as all that they share.
     if problem.scheme in TABLEAUX:
         from mbocp.formulation.explicit import ExplicitFormulation
 
-        return ExplicitFormulation.of(problem, without, deadline=deadline)
+        return ExplicitFormulation.of(problem, deadline=deadline)
     if problem.scheme in PAIRS:
         from mbocp.formulation.partitioned import PartitionedFormulation
 
-        return PartitionedFormulation.of(problem, without, deadline=deadline)
+        return PartitionedFormulation.of(problem, deadline=deadline)
     # Robots whose bodies only slide have the same equations in both coordinates.
     if problem.coordinates == "natural" and _has_turning_bodies(problem):
         from mbocp.formulation.natural import NaturalFormulation
 
-        return NaturalFormulation.of(problem, without, deadline=deadline)
+        return NaturalFormulation.of(problem, deadline=deadline)
     from mbocp.formulation.implicit import ImplicitFormulation
 
-    return ImplicitFormulation.of(problem, without, deadline=deadline)
+    return ImplicitFormulation.of(problem, deadline=deadline)
 
 
 def _has_turning_bodies(problem: Problem) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,13 +65,11 @@ class ImplicitFormulation:
     counts_turns = True
 
     @classmethod
-    def of(
-        cls, problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
-    ) -> ImplicitFormulation:
+    def of(cls, problem: Problem, *, deadline: float = math.inf) -> ImplicitFormulation:
         """See `mbocp.formulation.formulate`."""
         robot = problem.robot
         space = ConfigurationSpace(robot.model, "quaternion")
-        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem)).without(without)
+        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem))
         is_flat = needs_plain_states(problem) or robot.is_vector_space
         signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -69,14 +68,12 @@ class NaturalFormulation:
     can_drift = True
 
     @classmethod
-    def of(
-        cls, problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
-    ) -> NaturalFormulation:
+    def of(cls, problem: Problem, *, deadline: float = math.inf) -> NaturalFormulation:
         """See `mbocp.formulation.formulate`."""
         robot = problem.robot
         mechanics = natural_mechanics(robot)
         joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
-        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem)).without(without)
+        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem))
         signature = signature_of(
             problem, joints, rows, NaturalSteps(problem.scheme), is_flat=True, has_joint_goal=True
         )

@@ -55,13 +55,11 @@ class PartitionedFormulation:
     tau = force_tau = 0.5
 
     @classmethod
-    def of(
-        cls, problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf
-    ) -> PartitionedFormulation:
+    def of(cls, problem: Problem, *, deadline: float = math.inf) -> PartitionedFormulation:
         """See `mbocp.formulation.formulate`."""
         robot, pair = problem.robot, PAIRS[problem.scheme]
         space = ConfigurationSpace(robot.model, "quaternion")
-        rows = end_condition_rows(robot, problem.goal).without(without)
+        rows = end_condition_rows(robot, problem.goal)
         is_flat = needs_plain_states(problem) or robot.is_vector_space
         signature = signature_of(problem, space, rows, PartitionedSteps(problem.scheme), is_flat=is_flat)
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)

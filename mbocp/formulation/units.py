@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from mbocp._arrays import BoolArray
 from mbocp.formulation.algebraic import Algebraic
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.parameters import ParameterLayout, mask
@@ -19,7 +20,7 @@ from mbocp.problem import Problem
 from mbocp.problem.typical import typical_force
 from mbocp.programme.units import Units
 
-__all__ = ["ordinary_units", "units_of"]
+__all__ = ["ordinary_units", "units_of", "units_of_end"]
 
 _ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]
 _ORDINARY_COST = (2.0**-10, 2.0**20)
@@ -33,7 +34,7 @@ def units_of(
     parameters: ParameterLayout,
 ) -> Units:
     """The units that suit a problem, and the entries of its programme that count in them."""
-    robot, goal, of_end = problem.robot, signature.goal, np.arange(signature.end_rows)
+    robot = problem.robot
     is_force = np.arange(robot.nu) < robot.nu - len(robot.drives)
     x, rows = np.zeros(at.nx, dtype=bool), np.append(np.zeros(at.ndx, dtype=bool), algebraic.is_balance)
     if "control" in at.remembered:
@@ -41,17 +42,25 @@ def units_of(
     is_force_u = np.append(np.tile(is_force, at.num_values), np.zeros(at.num_more_controls, dtype=bool))
     rows[at.ds] = not signature.steps.rows_are_gaps
     force, cost = ordinary_units(problem)
+    terminal, end_rows = units_of_end(signature, parameters)
     return Units(
         force=force,
         cost=cost,
         theta=mask(parameters.theta, ("force",)),
-        terminal=mask(parameters.terminal, ("D_rate",) if goal.rate == "p" else ()),
         x=x,
         u=is_force_u,
         y=algebraic.is_force,
         rows=rows,
-        end_rows=(goal.ng_q <= of_end) & (of_end < goal.rows) & (goal.rate == "p"),
+        terminal=terminal,
+        end_rows=end_rows,
     )
+
+
+def units_of_end(signature: FunctionSignature, parameters: ParameterLayout) -> tuple[BoolArray, BoolArray]:
+    """Of the end's parameters and of its rows those that count in the unit of force, see `Units`."""
+    goal, rows = signature.goal, np.arange(signature.end_rows)
+    of_force = mask(parameters.terminal, ("D_rate",) if goal.rate == "p" else ())
+    return of_force, (goal.ng_q <= rows) & (rows < goal.rows) & (goal.rate == "p")
 
 
 def ordinary_units(problem: Problem) -> tuple[float, float]:
