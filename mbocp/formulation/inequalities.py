@@ -18,20 +18,29 @@ from mbocp.mechanics.rates import rates_along
 from mbocp.problem import ContactBounds, PathConstraint, Problem
 from mbocp.programme import Iterate
 
-__all__ = ["inequalities", "path_along"]
+__all__ = ["inequalities", "limit_violation", "path_along"]
 
 
 def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Any]:
     """Fields of a solution that speak of inequalities, by name."""
     problem = formulation.problem
-    lams = reactions_along(problem, formulation.layout, iterate.xs)
-    path = path_along(problem, motion, lams)
+    path = _path_of(formulation, iterate, motion)
     names = tuple(label.name for constraint in problem.inequalities for label in constraint.labels)
     return {
         **_multipliers(formulation, iterate, path),
         "path_names": names,
         "limit_violation": _violation(problem, motion, path),
     }
+
+
+def limit_violation(formulation: Formulation, iterate: Iterate, motion: Motion) -> float:
+    """Largest violation of a limit or path constraint."""
+    return _violation(formulation.problem, motion, _path_of(formulation, iterate, motion))
+
+
+def _path_of(formulation: Formulation, iterate: Iterate, motion: Motion) -> Array:
+    problem = formulation.problem
+    return path_along(problem, motion, reactions_along(problem, formulation.layout, iterate.xs))
 
 
 def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:

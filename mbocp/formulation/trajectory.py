@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Formulation
-from mbocp.formulation.inequalities import inequalities
+from mbocp.formulation.base import Formulation, Motion
+from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.problem import Problem
 from mbocp.problem.phases import node_times
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot.kinematics import momenta_of
 
-__all__ = ["Trajectory", "read_trajectory", "times_of"]
+__all__ = ["Trajectory", "measures_of", "read_trajectory", "times_of"]
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
@@ -89,10 +90,24 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         constraint_violation=violation.position,
         velocity_violation=violation.velocity,
         manifold_drifts=drifts,
-        manifold_drift=float(drifts.max(initial=0.0)),
+        manifold_drift=_largest(drifts),
         manifold_drift_resimulated=_resimulated_drift(formulation, iterate),
         **inequalities(formulation, iterate, motion),
     )
+
+
+def measures_of(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Callable[[], float]]:
+    """What gives single numbers of a `Trajectory`, without all else of it."""
+    return {
+        "constraint_violation": lambda: float(formulation.violation(iterate, motion).position),
+        "limit_violation": lambda: limit_violation(formulation, iterate, motion),
+        "manifold_drift": lambda: _largest(formulation.drifts(iterate.xs)),
+        "manifold_drift_resimulated": lambda: _resimulated_drift(formulation, iterate),
+    }
+
+
+def _largest(drifts: Array) -> float:
+    return float(drifts.max(initial=0.0))
 
 
 def times_of(problem: Problem, dts: Array) -> Array:
@@ -117,4 +132,4 @@ def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:
     sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS)
     if not sweep.ok:
         return math.nan
-    return float(formulation.drifts(native.x.reshape(iterate.xs.shape)).max(initial=0.0))
+    return _largest(formulation.drifts(native.x.reshape(iterate.xs.shape)))

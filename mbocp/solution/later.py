@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 __all__ = ["Later", "complete", "deferred", "is_complete", "is_there", "retold"]
@@ -10,6 +11,7 @@ __all__ = ["Later", "complete", "deferred", "is_complete", "is_there", "retold"]
 T = TypeVar("T")
 
 _REST = "_rest"  # in the place of the fields that are not there yet, what gives them
+_ALONE = "_alone"  # what gives some of them one by one
 
 
 class Later:
@@ -19,14 +21,23 @@ class Later:
         self.name = name
 
     def __get__(self, instance: Any, owner: type | None = None) -> Any:
-        """Value of the field, with which all others are worked out."""
+        """Value of the field, by itself where it can be had so; else all others are worked out with it."""
         if instance is None or is_complete(instance):
             raise AttributeError(self.name)
-        complete(instance)
+        alone = vars(instance)[_ALONE].get(self.name)
+        if alone is not None:
+            vars(instance)[self.name] = alone()
+        else:
+            complete(instance)
         return vars(instance)[self.name]
 
 
-def deferred(cls: type[T], now: Mapping[str, Any], rest: Callable[[], Mapping[str, Any]]) -> T:
+def deferred(
+    cls: type[T],
+    now: Mapping[str, Any],
+    rest: Callable[[], Mapping[str, Any]],
+    alone: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
+) -> T:
     """Instance of a dataclass with some of its fields.
 
     Parameters
@@ -37,10 +48,12 @@ def deferred(cls: type[T], now: Mapping[str, Any], rest: Callable[[], Mapping[st
         Fields that are there, as the instance has them.
     rest : callable
         Gives the others. It is called at most once, and checked with the others as the class does.
+    alone : mapping
+        What gives a field by itself, as the instance has it, without the others; called at most once.
     """
     instance = object.__new__(cls)
     vars(instance).update(now)
-    vars(instance)[_REST] = rest
+    vars(instance).update({_REST: rest, _ALONE: alone})
     return instance
 
 
@@ -59,10 +72,11 @@ def complete(instance: object) -> None:
     rest = vars(instance).get(_REST)
     if rest is None:
         return
-    given = {name: value for name, value in vars(instance).items() if name != _REST}
+    given = {name: value for name, value in vars(instance).items() if name not in (_REST, _ALONE)}
     whole = type(instance)(**{**rest(), **given})
     vars(instance).update({name: value for name, value in vars(whole).items() if name not in given})
-    vars(instance).pop(_REST, None)
+    for name in (_REST, _ALONE):
+        vars(instance).pop(name, None)
 
 
 def retold(instance: T, **changes: Any) -> T:

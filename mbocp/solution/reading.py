@@ -19,7 +19,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.resolution import unresolved
-from mbocp.formulation.trajectory import read_trajectory, times_of
+from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.approach import Approach, keeps_clear, nearest_approach
@@ -116,7 +116,7 @@ def read_solution(
     if clearance is None or approach is not None:
         now |= _told(approach)
     rest = partial(_rest, formulation, result.iterate, asked or problem, t, motion.qs)
-    return deferred(Solution, now, rest)
+    return deferred(Solution, now, rest, measures_of(formulation, result.iterate, motion))
 
 
 def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, qs: Array) -> dict[str, Any]:

@@ -17,7 +17,9 @@ from mbocp.solution import Solution, reading
 from mbocp.solution._values import same
 from mbocp.solution.later import Later, complete, is_complete, retold
 
-PENDULUM = Path(__file__).parents[2] / "examples/paper/rigid_pendulum.toml"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PENDULUM = EXAMPLES / "paper/rigid_pendulum.toml"
+_MEASURES = ("constraint_violation", "limit_violation", "manifold_drift", "manifold_drift_resimulated")
 _NOW = ("status", "cost", "qs", "vs", "us", "t", "eta", "iterations", "advice", "solver", "wall_time_s")
 _USES: dict[str, Callable[[Solution], Any]] = {
     "adjoints": lambda solution: solution.mus,
@@ -57,6 +59,24 @@ def test_a_solve_works_out_no_diagnostics(asked: Iterator[list[int]]) -> None:
     assert solution.control_momenta is not None
     assert len(taken) == 1
     assert all(getattr(solution, name) is value for name, value in zip(_NOW, values, strict=True))
+
+
+@pytest.mark.parametrize("file", ["paper/rigid_pendulum", "so3/unicycle_pendulum"])
+def test_measures_are_had_one_by_one_and_are_those_of_the_whole(
+    file: str, asked: Iterator[list[int]]
+) -> None:
+    taken = next(asked)
+    path = EXAMPLES / f"{file}.toml"
+    solution, other = mbocp.solve(path), mbocp.solve(path)
+    complete(other)
+    taken.clear()
+    values = {name: getattr(solution, name) for name in _MEASURES}
+    assert not taken
+    assert not is_complete(solution)
+    assert values == {name: getattr(other, name) for name in _MEASURES}
+    assert {type(value) for value in values.values()} == {float}
+    assert solution.ps.shape == other.ps.shape
+    assert len(taken) == 1
 
 
 @pytest.mark.parametrize("use", _USES)
