@@ -13,7 +13,20 @@ alone: one source of the functions is one set of numbers to trust.
 """
 
 from mbocp.symbolic.functions import ModelFunctions, Reference
-from mbocp.symbolic.verified import model_functions, self_test
+from mbocp.symbolic.numbers import ModelNumber, inertia_numbers, translation_numbers, values_of, with_values
+from mbocp.symbolic.verified import model_functions, self_test, text_without
 from mbocp.symbolic.versions import check_versions
 
-__all__ = ["ModelFunctions", "Reference", "check_versions", "model_functions", "self_test"]
+__all__ = [
+    "ModelFunctions",
+    "ModelNumber",
+    "Reference",
+    "check_versions",
+    "inertia_numbers",
+    "model_functions",
+    "self_test",
+    "text_without",
+    "translation_numbers",
+    "values_of",
+    "with_values",
+]

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.symbolic.native import bridge, native_constraint
+from mbocp.symbolic.numbers import ModelNumber
 
 Reference: TypeAlias = Literal["local", "world", "local_world_aligned"]
 
@@ -38,17 +39,23 @@ class ModelFunctions:
     ----------
     model : pinocchio.Model
         The model; `model_functions` keeps one object for each.
+    given : sequence of ModelNumber
+        Numbers of the model that every function takes as its last argument, shape (len(given),), in place of
+        those of the model; none by default, and no such argument.
 
     Attributes
     ----------
+    given : tuple of ModelNumber
     nq, nv : int
         Sizes of configuration and velocity.
     frames : tuple of str
         Names of the frames, in Pinocchio's order.
     """
 
-    def __init__(self, model: pin.Model) -> None:
-        self._robot = bridge().Robot(model.saveToString())
+    def __init__(self, model: pin.Model, given: Sequence[ModelNumber] = ()) -> None:
+        self.given = tuple(given)
+        native = [bridge().ModelNumber(*number) for number in self.given]
+        self._robot = bridge().Robot(model.saveToString(), *([native] if native else []))
         self._name = str(model.name)
         self._mass = sum(float(inertia.mass) for inertia in list(model.inertias)[1:])
         self._joints = tuple(str(name) for name in model.names)

@@ -26,7 +26,16 @@ struct RigidConstraint {
     bool world_aligned;
 };
 
-std::shared_ptr<const Tree> load_tree(const std::string& serialized_model);
+// A number of the model that functions take as an argument. Entries of inertias: mass, centre of mass (3), moments
+// about it xx, xy, yy, xz, yz, zz. Entries of placements: rotation by columns (9), translation (3).
+struct ModelNumber {
+    enum class Of { inertia, joint_placement, frame_placement };
+    Of of;
+    int index;  // of the joint or frame
+    int entry;
+};
+
+std::shared_ptr<const Tree> load_tree(const std::string& serialized_model, const std::vector<ModelNumber>& given);
 int configuration_size(const Tree& tree);
 int velocity_size(const Tree& tree);
 int joint_count(const Tree& tree);

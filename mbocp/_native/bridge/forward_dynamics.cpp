@@ -23,9 +23,9 @@ casadi::Function aba(const Tree& tree) {
         pin::aba(tree.model, data, to_eigen(q), to_eigen(v), to_eigen(tau), pin::Convention::LOCAL);
         a = to_casadi(data.ddq);
     } else {
-        a = divide(crba(tree)(q).at(0), tau - nonlinear_effects(tree)(std::vector<SX>{q, v}).at(0));
+        a = divide(crba(tree)(tree.inputs({q})).at(0), tau - nonlinear_effects(tree)(tree.inputs({q, v})).at(0));
     }
-    return {"aba", {q, v, tau}, {a}, {"q", "v", "tau"}, {"a"}};
+    return tree.function("aba", {q, v, tau}, {a}, {"q", "v", "tau"}, {"a"});
 }
 
 casadi::Function minverse(const Tree& tree) {
@@ -37,8 +37,8 @@ casadi::Function minverse(const Tree& tree) {
         data.Minv.triangularView<Eigen::StrictlyLower>() = data.Minv.transpose().triangularView<Eigen::StrictlyLower>();
         Minv = to_casadi(data.Minv);
     } else {
-        Minv = divide(crba(tree)(q).at(0), SX::eye(tree.nv));
+        Minv = divide(crba(tree)(tree.inputs({q})).at(0), SX::eye(tree.nv));
     }
-    return {"minverse", {q}, {Minv}, {"q"}, {"Minv"}};
+    return tree.function("minverse", {q}, {Minv}, {"q"}, {"Minv"});
 }
 }  // namespace mbocp

@@ -49,7 +49,8 @@ casadi::Function frame_placement(const Tree& tree, int frame) {
     Data& data = tree.scratch();
     pin::forwardKinematics(tree.model, data, tree.configuration(q));
     const auto& oMf = pin::updateFramePlacement(tree.model, data, frame);
-    return {"frame_placement", {q}, {to_casadi(oMf.rotation()), to_casadi(oMf.translation())}, {"q"}, {"R", "p"}};
+    return tree.function("frame_placement", {q}, {to_casadi(oMf.rotation()), to_casadi(oMf.translation())}, {"q"},
+                         {"R", "p"});
 }
 
 casadi::Function frame_jacobian(const Tree& tree, int frame, int reference) {
@@ -57,7 +58,7 @@ casadi::Function frame_jacobian(const Tree& tree, int frame, int reference) {
     Data& data = tree.scratch();
     Jacobian J = Jacobian::Zero(6, tree.model.nv);
     pin::computeFrameJacobian(tree.model, data, tree.configuration(q), frame, pin::ReferenceFrame(reference), J);
-    return {"frame_jacobian", {q}, {tree.jacobian(to_casadi(J))}, {"q"}, {"J"}};
+    return tree.function("frame_jacobian", {q}, {tree.jacobian(to_casadi(J))}, {"q"}, {"J"});
 }
 
 casadi::Function frame_velocity(const Tree& tree, int frame, int reference) {
@@ -65,7 +66,7 @@ casadi::Function frame_velocity(const Tree& tree, int frame, int reference) {
     Data& data = tree.scratch();
     pin::forwardKinematics(tree.model, data, tree.configuration(q), tree.velocity(v));
     const auto twist = pin::getFrameVelocity(tree.model, data, frame, pin::ReferenceFrame(reference));
-    return {"frame_velocity", {q, v}, {to_casadi(twist.toVector())}, {"q", "v"}, {"twist"}};
+    return tree.function("frame_velocity", {q, v}, {to_casadi(twist.toVector())}, {"q", "v"}, {"twist"});
 }
 
 casadi::Function constraint_jacobian(const Tree& tree, const std::vector<RigidConstraint>& constraints) {
@@ -75,6 +76,6 @@ casadi::Function constraint_jacobian(const Tree& tree, const std::vector<RigidCo
     std::vector<SX> rows;
     for (const RigidConstraint& constraint : constraints) rows.push_back(constraint_rows(tree, data, constraint));
     const SX J = rows.empty() ? SX::zeros(0, tree.model.nv) : vertcat(rows);
-    return {"constraint_jacobian", {q}, {tree.jacobian(J)}, {"q"}, {"J"}};
+    return tree.function("constraint_jacobian", {q}, {tree.jacobian(J)}, {"q"}, {"J"});
 }
 }  // namespace mbocp

@@ -32,9 +32,16 @@ const std::map<std::string, Builder> builders = {
     {"dintegrate", &mbocp::dintegrate},
 };
 
+const std::map<std::string, mbocp::ModelNumber::Of> numbers_of = {
+    {"inertia", mbocp::ModelNumber::Of::inertia},
+    {"joint_placement", mbocp::ModelNumber::Of::joint_placement},
+    {"frame_placement", mbocp::ModelNumber::Of::frame_placement},
+};
+
 class Robot {
 public:
-    explicit Robot(const std::string& serialized_model) : tree(mbocp::load_tree(serialized_model)) {}
+    Robot(const std::string& serialized_model, const std::vector<mbocp::ModelNumber>& given)
+        : tree(mbocp::load_tree(serialized_model, given)) {}
 
     std::string function(const std::string& name) const {
         const auto found = builders.find(name);
@@ -82,8 +89,19 @@ NB_MODULE(_bridge, m) {
     nb::class_<mbocp::RigidConstraint>(m, "RigidConstraint", "Two frames that coincide, or their origins.")
         .def(nb::init<int, mbocp::Attachment, mbocp::Attachment, bool>(), "rows"_a, "first"_a, "second"_a,
              "world_aligned"_a);
+    using mbocp::ModelNumber;
+    nb::class_<ModelNumber>(m, "ModelNumber", "A number of a model that functions take as an argument.")
+        .def(
+            "__init__",
+            [](ModelNumber* self, const std::string& of, int index, int entry) {
+                const auto found = numbers_of.find(of);
+                if (found == numbers_of.end()) throw std::invalid_argument("a model has no '" + of + "'");
+                new (self) ModelNumber{found->second, index, entry};
+            },
+            "of"_a, "index"_a, "entry"_a);
     nb::class_<Robot>(m, "Robot", "A model with CasADi's scalar.")
-        .def(nb::init<const std::string&>(), "serialized_model"_a)
+        .def(nb::init<const std::string&, const std::vector<ModelNumber>&>(), "serialized_model"_a,
+             "given"_a = std::vector<ModelNumber>())
         .def_prop_ro("nq", &Robot::nq)
         .def_prop_ro("nv", &Robot::nv)
         .def("function", &Robot::function, "name"_a)

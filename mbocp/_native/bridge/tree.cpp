@@ -6,6 +6,7 @@
 #include <pinocchio/serialization.hpp>
 
 #include <sstream>
+#include <stdexcept>
 
 namespace mbocp {
 namespace {
@@ -45,9 +46,36 @@ void append_joint(Model& model, const pin::JointModel& joint, pin::JointIndex id
     model.nv += nv;
     model.nvExtended += nv;
 }
+SX& entry_of(pin::SE3Tpl<SX>& placement, int entry) {
+    if (entry < 9) return placement.rotation()(entry % 3, entry / 3);
+    return placement.translation()[entry - 9];
+}
+
+SX& entry_of(pin::InertiaTpl<SX>& inertia, int entry) {
+    if (entry == 0) return inertia.mass();
+    if (entry < 4) return inertia.lever()[entry - 1];
+    return inertia.inertia().data()[entry - 4];
+}
+
+SX& entry_of(Model& model, const ModelNumber& number) {
+    if (number.entry < 0) throw std::out_of_range("no such number of a model");
+    switch (number.of) {
+    case ModelNumber::Of::inertia:
+        if (number.entry > 9) break;
+        return entry_of(model.inertias.at(number.index), number.entry);
+    case ModelNumber::Of::joint_placement:
+        if (number.entry > 11) break;
+        return entry_of(model.jointPlacements.at(number.index), number.entry);
+    case ModelNumber::Of::frame_placement:
+        if (number.entry > 11) break;
+        return entry_of(model.frames.at(number.index).placement, number.entry);
+    }
+    throw std::out_of_range("no such number of a model");
+}
 }  // namespace
 
-Tree::Tree(const std::string& serialized_model) {
+Tree::Tree(const std::string& serialized_model, const std::vector<ModelNumber>& given)
+    : numbers(SX::sym("numbers", given.size())) {
     pin::Model source;
     std::istringstream stream(serialized_model);
     source.loadFromStringStream(stream);
@@ -79,6 +107,18 @@ Tree::Tree(const std::string& serialized_model) {
     A = SX::triplet(rows, columns, casadi::DM(values), model.nv, nv);
     model.armature.resize(model.nv);
     for (int k = 0; k < model.nv; ++k) model.armature[k] = armature[k];
+    for (size_t k = 0; k < given.size(); ++k) entry_of(model, given[k]) = numbers((casadi_int)k);
+}
+
+std::vector<SX> Tree::inputs(std::vector<SX> own) const {
+    if (!numbers.is_empty()) own.push_back(numbers);
+    return own;
+}
+
+casadi::Function Tree::function(const std::string& name, const std::vector<SX>& own, const std::vector<SX>& outputs,
+                                std::vector<std::string> names_in, const std::vector<std::string>& names_out) const {
+    if (!numbers.is_empty()) names_in.push_back("numbers");
+    return {name, inputs(own), outputs, names_in, names_out};
 }
 
 Data& Tree::scratch() const {
@@ -110,8 +150,8 @@ SX Tree::jacobian(const SX& J) const { return mimics.empty() ? J : densify(mtime
 
 SX Tree::inertia(const SX& M) const { return mimics.empty() ? M : densify(mtimes(A.T(), mtimes(M, A))); }
 
-std::shared_ptr<const Tree> load_tree(const std::string& serialized_model) {
-    return std::make_shared<const Tree>(serialized_model);
+std::shared_ptr<const Tree> load_tree(const std::string& serialized_model, const std::vector<ModelNumber>& given) {
+    return std::make_shared<const Tree>(serialized_model, given);
 }
 
 int configuration_size(const Tree& tree) { return tree.nq; }

@@ -1,6 +1,7 @@
 // A robot's model with CasADi's scalar.
 #pragma once
 
+#include "bridge.hpp"
 #include "joint.hpp"
 
 namespace mbocp {
@@ -8,13 +9,18 @@ namespace mbocp {
 // then each of Pinocchio's algorithms serves, also those that do not know mimic joints. Lower case: what the user
 // sees, (nq,) and (nv,). Upper case: the whole tree, (model.nq,) and (model.nv,).
 struct Tree {
-    explicit Tree(const std::string& serialized_model);
+    explicit Tree(const std::string& serialized_model, const std::vector<ModelNumber>& given = {});
 
     VectorX configuration(const SX& q) const;  // Q(q)
     VectorX velocity(const SX& v) const;       // V = A v
     SX force(const VectorX& T) const;          // A^T T
     SX jacobian(const SX& J) const;            // J A
     SX inertia(const SX& M) const;             // A^T M A
+
+    // Inputs of a function with the given numbers of the model behind them, if there are any.
+    std::vector<SX> inputs(std::vector<SX> own) const;
+    casadi::Function function(const std::string& name, const std::vector<SX>& own, const std::vector<SX>& outputs,
+                              std::vector<std::string> names_in, const std::vector<std::string>& names_out) const;
 
     // One Data serves all functions, as in numeric use; a new one takes seconds for a hundred joints.
     Data& scratch() const;
@@ -30,6 +36,7 @@ struct Tree {
     std::vector<Mimic> mimics;
     std::vector<int> source_q;  // for each entry of Q the one of q, -1 below a mimic joint
     SX A;                       // (model.nv, nv)
+    SX numbers;                 // the given ones
 
 private:
     mutable std::unique_ptr<Data> data;
