@@ -29,6 +29,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.formulation.sources import sources_digest
+from mbocp.mechanics import symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.mechanics.held import Acting
 from mbocp.programme.compilation import CompiledFunctions, load_functions
@@ -48,7 +49,7 @@ class Flow:
         Rows of constraints that act; None: those of the robot.
     functions : CompiledFunctions
         "rate" (q, s, u) -> dq/dt, ds/dt; "energy" (q, v) -> E; "difference" (q, q) -> tangent;
-        "consistent" (q, v) -> v on the constraints.
+        "consistent" (q, v) -> v on the constraints; each takes what varies of the robot as its last argument.
     """
 
     robot: Robot
@@ -67,7 +68,7 @@ class Flow:
             If it cannot be compiled, or not before the deadline.
         """
         ties = "" if acting is None else f"{acting.signature} "
-        key = f"flow {robot.fingerprint} {ties}{sources_digest()} {_own_digest()}"
+        key = f"flow {robot.shape_fingerprint} {ties}{sources_digest()} {_own_digest()}"
         return cls(robot, acting, load_functions(key, lambda: _functions(robot, acting), deadline=deadline))
 
     def ends(self, qs: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
@@ -90,7 +91,7 @@ class Flow:
         qs : ndarray, shape (N, nq)
         speeds : ndarray, shape (N, ns)
         """
-        step = _step(self.functions.function("rate"), us.shape[1]).map(len(us))
+        step = _step(self._function("rate"), us.shape[1]).map(len(us))
         x, lengths = np.hstack([qs, speeds]).T, dts[None] / parts
         for part in range(parts):
             x = step(x, us.T, lengths, np.full(lengths.shape, part / parts), 1.0 / parts).full()
@@ -121,7 +122,7 @@ class Flow:
         -------
         end : ndarray, shape (nq + nv + nu,)
         """
-        rate, difference = self.functions.function("rate"), self.functions.function("difference")
+        rate, difference = self._function("rate"), self._function("difference")
         chain = _answered(rate, difference, parts, us.shape[1], gains.shape[2]).mapaccum(len(us))
         rows = np.transpose(gains, (0, 2, 1)).reshape(len(us), -1)  # CasADi's order of entries is by columns
         found = chain(start, np.hstack(planned).T, us.T, dts[None] / parts, rows.T).full().T
@@ -136,7 +137,7 @@ class Flow:
         qs : ndarray, shape (N + 1, nq)
         speeds : ndarray, shape (N + 1, ns)
         """
-        chain = _step(self.functions.function("rate"), us.shape[1]).mapaccum(parts * len(us))
+        chain = _step(self._function("rate"), us.shape[1]).mapaccum(parts * len(us))
         passed = np.tile(np.arange(parts) / parts, len(us))[None]
         lengths = np.repeat(dts, parts)[None] / parts
         shares = np.full(lengths.shape, 1.0 / parts)
@@ -146,12 +147,12 @@ class Flow:
 
     def differences(self, befores: Array, afters: Array) -> Array:
         """Tangents that lead from configurations to others, shape (k, nv)."""
-        found: Array = self.functions.function("difference").map(len(befores))(befores.T, afters.T).full().T
+        found: Array = self._function("difference").map(len(befores))(befores.T, afters.T).full().T
         return found
 
     def energies(self, qs: Array, vs: Array) -> Array:
         """Kinetic and potential energy, springs included [J], shape (k,)."""
-        found: Array = self.functions.function("energy").map(len(qs))(qs.T, vs.T).full().ravel()
+        found: Array = self._function("energy").map(len(qs))(qs.T, vs.T).full().ravel()
         return found
 
     def consistent(self, qs: Array, vs: Array) -> Array:
@@ -159,12 +160,25 @@ class Flow:
         ties = self.robot.nc if self.acting is None else len(self.acting.own) + len(self.acting.rows)
         if not ties:
             return vs
-        found: Array = self.functions.function("consistent").map(len(qs))(qs.T, vs.T).full().T
+        found: Array = self._function("consistent").map(len(qs))(qs.T, vs.T).full().T
         return found
+
+    def _function(self, name: str) -> ca.Function:
+        """One of the functions for the numbers of this robot; the same object each time."""
+        function, numbers = self.functions.function(name), self.robot.varying_values
+        return _with_numbers(function, tuple(numbers.tolist())) if numbers.size else function
+
+
+@lru_cache(maxsize=64)
+def _with_numbers(function: ca.Function, numbers: tuple[float, ...]) -> ca.Function:
+    """A function without its last argument, the numbers of a robot, which it is given."""
+    own = [ca.MX.sym(f"i{i}", function.numel_in(i)) for i in range(function.n_in() - 1)]
+    return ca.Function(function.name(), own, function.call([*own, ca.DM(numbers)]))
 
 
 def _functions(robot: Robot, acting: Acting | None) -> dict[str, ca.Function]:
-    mechanics = ForwardMechanics(robot, acting=acting)
+    mechanics = ForwardMechanics(robot, acting=acting, numbers=symbols_of(robot))
+    numbers = [mechanics.symbols] if robot.varying else []
     q, v = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", mechanics.nv)
     other = ca.SX.sym("other", mechanics.nq)
     s, u = ca.SX.sym("s", mechanics.ns), ca.SX.sym("u", mechanics.nu)
@@ -172,13 +186,15 @@ def _functions(robot: Robot, acting: Acting | None) -> dict[str, ca.Function]:
     rates = [ca.densify(along), ca.densify(mechanics.speed_rate(q, s, u, ca.SX(0)))]
     energy = ca.dot(v, mechanics.momentum(q, v)) / 2 + mechanics.potential_energy(q)
     functions = {
-        "rate": ca.Function("rate", [q, s, u], ca.cse(rates)),
-        "energy": ca.Function("energy", [q, v], ca.cse([energy])),
-        "difference": ca.Function("difference", [q, other], [ca.densify(mechanics.difference(q, other))]),
+        "rate": ca.Function("rate", [q, s, u, *numbers], ca.cse(rates)),
+        "energy": ca.Function("energy", [q, v, *numbers], ca.cse([energy])),
+        "difference": ca.Function(
+            "difference", [q, other, *numbers], [ca.densify(mechanics.difference(q, other))]
+        ),
     }
     if mechanics.num_tied:
         consistent = [ca.densify(mechanics.projected_velocity(q, v))]
-        functions["consistent"] = ca.Function("consistent", [q, v], ca.cse(consistent))
+        functions["consistent"] = ca.Function("consistent", [q, v, *numbers], ca.cse(consistent))
     return functions
 
 

@@ -49,5 +49,5 @@ def driven_acceleration(node: Point, u: ca.SX) -> ca.SX:
     """Under a control, whatever the scheme makes of them."""
     parts = node.mechanics.joint_space.parts
     rotations = "dcm" if any(part.at_matrix >= 0 for part in parts) else "quaternion"
-    forward = ForwardMechanics(node.mechanics.robot, rotations)
+    forward = ForwardMechanics(node.mechanics.robot, rotations, numbers=node.mechanics.numbers)
     return rate_of_speeds(forward, node.joint_configuration(), node.joint_velocity(), u, ca.SX(0))

@@ -23,6 +23,7 @@ from mbocp.formulation.moved_start import free_directions, start_ends
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.pace_terms import ADVANCES
 from mbocp.formulation.parameters import (
+    NUMBERS,
     TIME,
     ParameterLayout,
     Sizes,
@@ -284,7 +285,7 @@ def signature_of(
     terms = eased_terms(problem, running_terms(given))
     known = {name for term in terms for name in term.weights}
     return FunctionSignature(
-        robot=problem.robot.fingerprint,
+        robot=robot.shape_fingerprint if steps.takes_numbers else robot.fingerprint,
         steps=steps,
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
         cost=terms,
@@ -306,6 +307,7 @@ def signature_of(
         moves=free_directions(problem),
         shares=shares_of(problem.controls, problem.scheme),
         has_linear_controls=problem.controls == "linear",
+        num_numbers=len(robot.varying) if steps.takes_numbers else 0,
     )
 
 
@@ -338,6 +340,7 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
         "dt": np.array([problem.dt]),
         "force": np.ones(1),
         STEP_SHARE: np.array([1.0 / problem.num_timed_steps]),
+        NUMBERS: robot.varying_values,
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
     rows = _rows_of_stages(pieces) if layout.stage else {}
@@ -360,6 +363,7 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
         **TerminalCost.numbers(problem.cost, robot.nv),
         "joint_q": joints.coordinates(np.asarray(goal.q)[None])[0],
         "joint_rate": np.asarray(goal.value),
+        NUMBERS: robot.varying_values,
     }
     for end_term in pieces.signature.ends:
         at_end |= end_term.numbers()

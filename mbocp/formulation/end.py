@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
+from mbocp.formulation.parameters import Sizes, parameter_layout, pieces, symbols_for
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import state_space
 from mbocp.lie import ConfigurationSpace
@@ -24,7 +24,7 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
     space = state_space(mechanics, signature)
     at = space.layout
     x, eta = ca.SX.sym("x", at.nx), ca.SX.sym("eta", signature.end_rows)
-    rho = ca.SX.sym("rho", sum(layout.values()))
+    rho = symbols_for("rho", layout, mechanics.numbers)
     d = x if at.is_flat else ca.SX.sym("d", at.ndx)
     moved = x if at.is_flat else space.retract(x, d)
     goal = pieces(rho, layout)

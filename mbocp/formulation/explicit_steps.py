@@ -15,7 +15,7 @@ from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
-from mbocp.mechanics import Mechanics
+from mbocp.mechanics import Mechanics, symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot
 
@@ -46,6 +46,7 @@ class ExplicitSteps:
     substeps: int
 
     rows_are_gaps = True
+    takes_numbers = True
     tau = 0.0
 
     @property
@@ -82,7 +83,7 @@ class ExplicitSteps:
 
     def mechanics(self, robot: Robot) -> Mechanics:
         """Forward dynamics."""
-        return ForwardMechanics(robot, self.rotations)
+        return ForwardMechanics(robot, self.rotations, numbers=symbols_of(robot))
 
     def num_algebraic(self, mechanics: Mechanics) -> int:
         """None: accelerations are projected, and multipliers no unknowns."""

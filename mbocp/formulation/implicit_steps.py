@@ -11,7 +11,7 @@ from mbocp.formulation.accelerations import mean_acceleration
 from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import TAU, State, evaluation_point, step_rows
 from mbocp.integrators.switched import switched_point, switched_rows
-from mbocp.mechanics import JointMechanics, Mechanics
+from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
 from mbocp.robot import Robot
 
 __all__ = ["ImplicitSteps", "implicit_derivatives"]
@@ -37,7 +37,7 @@ class ImplicitSteps(EquationSteps):
 
     def mechanics(self, robot: Robot) -> Mechanics:
         """Equations of motion of the joints."""
-        return JointMechanics(robot)
+        return JointMechanics(robot, numbers=symbols_of(robot))
 
     def num_algebraic(self, mechanics: Mechanics) -> int:
         """One impulse for each constraint."""

@@ -20,6 +20,7 @@ class NaturalSteps(EquationSteps):
     """Equations between two states of the bodies; see `Steps`."""
 
     coordinates = "natural"
+    takes_numbers = False
     remedy = "Lock joints"
 
     @property

@@ -18,6 +18,7 @@ from mbocp.formulation.signature import FunctionSignature
 from mbocp.terms import Sizes
 
 __all__ = [
+    "NUMBERS",
     "TIME",
     "ParameterLayout",
     "Sizes",
@@ -27,11 +28,13 @@ __all__ = [
     "pieces",
     "places",
     "share_of",
+    "symbols_for",
 ]
 
 S = TypeVar("S", ca.SX, ca.MX)
 
 TIME = "t"  # at which a step is evaluated [s]
+NUMBERS = "robot"  # what varies of the robot
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,8 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     _add(theta, {unit_of(name): 1 for name in signature.memory if MEMORY[name].has_unit})
     for k, constraint in enumerate(signature.path):
         _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})
+    if signature.num_numbers:
+        theta[NUMBERS] = signature.num_numbers
     terminal = signature.goal.parameters(sizes)
     weights = {name for term in signature.cost for name in term.weights}
     if signature.terminal is not None:
@@ -98,6 +103,8 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     for end in signature.ends:
         _add(terminal, end.parameters())
         weights.update(end.weights)
+    if signature.num_numbers:
+        terminal[NUMBERS] = signature.num_numbers
     return ParameterLayout(theta, stage, terminal, frozenset(weights))
 
 
@@ -130,6 +137,16 @@ def pieces(vector: S, sizes: Mapping[str, int]) -> dict[str, S]:
     for size in sizes.values():
         bounds.append(bounds[-1] + size)
     return {name: vector[bounds[i] : bounds[i + 1]] for i, name in enumerate(sizes)}
+
+
+def symbols_for(name: str, sizes: Mapping[str, int], numbers: ca.SX) -> ca.SX:
+    """Vector of symbols with those of a robot's numbers in the place of their piece."""
+    count = sizes.get(NUMBERS, 0)
+    if not count:
+        return ca.SX.sym(name, sum(sizes.values()))
+    start = places(sizes)[NUMBERS].start
+    after = sum(sizes.values()) - start - count
+    return ca.vertcat(ca.SX.sym(name, start), numbers, ca.SX.sym(f"{name}_after", after))
 
 
 def concatenated(named: Mapping[str, Array], sizes: Mapping[str, int]) -> Array:

@@ -13,7 +13,7 @@ from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import PAIRS, State
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.partitioned import Node, PartitionedRows, PartitionedStep, Stage
-from mbocp.mechanics import JointMechanics, Mechanics
+from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
 from mbocp.robot import Robot
 
 __all__ = ["PartitionedSteps"]
@@ -36,7 +36,7 @@ class PartitionedSteps(EquationSteps):
 
     def mechanics(self, robot: Robot) -> Mechanics:
         """Equations of motion of the joints."""
-        return JointMechanics(robot)
+        return JointMechanics(robot, numbers=symbols_of(robot))
 
     def num_algebraic(self, mechanics: Mechanics) -> int:
         """The rates of the stages, then one impulse for each constraint at each stage."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp.formulation.accelerations import driven_acceleration
 from mbocp.formulation.memory import MEMORY, unit_of
-from mbocp.formulation.parameters import Sizes, parameter_layout, path_parameters, pieces
+from mbocp.formulation.parameters import NUMBERS, Sizes, parameter_layout, path_parameters, pieces
 from mbocp.formulation.reaction_terms import among_all
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepSymbols
@@ -39,7 +39,7 @@ def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
         hessian += found[2]
     given = pieces(theta, parameter_layout(signature, Sizes.of(at.mechanics)).theta)
     for k, term in clearances.items():
-        numbers = [given[path_parameters(k, name)] for name in term.sizes]
+        numbers = _numbers(given, k, term)
         h, dh, upper = _of_clearance(at, term).call([x, of_term[k], *numbers])
         rows[k] = (h, dh)
         hessian += upper
@@ -62,7 +62,7 @@ def build_path_values(at: StepSymbols, signature: FunctionSignature) -> ca.Funct
         rows |= dict(zip(others, ca.vertsplit(written(x, u, theta), ends), strict=True))
     given = pieces(theta, parameter_layout(signature, Sizes.of(at.mechanics)).theta)
     for k, term in clearances.items():
-        numbers = [given[path_parameters(k, name)] for name in term.sizes]
+        numbers = _numbers(given, k, term)
         (rows[k],) = term.values(_place_of(at)).call([x[at.space.layout.z], *numbers])
     return ca.Function("path_values", [x, u, theta], [ca.vertcat(*rows.values())])
 
@@ -71,6 +71,12 @@ def _kinds(signature: FunctionSignature) -> tuple[dict[int, ClearanceTerm], list
     """Clearances by their numbers, and the numbers of the other constraints."""
     clearances = {k: term for k, term in enumerate(signature.path) if isinstance(term, ClearanceTerm)}
     return clearances, [k for k in range(len(signature.path)) if k not in clearances]
+
+
+def _numbers(given: Mapping[str, ca.MX], k: int, term: ClearanceTerm) -> list[ca.MX]:
+    """Parameters of a clearance, and what functions take of the robot."""
+    own = [given[path_parameters(k, name)] for name in term.sizes]
+    return [*own, given[NUMBERS]] if NUMBERS in given else own
 
 
 def _place_of(at: StepSymbols) -> Point:
@@ -84,7 +90,8 @@ def _of_clearance(at: StepSymbols, term: ClearanceTerm) -> ca.Function:
     z, nx = at.space.layout.z, at.x1.numel()
     of_q = term.function(_place_of(at))
     x, m = ca.MX.sym("x1", nx), ca.MX.sym("m", term.rows)
-    numbers = [ca.MX.sym(name, size) for name, size in term.sizes.items()]
+    sizes = [*term.sizes.values(), *([count] if (count := at.mechanics.symbols.numel()) else [])]
+    numbers = [ca.MX.sym("numbers", size) for size in sizes]
     h, dh, upper = of_q.call([x[z], m, *numbers])
     before, after = z.start, nx - z.stop
     slopes = ca.horzcat(ca.MX(term.rows, before), dh, ca.MX(term.rows, after))

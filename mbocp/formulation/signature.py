@@ -45,7 +45,7 @@ class FunctionSignature:
     Attributes
     ----------
     robot : str
-        Fingerprint of the robot's equations.
+        Fingerprint of the robot's equations; without the numbers that the functions take as parameters.
     steps : Steps
         Choice of coordinates and integrator: what the formulation says of its steps.
     goal : ExactGoal
@@ -77,6 +77,8 @@ class FunctionSignature:
         Where in a step controls have values, see `StateLayout`.
     has_linear_controls : bool
         Whether they are continuous and linear in each step.
+    num_numbers : int
+        How many numbers of the robot the functions take as parameters, see `Robot.varying`.
     """
 
     robot: str
@@ -99,6 +101,7 @@ class FunctionSignature:
     moves: tuple[int, ...] = ()
     shares: tuple[float, ...] = ()
     has_linear_controls: bool = False
+    num_numbers: int = 0
 
     @property
     def couples_steps(self) -> bool:

@@ -43,6 +43,7 @@ from mbocp.formulation.parameters import (
     parameter_layout,
     pieces,
     share_of,
+    symbols_for,
 )
 from mbocp.formulation.path import build_path, build_path_values
 from mbocp.formulation.reaction_terms import reaction_places
@@ -116,7 +117,8 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     mechanics, at = space.configurations, space.layout
     ny = signature.steps.num_algebraic(mechanics) + signature.switches.num_held
     layout = parameter_layout(signature, Sizes.of(mechanics))
-    theta, rho = (ca.SX.sym(n, sum(p.values())) for n, p in (("theta", layout.theta), ("rho", layout.stage)))
+    theta = symbols_for("theta", layout.theta, mechanics.numbers)
+    rho = ca.SX.sym("rho", sum(layout.stage.values()))
     x0, x1 = ca.SX.sym("x0", at.nx), ca.SX.sym("x1", at.nx)
     d0, d1, at0, at1 = x0, x1, x0, x1
     if not at.is_flat:

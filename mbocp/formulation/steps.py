@@ -213,6 +213,10 @@ class Steps(Protocol):
         """Whether rows are F(x0, u) - x1, in the units of states; others balance momenta."""
 
     @property
+    def takes_numbers(self) -> bool:
+        """Whether functions take what varies of a robot as parameters, see `Robot.varying`."""
+
+    @property
     def parameters(self) -> Mapping[str, int]:
         """Names and sizes of parameters beside step length and unit of force."""
 
@@ -245,6 +249,7 @@ class EquationSteps:
 
     coordinates: ClassVar[str]
     rows_are_gaps = False
+    takes_numbers = True
 
     @property
     def state_key(self) -> Mapping[str, str]:

@@ -140,14 +140,14 @@ class PartitionedStep:
             Length [s].
         """
         pair, links = self._pair, self._links
-        (p0,) = chain.apply(links.momentum, [before.q, before.v])
+        (p0,) = chain.apply(links.momentum, [before.q, before.v], links.given)
         rates = [stage.rate for stage in stages]
         momenta, slopes, carried, points = [], [], [], []
         for row, stage, u in zip(pair.a, stages, us, strict=True):
             xi = links.times(chain, h, _sum(row, rates))
             point = Node(links.moved(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
-            p, force = chain.apply(links.body, [point.q, point.v, u])
-            push = chain.apply(links.push, [point.q, stage.impulse]) if self._mechanics.nc else ()
+            p, force = chain.apply(links.body, [point.q, point.v, u], links.given)
+            push = links.pushes(chain, point.q, stage.impulse) if self._mechanics.nc else ()
             pulled = links.pulled_back(chain, xi, stage.rate, p, force, *push)
             momenta.append(pulled.momentum)
             slopes.append(_added(links.times(chain, h, pulled.slope), pulled.pushed))
@@ -155,7 +155,7 @@ class PartitionedStep:
             points.append(point)
         xi = links.times(chain, h, _sum(pair.b, rates))
         reached = links.moved(chain, before.q, xi)
-        (p1,) = chain.apply(links.momentum, [after.q, after.v])
+        (p1,) = chain.apply(links.momentum, [after.q, after.v], links.given)
         in_chart, at_start = links.covectors(chain, xi, p1)
         # The same where configurations are vectors, but for the order in which unknowns are eliminated.
         begun = p0 if self._mechanics.is_vector_space else in_chart + _sum([-b for b in pair.b], slopes)
@@ -180,7 +180,7 @@ class PartitionedStep:
         if not self._mechanics.nc:
             return ()
         places = [self._links.places(chain, q, h) for q in (*between, after.q)]
-        return (*places, *chain.apply(self._links.drift, [after.q, after.v]))
+        return (*places, *chain.apply(self._links.drift, [after.q, after.v], self._links.given))
 
 
 @dataclass(frozen=True)
@@ -202,14 +202,16 @@ class _Links:
 
     def __init__(self, mechanics: JointMechanics) -> None:
         self._is_plain, nv, nc = mechanics.is_vector_space, mechanics.nv, mechanics.nc
+        given = [mechanics.symbols] if mechanics.symbols.numel() else []
+        self.given = tuple(given)
         q, v, u = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", nv), ca.SX.sym("u", mechanics.nu)
         xi, eta, p, h = ca.SX.sym("xi", nv), ca.SX.sym("eta", nv), ca.SX.sym("p", nv), ca.SX.sym("h")
         other, f, c = ca.SX.sym("other", mechanics.nq), ca.SX.sym("f", nv), ca.SX.sym("c", nv)
         energy = mechanics.kinetic_energy(q, v)
         along = mechanics.tangent_map(q).T @ ca.gradient(energy, q)
         force = along - mechanics.gravity(q) + mechanics.force(q, v, u)
-        self.momentum = _function("momentum", [q, v], [ca.gradient(energy, v)])
-        self.body = _function("body", [q, v, u], [ca.gradient(energy, v), force])
+        self.momentum = _function("momentum", [q, v, *given], [ca.gradient(energy, v)])
+        self.body = _function("body", [q, v, u, *given], [ca.gradient(energy, v), force])
         self.difference = _function("difference", [q, other], [mechanics.difference(q, other)])
         self._moved = _function("moved", [q, xi], [mechanics.integrate(q, xi)])
         self._scaled = _function("scaled", [h, v], [h * v])
@@ -231,9 +233,9 @@ class _Links:
         self._covectors = _function("covectors", [xi, p], list(pull(p)))
         if nc:
             impulse, jacobian = ca.SX.sym("impulse", nc), mechanics.constraint_jacobian(q)
-            self.push = _function("push", [q, impulse], [-jacobian.T @ impulse])
-            self.drift = _function("drift", [q, v], [jacobian @ v])
-            self._places = _function("places", [q, h], [mechanics.constraints(q) / h])
+            self._push = _function("push", [q, impulse, *given], [-jacobian.T @ impulse])
+            self.drift = _function("drift", [q, v, *given], [jacobian @ v])
+            self._places = _function("places", [q, h, *given], [mechanics.constraints(q) / h])
 
     def moved(self, chain: Chain, q: Affine, xi: Affine) -> Affine:
         """Configuration q exp(xi)."""
@@ -262,11 +264,15 @@ class _Links:
         """Multiple of a vector."""
         return chain.apply(self._scaled, [h, vector])[0] if isinstance(h, Affine) else h * vector
 
+    def pushes(self, chain: Chain, q: Affine, impulse: Affine) -> list[Affine]:
+        """What impulses of the constraints push."""
+        return chain.apply(self._push, [q, impulse], self.given)
+
     def places(self, chain: Chain, q: Affine, h: Length) -> Affine:
         """Phi / h."""
         if isinstance(h, Affine):
-            return chain.apply(self._places, [q, h])[0]
-        return chain.apply(self._places, [q], [h])[0]
+            return chain.apply(self._places, [q, h], self.given)[0]
+        return chain.apply(self._places, [q], [h, *self.given])[0]
 
 
 def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:

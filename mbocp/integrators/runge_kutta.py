@@ -68,11 +68,12 @@ class ExplicitStep:
         self._tableau = TABLEAUX[scheme]
         self._substeps = substeps
         self._is_on_group = lie == "munthe_kaas"
+        self._symbols = mechanics.symbols
         self._links = _Links(mechanics, is_stabilised=lie == "baumgarte", is_free=is_free)
 
     def __call__(self, chain: Chain, before: State, u: Affine, dt: ca.SX | Affine, gains: Gains) -> State:
         """State after a step of length `dt` [s] with the constant control u, as links of a chain."""
-        rates = ca.vertcat(gains.quaternion, gains.dcm, gains.constraint)
+        rates = ca.vertcat(gains.quaternion, gains.dcm, gains.constraint, self._symbols)
         state, h = before, dt / self._substeps if isinstance(dt, ca.SX) else ca.SX(1)
         if not isinstance(dt, ca.SX):  # then slopes come with it as a factor, see `_Links`
             u = Affine.join([u, (1.0 / self._substeps) * dt])
@@ -119,7 +120,7 @@ class _Links:
     def __init__(self, mechanics: ForwardMechanics, *, is_stabilised: bool, is_free: bool) -> None:
         space = mechanics.space
         z, s = ca.SX.sym("z", mechanics.nq), ca.SX.sym("s", mechanics.ns)
-        u, rates = ca.SX.sym("u", mechanics.nu), ca.SX.sym("rates", 3)
+        u, rates = ca.SX.sym("u", mechanics.nu), ca.vertcat(ca.SX.sym("rates", 3), mechanics.symbols)
         w = ca.SX.sym("w", mechanics.nv)
         v, rate = mechanics.velocity(z, s, u), mechanics.speed_rate(z, s, u, rates[2])
         along = space.rate(z, v)

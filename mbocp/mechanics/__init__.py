@@ -9,7 +9,7 @@ from mbocp._exports import names_of
 if TYPE_CHECKING:
     from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity, duals_of_momenta
     from mbocp.mechanics.either import Mechanics
-    from mbocp.mechanics.joint import JointMechanics
+    from mbocp.mechanics.joint import JointMechanics, symbols_of
     from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
     from mbocp.mechanics.natural_coordinates.space import NaturalSpace, natural_mechanics
 
@@ -22,6 +22,7 @@ __all__ = [
     "dual_of_velocity",
     "duals_of_momenta",
     "natural_mechanics",
+    "symbols_of",
 ]
 
 __getattr__ = names_of(__name__, __file__)

@@ -33,6 +33,8 @@ class ForwardMechanics(JointMechanics):
     rotations : str
     acting : Acting, optional
         Rows that act; without, those of all of the robot's constraints.
+    numbers : casadi.SX, optional
+        See `JointMechanics`.
 
     Attributes
     ----------
@@ -47,8 +49,15 @@ class ForwardMechanics(JointMechanics):
         If the robot has both drives and holonomic constraints.
     """
 
-    def __init__(self, robot: Robot, rotations: str = "quaternion", *, acting: Acting | None = None) -> None:
-        super().__init__(robot, rotations)
+    def __init__(
+        self,
+        robot: Robot,
+        rotations: str = "quaternion",
+        *,
+        acting: Acting | None = None,
+        numbers: ca.SX | None = None,
+    ) -> None:
+        super().__init__(robot, rotations, numbers=numbers)
         self._acting = acting
         self.num_tied = self.nc if acting is None else len(acting.own) + len(acting.rows)
         if robot.drives and robot.nc:

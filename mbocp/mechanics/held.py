@@ -139,7 +139,7 @@ def held_jacobian(held: Sequence[HeldFrame], mechanics: _Mechanics, q: ca.SX) ->
         return ca.SX.zeros(0, mechanics.nv)
     at, anchor = ca.SX.sym("q", mechanics.nq), ca.SX.sym("anchor", mechanics.nq)
     jacobian = ca.jacobian(held_rows(held, mechanics, at, anchor), at) @ mechanics.tangent_map(at)
-    return ca.Function("held", [at, anchor], [jacobian])(q, q)
+    return ca.Function("held", [at, anchor, mechanics.symbols], [jacobian])(q, q, mechanics.symbols)
 
 
 def held_jacobians(robot: Robot, held: Sequence[HeldFrame], qs: Array) -> Array:

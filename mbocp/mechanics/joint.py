@@ -14,10 +14,15 @@ import numpy as np
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
 from mbocp.robot import Robot, constraint_rows
-from mbocp.symbolic import model_functions
+from mbocp.symbolic import ModelNumber, model_functions, values_of
 from mbocp.symbolic.matrices import call_with_matrices
 
-__all__ = ["JointMechanics"]
+__all__ = ["JointMechanics", "symbols_of"]
+
+
+def symbols_of(robot: Robot) -> ca.SX:
+    """Symbols for the numbers of a robot that vary, shape (len(robot.varying),)."""
+    return ca.SX.sym("numbers", len(robot.varying))
 
 
 class JointMechanics:
@@ -30,9 +35,16 @@ class JointMechanics:
     robot : Robot
     rotations : {"quaternion", "dcm"}
         Coordinates of attitudes in q; with "quaternion" q is Pinocchio's configuration.
+    numbers : casadi.SX, optional
+        Values of `robot.varying`, as a rule symbols, see `symbols_of`. By default those of the robot are
+        constants of the equations.
 
     Attributes
     ----------
+    numbers : casadi.SX, shape (len(robot.varying),)
+    symbols : casadi.SX
+        What of the numbers is symbols: all or, shape (0, 1), nothing. Functions of expressions of this class
+        need them among their inputs.
     nq, nv, ns, nu, nc : int
         Sizes of configuration, velocity, speeds, control and holonomic constraints.
     space : ConfigurationSpace
@@ -41,13 +53,19 @@ class JointMechanics:
         Whether a configuration is a plain vector, so that tangent and coordinate derivatives agree.
     """
 
-    def __init__(self, robot: Robot, rotations: str = "quaternion") -> None:
+    def __init__(
+        self, robot: Robot, rotations: str = "quaternion", *, numbers: ca.SX | None = None
+    ) -> None:
         self.robot = robot
+        self.numbers = ca.SX(ca.DM(robot.varying_values)) if numbers is None else numbers
+        self.symbols = self.numbers if numbers is not None and ca.symvar(numbers) else ca.SX.zeros(0, 1)
         self.space = ConfigurationSpace(robot.model, rotations)
         self.nq, self.nv, self.nu, self.nc = self.space.nz, robot.nv, robot.nu, robot.nc
         self.ns = self.nv
         self.is_vector_space = robot.is_vector_space
-        self._functions = model_functions(robot.model)
+        given = () if numbers is None else robot.varying
+        self.functions = model_functions(robot.model, given)
+        self._given = (self.numbers,) if given else ()  # the last argument of all functions
         self._dcm = [part for part in self.space.parts if part.at_matrix >= 0]
 
     def velocity(self, q: ca.SX, s: ca.SX, u: ca.SX) -> ca.SX:
@@ -106,7 +124,7 @@ class JointMechanics:
         """Derivative of `function` along the tangent space of q, which may be any expression."""
         at = ca.SX.sym("q", self.nq)
         jacobian = ca.jacobian(function(at), at) @ self.tangent_map(at)
-        return ca.Function("derivative", [at], [jacobian])(q)
+        return ca.Function("derivative", [at, self.symbols], [jacobian])(q, self.symbols)
 
     def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Canonical momentum p = M(q) v, shape (nv,) [kg m/s, N m s]."""
@@ -114,27 +132,27 @@ class JointMechanics:
 
     def mass_matrix(self, q: ca.SX) -> ca.SX:
         """Joint-space mass matrix M(q), shape (nv, nv)."""
-        return self._call(self._functions.crba, q)[0]
+        return self._call(self.functions.crba, q)[0]
 
     def forward_dynamics(self, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
         """Acceleration under a generalised force, without constraints, shape (nv,) [m/s^2, rad/s^2]."""
-        return self._call(self._functions.aba, q, v, force)[0]
+        return self._call(self.functions.aba, q, v, force)[0]
 
     def inverse_mass_matrix(self, q: ca.SX) -> ca.SX:
         """M(q)^-1, shape (nv, nv)."""
-        return self._call(self._functions.minverse, q)[0]
+        return self._call(self.functions.minverse, q)[0]
 
     def kinetic_energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic energy, armature included [J]."""
-        return self._call(self._functions.kinetic_energy, q, v)[0]
+        return self._call(self.functions.kinetic_energy, q, v)[0]
 
     def gravity(self, q: ca.SX) -> ca.SX:
         """Derivative of the potential of gravity along the tangent space, shape (nv,) [N, N m]."""
-        return self._call(self._functions.gravity, q)[0]
+        return self._call(self.functions.gravity, q)[0]
 
     def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         """Generalised force M(q) a + C(q, v) v + gravity, shape (nv,) [N, N m]."""
-        return self._call(self._functions.rnea, q, v, a)[0]
+        return self._call(self.functions.rnea, q, v, a)[0]
 
     def force(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """Applied generalised force B(q) u plus that of force elements and losses, shape (nv,) [N, N m]."""
@@ -143,7 +161,7 @@ class JointMechanics:
         num_joint = selection.shape[1]
         total = selection @ u[:num_joint] if num_joint else ca.SX.zeros(self.nv)
         for k, actuator in enumerate(actuation.frame_actuators):
-            jacobian = self._call(self._functions.frame_jacobian(actuator.frame_id, "local"), q)[0]
+            jacobian = self._call(self.functions.frame_jacobian(actuator.frame_id, "local"), q)[0]
             total += jacobian.T @ ca.DM(np.asarray(actuator.direction)) * u[num_joint + k]
         for element in self.robot.forces:
             total += force_element_force(element, self, q, v)
@@ -153,26 +171,47 @@ class JointMechanics:
 
     def potential_energy(self, q: ca.SX) -> ca.SX:
         """Potential energy of gravity and of the force elements [J]."""
-        energy = self._call(self._functions.potential_energy, q)[0]
+        energy = self._call(self.functions.potential_energy, q)[0]
         for element in self.robot.forces:
             energy += force_element_energy(element, self, q)
         return energy
 
     def frame_rotation(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Axes of a frame in the world, shape (3, 3)."""
-        return self._call(self._functions.frame_placement(frame_id), q)[0]
+        return self._call(self.functions.frame_placement(frame_id), q)[0]
 
     def frame_translation_jacobian(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Velocity of a frame's origin in world axes per velocity, shape (3, nv)."""
-        return self._call(self._functions.frame_jacobian(frame_id, "local_world_aligned"), q)[0][:3, :]
+        return self._call(self.functions.frame_jacobian(frame_id, "local_world_aligned"), q)[0][:3, :]
 
     def frame_rotation_jacobian(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Angular velocity of a frame in world axes per velocity, shape (3, nv)."""
-        return self._call(self._functions.frame_jacobian(frame_id, "local_world_aligned"), q)[0][3:, :]
+        return self._call(self.functions.frame_jacobian(frame_id, "local_world_aligned"), q)[0][3:, :]
 
     def frame_position(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Position of a frame's origin in the world, shape (3,) [m]."""
-        return self._call(self._functions.frame_placement(frame_id), q)[1]
+        return self._call(self.functions.frame_placement(frame_id), q)[1]
+
+    def frame_inertia(self, frame_id: int) -> ca.SX:
+        """Inertia of the body that carries a frame, about its origin and in its axes, shape (6, 6).
+
+        Times the velocity of the frame it is the momentum, linear before angular.
+        """
+        joint = int(self.robot.model.frames[frame_id].parentJoint)
+        body = self._of_model([ModelNumber("inertia", joint, k) for k in range(10)])
+        placement = self._of_model([ModelNumber("frame_placement", frame_id, k) for k in range(12)])
+        R, mass = ca.reshape(placement[:9], 3, 3), body[0]
+        xx, xy, yy, xz, yz, zz = ca.vertsplit(body[4:])
+        about_com = ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        c = ca.skew(R.T @ (body[1:4] - placement[9:]))
+        about_origin = R.T @ about_com @ R - mass * (c @ c)
+        return ca.blockcat([[mass * ca.SX.eye(3), -mass * c], [mass * c, about_origin]])
+
+    def _of_model(self, numbers: Sequence[ModelNumber]) -> ca.SX:
+        """Numbers of the model, a column: those that vary as `numbers` has them."""
+        given = {number: self.numbers[k] for k, number in enumerate(self.robot.varying)}
+        constants = values_of(self.robot.model, numbers)
+        return ca.vertcat(*[given.get(n, ca.SX(c)) for n, c in zip(numbers, constants, strict=True)])
 
     def joint_displacement(self, joint_id: int, q: ca.SX) -> ca.SX:
         """Angle [rad] or length [m] of a joint with one velocity; of continuous ones in -pi ... pi."""
@@ -201,6 +240,7 @@ class JointMechanics:
     def _call(self, function: ca.Function, q: ca.SX, *others: ca.SX) -> list[ca.SX]:
         """Outputs of one of Pinocchio's functions, whatever the coordinates of the attitudes are."""
         matrices = [(p.at_q.stop - 4, ca.reshape(q[p.at_matrix : p.at_matrix + 9], 3, 3)) for p in self._dcm]
+        others = (*others, *self._given)
         if not matrices:
             return list(function.call([q, *others]))
         configuration = ca.SX.zeros(self.robot.nq)

@@ -22,6 +22,7 @@ from mbocp.robot.payload import Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import JointResistance
 from mbocp.robot.stored import RobotFiles
+from mbocp.symbolic import ModelNumber, inertia_numbers, text_without, translation_numbers, values_of
 
 __all__ = ["RobotModel"]
 
@@ -242,9 +243,43 @@ class RobotModel:
         return self.limits.any_finite
 
     @cached_property
+    def varying(self) -> tuple[ModelNumber, ...]:
+        """Numbers of the model that functions may take as parameters: those that payloads have a part in.
+
+        Inertias of bodies that carry a payload and of parts that are simple bodies, and where the frames of
+        payloads are; in rising order.
+        """
+        frames = [kinematics.frame_id(self.model, payload.name, self.name) for payload in self.payloads]
+        prefixes = tuple(part.prefix for part in self.parts if part.is_object)
+        objects = [
+            frame
+            for frame in self.model.frames
+            if prefixes and frame.name.startswith(prefixes) and frame.type == pin.FrameType.BODY
+        ]
+        bodies = {int(self.model.frames[frame].parentJoint) for frame in frames}
+        bodies |= {int(frame.parentJoint) for frame in objects} - {0}
+        return (
+            *(number for body in sorted(bodies) for number in inertia_numbers(body)),
+            *(number for frame in sorted(frames) for number in translation_numbers(frame)),
+        )
+
+    @cached_property
+    def varying_values(self) -> Array:
+        """What these numbers are, shape (len(varying),) [kg, m, kg m^2]."""
+        return frozen_array(values_of(self.model, self.varying))
+
+    @cached_property
     def fingerprint(self) -> str:
         """SHA-256 over all that shapes the equations: model, actuation, constraints, forces, losses."""
-        digest = hashlib.sha256(self.model.saveToString().encode())
+        return self._digest(self.model.saveToString())
+
+    @cached_property
+    def shape_fingerprint(self) -> str:
+        """The same without the values of the numbers that vary; robots with none have one fingerprint."""
+        return self._digest(text_without(self.model, self.varying)) if self.varying else self.fingerprint
+
+    def _digest(self, model: str) -> str:
+        digest = hashlib.sha256(model.encode())
         digest.update(self.actuation.selection.tobytes())
         for actuator in self.actuation.frame_actuators:
             digest.update(repr(actuator.frame_id).encode() + actuator.direction.tobytes())

@@ -29,6 +29,8 @@ class PlacedRobot:
         Of the base in that frame, unit quaternion xyzw.
     source : Path or None
         Its URDF.
+    is_object : bool
+        Whether it is a simple body, given by mass and shape.
     """
 
     name: str
@@ -37,6 +39,7 @@ class PlacedRobot:
     position: tuple[float, float, float]
     orientation: tuple[float, float, float, float]
     source: Path | None = None
+    is_object: bool = False
 
     @property
     def prefix(self) -> str:

@@ -180,13 +180,14 @@ class ClearanceTerm:
         Parameters
         ----------
         at : Point
-            Its q are plain symbols.
+            Its q are plain symbols. The symbols of its mechanics are the last input, where there are any.
         """
         nq = at.q.numel()
         q, m = ca.MX.sym("q", nq), ca.MX.sym("m", self.rows)
         given = {name: ca.MX.sym(name, size) for name, size in self.sizes.items()}
         places, bend = _places(at, self.frames)
-        placed = places(q)
+        numbers_of_robot = _numbers_of(at)
+        placed = places(q, *numbers_of_robot)
         num_places = len(self.frames) + 1
         h: list[ca.MX] = []
         dh: list[ca.MX] = []
@@ -203,21 +204,23 @@ class ClearanceTerm:
             hessian += ca.repsum(found[2], 1, count)
             for which, share in zip(chosen, found[3:], strict=True):  # added up by place
                 weights += ca.jtimes(plain[:, which], plain, share, True)
-        upper = ca.MX(ca.Sparsity.upper(nq), hessian) + bend(q, weights)
+        upper = ca.MX(ca.Sparsity.upper(nq), hessian) + bend(q, weights, *numbers_of_robot)
         outputs = [ca.vertcat(*h), ca.vertcat(*dh), upper]
-        return ca.Function("clearance", [q, m, *given.values()], outputs)
+        return ca.Function("clearance", [q, m, *given.values(), *numbers_of_robot], outputs)
 
     def values(self, at: Point) -> ca.Function:
         """(q, still, moving) -> h, as in `function`."""
+        numbers_of_robot = _numbers_of(at)
         q = ca.MX.sym("q", at.q.numel())
         given = {name: ca.MX.sym(name, size) for name, size in self.sizes.items()}
-        placed = ca.Function("placed", [at.q], [ca.densify(ca.horzcat(*_columns(at, self.frames)))])(q)
+        columns = ca.densify(ca.horzcat(*_columns(at, self.frames)))
+        placed = ca.Function("placed", [at.q, *_symbols_of(at)], [columns])(q, *numbers_of_robot)
         h = [ca.MX(0, 1)]
         for group in self._groups:
             chosen, numbers = group.taken(given)
             row = _distance(group.carriers, group.measure).map(group.count)
             h.append(row(*(placed[:, which] for which in chosen), numbers).T)
-        return ca.Function("clearances", [q, *given.values()], [ca.vertcat(*h)])
+        return ca.Function("clearances", [q, *given.values(), *numbers_of_robot], [ca.vertcat(*h)])
 
     @property
     def _groups(self) -> list[_Group]:
@@ -270,6 +273,16 @@ def _columns(at: Point, frames: tuple[int, ...]) -> list[ca.SX]:
     return columns
 
 
+def _symbols_of(at: Point) -> list[ca.SX]:
+    """Symbols of the robot's numbers, if there are any."""
+    return [at.mechanics.symbols] if at.mechanics.symbols.numel() else []
+
+
+def _numbers_of(at: Point) -> list[ca.MX]:
+    """What stands for them in functions that call others."""
+    return [ca.MX.sym("numbers", symbols.numel()) for symbols in _symbols_of(at)]
+
+
 def _places(at: Point, frames: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
     """Placements with their derivatives, a column for each place; and what their curvature adds.
 
@@ -280,9 +293,14 @@ def _places(at: Point, frames: tuple[int, ...]) -> tuple[ca.Function, ca.Functio
     weights = ca.SX.sym("weights", _PLACE, len(columns))
     hessian, _ = ca.hessian(ca.dot(weights, ca.horzcat(*columns)), at.q)
     upper = ca.densify(hessian)[ca.Sparsity.upper(at.q.numel())]
+    symbols = _symbols_of(at)
     return (
-        ca.Function("places", [at.q], ca.cse([ca.densify(ca.horzcat(*with_slopes))])),
-        ca.Function("bend", [at.q, weights], ca.cse([ca.SX(ca.Sparsity.upper(at.q.numel()), upper.nz[:])])),
+        ca.Function("places", [at.q, *symbols], ca.cse([ca.densify(ca.horzcat(*with_slopes))])),
+        ca.Function(
+            "bend",
+            [at.q, weights, *symbols],
+            ca.cse([ca.SX(ca.Sparsity.upper(at.q.numel()), upper.nz[:])]),
+        ),
     )
 
 

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
-from mbocp.symbolic import Reference, model_functions
+from mbocp.symbolic import Reference
 
 __all__ = ["Kinematics"]
 
@@ -84,7 +83,7 @@ class Kinematics:
 
     def jacobian(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
         """Jacobian J of a frame, shape (6, nv), so that its velocity is J v."""
-        function = model_functions(self.robot.model).frame_jacobian(self.robot.frame_id(frame), reference)
+        function = self.mechanics.functions.frame_jacobian(self.robot.frame_id(frame), reference)
         return self.mechanics.evaluated(function, self.q)
 
     def velocity(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
@@ -102,10 +101,7 @@ class Kinematics:
 
         Linear before angular [kg m/s, N m s].
         """
-        index = self.robot.frame_id(frame)
-        placed = self.robot.model.frames[index]
-        body = self.robot.model.inertias[int(placed.parentJoint)]
-        inertia = ca.SX(ca.DM(np.asarray(placed.placement.actInv(body).matrix())))
+        inertia = self.mechanics.frame_inertia(self.robot.frame_id(frame))
         h, R = inertia @ self.velocity(frame, "local"), self.rotation(frame)
         return ca.vertcat(R @ h[:3], R @ h[3:])
 
@@ -115,11 +111,11 @@ class Kinematics:
 
     def centre_of_mass(self) -> ca.SX:
         """Centre of mass in the world, shape (3,) [m]."""
-        return self.mechanics.evaluated(model_functions(self.robot.model).center_of_mass, self.q)
+        return self.mechanics.evaluated(self.mechanics.functions.center_of_mass, self.q)
 
     def centroidal_momentum(self) -> ca.SX:
         """Momentum about the centre of mass, axes of the world, shape (6,) [kg m/s, N m s]."""
-        function = model_functions(self.robot.model).centroidal_momentum
+        function = self.mechanics.functions.centroidal_momentum
         return self.mechanics.evaluated(function, self.q, self.v)
 
     def kinetic_energy(self) -> ca.SX:

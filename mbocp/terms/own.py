@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array, frozen_array
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.mechanics import JointMechanics
+from mbocp.mechanics import JointMechanics, symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.kinematics import Kinematics
@@ -56,7 +56,7 @@ _KEPT = 64  # traced functions
 
 
 class Traced(NamedTuple):
-    """A term's expression as a CasADi function (q, v, u, a, t, *parameters) -> value."""
+    """A term's expression as a CasADi function (q, v, u, a, t, *parameters, numbers of the robot) -> value."""
 
     function: ca.Function
     rows: int
@@ -68,7 +68,8 @@ class Traced(NamedTuple):
         u = at.control if "u" in self.uses else ca.SX.zeros(robot.nu)
         a = at.joint_acceleration() if "a" in self.uses else ca.SX.zeros(robot.nv)
         t = at.time if "t" in self.uses else ca.SX(0)
-        found: ca.SX = self.function(at.joint_configuration(), at.joint_velocity(), u, a, t, *p.values())
+        own = (at.joint_configuration(), at.joint_velocity(), u, a, t, *p.values())
+        found: ca.SX = self.function(*own, at.mechanics.numbers)
         return found
 
 
@@ -272,7 +273,7 @@ def _trace(
     robot: Robot,
     rotations: str,
 ) -> Traced:
-    mechanics = JointMechanics(robot, rotations)
+    mechanics = JointMechanics(robot, rotations, numbers=symbols_of(robot))
     symbols = {
         "q": ca.SX.sym("q", mechanics.nq),
         "v": ca.SX.sym("v", robot.nv),
@@ -285,7 +286,7 @@ def _trace(
     where = f"terms: {name}: a {ROLES[role]}"
     at = Kinematics(robot, where, symbols["q"], symbols["v"], here, numbers, mechanics)
     value = _expression(function(at), name)
-    arguments = [*symbols.values(), *numbers.values()]
+    arguments = [*symbols.values(), *numbers.values(), mechanics.numbers]
     free = [s.name() for s in ca.symvar(value) if not _among(s, arguments)]
     if free:
         raise ProblemError(f"terms: {name}: {', '.join(free[:3])} is no parameter: ask for it as at['name']")

@@ -27,6 +27,7 @@ class TrapezoidalSteps:
     scheme: str
 
     rows_are_gaps = False
+    takes_numbers = False
     tau = 0.5
     remedy = "Lock joints"
 

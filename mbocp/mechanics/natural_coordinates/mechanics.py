@@ -85,6 +85,16 @@ class NaturalMechanics(NaturalKinematics):
         """Rates of the coordinates of a state's speeds: the speeds themselves, shape (nv,)."""
         return s
 
+    @property
+    def numbers(self) -> ca.SX:
+        """Values of `robot.varying`: constants of the equations."""
+        return ca.SX(ca.DM(self.robot.varying_values))
+
+    @property
+    def symbols(self) -> ca.SX:
+        """None of them is a symbol: shape (0, 1)."""
+        return ca.SX.zeros(0, 1)
+
     def mass_matrix(self, q: ca.SX) -> ca.SX:
         """M, shape (nv, nv); constant but for rotors."""
         rotors, g = self._rotors(q)

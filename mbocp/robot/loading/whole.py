@@ -227,6 +227,7 @@ def _placed(table: PartTable, body: Body) -> Part:
         position=tuple(placement.translation.tolist()),
         orientation=tuple(pin.Quaternion(placement.rotation).coeffs().tolist()),
         source=body.urdf,
+        is_object=table.is_object,
     )
     trace = named.trace_frames() if body.model.nv else ()
     return Part(body, placed, placement, lock, named.motors(table.actuated), trace, table.is_object)
