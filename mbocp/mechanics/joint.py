@@ -53,9 +53,7 @@ class JointMechanics:
         Whether a configuration is a plain vector, so that tangent and coordinate derivatives agree.
     """
 
-    def __init__(
-        self, robot: Robot, rotations: str = "quaternion", *, numbers: ca.SX | None = None
-    ) -> None:
+    def __init__(self, robot: Robot, rotations: str = "quaternion", *, numbers: ca.SX | None = None) -> None:
         self.robot = robot
         self.numbers = ca.SX(ca.DM(robot.varying_values)) if numbers is None else numbers
         self.symbols = self.numbers if numbers is not None and ca.symvar(numbers) else ca.SX.zeros(0, 1)

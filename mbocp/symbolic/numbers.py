@@ -26,8 +26,8 @@ class ModelNumber(NamedTuple):
     Attributes
     ----------
     of : {"inertia", "joint_placement", "frame_placement"}
-    index : int
-        Of the joint or frame.
+    owner : int
+        Index of the joint or frame.
     entry : int
         Of an inertia: 0 the mass [kg], 1 to 3 the centre of mass [m], 4 to 9 the moments of inertia about it,
         xx, xy, yy, xz, yz, zz [kg m^2]. Of a placement: 0 to 8 the rotation by columns, 9 to 11 the
@@ -35,7 +35,7 @@ class ModelNumber(NamedTuple):
     """
 
     of: Literal["inertia", "joint_placement", "frame_placement"]
-    index: int
+    owner: int
     entry: int
 
 
@@ -59,7 +59,7 @@ def with_values(model: pin.Model, numbers: Sequence[ModelNumber], values: Iterab
     found = pin.Model(model)
     changed: dict[tuple[str, int], NDArray[np.float64]] = {}
     for number, value in zip(numbers, values, strict=True):
-        entries = changed.setdefault((number.of, number.index), _entries(model, number))
+        entries = changed.setdefault((number.of, number.owner), _entries(model, number))
         entries[number.entry] = value
     for (of, index), entries in changed.items():
         if of == "inertia":
@@ -79,10 +79,10 @@ def with_values(model: pin.Model, numbers: Sequence[ModelNumber], values: Iterab
 def _entries(model: pin.Model, number: ModelNumber) -> NDArray[np.float64]:
     """All numbers of the inertia or placement that it belongs to."""
     if number.of == "inertia":
-        body = model.inertias[number.index]
+        body = model.inertias[number.owner]
         moments = np.asarray(body.inertia)
         return np.array([body.mass, *body.lever, *(moments[i, j] for i, j in _MOMENTS)])
     places = model.jointPlacements if number.of == "joint_placement" else model.frames
-    place = places[number.index]
+    place = places[number.owner]
     placement = place if number.of == "joint_placement" else place.placement
     return np.concatenate([np.asarray(placement.rotation).ravel(order="F"), placement.translation])

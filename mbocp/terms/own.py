@@ -56,7 +56,7 @@ _KEPT = 64  # traced functions
 
 
 class Traced(NamedTuple):
-    """A term's expression as a CasADi function (q, v, u, a, t, *parameters, numbers of the robot) -> value."""
+    """A term's expression as a CasADi function (q, v, u, a, t, *parameters, robot.varying) -> value."""
 
     function: ca.Function
     rows: int
