@@ -22,7 +22,14 @@ from mbocp.robot.payload import Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import JointResistance
 from mbocp.robot.stored import RobotFiles
-from mbocp.symbolic import ModelNumber, inertia_numbers, text_without, translation_numbers, values_of
+from mbocp.symbolic import (
+    ModelNumber,
+    inertia_numbers,
+    placements_of_followers,
+    text_without,
+    translation_numbers,
+    values_of,
+)
 
 __all__ = ["RobotModel"]
 
@@ -78,6 +85,8 @@ class RobotModel:
         URDFs whose shapes it collides with.
     given_spheres : tuple of CollisionSphere
         What stands for the shapes of some frames, see `Robot.collision_spheres`.
+    decided_by_locks : tuple of ModelNumber
+        Numbers of `model` that the values of locked joints decide, where options lock them.
     stored : RobotFiles, optional
         The files it was loaded from, if they came with a result; they keep their temporary folder.
     """
@@ -102,6 +111,7 @@ class RobotModel:
     parts: tuple[PlacedRobot, ...] = ()
     collision: tuple[CollisionSource, ...] = ()
     given_spheres: tuple[CollisionSphere, ...] = ()
+    decided_by_locks: tuple[ModelNumber, ...] = ()
     stored: RobotFiles | None = None
 
     def __post_init__(self) -> None:
@@ -244,10 +254,10 @@ class RobotModel:
 
     @cached_property
     def varying(self) -> tuple[ModelNumber, ...]:
-        """Numbers of the model that functions may take as parameters: those that payloads have a part in.
+        """Numbers of the model that functions may take as parameters, in rising order.
 
-        Inertias of bodies that carry a payload and of parts that are simple bodies, and where the frames of
-        payloads are; in rising order.
+        Inertias of bodies that carry a payload and of parts that are simple bodies, where the frames of
+        payloads are, and what the values of joints decide that options lock.
         """
         frames = [kinematics.frame_id(self.model, payload.name, self.name) for payload in self.payloads]
         prefixes = tuple(part.prefix for part in self.parts if part.is_object)
@@ -258,10 +268,11 @@ class RobotModel:
         ]
         bodies = {int(self.model.frames[frame].parentJoint) for frame in frames}
         bodies |= {int(frame.parentJoint) for frame in objects} - {0}
-        return (
-            *(number for body in sorted(bodies) for number in inertia_numbers(body)),
-            *(number for frame in sorted(frames) for number in translation_numbers(frame)),
-        )
+        found = {number for body in bodies for number in inertia_numbers(body)}
+        found |= {number for frame in frames for number in translation_numbers(frame)}
+        found |= set(self.decided_by_locks)
+        found |= {*placements_of_followers(self.model, sorted(frames), self.decided_by_locks)}
+        return tuple(sorted(found))
 
     @cached_property
     def varying_values(self) -> Array:

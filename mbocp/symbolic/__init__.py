@@ -13,7 +13,16 @@ alone: one source of the functions is one set of numbers to trust.
 """
 
 from mbocp.symbolic.functions import ModelFunctions, Reference
-from mbocp.symbolic.numbers import ModelNumber, inertia_numbers, translation_numbers, values_of, with_values
+from mbocp.symbolic.numbers import (
+    ModelNumber,
+    all_numbers,
+    inertia_numbers,
+    placement_numbers,
+    placements_of_followers,
+    translation_numbers,
+    values_of,
+    with_values,
+)
 from mbocp.symbolic.verified import model_functions, self_test, text_without
 from mbocp.symbolic.versions import check_versions
 
@@ -21,9 +30,12 @@ __all__ = [
     "ModelFunctions",
     "ModelNumber",
     "Reference",
+    "all_numbers",
     "check_versions",
     "inertia_numbers",
     "model_functions",
+    "placement_numbers",
+    "placements_of_followers",
     "self_test",
     "text_without",
     "translation_numbers",

@@ -8,13 +8,23 @@ zero or one cost nothing.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-__all__ = ["ModelNumber", "inertia_numbers", "translation_numbers", "values_of", "with_values"]
+__all__ = [
+    "ModelNumber",
+    "all_numbers",
+    "inertia_numbers",
+    "placement_numbers",
+    "placements_of_followers",
+    "translation_numbers",
+    "values_of",
+    "with_values",
+]
 
 _MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # in Pinocchio's order
 _TRANSLATION = range(9, 12)  # after the rotation
@@ -49,9 +59,42 @@ def translation_numbers(frame: int) -> tuple[ModelNumber, ...]:
     return tuple(ModelNumber("frame_placement", frame, entry) for entry in _TRANSLATION)
 
 
+def placement_numbers(frame: int) -> tuple[ModelNumber, ...]:
+    """Rotation and translation of a frame from its joint."""
+    return tuple(ModelNumber("frame_placement", frame, entry) for entry in range(12))
+
+
+def all_numbers(model: pin.Model) -> tuple[ModelNumber, ...]:
+    """Inertias and placements of all joints and frames, in rising order."""
+    bodies, frames = range(1, model.njoints), range(1, model.nframes)
+    return (
+        *(number for frame in frames for number in placement_numbers(frame)),
+        *(number for joint in bodies for number in inertia_numbers(joint)),
+        *(ModelNumber("joint_placement", joint, entry) for joint in bodies for entry in range(12)),
+    )
+
+
+def placements_of_followers(
+    model: pin.Model, frames: Iterable[int], varying: Iterable[ModelNumber]
+) -> tuple[ModelNumber, ...]:
+    """Placements of those of the frames, in rising order, that stand on others whose placements vary."""
+    moved = {number.owner for number in varying if number.of == "frame_placement"}
+    found: list[ModelNumber] = []
+    for frame in frames:
+        if int(model.frames[frame].parentFrame) in moved:
+            moved.add(frame)
+            found += placement_numbers(frame)
+    return tuple(found)
+
+
 def values_of(model: pin.Model, numbers: Iterable[ModelNumber]) -> NDArray[np.float64]:
     """What the numbers are in a model, shape (len(numbers),) [kg, m, kg m^2]."""
-    return np.array([_entries(model, n)[n.entry] for n in numbers], dtype=np.float64)
+    found: list[float] = []
+    for _, group in groupby(numbers, key=lambda number: number[:2]):
+        members = list(group)
+        entries = _entries(model, members[0])
+        found += [entries[number.entry] for number in members]
+    return np.array(found, dtype=np.float64)
 
 
 def with_values(model: pin.Model, numbers: Sequence[ModelNumber], values: Iterable[float]) -> pin.Model:

@@ -56,7 +56,10 @@ _KEPT = 64  # traced functions
 
 
 class Traced(NamedTuple):
-    """A term's expression as a CasADi function (q, v, u, a, t, *parameters, robot.varying) -> value."""
+    """A term's expression as a CasADi function (q, v, u, a, t, *parameters) -> value.
+
+    Where numbers of the robot vary they are its last argument.
+    """
 
     function: ca.Function
     rows: int
@@ -69,7 +72,7 @@ class Traced(NamedTuple):
         a = at.joint_acceleration() if "a" in self.uses else ca.SX.zeros(robot.nv)
         t = at.time if "t" in self.uses else ca.SX(0)
         own = (at.joint_configuration(), at.joint_velocity(), u, a, t, *p.values())
-        found: ca.SX = self.function(*own, at.mechanics.numbers)
+        found: ca.SX = self.function(*own, *([at.mechanics.numbers] if robot.varying else []))
         return found
 
 
@@ -286,7 +289,7 @@ def _trace(
     where = f"terms: {name}: a {ROLES[role]}"
     at = Kinematics(robot, where, symbols["q"], symbols["v"], here, numbers, mechanics)
     value = _expression(function(at), name)
-    arguments = [*symbols.values(), *numbers.values(), mechanics.numbers]
+    arguments = [*symbols.values(), *numbers.values(), *([mechanics.numbers] if robot.varying else [])]
     free = [s.name() for s in ca.symvar(value) if not _among(s, arguments)]
     if free:
         raise ProblemError(f"terms: {name}: {', '.join(free[:3])} is no parameter: ask for it as at['name']")

@@ -23,6 +23,7 @@ from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.payload import Payload
 from mbocp.robot.resistance import FRICTION_SPEED
 from mbocp.robot.robot import Robot
+from mbocp.symbolic import placements_of_followers
 
 __all__ = ["LossesOf", "assemble_robot", "losses_of"]
 
@@ -34,6 +35,7 @@ def assemble_robot(
     body: Body,
     *,
     lock: Lock | None,
+    named_locks: Sequence[str],
     gravity: Sequence[float] | None,
     actuated: Sequence[str] | None,
     rotations: str | None,
@@ -48,6 +50,8 @@ def assemble_robot(
     body : Body
     lock, gravity, actuated, rotations
         As of `load_robot`; None: what the table says.
+    named_locks : sequence of str
+        Joints that options lock: other values of theirs are other numbers of the same functions.
     losses : sequence of LossesOf
         Damping and friction that act.
     carried : tuple of Payload
@@ -61,11 +65,16 @@ def assemble_robot(
             "free_flyer = true, or --free-flyer"
         )
     locks = body.table.lock if lock is None else lock
-    model, visuals, q0 = lock_joints(body.model, body.visuals, initial_pose(body), locks, body.name)
+    named = {*body.named_locks, *named_locks}
+    model, visuals, q0, decided = lock_joints(
+        body.model, body.visuals, initial_pose(body), locks, body.name, named
+    )
     _set_gravity(model, gravity if gravity is not None else body.table.gravity, body.name)
     gone = tuple(set(body.model.names) - set(model.names))
     tied = tuple(follower for follower in body.followers if follower.name not in gone)
+    known = model.nframes
     model, table = with_joint_frames(model, body.table, body.name, body.file)
+    decided = (*decided, *placements_of_followers(model, range(known, model.nframes), decided))
     parts = Assembly(model, gone, q0, table, body.name, body.file, tied)
     actuation, efforts = parts.actuation(actuated)
     constraints, forces = parts.constraints(), parts.forces()
@@ -92,6 +101,7 @@ def assemble_robot(
         parts=body.parts,
         collision=body.collision,
         given_spheres=_given_spheres(model, body),
+        decided_by_locks=decided,
     )
     # Before payloads: the pose does not depend on what the robot carries.
     robot = close_loops(robot, [name for name in posed_joints(body) if name in robot.joint_names])

@@ -48,6 +48,7 @@ class Body:
     followers: tuple[Follower, ...] = ()
     parts: tuple[PlacedRobot, ...] = ()
     collision: tuple[CollisionSource, ...] = ()
+    named_locks: frozenset[str] = frozenset()  # joints that options of its parts lock
 
 
 def make_body(source: Source, free_flyer: bool | None, mimic: bool | None, dirs: tuple[Path, ...]) -> Body:

@@ -137,6 +137,9 @@ def combined(parts: Sequence[Part], name: str, file: Path, settled: Collection[s
         collision=tuple(
             source.within(part.placed.prefix) for part in parts for source in part.body.collision
         ),
+        named_locks=frozenset(
+            prefixed(joint, part.placed.name) for part in parts for joint in part.body.named_locks
+        ),
     )
 
 

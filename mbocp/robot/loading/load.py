@@ -137,6 +137,7 @@ def load_robot(
     return assemble_robot(
         body,
         lock=lock,
+        named_locks=tuple(lock or ()),
         gravity=gravity,
         actuated=actuated,
         rotations=rotations,

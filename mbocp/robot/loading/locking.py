@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +12,8 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.large import check_working_memory
+from mbocp.robot.loading.lock_numbers import decided_by_locks
+from mbocp.symbolic import ModelNumber
 
 __all__ = ["Lock", "joint_configuration", "lock_joints", "pose_by_joint", "refuse_follower"]
 
@@ -20,19 +22,26 @@ _MIN_NORM = 1e-8
 
 
 def lock_joints(
-    model: pin.Model, visuals: pin.GeometryModel, q0: Array, lock: Lock, robot: str
-) -> tuple[pin.Model, pin.GeometryModel, Array]:
-    """Return model, visuals and pose without the locked joints.
+    model: pin.Model,
+    visuals: pin.GeometryModel,
+    q0: Array,
+    lock: Lock,
+    robot: str,
+    named: Collection[str] = (),
+) -> tuple[pin.Model, pin.GeometryModel, Array, tuple[ModelNumber, ...]]:
+    """Return model, visuals and pose without the locked joints, and numbers that values of some decide.
 
     Parameters
     ----------
     lock : mapping or sequence of str
         Joint name to value [rad, m] (or list of numbers), or names of joints to lock at `q0`.
         Joints that mimic a locked joint are locked with it.
+    named : collection of str
+        Those of them whose values are to make no difference but in numbers of the model.
     """
     values = dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
     if not values:
-        return model, visuals, q0
+        return model, visuals, q0, ()
     q_ref = np.array(q0)
     ids = []
     for name, value in values.items():
@@ -43,11 +52,16 @@ def lock_joints(
             q_ref[joints.configuration_slice(model, joint)] = joint_configuration(model, joint, value, robot)
     ids += [follower for leader, follower in _followers(model) if leader in ids]
     check_working_memory(model)
-    reduced, (shown,) = pin.buildReducedModel(model, [visuals], sorted(set(ids)), q_ref)
+    ids = sorted(set(ids))
+    reduced, (shown,) = pin.buildReducedModel(model, [visuals], ids, q_ref)
     if reduced.nv == 0:
         raise UnsupportedRobot(f"robot {robot!r}: all joints are locked, nothing is left to move")
     kept = np.concatenate([q_ref[_slice_of(model, name)] for name in joints.joint_names(reduced)])
-    return reduced, shown, kept
+    varied = [joint for joint in ids if model.names[joint] in named]
+    numbers: tuple[ModelNumber, ...] = ()
+    if varied:
+        reduced, numbers = decided_by_locks(model, ids, varied, reduced, q_ref)
+    return reduced, shown, kept, numbers
 
 
 def joint_configuration(model: pin.Model, joint: int, value: float | ArrayLike, robot: str) -> Array:

@@ -229,6 +229,7 @@ def _placed(table: PartTable, body: Body) -> Part:
         source=body.urdf,
         is_object=table.is_object,
     )
+    body = replace(body, named_locks=body.named_locks | set(table.lock or ()))
     trace = named.trace_frames() if body.model.nv else ()
     return Part(body, placed, placement, lock, named.motors(table.actuated), trace, table.is_object)
 

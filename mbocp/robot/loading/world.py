@@ -97,6 +97,7 @@ def load_parts(
     return assemble_robot(
         whole.body,
         lock={**by_joint(whole.body.table.lock), **by_joint(lock or {})},
+        named_locks=tuple(lock or ()),
         gravity=gravity,
         actuated=actuated,
         rotations=rotations,
