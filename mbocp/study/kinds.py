@@ -15,7 +15,13 @@ from mbocp.study.study import Study, Task
 __all__ = ["first_of_each_kind"]
 
 _NUMBERS_MATTER = ("robot", "integrator", "path", "horizon.steps")  # each value makes a kind
-_OF_PAYLOADS = ("payload", "mass", "com", "inertia")  # words of keys below "robot" whose numbers make none
+_PARAMETERS = (
+    "payload",
+    "mass",
+    "com",
+    "inertia",
+    "lock",
+)  # words of keys below "robot" whose numbers make none
 _ZEROS_MATTER = ("cost", "limits")  # terms that are zero are left out of the functions
 _MAX_KINDS = 64
 
@@ -44,8 +50,8 @@ def _distinct(points: Any) -> Iterator[int]:
 
 def _kind_of(key: str, value: Any) -> str:
     """Words that are the same for values that make no difference to the functions."""
-    of_payload = key.startswith("robot.") and any(word in _OF_PAYLOADS for word in key.split("."))
-    if not of_payload and any(key == prefix or key.startswith(f"{prefix}.") for prefix in _NUMBERS_MATTER):
+    is_parameter = key.startswith("robot.") and any(word in _PARAMETERS for word in key.split("."))
+    if not is_parameter and any(key == prefix or key.startswith(f"{prefix}.") for prefix in _NUMBERS_MATTER):
         return repr(value)
     if isinstance(value, Mapping):
         return repr(sorted((name, _kind_of(key, entry)) for name, entry in value.items()))

@@ -145,6 +145,12 @@ def test_kinds_differ_in_more_than_numbers(make: MakeStudy) -> None:
     ]
     assert all(t.overrides == study.task(t.index).overrides for t in kinds)
     assert len(first_of_each_kind(make(grid={"robot.gravity": [[0, 0, -g] for g in range(100)]}))) == 64
+    parameters = {"robot.payload.0.mass": [0.1, 0.2], "robot.lock.j1": [0.0, 0.1, 0.2]}
+    robot = {**PENDULUM["robot"], "payload": [{"frame": "bob", "mass": 0.1}], "lock": {"j1": 0.0}}
+    problem = {**PENDULUM, "robot": robot}
+    assert len(first_of_each_kind(make(problem=problem, grid=parameters))) == 1
+    others = {"robot.payload": [[], [{"frame": "bob", "mass": 0.1}], [{"frame": "bob", "mass": 0.2}]]}
+    assert len(first_of_each_kind(make(problem=problem, grid=others))) == 2
 
 
 def test_study_files(tmp_path: Path) -> None:
