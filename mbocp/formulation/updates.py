@@ -14,8 +14,9 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.memory import HAS_BEFORE
-from mbocp.formulation.parameters import places
+from mbocp.formulation.parameters import NUMBERS, places
 from mbocp.problem.coordinates import COORDINATES
+from mbocp.robot import Robot
 from mbocp.terms import FrameEnd, TerminalCost, TermNumbers, running_terms
 
 __all__ = ["ParameterUpdates"]
@@ -143,6 +144,34 @@ class ParameterUpdates:
                 if name in self._end_at:
                     self.rho_terminal[self._end_at[name]] = value
         self._cost = cost
+
+    def set_robot(self, robot: Robot) -> None:
+        """The robot with another payload, or locked at other values of the same joints.
+
+        Parameters
+        ----------
+        robot : Robot
+            That of the problem but for what `Robot.varying` has.
+
+        Raises
+        ------
+        ProblemError
+            If the compiled functions are not its.
+        """
+        own = self._problem.robot
+        if not isinstance(robot, Robot):
+            raise TypeError(f"robot: got {robot!r}, expected a Robot")
+        if robot.shape_fingerprint != own.shape_fingerprint:
+            raise ProblemError(
+                f"robot: {robot.name!r} differs from {own.name!r}, that of the problem, in more than numbers "
+                "of payloads and values of locked joints; give the problem a payload on the same frame, "
+                "whose mass may be zero"
+            )
+        if robot.fingerprint != own.fingerprint and NUMBERS not in self._theta_at:
+            raise ProblemError('robot: payloads are constants of the functions in coordinates = "natural"')
+        if NUMBERS in self._theta_at:
+            self.theta[self._theta_at[NUMBERS]] = robot.varying_values
+            self.rho_terminal[self._end_at[NUMBERS]] = robot.varying_values
 
     def _set_configuration(self, value: Any) -> None:
         problem, joints = self._problem, self._pieces.joints

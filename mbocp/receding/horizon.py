@@ -21,6 +21,7 @@ from mbocp.programme import Iterate
 from mbocp.receding.checks import check_can_recede, check_functions
 from mbocp.receding.saved import check_can_be_saved, write_horizon
 from mbocp.receding.status import HorizonStatus
+from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solvers import Phase, Status
@@ -130,6 +131,7 @@ class RecedingHorizon:
         goal: Any = None,
         target: Any = None,
         weights: Mapping[str, Any] | None = None,
+        robot: Robot | None = None,
         dt: float | None = None,
         time_limit: float | None = None,
         iterations: int | None = None,
@@ -149,6 +151,8 @@ class RecedingHorizon:
             Another target of the tracking cost from now on, one row or N.
         weights : mapping, optional
             Other weights of the cost from now on, by their keys in `[cost]`.
+        robot : Robot, optional
+            The robot with another payload from now on, on the same frames as in the problem.
         dt : float, optional
             Time since the step before [s]; default: one step of the horizon.
         time_limit : float, optional
@@ -157,7 +161,7 @@ class RecedingHorizon:
         iterations : int, optional
             Newton steps at most, in place of those of the horizon.
         """
-        wrong = self._take_numbers(goal, target, weights) + self._take_state(q, v)
+        wrong = self._take_numbers(goal, target, weights, robot) + self._take_state(q, v)
         steps, limit, count, words = self._times(dt, time_limit, iterations)
         wrong += words
         found = self._native.step(self._state, steps, count, limit)
@@ -237,15 +241,18 @@ class RecedingHorizon:
             at[0] = math.nan
         return wrong
 
-    def _take_numbers(self, goal: Any, target: Any, weights: Mapping[str, Any] | None) -> list[str]:
-        """Take other goals, targets and weights; words for what cannot be."""
-        if goal is None and target is None and weights is None:
+    def _take_numbers(
+        self, goal: Any, target: Any, weights: Mapping[str, Any] | None, robot: Robot | None
+    ) -> list[str]:
+        """Take other goals, targets, weights and payloads; words for what cannot be."""
+        if goal is None and target is None and weights is None and robot is None:
             return []
         wrong = []
         changes = (
             (self._numbers.set_goal, goal),
             (self._numbers.set_target, target),
             (self._numbers.set_weights, weights),
+            (self._numbers.set_robot, robot),
         )
         for change, value in changes:
             try:

@@ -20,6 +20,7 @@ from mbocp.problem import Bounds, Problem
 from mbocp.programme.compiler import compiler
 from mbocp.programme.kernel import kernel_programme
 from mbocp.receding import RecedingHorizon
+from mbocp.robot import load_robot
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[1] / "examples"
@@ -213,6 +214,26 @@ def test_weights_change_the_motion_as_in_a_problem(problem):
     heavier = replace(problem.cost, velocity=np.full(6, 50.0))
     cold = mbocp.solve(problem.with_(q_start=q, v_start=v, cost=heavier), check=True)
     np.testing.assert_allclose(found.q, cold.qs, atol=1e-5)
+
+
+def test_another_payload_from_now_on(problem):
+    """The optimum of a heavier robot, by functions that were compiled for a lighter one."""
+    light = load_robot("ur5", payload=[{"frame": "tool0", "mass": 0.0}])
+    heavy = load_robot("ur5", payload=[{"frame": "tool0", "mass": 2.0, "com": [0.0, 0.1, 0.1]}])
+    q, v = problem.q_start, problem.v_start
+    horizon = RecedingHorizon(problem.with_(robot=light), iterations=5, barrier=TIGHT)
+    before = horizon.step(q, v, dt=0.0).us.copy()
+    for _ in range(20):
+        found = horizon.step(q, v, dt=0.0, robot=heavy)
+    assert found.status.state == "converged"
+    cold = mbocp.solve(problem.with_(robot=heavy, q_start=q, v_start=v), check=True)
+    np.testing.assert_allclose(found.q, cold.qs, atol=1e-5)
+    np.testing.assert_allclose(found.us, cold.us, atol=1e-3 * np.abs(cold.us).max())
+    assert np.abs(found.us - before).max() > 1.0
+    for wrong in (load_robot("ur5"), "ur5"):
+        refused = horizon.step(q, v, dt=0.0, robot=wrong)
+        assert refused.status.state == "bad_input"
+        assert "robot: " in refused.status.words
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="LD_PRELOAD and the counter are for Linux")
