@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -248,7 +248,7 @@ class RecedingHorizon:
         if goal is None and target is None and weights is None and robot is None:
             return []
         wrong = []
-        changes = (
+        changes: tuple[tuple[Callable[[Any], None], Any], ...] = (
             (self._numbers.set_goal, goal),
             (self._numbers.set_target, target),
             (self._numbers.set_weights, weights),
