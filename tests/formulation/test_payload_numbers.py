@@ -131,7 +131,8 @@ def test_what_varies() -> None:
 def reach(payload: dict[str, object], scheme: str, **options: object) -> Problem:
     robot = load_robot("double_pendulum", payload=[{"frame": "link2", **payload}])
     goal = {"q": [0.4, -0.3], "v": [0.0, 0.0]}
-    return Problem.create(robot, 1.0, 8, goal=goal, scheme=scheme, **options)
+    steps = 32 if scheme == "rk4" else 8
+    return Problem.create(robot, 1.0, steps, goal=goal, scheme=scheme, **options)
 
 
 LIGHT = {"mass": 0.2, "com": [0.0, 0.0, 0.1]}
