@@ -12,6 +12,9 @@ __all__ = ["main", "script"]
 # New objects after which the collector looks for circles: imports and plots make up to 300,000 that stay, and
 # with the default of 700 it looks at them again and again.
 _COLLECT = (400_000, 20, 100)
+# What NumPy and pydantic read when they are imported, unless the user says otherwise. Matrices are small,
+# and other threads of BLAS cost a processor while they wait; looking for plugins reads about every package.
+_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
 
 
 def script() -> None:
@@ -21,8 +24,8 @@ def script() -> None:
     """
     status: list[int] = []  # when it is known
     gc.set_threshold(*_COLLECT)
-    # Before NumPy: matrices are small here, and BLAS's other threads wait for work at a processor's cost.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for name, value in _ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
     atexit.register(_end, status)  # the first to be registered is the last to be called
     try:
         main()

@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -112,9 +113,10 @@ def momentum_map(symmetry: Symmetry, qs: Array, vs: Array, costates: Array) -> A
 
 
 def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
-    rng = np.random.default_rng(20250521)  # any seed: what holds at random configurations holds everywhere
+    rng = Random(20250521)  # any seed: what holds at random configurations holds everywhere
     for _ in range(count):
-        yield pin.integrate(robot.model, pin.neutral(robot.model), rng.uniform(-1.2, 1.2, robot.nv))
+        step = np.array([rng.uniform(-1.2, 1.2) for _ in range(robot.nv)])
+        yield pin.integrate(robot.model, pin.neutral(robot.model), step)
 
 
 def _body_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]) -> Iterator[Array]:
