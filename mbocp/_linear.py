@@ -63,6 +63,6 @@ def norm(vector: Array) -> float:
     An iterate that runs away is no error of arithmetic: its norm is a large number, or infinite.
     """
     with np.errstate(over="ignore"):
-        size = float(np.linalg.norm(vector))
+        size = math.sqrt(vector.dot(vector))
     has_no_squares = math.isinf(size) or (size < _SMALL and vector.any())
     return math.hypot(*vector.tolist()) if has_no_squares else size

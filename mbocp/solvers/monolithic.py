@@ -377,11 +377,10 @@ def _is_noise(state: NewtonState, tolerance: float) -> bool:
     With limits multipliers are sums of many others where limits are active from end to end, and jump though
     the motion rests.
     """
-    native = state.native
-    return _is_round_off(state, state.increment, tolerance) and (
-        state.still >= _STILL
-        or (state.barrier > 0.0 and norm(native.dx) <= tolerance and norm(native.du) <= tolerance)
-    )
+    native, is_still = state.native, state.still >= _STILL
+    if not (is_still or state.barrier > 0.0) or not _is_round_off(state, state.increment, tolerance):
+        return False
+    return is_still or (norm(native.dx) <= tolerance and norm(native.du) <= tolerance)
 
 
 def _is_round_off(state: NewtonState, increment: float, tolerance: float) -> bool:
