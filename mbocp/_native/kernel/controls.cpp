@@ -120,8 +120,9 @@ bool Controls::eliminate_few(int n, const Form& form, Factorisation& result) {
     result.negative += factors.negative();
     Space space(work_.data());
     double *Y = space.take(Nu, ldz), *Z = space.take(Nu, ldz);
-    factors.solve(U, ld, s.Keta, pg, Y, Z, ldz, pg / 4);
-    factors.solve(U + pg, ld, s.K, px, Y + pg, Z + pg, ldz, px / 4);
+    using Place = typename dense::SmallLdl<Nu>::Place;
+    const auto place_of = [&](int v) { return 4 * v < pg ? Place{s.Keta + 4 * v, pg} : Place{s.K + 4 * v - pg, px}; };
+    factors.solve(U, ld, place_of, Y, Z, ldz, (pg + px) / 4);
     if (n > 0) {
         const Stage& before = data_[n - 1];
         dense::subtract_symmetric<Nu>(nd, Z + pg, Y + pg, ldz, form.of_state + pg, ld, before.P, px);

@@ -26,6 +26,23 @@ inline Vec load_first(const double* p, int n) {
     return Indices{0, 1, 2, 3} < Indices{size, size, size, size} ? load(p) : Vec{0.0, 0.0, 0.0, 0.0};
 }
 
+// The same where nothing behind them may be read, and where they may just have been stored one by one: the processor
+// waits for these before it loads them as a vector.
+inline Vec first_of(const double* p, int n) {
+    if (n >= width) return load(p);
+    return Vec{n > 0 ? p[0] : 0.0, n > 1 ? p[1] : 0.0, n > 2 ? p[2] : 0.0, 0.0};
+}
+
+inline void store_first(double* p, Vec v, int n) {
+    if (n >= width) return store(p, v);
+    if (n > 0) p[0] = v[0];
+    if (n > 1) p[1] = v[1];
+    if (n > 2) p[2] = v[2];
+}
+
+inline double sum_of(Vec v) { return (v[0] + v[1]) + (v[2] + v[3]); }
+inline double largest_of(Vec v) { return std::max(std::max(v[0], v[1]), std::max(v[2], v[3])); }
+
 // Rows of a stage's matrices are short: a call costs more than they do.
 __attribute__((always_inline)) inline void zero(double* p, int n) {
     if (n > 64) return void(std::memset(p, 0, sizeof(double) * static_cast<std::size_t>(n)));
@@ -47,9 +64,27 @@ inline double largest(int n, const double* x) {
         const Vec v = load(x + j), size = v < 0.0 ? -v : v;
         lanes = size > lanes ? size : lanes;
     }
-    double out = std::max(std::max(lanes[0], lanes[1]), std::max(lanes[2], lanes[3]));
+    double out = largest_of(lanes);
     for (; j < n; ++j) out = std::max(out, std::abs(x[j]));
     return out;
+}
+
+// Sum of squares and largest size of x_i w_i; the latter passes over what is no number.
+inline double weighted_squares(int n, const double* x, const double* w) {
+    Vec lanes = {};
+    for (int j = 0; j < n; j += width) {
+        const Vec v = first_of(x + j, n - j) * first_of(w + j, n - j);
+        lanes += v * v;
+    }
+    return sum_of(lanes);
+}
+inline double weighted_largest(int n, const double* x, const double* w) {
+    Vec lanes = {};
+    for (int j = 0; j < n; j += width) {
+        const Vec v = first_of(x + j, n - j) * first_of(w + j, n - j), size = v < 0.0 ? -v : v;
+        lanes = size > lanes ? size : lanes;
+    }
+    return largest_of(lanes);
 }
 
 // Tiles of C = A^T B, or of C += A^T B: four rows by V vectors of columns, which stay in registers; A and B have K
@@ -186,6 +221,13 @@ __attribute__((always_inline)) inline void multiply_add(int n, const double* x, 
     for (int j = 0; j < n; j += width) store(z + j, load(z + j) + load(x + j) * load(y + j));
 }
 
+// y <- a times numbers that are `stride` apart, over whole vectors with zeros behind the last.
+__attribute__((always_inline)) inline void gather(int n, double a, const double* x, int stride, double* y) {
+    for (; n >= width; n -= width, x += width * stride, y += width)
+        store(y, a * Vec{x[0], x[stride], x[2 * stride], x[3 * stride]});
+    if (n > 0) store(y, a * Vec{x[0], n > 1 ? x[stride] : 0.0, n > 2 ? x[2 * stride] : 0.0, 0.0});
+}
+
 // y <- a x, over whole vectors.
 __attribute__((always_inline)) inline void scaled(int n, double a, const double* x, double* y) {
     for (int j = 0; j < n; j += width) store(y + j, a * load(x + j));
@@ -205,7 +247,7 @@ __attribute__((always_inline)) inline double dot(int n, const double* x, const d
     Vec lanes = {0.0, 0.0, 0.0, 0.0};
     int j = 0;
     for (; j + width <= n; j += width) lanes += load(x + j) * load(y + j);
-    double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+    double sum = sum_of(lanes);
     for (; j < n; ++j) {
         sum += x[j] * y[j];
         asm volatile("" :::);
@@ -213,28 +255,45 @@ __attribute__((always_inline)) inline double dot(int n, const double* x, const d
     return sum;
 }
 
-// y (m) += scale A x, A (m x n) row-major.
+// Products of R rows of A with x, in lanes that are still to be summed up; rows as long as lda allows are read by whole
+// vectors.
+template <int R>
+__attribute__((always_inline)) inline void multiply_rows(int n, const double* A, int lda, const double* x, Vec* lanes) {
+    for (int r = 0; r < R; ++r) lanes[r] = Vec{};
+    int j = 0;
+    for (; j + width <= n; j += width)
+        for (int r = 0; r < R; ++r) lanes[r] += load(A + r * lda + j) * load(x + j);
+    if (j == n) return;
+    const Vec last = first_of(x + j, n - j);
+    if (j + width <= lda)
+        for (int r = 0; r < R; ++r) lanes[r] += load(A + r * lda + j) * last;
+    else
+        for (int r = 0; r < R; ++r) lanes[r] += first_of(A + r * lda + j, n - j) * last;
+}
+
+// y (m) += scale A x, A (m x n) row-major; what its rows are padded with is finite.
 inline void gemv(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
     int i = 0;
     for (; i + 4 <= m; i += 4) {
-        Vec lanes[4] = {};
-        const double* a = A + i * lda;
-        int j = 0;
-        for (; j + width <= n; j += width)
-            for (int r = 0; r < 4; ++r) lanes[r] += load(a + r * lda + j) * load(x + j);
-        Vec sum;
-        for (int r = 0; r < 4; ++r) sum[r] = (lanes[r][0] + lanes[r][1]) + (lanes[r][2] + lanes[r][3]);
-        for (; j < n; ++j) sum += x[j] * Vec{a[j], a[lda + j], a[2 * lda + j], a[3 * lda + j]};
-        store(y + i, load(y + i) + scale * sum);
+        Vec lanes[4];
+        multiply_rows<4>(n, A + i * lda, lda, x, lanes);
+        transpose(lanes[0], lanes[1], lanes[2], lanes[3]);
+        store(y + i, load(y + i) + scale * ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])));
     }
-    for (; i < m; ++i) y[i] += scale * dot(n, A + i * lda, x);
+    for (; i < m; ++i) {
+        Vec lanes;
+        multiply_rows<1>(n, A + i * lda, lda, x, &lanes);
+        y[i] += scale * sum_of(lanes);
+    }
 }
 
-// V vectors of columns of y += scale A^T x, which stay in registers.
+// V vectors of columns of y += scale A^T x, which stay in registers; y may end within the last one.
 template <int V>
-inline void gemv_t_columns(int m, const double* A, int lda, const double* x, double* y, double scale) {
+inline void gemv_t_columns(int m, int n, const double* A, int lda, const double* x, double* y, double scale) {
+    const int left = n - width * (V - 1);
     Vec sum[V];
-    for (int v = 0; v < V; ++v) sum[v] = load(y + 4 * v);
+    for (int v = 0; v < V - 1; ++v) sum[v] = load(y + 4 * v);
+    sum[V - 1] = first_of(y + 4 * (V - 1), left);
     int i = 0;
     for (; i + 4 <= m; i += 4) {
         const double *a = A + i * lda, f[4] = {scale * x[i], scale * x[i + 1], scale * x[i + 2], scale * x[i + 3]};
@@ -246,20 +305,16 @@ inline void gemv_t_columns(int m, const double* A, int lda, const double* x, dou
     }
     for (; i < m; ++i)
         for (int v = 0; v < V; ++v) sum[v] += (scale * x[i]) * load(A + i * lda + 4 * v);
-    for (int v = 0; v < V; ++v) store(y + 4 * v, sum[v]);
+    for (int v = 0; v < V - 1; ++v) store(y + 4 * v, sum[v]);
+    store_first(y + 4 * (V - 1), sum[V - 1], left);
 }
 
 // y (n) += scale A^T x, A (m x n) row-major.
 inline void gemv_t(int m, int n, const double* A, int lda, const double* x, double* y, double scale = 1.0) {
-    for_tiles(n / 4, [&](auto V, int j) { gemv_t_columns<V()>(m, A + j, lda, x, y + j, scale); });
-    const int j = n / 4 * 4;
-    if (j < n && j + width <= lda) {  // a whole vector of a padded row
-        double last[width] = {};
-        gemv_t_columns<1>(m, A + j, lda, x, last, scale);
-        for (int i = j; i < n; ++i) y[i] += last[i - j];
-        return;
-    }
-    for (int k = j; k < n; ++k)
+    const int by_vectors = padded(n) <= lda ? n : n / width * width;  // rows that are not padded have to end earlier
+    for_tiles(padded(by_vectors) / width,
+              [&](auto V, int j) { gemv_t_columns<V()>(m, by_vectors - j, A + j, lda, x, y + j, scale); });
+    for (int k = by_vectors; k < n; ++k)
         for (int i = 0; i < m; ++i) y[k] += (scale * x[i]) * A[i * lda + k];
 }
 
@@ -403,8 +458,9 @@ inline void solve(int n, const double* A, int lda, const int* pivot, double* B, 
 // b <- A^{-1} b, and b <- A^{-T} b; by whole vectors, as the inverse has zeros as far as its rows are padded.
 inline void solve_vector(int n, const double* A, int lda, const int* pivot, double* b) {
     if (n > most_inverted) return lu_solve_vector(n, A, lda, pivot, b);
-    double given[most_inverted] = {};
-    copy(b, given, n), zero(b, n);
+    double given[most_inverted];
+    for (int i = 0; i < n; i += width) store(given + i, first_of(b + i, n - i));
+    zero(b, n);
     gemv(n, padded(n), A, lda, given, b);
 }
 inline void solve_transposed(int n, const double* A, int lda, const int* pivot, double* b) {

@@ -140,7 +140,8 @@ Form DenseElimination::form_of_rest(const Stage& s, double shift) {
     double *H = space.take(nw + 1, pw), *M = space.take(pz, ld), *Y = space.zeros(nz, ps), *G = space.take(pz, pz);
     double *B = space.take(pw), *D = space.zeros(pw), *J = space.zeros(pw), *part_J = space.zeros(pw);
     add_up<Joints>(s, shift, H);
-    for (int i = 0; i < na; ++i) D[i] = s.Jw[i * (pw + 1) + na], J[i] = s.Js[i * (ps + 1)], part_J[i] = part * J[i];
+    dense::gather(na, 1.0, s.Jw + na, pw + 1, D);
+    dense::gather(na, 1.0, s.Js, ps + 1, J), dense::gather(na, part, s.Js, ps + 1, part_J);
     const auto columns = [&](const Box& box) { return padded(box.columns); };
     for (int i = k.of_Hws.row; i < k.of_Hws.row + k.of_Hws.rows; ++i) {
         const int at = k.of_Hws.column, into = i < na ? i : i - na;

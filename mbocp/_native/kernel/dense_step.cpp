@@ -152,8 +152,8 @@ double DenseStep::factor(int n, int thread) {
 
 double DenseStep::factor_rest(Stage& s, int thread) const {
     const int nw = s.kind->nw(), pw = padded(nw), na = s.kind->num_direct, nz = nw - na, pz = padded(nz);
-    double* D = space(thread).zeros(na);
-    for (int i = 0; i < na; ++i) D[i] = s.Jw[i * (pw + 1) + na];
+    double* D = space(thread).take(na);
+    dense::gather(na, 1.0, s.Jw + na, pw + 1, D);
     s.factors_of = StepFactors::rest;
     for (int i = 0; i < nz; ++i) {
         const double* row = s.Jw + (na + i) * pw;
@@ -259,8 +259,8 @@ double DenseStep::prepare_response(int n, int thread) {
 void DenseStep::respond_rest(const Stage& s, int thread) const {
     const Kind& k = *s.kind;
     const int nw = k.nw(), na = k.num_direct, nz = nw - na, pw = padded(nw), ps = padded(k.ns());
-    double *V = s.T + na * ps, *minus_J = space(thread).zeros(na);
-    for (int i = 0; i < na; ++i) minus_J[i] = -s.Js[i * (ps + 1)];
+    double *V = s.T + na * ps, *minus_J = space(thread).take(na);
+    dense::gather(na, -1.0, s.Js, ps + 1, minus_J);
     for (int i = 0; i < nz; ++i) {
         const double* A = s.Jw + (na + i) * pw;
         double* v = V + i * ps;

@@ -26,7 +26,7 @@ Places places_of(const Stage& s) {
 
 }  // namespace
 
-// Adds a row to the violation (l1, the programme's scaling) and to the squared primal norm (the reported scaling).
+// Adds rows to the violation (l1, the programme's scaling) and to the squared primal norm (the reported scaling).
 struct Evaluator::Violations {
     Evaluation& e;
     double squared = 0;
@@ -34,8 +34,23 @@ struct Evaluator::Violations {
     void add(double value, double scale, int stage, int row) {
         e.violation += std::abs(value);
         squared += square(value * scale);
-        if (!(std::abs(value * scale) <= e.worst))
-            e.worst = std::abs(value * scale), e.worst_stage = stage, e.worst_row = row;
+        compare(value * scale, stage, row);
+    }
+    void add(int rows, const double* values, const double* scale, int stage) {
+        dense::Vec sizes = {};
+        for (int i = 0; i < rows; i += dense::width) {
+            const dense::Vec v = dense::first_of(values + i, rows - i);
+            sizes += v < 0.0 ? -v : v;
+        }
+        const double squares = dense::weighted_squares(rows, values, scale);
+        e.violation += dense::sum_of(sizes), squared += squares;
+        if (squares < square(e.worst)) return;  // none of them is worse
+        for (int i = 0; i < rows; ++i) compare(values[i] * scale[i], stage, i);
+    }
+
+private:
+    void compare(double scaled, int stage, int row) {
+        if (!(std::abs(scaled) <= e.worst)) e.worst = std::abs(scaled), e.worst_stage = stage, e.worst_row = row;
     }
 };
 
@@ -74,9 +89,8 @@ void Evaluator::add_up(const Group& group, Violations& violations) const {
     const Kind& k = problem_.kind(group);
     for (int i = 0; i < group.count; ++i) {
         const int n = group.stage[i];
-        const double* c = data_[n].c;
         violations.e.cost += costs_[n];
-        for (int row = 0; row < k.nc(); ++row) violations.add(c[row], k.scale_c[row], n, row);
+        violations.add(k.nc(), data_[n].c, k.scale_c.data(), n);
     }
 }
 
@@ -85,21 +99,33 @@ void Evaluator::add_up(const Group& group, Violations& violations) const {
 double Evaluator::stationarity(double& largest) const {
     const int nd = problem_.ndx;
     const Limits& limits = barrier_.limits();
-    double sum = 0;
+    dense::Vec squares = {}, sizes = {};
+    const auto add = [&](int count, auto defect_at, auto scale_at) {
+        for (int i = 0; i < count; i += dense::width) {
+            const dense::Vec defect = defect_at(i, count - i), scaled = defect * scale_at(i, count - i);
+            const dense::Vec size = defect < 0.0 ? -defect : defect;
+            sizes = size > sizes ? size : sizes, squares += scaled * scaled;
+        }
+    };
+    const auto one = [](int, int) { return 1.0; };
     for (int n = 0; n < problem_.N; ++n) {
         const Stage& s = data_[n];
         const Kind& k = *s.kind;
         const double* after = n + 1 < problem_.N ? data_[n + 1].gs : data_.end.r_x.data();
         const double* of_x = limits.empty() ? zeros_.data() : limits.state_gradient(n);
         const double* of_u = limits.empty() ? zeros_.data() : limits.control_gradient(n);
-        const auto add = [&](double defect, double scale) {
-            largest = std::max(largest, std::abs(defect)), sum += square(defect * scale);
+        const auto in_x = [&](int i, int left) {
+            return dense::first_of(s.gw + i, left) + dense::first_of(after + i, left) + dense::first_of(of_x + i, left);
         };
-        for (int i = 0; i < nd; ++i) add(s.gw[i] + after[i] + of_x[i], 1.0);
-        for (int i = 0; i < k.ny; ++i) add(s.gw[nd + i], 1.0);
-        for (int i = 0; i < k.nu; ++i) add(s.gs[nd + i] + of_u[i], k.scale_ru[i]);
+        const auto in_y = [&](int i, int left) { return dense::first_of(s.gw + nd + i, left); };
+        const auto in_u = [&](int i, int left) {
+            return dense::first_of(s.gs + nd + i, left) + dense::first_of(of_u + i, left);
+        };
+        add(nd, in_x, one), add(k.ny, in_y, one);
+        add(k.nu, in_u, [&](int i, int left) { return dense::first_of(k.scale_ru.data() + i, left); });
     }
-    return sum;
+    largest = std::max(largest, dense::largest_of(sizes));
+    return dense::sum_of(squares);
 }
 
 Evaluation Evaluator::evaluate(double share) {

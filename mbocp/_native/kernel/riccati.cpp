@@ -182,22 +182,14 @@ void Riccati::measure(Direction& d) const {
         const Kind& k = *s.kind;
         const double *dx0 = direction_.dx.data() + problem_.dx_offset(n), *dx1 = dx0 + nd;
         squared += dense::dot(nd, dx1, dx1);
-        for (std::size_t i = 0; i < k.turning.size(); ++i) d.turn = std::max(d.turn, std::abs(dx1[i]) * k.turning[i]);
+        d.turn = std::max(d.turn, dense::weighted_largest(static_cast<int>(k.turning.size()), dx1, k.turning.data()));
         d.slope += dense::dot(nd, s.lw, dx1) + dense::dot(nd, s.ls, dx0);
-        for (int i = 0; i < k.ny; ++i) {
-            const double v = direction_.dy[problem_.y_offset[n] + i];
-            squared += v * k.scale_y[i] * v * k.scale_y[i];
-            d.slope += s.lw[nd + i] * v;
-        }
-        for (int i = 0; i < k.nu; ++i) {
-            const double v = direction_.du[problem_.u_offset[n] + i];
-            squared += v * v;
-            d.slope += s.ls[nd + i] * v;
-        }
-        for (int i = 0; i < k.nc(); ++i) {
-            const double v = direction_.dm[problem_.m_offset[n] + i] * k.scale_m[i];
-            squared += v * v;
-        }
+        const double *dy = direction_.dy.data() + problem_.y_offset[n],
+                     *du = direction_.du.data() + problem_.u_offset[n];
+        const double* dm = direction_.dm.data() + problem_.m_offset[n];
+        squared += dense::weighted_squares(k.ny, dy, k.scale_y.data()) + dense::dot(k.nu, du, du) +
+                   dense::weighted_squares(k.nc(), dm, k.scale_m.data());
+        d.slope += dense::dot(k.ny, s.lw + nd, dy) + dense::dot(k.nu, s.ls + nd, du);
     }
     const double* dx_end = direction_.dx.data() + problem_.dx_offset(problem_.N);
     for (int i = 0; i < nd; ++i) d.slope += data_.end.psi_x[i] * dx_end[i];

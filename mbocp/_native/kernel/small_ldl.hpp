@@ -42,13 +42,21 @@ public:
         }
     }
 
-    // Columns of B (N rows): X = -A^{-1} B, Y = L^{-1} B and Z = D^{-1} Y, so that B'A^{-1}B = Z'Y.
-    MBOCP_INLINE void solve(const double* B, int ldb, double* X, int ldx, double* Y, double* Z, int ldz,
+    // Where a vector of columns belongs.
+    struct Place {
+        double* at;
+        int ld;
+    };
+
+    // Columns of B (N rows): X = -A^{-1} B, Y = L^{-1} B and Z = D^{-1} Y, so that B'A^{-1}B = Z'Y; of X the place of
+    // each vector is given.
+    template <class PlaceOf>
+    MBOCP_INLINE void solve(const double* B, int ldb, const PlaceOf& place_of, double* Y, double* Z, int ldz,
                             int vectors) const {
         constexpr int wide = N <= 4 ? 3 : N <= 6 ? 2 : 1;  // that many vectors of columns stay in registers
         int v = 0;
-        for (; v + wide <= vectors; v += wide) columns<wide>(B + 4 * v, ldb, X + 4 * v, ldx, Y + 4 * v, Z + 4 * v, ldz);
-        for (; v < vectors; ++v) columns<1>(B + 4 * v, ldb, X + 4 * v, ldx, Y + 4 * v, Z + 4 * v, ldz);
+        for (; v + wide <= vectors; v += wide) columns<wide>(B + 4 * v, ldb, v, place_of, Y + 4 * v, Z + 4 * v, ldz);
+        for (; v < vectors; ++v) columns<1>(B + 4 * v, ldb, v, place_of, Y + 4 * v, Z + 4 * v, ldz);
     }
 
 private:
@@ -65,8 +73,9 @@ private:
         return growth <= most_growth * largest && smallest >= least_pivot * largest;
     }
 
-    template <int V>
-    MBOCP_INLINE void columns(const double* B, int ldb, double* X, int ldx, double* Y, double* Z, int ldz) const {
+    template <int V, class PlaceOf>
+    MBOCP_INLINE void columns(const double* B, int ldb, int first, const PlaceOf& place_of, double* Y, double* Z,
+                              int ldz) const {
         Vec b[N][V];
         MBOCP_UNROLL for (int i = 0; i < N; ++i) MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] =
             load(B + i * ldb + 4 * v);
@@ -80,8 +89,10 @@ private:
         }
         MBOCP_UNROLL for (int k = N - 1; k >= 0; --k) MBOCP_UNROLL for (int i = 0; i < k; ++i)
             MBOCP_UNROLL for (int v = 0; v < V; ++v) b[i][v] -= l_[k][i] * b[k][v];
-        MBOCP_UNROLL for (int i = 0; i < N; ++i) MBOCP_UNROLL for (int v = 0; v < V; ++v)
-            store(X + i * ldx + 4 * v, b[i][v]);
+        MBOCP_UNROLL for (int v = 0; v < V; ++v) {
+            const Place place = place_of(first + v);
+            MBOCP_UNROLL for (int i = 0; i < N; ++i) store(place.at + i * place.ld, b[i][v]);
+        }
     }
 
     static constexpr double most_growth = 100.0;  // of |L||D||L'| over A: two digits at most are lost
