@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import reprlib
 import unicodedata
+from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["MAX_MESSAGE", "MAX_QUOTE", "has_control_characters", "shortened", "shown"]
+__all__ = ["MAX_MESSAGE", "MAX_QUOTE", "has_control_characters", "listed", "shortened", "shown"]
 
 MAX_QUOTE = 200  # characters of one value in a message
 MAX_MESSAGE = 4000  # characters of a message
@@ -46,6 +47,12 @@ def shown(value: Any, limit: int = MAX_QUOTE) -> str:
         Longest text that is returned [characters].
     """
     return shortened(_REPR.repr(value), limit)
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """The first `most` names, quoted, with commas between them, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(shown(name) for name in names[:most]) + more
 
 
 def has_control_characters(text: str) -> bool:

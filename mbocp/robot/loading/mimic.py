@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
+from mbocp._text import listed
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import finite_numbers
 
 __all__ = ["Follower", "followers", "with_first_leaders"]
 
 _KINDS = ("revolute", "continuous", "prismatic")
+_MAX_NAMES = 12  # in a message
 _REMEDY = "mend it, or load the robot with mimic = false"
 
 
@@ -99,7 +101,7 @@ def _resolved(path: Path, name: str, elements: Mapping[str, ElementTree.Element]
             raise RobotFileError(path, f"{who}, which is not defined; {_REMEDY}")
         if leader in passed:
             raise UnsupportedRobot(
-                f"{path}: joint {name!r} mimics itself, by way of {_listed(passed)}; {_REMEDY}"
+                f"{path}: joint {name!r} mimics itself, by way of {listed(passed, _MAX_NAMES)}; {_REMEDY}"
             )
         # theta = m theta_at + o and theta_at = m' theta_leader + o'
         offset += multiplier * _number(path, who, mimic, "offset", 0.0)
@@ -139,10 +141,6 @@ def _checked(path: Path, follower: Follower, elements: Mapping[str, ElementTree.
 
 def _number(path: Path, who: str, element: ElementTree.Element | None, key: str, default: float) -> float:
     return float(finite_numbers(path, f"{who}: {key}", _attribute(element, key), (default,))[0])
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(map(repr, names))
 
 
 def _attribute(element: ElementTree.Element | None, key: str) -> str | None:

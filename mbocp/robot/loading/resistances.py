@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from mbocp._text import listed
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints
@@ -77,8 +78,8 @@ def joint_resistances(
     rubbing = [resistance.name for resistance in found if resistance.friction]
     if rubbing and losses.friction is None:
         warn_caller(
-            f"robot {robot!r}: the Coulomb friction that the URDF gives {_listed(rubbing)} is left out; "
-            'friction = "smooth" takes it in, friction = "none" leaves it out without a word',
+            f"robot {robot!r}: the Coulomb friction that the URDF gives {listed(rubbing, _MAX_NAMES)} is left "
+            'out; friction = "smooth" takes it in, friction = "none" leaves it out without a word',
             NotModelledWarning,
         )
     kept = (
@@ -110,8 +111,3 @@ def _of_followers(model: pin.Model, followers: Sequence[Follower]) -> Iterable[J
             yield JointResistance(
                 follower.name, dof, follower.multiplier, follower.damping, follower.friction
             )
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-    return ", ".join(map(repr, names[:_MAX_NAMES])) + more

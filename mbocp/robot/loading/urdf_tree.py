@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbocp._text import has_control_characters, shown
+from mbocp._text import has_control_characters, listed, shown
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 
@@ -58,7 +58,7 @@ def check_tree(path: Path, root: ElementTree.Element) -> None:
         raise RobotFileError(
             path,
             "must have exactly one root link (one that is no joint's child), has "
-            f"{_listed(roots) if roots else 'none'}",
+            f"{listed(roots, _MAX_NAMES) if roots else 'none'}",
         )
     _check_reach(path, links, parents, roots[0])
     _check_size(path, joints.values(), parents)
@@ -107,11 +107,11 @@ def _check_reach(path: Path, links: list[str], parents: dict[str, tuple[str, str
         stack += found
     lost = [link for link in links if link not in reached]
     if lost:
-        joints = _listed([parents[link][0] for link in lost])
+        joints = listed([parents[link][0] for link in lost], _MAX_NAMES)
         raise RobotFileError(
             path,
-            f"links that do not hang on the root link {shown(root)}: {_listed(lost)}; their joints "
-            f"({joints}) lead in a circle. A URDF is a tree; close loops with [[constraint]] in a robot.toml",
+            f"links that do not hang on the root link {shown(root)}: {listed(lost, _MAX_NAMES)}; their "
+            f"joints ({joints}) lead in a circle. A URDF is a tree; close loops with [[constraint]] in a robot.toml",
         )
 
 
@@ -152,8 +152,3 @@ def _names(path: Path, root: ElementTree.Element, tag: str) -> list[str]:
     if repeated is not None:
         raise RobotFileError(path, f"{tag} {shown(repeated)} is defined more than once")
     return names
-
-
-def _listed(names: list[str]) -> str:
-    more = f", and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-    return ", ".join(shown(name) for name in names[:_MAX_NAMES]) + more
