@@ -78,8 +78,8 @@ def joint_resistances(
     rubbing = [resistance.name for resistance in found if resistance.friction]
     if rubbing and losses.friction is None:
         warn_caller(
-            f"robot {robot!r}: the Coulomb friction that the URDF gives {listed(rubbing, _MAX_NAMES)} is left "
-            'out; friction = "smooth" takes it in, friction = "none" leaves it out without a word',
+            f"robot {robot!r}: the Coulomb friction that the URDF gives {listed(rubbing, _MAX_NAMES)} is "
+            'left out; friction = "smooth" takes it in, friction = "none" leaves it out without a word',
             NotModelledWarning,
         )
     kept = (

@@ -111,7 +111,8 @@ def _check_reach(path: Path, links: list[str], parents: dict[str, tuple[str, str
         raise RobotFileError(
             path,
             f"links that do not hang on the root link {shown(root)}: {listed(lost, _MAX_NAMES)}; their "
-            f"joints ({joints}) lead in a circle. A URDF is a tree; close loops with [[constraint]] in a robot.toml",
+            f"joints ({joints}) lead in a circle. A URDF is a tree; close loops with [[constraint]] in a "
+            "robot.toml",
         )
 
 
