@@ -61,7 +61,7 @@ from mbocp.solvers.newton import (
 )
 from mbocp.solvers.records import Status
 from mbocp.solvers.round_off import has_a_say, relative_increment, round_off
-from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, Care, larger_shift, next_shift
+from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, PLAIN, Care, first_shift, larger_shift, next_shift
 from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 
@@ -83,6 +83,7 @@ _PROMISING = 0.5  # of the residual: a relaxed step that leaves no more may be f
 _PAUSE = 10  # steps after a run that led nowhere, before the next
 _RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
 _MAX_ADJOINT = 1e8  # of a backward sweep that is worth starting from
+_CORRECTABLE, _NEARLY = 1.5, 0.1  # violation of a trial that is worth a correction: times the iterate's, or in all
 _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
 _STIFF = 100.0  # shift with which a Newton step gives multipliers that fit, hardly moving the states
 _EXPLAINED = 0.2  # of the gradient: what they may leave
@@ -222,8 +223,11 @@ class GlobalisedNewton:
                 if shift == 0.0 and _is_round_off(state, direction.increment, self.tolerance):
                     return state._replace(increment=direction.increment, still=_STILL)
             attempts += 1
-            least = max(_MIN_SHIFT, _OF_LAST * state.last_shift) if is_indefinite else _MIN_SHIFT
-            shift = larger_shift(shift, least, care)
+            if is_indefinite and not (state.last_shift or state.barrier):
+                shift = first_shift(shift)
+            else:
+                least = max(_MIN_SHIFT, _OF_LAST * state.last_shift) if is_indefinite else _MIN_SHIFT
+                shift = larger_shift(shift, least, care)
             if shift > MAX_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 if direction is not None and state.restarts < _RESTARTS:
@@ -272,8 +276,9 @@ class GlobalisedNewton:
         return Status.CONVERGED if is_there and state.failure is None else status
 
     def _care(self, state: NewtonState) -> Care:
-        is_valley = self.is_careful or state.iteration >= _CAREFUL_AFTER
-        return CAREFUL if is_valley and not state.barrier else BOLD  # limits cut steps whatever the shift
+        if state.barrier:
+            return PLAIN  # limits cut steps whatever the shift
+        return CAREFUL if self.is_careful or state.iteration >= _CAREFUL_AFTER else BOLD
 
     def _direction(self, state: NewtonState, shift: float) -> tuple[Factorisation, float, Direction | None]:
         """Factorisation, augmentation and direction; no direction where the inertia is not a minimum's."""
@@ -489,7 +494,7 @@ def _search(state: NewtonState, direction: Direction, shortest: float) -> tuple[
     while length >= shortest:
         trial = native.trial(length * longest)
         accepted, by_cost = verdict(trial, length)
-        if not accepted and length == 1.0 and trial.finite and trial.violation >= before.violation:
+        if not accepted and length == 1.0 and _is_correctable(before, trial):
             # The corrected direction replaces the plain one in the kernel ...
             corrected = Direction.of(native.correct(longest), _MAX_TURN)
             accepted, by_cost = verdict(native.trial(min(longest, corrected.longest)), 1.0)
@@ -499,3 +504,9 @@ def _search(state: NewtonState, direction: Direction, shortest: float) -> tuple[
             return length, by_cost
         length *= 0.5
     return None
+
+
+def _is_correctable(before: Evaluation, trial: Trial) -> bool:
+    """Whether a second-order correction may help: a step that went far astray is beyond it."""
+    most = max(_CORRECTABLE * before.violation, _NEARLY)
+    return trial.finite and before.violation <= trial.violation <= most

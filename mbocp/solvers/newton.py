@@ -193,7 +193,8 @@ def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Factorisation, fl
     while True:
         result = state.native.factorise(shift, augmentation)
         end_is_singular = result.bad_stage == state.native.num_stages
-        ill_conditioned = result.ok and result.end_condition < _MIN_END_CONDITION
+        is_indefinite = result.negative > state.native.num_end_conditions  # whatever the augmentation
+        ill_conditioned = result.ok and not is_indefinite and result.end_condition < _MIN_END_CONDITION
         if not (end_is_singular or ill_conditioned) or augmentation == 0 or augmentation >= _MAX_AUGMENTATION:
             return result, augmentation
         augmentation *= 100.0

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +19,12 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, NewtonState
 from mbocp.solvers.progress import has_stalled, is_nearly_feasible
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.shift import CAREFUL, larger_shift, next_shift
+from mbocp.solvers.shift import BOLD, CAREFUL, first_shift, larger_shift, next_shift
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+PEERS = EXAMPLES.parent / "benchmarks" / "peers" / "problems"
 
 
 def one_motor(motor: str, start: list[float], goal: list[float], steps: int = 100) -> mbocp.Problem:
@@ -48,8 +51,7 @@ def begun(problem: mbocp.Problem) -> tuple[StagewiseProgramme, GlobalisedNewton,
 
 def test_a_shift_grows_where_the_cap_would_leave_next_to_nothing_of_a_step() -> None:
     """A Panda: shifts that just make the Hessian definite gave seven steps below a twentieth in a row."""
-    file = EXAMPLES.parent / "benchmarks" / "peers" / "problems" / "F.toml"
-    s = mbocp.solve(mbocp.load_problem(file))
+    s = mbocp.solve(mbocp.load_problem(PEERS / "F.toml"))
     assert s.converged
     assert s.cost == pytest.approx(295.80841, rel=1e-7)
     is_short = [record.step_length < 0.05 for record in s.history[1:]]
@@ -199,6 +201,54 @@ def test_one_step_that_violates_more_does_not_hide_a_falling_cost() -> None:
     assert not has_stalled([*falling[:-1], replace(falling[-1], primal=0.9)])
 
 
-def test_careful_shifts_change_by_smaller_factors() -> None:
-    assert larger_shift(1e-3, 1e-6, CAREFUL) < larger_shift(1e-3, 1e-6)
-    assert next_shift(1e-3, 1.0, 0.5, 1e-6, CAREFUL) > next_shift(1e-3, 1.0, 0.5, 1e-6)
+def test_careful_shifts_grow_by_smaller_factors() -> None:
+    assert larger_shift(1e-3, 1e-6, CAREFUL) < larger_shift(1e-3, 1e-6, BOLD)
+
+
+def test_a_short_step_leads_to_a_shift_that_changes_the_next_one() -> None:
+    assert next_shift(0.0, 0.1, 0.5, 1e-6, BOLD) == 1e-2
+    assert next_shift(1.0, 0.1, 0.5, 1e-6, BOLD) == 2.0
+
+
+class Counted:
+    """A kernel programme that counts what it is asked to do."""
+
+    def __init__(self, native: Any) -> None:
+        self.__dict__.update(native=native, calls=Counter())
+
+    def __getattr__(self, name: str) -> Any:
+        self.calls[name] += 1
+        return getattr(self.native, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(self.native, name, value)
+
+
+def counted_solve(file: Path) -> tuple[NewtonState, Counter[str]]:
+    """Solve a problem from its own guess without limits."""
+    problem = mbocp.load_problem(file)
+    formulation = formulate(problem)
+    iterate, _ = make_guess(problem.guess, formulation)
+    solver = GlobalisedNewton(control_weight=formulation.programme.control_weight)
+    state = solver.init(formulation.programme, iterate)
+    native = Counted(state.native)
+    state = state._replace(native=native)  # type: ignore[arg-type]
+    while solver.terminate(state) is None:
+        state = solver.step(state)
+    assert solver.terminate(state) is Status.CONVERGED
+    return state, native.calls
+
+
+def test_the_first_shift_is_found_in_few_factorisations() -> None:
+    """A Z1 whose Hessian is indefinite in the third iteration, by a control weight or so."""
+    state, calls = counted_solve(PEERS / "Z.toml")
+    assert calls["factorise"] <= state.iteration + 5  # ten for that shift alone where it grew eightfold
+    assert first_shift(0.0) == 1e-4
+    assert first_shift(first_shift(0.0)) == pytest.approx(1e-2)
+
+
+def test_steps_far_astray_get_no_correction() -> None:
+    """Of nine corrections on this Panda's motion eight did not help, and each cost two solves."""
+    state, calls = counted_solve(PEERS / "F.toml")
+    assert 1 <= calls["correct"] <= 3
+    assert calls["solve"] <= state.iteration + 2 * calls["correct"] + 2
