@@ -83,7 +83,7 @@ _PROMISING = 0.5  # of the residual: a relaxed step that leaves no more may be f
 _PAUSE = 10  # steps after a run that led nowhere, before the next
 _RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
 _MAX_ADJOINT = 1e8  # of a backward sweep that is worth starting from
-_CORRECTABLE, _NEARLY = 1.5, 0.1  # violation of a trial that is worth a correction: times the iterate's, or in all
+_CORRECTABLE, _NEARLY = 3.0, 0.1  # violation that is worth a correction: by the iterate's, or in all
 _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
 _STIFF = 100.0  # shift with which a Newton step gives multipliers that fit, hardly moving the states
 _EXPLAINED = 0.2  # of the gradient: what they may leave
@@ -223,11 +223,12 @@ class GlobalisedNewton:
                 if shift == 0.0 and _is_round_off(state, direction.increment, self.tolerance):
                     return state._replace(increment=direction.increment, still=_STILL)
             attempts += 1
-            if is_indefinite and not (state.last_shift or state.barrier):
-                shift = first_shift(shift)
+            if not is_indefinite:
+                shift = larger_shift(shift, _MIN_SHIFT, care)
+            elif state.last_shift or state.barrier:
+                shift = max(care.regrowth * shift, _MIN_SHIFT, _OF_LAST * state.last_shift)
             else:
-                least = max(_MIN_SHIFT, _OF_LAST * state.last_shift) if is_indefinite else _MIN_SHIFT
-                shift = larger_shift(shift, least, care)
+                shift = first_shift(shift)
             if shift > MAX_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 if direction is not None and state.restarts < _RESTARTS:

@@ -10,7 +10,7 @@ MAX_SHIFT = 1e10
 
 _GOOD_STEP = 0.2  # step length after which the shift shrinks
 _FAST_CONTRACTION = 0.1  # of the residual in one full step
-_FIRST, _FIRST_GROWTH = 1e-4, 100.0  # where no step has had a shift yet, any size may be the right one, [Waechter2006]
+_FIRST, _FIRST_GROWTH = 1e-4, 100.0  # before any step has told of the size, [Waechter2006]
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class Care:
 
     Attributes
     ----------
-    growth, shrinkage : float
-        Factors of the shift.
+    growth, regrowth, shrinkage : float
+        Factors of the shift; the second where the Hessian is indefinite, and the size of a shift is known.
     min_step : float
         A step length below which a larger shift is tried first ...
     patience : int
@@ -30,17 +30,18 @@ class Care:
     """
 
     growth: float
+    regrowth: float
     shrinkage: float
     min_step: float
     patience: int
     after_short: float = 0.0
 
 
-PLAIN = Care(growth=8.0, shrinkage=5.0, min_step=0.02, patience=3)
-BOLD = Care(growth=8.0, shrinkage=3.0, min_step=0.02, patience=3, after_short=1e-2)
+PLAIN = Care(growth=8.0, regrowth=8.0, shrinkage=5.0, min_step=0.02, patience=3)
+BOLD = Care(growth=8.0, regrowth=4.0, shrinkage=3.0, min_step=0.02, patience=3, after_short=1e-2)
 # Along valleys with negative curvature a shift that shrinks too far costs several short steps each time;
 # smaller factors took a third fewer iterations on drones that spent hundreds there.
-CAREFUL = Care(growth=3.0, shrinkage=3.0, min_step=0.4, patience=8)
+CAREFUL = Care(growth=3.0, regrowth=3.0, shrinkage=3.0, min_step=0.4, patience=8)
 
 
 def first_shift(shift: float) -> float:
