@@ -79,7 +79,7 @@ def test_a_solve_imports_what_its_problem_takes_when_it_takes_it() -> None:
     assert "mbocp.formulation.build" in there  # else the test would see nothing
     for name in (
         *("formulation.natural", "formulation.explicit", "formulation.implicit", "formulation.partitioned"),
-        *("solvers.nlp.interior_point", "solvers.fbsm_newton", "solvers.homotopy"),
+        *("solvers.nlp.interior_point", "solvers.fbsm_newton", "solvers.fbsm_gradient", "solvers.homotopy"),
         *("programme.splitting", "programme.composed", "accuracy.refining", "guesses.from_joints"),
         *("guesses.several", "solution.stored", "solution.files", "robot.loading.robot_yaml"),
     ):
