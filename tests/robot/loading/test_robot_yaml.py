@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -127,11 +126,9 @@ WRONG = {
 
 @pytest.mark.parametrize("message", WRONG)
 def test_wrong_files_are_refused(tmp_path: Path, message: str) -> None:
-    began = time.perf_counter()
     with pytest.raises(RobotFileError, match=message) as refused:
         load(tmp_path, WRONG[message])
     assert len(str(refused.value)) < 1000
-    assert time.perf_counter() - began < 5.0
 
 
 def test_every_scalar_is_a_name(tmp_path: Path) -> None:
