@@ -87,6 +87,10 @@ class Filter:
         corner = ((1 - _MARGIN) * before.violation, before.objective - _MARGIN * before.violation)
         return Filter((*self.entries, corner), self.most_violation, self.least_violation)
 
+    def cleared(self) -> Filter:
+        """Filter for another objective: with the same bounds of the violation, and no pairs."""
+        return Filter((), self.most_violation, self.least_violation)
+
     def _is_descent(self, violation: float, slope: float, length: float) -> bool:
         return (
             violation <= self.least_violation

@@ -20,16 +20,20 @@ from mbocp.exceptions import ProblemError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.programme.kernel import kernel_programme
+from mbocp.solvers.centring import Centring, aimed_barrier, may_correct
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.newton import NewtonState, new_state, start
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import KernelProgramme
+    from mbocp.programme.kernel import KernelDirection, KernelProgramme
 
 __all__ = [
+    "aimed",
+    "fixed",
     "init_barrier",
     "largest_product",
     "multipliers_of",
+    "predicts",
     "raised",
     "resumed",
     "update_barrier",
@@ -47,6 +51,7 @@ _FACTOR, _POWER = 0.1, 1.7  # ... to the smaller of mu by this factor and to thi
 _SLOW, _SLOW_SETTLED, _SLOW_POWER = 12, 300.0, 1.2  # iterations with one mu, and the two numbers after them
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
+_NEARLY = 100.0  # tolerances: with a residual below them the last barrier parameter is taken
 _RAISE = 10.0  # from one last barrier to the next
 
 
@@ -68,7 +73,8 @@ def init_barrier(programme: StagewiseProgramme, iterate: Iterate, threads: int =
     else:
         barrier *= _WARM_FACTOR
         _start_warm(native, programme, iterate.bounds, barrier)
-    return new_state(programme, native, native.evaluate())._replace(barrier=barrier)
+    state = new_state(programme, native, native.evaluate())._replace(barrier=barrier)
+    return state._replace(centring=Centring(barrier, state.filter)) if barrier else state
 
 
 def resumed(
@@ -206,6 +212,10 @@ def _last_barrier(native: KernelProgramme, tolerance: float) -> float:
     return _SHARE * tolerance / math.sqrt(max(1, native.num_limits))
 
 
+def _last_of(state: NewtonState, tolerance: float) -> float:
+    return max(_last_barrier(state.native, tolerance), state.least_barrier)
+
+
 def _has_limits(programme: StagewiseProgramme) -> bool:
     return bool(programme.num_guards) or not programme.bounds.is_empty
 
@@ -230,23 +240,83 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
 
 
 def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
-    """State with the smallest barrier parameter that the iterate allows; a new one starts a new filter."""
-    last = max(_last_barrier(state.native, tolerance), state.least_barrier)
-    barrier, evaluation = state.barrier, state.evaluation
+    """State with the smallest barrier parameter that the iterate allows; a new one starts a new filter.
+
+    Where steps choose it, see `aimed`, that is left to them while they make progress.
+    """
+    if state.centring is not None and state.reference is None:
+        state = _recentred(state, state.centring, tolerance)
+        if state.is_free:
+            return state
+    barrier, evaluation, last = state.barrier, state.evaluation, _last_of(state, tolerance)
     is_slow = state.iteration - state.barrier_since > _SLOW
     settled, power = (_SLOW_SETTLED, _SLOW_POWER) if is_slow else (_SETTLED, _POWER)
     while barrier > last and evaluation.barrier_error <= settled * barrier:
         barrier = max(last, min(_FACTOR * barrier, barrier**power))
         evaluation = state.native.weigh(barrier)
-    if barrier == state.barrier:
-        return state
+    return state if barrier == state.barrier else _with_barrier(state, barrier)
+
+
+def _recentred(state: NewtonState, centring: Centring, tolerance: float) -> NewtonState:
+    """State with barrier parameters free or fixed, as the last step suggests; a free one may be the last."""
+    if state.is_free and not predicts(state, tolerance):
+        last = _last_of(state, tolerance)
+        return state if state.barrier == last else _with_barrier(state, last, state.filter.cleared())
+    is_newtons = state.regularisation == 0.0 and state.step_length == 1.0 and state.shift == 0.0
+    after = centring.after(state.evaluation.residual, state.barrier, is_newtons=is_newtons)
+    if after.is_free and not centring.is_free:
+        return state._replace(centring=after, filter=after.bounds)
+    if centring.is_free and not after.is_free:
+        return fixed(state, tolerance)
+    return state._replace(centring=after)
+
+
+def predicts(state: NewtonState, tolerance: float) -> bool:
+    """Whether the next step chooses its barrier parameter; with a small residual it is the last one."""
+    return state.is_free and state.evaluation.residual > _NEARLY * tolerance
+
+
+def _with_barrier(state: NewtonState, barrier: float, cleared: Filter | None = None) -> NewtonState:
+    evaluation = state.native.weigh(barrier)
     return state._replace(
         barrier=barrier,
         barrier_since=state.iteration,
         evaluation=evaluation,
-        filter=Filter.start(evaluation.violation),
+        filter=cleared or Filter.start(evaluation.violation),
         reference=None,
     )
+
+
+def fixed(state: NewtonState, tolerance: float) -> NewtonState:
+    """State with a barrier parameter that falls by the rule; for good if the first step was in trouble."""
+    assert state.centring is not None  # for the type checker: only a free parameter is fixed
+    barrier = state.centring.fixed_barrier(state.native.mean_product())
+    centring = state.centring.fixed() if state.iteration else None
+    return _with_barrier(state._replace(centring=centring), max(barrier, _last_of(state, tolerance)))
+
+
+def aimed(state: NewtonState, tolerance: float) -> tuple[NewtonState, KernelDirection]:
+    """State with the barrier parameter that a step without barrier suggests, and the step with that.
+
+    The kernel holds a factorisation, made with no barrier in the right-hand side.
+    """
+    native, centring, error = state.native, state.centring, state.evaluation.barrier_error
+    assert centring is not None  # for the type checker, see `predicts`
+    found = native.solve()
+    if not found.finite:
+        native.aim(state.barrier)
+        return state, found
+    wanted = aimed_barrier(native.mean_product(), native.mean_product(1.0, found.longest_dual))
+    barrier = max(wanted, centring.least_barrier(error), _last_of(state, tolerance))
+    evaluation = native.aim(barrier, may_correct(found.longest))
+    is_same = barrier == state.barrier
+    state = state._replace(
+        barrier=barrier,
+        barrier_since=state.iteration,
+        evaluation=evaluation,
+        filter=state.filter if is_same else state.filter.cleared(),
+    )
+    return state, native.solve()
 
 
 def raised(state: NewtonState, tolerance: float) -> NewtonState:
@@ -263,6 +333,7 @@ def raised(state: NewtonState, tolerance: float) -> NewtonState:
     return state._replace(
         barrier=barrier,
         least_barrier=barrier,
+        centring=None,
         evaluation=evaluation,
         filter=Filter.start(evaluation.violation),
         reference=None,

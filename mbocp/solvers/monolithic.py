@@ -47,7 +47,7 @@ from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
-from mbocp.solvers.limits import init_barrier, raised, resumed, update_barrier
+from mbocp.solvers.limits import aimed, fixed, init_barrier, predicts, raised, resumed, update_barrier
 from mbocp.solvers.multiplier import end_multiplier
 from mbocp.solvers.newton import (
     Direction,
@@ -85,6 +85,7 @@ _RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
 _MAX_ADJOINT = 1e8  # of a backward sweep that is worth starting from
 _CORRECTABLE, _NEARLY = 3.0, 0.1  # violation that is worth a correction: by the iterate's, or in all
 _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
+_STALL_WITHIN_LIMITS = 0.05  # the same of increments there, which vary more where they are round-off
 _STIFF = 100.0  # shift with which a Newton step gives multipliers that fit, hardly moving the states
 _EXPLAINED = 0.2  # of the gradient: what they may leave
 _RESOLVED = 1e-2  # of the tolerance, for the residual, ...
@@ -193,7 +194,7 @@ class GlobalisedNewton:
             state = self._sharpened(state)
         shift, attempts, care = state.shift, 0, self._care(state)
         while True:
-            factorisation, augmentation, direction = self._direction(state, shift)
+            state, factorisation, augmentation, direction = self._direction(state, shift)
             if not (factorisation.ok or shift):
                 state = raised(state, self.tolerance)  # slacks follow with a step, and one may be enough
             is_indefinite = direction is None
@@ -203,7 +204,9 @@ class GlobalisedNewton:
                 found = _search(
                     state, direction, care.min_step if attempts < care.patience else _LAST_RESORT_STEP
                 )
-                is_short = found is None or found[0] < _RELAXED_STEP
+                is_short = found is None or direction.relative(found[0]) < _RELAXED_STEP
+                if is_short and predicts(state, self.tolerance):
+                    return self.step(fixed(state, self.tolerance))
                 swept = _with_adjoint(state) if is_short else None
                 if swept is not None:
                     return self.step(swept)
@@ -229,6 +232,8 @@ class GlobalisedNewton:
                 shift = max(care.regrowth * shift, _MIN_SHIFT, _OF_LAST * state.last_shift)
             else:
                 shift = first_shift(shift)
+            if shift > MAX_SHIFT and state.is_free:
+                return self.step(fixed(state, self.tolerance))
             if shift > MAX_SHIFT:
                 failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
                 if direction is not None and state.restarts < _RESTARTS:
@@ -247,7 +252,7 @@ class GlobalisedNewton:
             last_shift=shift or state.last_shift,
             shift=next_shift(
                 shift,
-                length * (direction.cap if shift else 1.0),
+                direction.relative(length) * (direction.cap if shift else 1.0),
                 evaluation.residual / state.evaluation.residual,
                 _MIN_SHIFT,
                 care,
@@ -281,18 +286,28 @@ class GlobalisedNewton:
             return PLAIN  # limits cut steps whatever the shift
         return CAREFUL if self.is_careful or state.iteration >= _CAREFUL_AFTER else BOLD
 
-    def _direction(self, state: NewtonState, shift: float) -> tuple[Factorisation, float, Direction | None]:
-        """Factorisation, augmentation and direction; no direction where the inertia is not a minimum's."""
+    def _direction(
+        self, state: NewtonState, shift: float
+    ) -> tuple[NewtonState, Factorisation, float, Direction | None]:
+        """State with the barrier of the direction, factorisation, augmentation and direction.
+
+        No direction where the inertia is not a minimum's.
+        """
+        native, is_aimed = state.native, predicts(state, self.tolerance)
+        if is_aimed:
+            native.aim(0.0)
         factorisation, augmentation = factorise(state, shift * self.control_weight)
-        admissible = factorisation.ok and factorisation.negative == state.native.num_end_conditions
-        found = state.native.solve() if admissible else None
-        if found is None or not found.finite:
-            return factorisation, augmentation, None
-        return factorisation, augmentation, Direction.of(found, _MAX_TURN)
+        if not (factorisation.ok and factorisation.negative == native.num_end_conditions):
+            if is_aimed:
+                native.aim(state.barrier)
+            return state, factorisation, augmentation, None
+        state, found = aimed(state, self.tolerance) if is_aimed else (state, native.solve())
+        direction = Direction.of(found, _MAX_TURN, may_stop=state.may_stop) if found.finite else None
+        return state, factorisation, augmentation, direction
 
     def _sharpened(self, state: NewtonState) -> NewtonState:
         """State with a barrier that rises while the system is singular without a shift; or with no shift."""
-        factorisation, _, direction = self._direction(state, 0.0)
+        _, factorisation, _, direction = self._direction(state, 0.0)
         if not factorisation.ok:
             return raised(state, self.tolerance)
         return state if direction is None else state._replace(shift=0.0)
@@ -342,10 +357,10 @@ class GlobalisedNewton:
         """One full step that nobody judges; the run of them ends with progress, or where it began."""
         reference, native, shift = state.reference, state.native, state.shift
         assert reference is not None  # for the type checker: `step` comes here only with one
-        _, augmentation, direction = self._direction(state, shift)
+        _, _, augmentation, direction = self._direction(state, shift)
         while direction is None and shift <= MAX_SHIFT:
             shift = larger_shift(shift, _MIN_SHIFT)
-            _, augmentation, direction = self._direction(state, shift)
+            _, _, augmentation, direction = self._direction(state, shift)
         if direction is not None:
             native.move(direction.longest)
             native.accept(direction.longest, direction.longest_dual)
@@ -436,7 +451,8 @@ def _is_resolved(state: NewtonState, tolerance: float) -> bool:
 
 def _stillness(state: NewtonState, evaluation: Evaluation, increment: float) -> int:
     before = state.evaluation.residual
-    is_still = evaluation.residual > _STALL_RATIO * before and increment > _STALL_RATIO * state.increment
+    least = (_STALL_WITHIN_LIMITS if state.barrier else _STALL_RATIO) * state.increment
+    is_still = evaluation.residual > _STALL_RATIO * before and increment > least
     return state.still + 1 if is_still else 0
 
 
@@ -484,11 +500,13 @@ def _with_adjoint(state: NewtonState) -> NewtonState | None:
 def _search(state: NewtonState, direction: Direction, shortest: float) -> tuple[float, bool] | None:
     """Step length that the filter accepts and whether for its cost, or None; the kernel has moved.
 
-    The length is relative to the longest step that limits allow.
+    The length is relative to the longest step. One with which slacks stop has to lower the violation.
     """
     native, before, longest = state.native, state.evaluation, direction.longest
 
     def verdict(trial: Trial, length: float) -> tuple[bool, bool]:
+        if length > direction.limit and not trial.violation < before.violation:
+            return False, False
         return state.filter.accepts(before, trial, direction.slope, length * longest)
 
     length = 1.0
@@ -497,13 +515,13 @@ def _search(state: NewtonState, direction: Direction, shortest: float) -> tuple[
         accepted, by_cost = verdict(trial, length)
         if not accepted and length == 1.0 and _is_correctable(before, trial):
             # The corrected direction replaces the plain one in the kernel ...
-            corrected = Direction.of(native.correct(longest), _MAX_TURN)
+            corrected = Direction.of(native.correct(longest), _MAX_TURN, may_stop=state.may_stop)
             accepted, by_cost = verdict(native.trial(min(longest, corrected.longest)), 1.0)
             if not accepted:
                 native.solve()  # ... which has to be had again when that does not help
         if accepted:
             return length, by_cost
-        length *= 0.5
+        length = direction.shorter(length)
     return None
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
+from mbocp.solvers.centring import Centring
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.records import Status
 from mbocp.solvers.round_off import relative_increment, relative_residual, round_off
@@ -68,6 +69,8 @@ class Direction(NamedTuple):
         Part of the step that limits and the cap on turns allow, and limits' multipliers.
     cap : float
         Part of the step that the cap on turns alone allows.
+    limit : float
+        Of the longest step, what no limit cuts short. Beyond it slacks stop at their bounds, each by itself.
     """
 
     increment: float
@@ -75,12 +78,28 @@ class Direction(NamedTuple):
     longest: float
     longest_dual: float
     cap: float
+    limit: float = 1.0
 
     @classmethod
-    def of(cls, found: KernelDirection, largest_turn: float) -> Direction:
-        """The kernel's direction, of which no more is taken than turns a joint by `largest_turn` [rad]."""
+    def of(cls, found: KernelDirection, largest_turn: float, *, may_stop: bool = False) -> Direction:
+        """The kernel's direction, of which no more is taken than turns a joint by `largest_turn` [rad].
+
+        Where slacks may stop at their bounds, limits do not cut it.
+        """
         cap = min(1.0, largest_turn / found.turn) if found.turn > 0.0 else 1.0
+        if may_stop:
+            return cls(
+                found.increment, found.slope, cap, found.longest_dual, cap, min(1.0, found.longest / cap)
+            )
         return cls(found.increment, found.slope, min(found.longest, cap), found.longest_dual, cap)
+
+    def relative(self, length: float) -> float:
+        """A step length, relative to the longest step, by what no limit cuts short, or 1 beyond that."""
+        return min(1.0, length / self.limit)
+
+    def shorter(self, length: float) -> float:
+        """The step length to try after this one: half of it, or what no limit cuts short in between."""
+        return self.limit if 0.5 * length < self.limit < length else 0.5 * length
 
 
 class NewtonState(NamedTuple):
@@ -124,6 +143,8 @@ class NewtonState(NamedTuple):
         Below which round-off makes the system singular, as far as that has been found.
     barrier_since : int
         Iteration with which mu fell last.
+    centring : Centring or None
+        How steps choose mu; None: it falls by a rule, and the first limit in the way cuts a step.
     failure : Status or None
         Why no step could be taken.
     failed_stage : int
@@ -152,9 +173,20 @@ class NewtonState(NamedTuple):
     barrier: float = 0.0
     least_barrier: float = 0.0
     barrier_since: int = 0
+    centring: Centring | None = None
     failure: Status | None = None
     failed_stage: int = -1
     sweeps: Sweeps | None = None
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether slacks stop at their bounds, each by itself, rather than that a step is cut."""
+        return self.centring is not None
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the next step chooses mu."""
+        return self.centring is not None and self.centring.is_free and self.reference is None
 
     @property
     def next_increment(self) -> float:

@@ -8,6 +8,7 @@ namespace mbocp {
 namespace {
 
 constexpr double least_rest = 1e-2;       // of a distance to a bound that a step has to leave: 1 - tau, or mu
+constexpr double least_clipped = 1e-4;    // at least, of a distance whose slack stops short of its bound alone
 constexpr double most_off_centre = 1e10;  // z (s - lower) / mu stays between this and its inverse
 // Of equations, delta by what the controls of the step before do to the row; where that is not known yet, or they do
 // nothing, and between which limits, by the square of the row's slope. Smaller ones spoil what is beside the row by
@@ -39,7 +40,7 @@ struct LogBarrier {
 void Barrier::set_limits(const Bounds& bounds, Function path, Function path_values, Function guard) {
     limits_.set(bounds, std::move(path), std::move(path_values), std::move(guard));
     for (Numbers* v : {&slack, &z_lower, &z_upper, &lambda_, &h_, &defect_, &sigma_, &force_, &ds_, &dz_lower_,
-                       &dz_upper_, &slack_moved_})
+                       &dz_upper_, &curved_lower_, &curved_upper_, &slack_moved_})
         v->assign(static_cast<std::size_t>(num_rows()), 0.0);
     for (Numbers* v : {&weight_, &response_, &missed_, &dlambda_, &reach_}) v->assign(limits_.equations.size(), 0.0);
 
@@ -79,14 +80,14 @@ void Barrier::start(const Point& at, double parameter, double inside) {
 }
 
 void Barrier::set_parameter(double parameter) {
-    parameter_ = parameter;
-    const Numbers &lower = limits_.lower, &upper = limits_.upper;
     for (int i = 0; i < num_rows(); ++i) {
-        double sigma = 0, force = 0;
-        if (has(lower[i])) sigma += z_lower[i] / (slack[i] - lower[i]), force -= parameter / (slack[i] - lower[i]);
-        if (has(upper[i])) sigma += z_upper[i] / (upper[i] - slack[i]), force += parameter / (upper[i] - slack[i]);
-        sigma_[i] = sigma, force_[i] = force + sigma * defect_[i];
+        const double lower = limits_.lower[i], upper = limits_.upper[i];
+        double sigma = 0;
+        if (has(lower)) sigma += z_lower[i] / (slack[i] - lower);
+        if (has(upper)) sigma += z_upper[i] / (upper - slack[i]);
+        sigma_[i] = sigma;
     }
+    aim(parameter, false);
     for (std::size_t k = 0; k < weight_.size(); ++k) {
         const double slope = std::max(limits_.squared_slope(k), least_slope);
         const double wanted = response_[k] == 0.0 ? first_delta * slope : delta_by_response * response_[k];
@@ -94,6 +95,19 @@ void Barrier::set_parameter(double parameter) {
         sigma_[limits_.equations[k].row] = weight_[k];
     }
     limits_.weigh(sigma_);
+}
+
+void Barrier::aim(double parameter, bool is_curved) {
+    parameter_ = parameter;
+    for (int i = 0; i < num_rows(); ++i) {
+        const double lower = limits_.lower[i], upper = limits_.upper[i];
+        curved_lower_[i] = is_curved ? ds_[i] * dz_lower_[i] : 0.0;
+        curved_upper_[i] = is_curved ? -ds_[i] * dz_upper_[i] : 0.0;
+        double force = 0;
+        if (has(lower)) force -= (parameter - curved_lower_[i]) / (slack[i] - lower);
+        if (has(upper)) force += (parameter - curved_upper_[i]) / (upper - slack[i]);
+        force_[i] = force + sigma_[i] * defect_[i];
+    }
 }
 
 void Barrier::finish(Evaluation& e) const {
@@ -181,24 +195,48 @@ void Barrier::find_step(const Increment& step, Direction& d) {
         const double ds = ds_[i] += defect_[i];
         if (has(limits_.lower[i])) {
             const double inverse = 1.0 / (slack[i] - limits_.lower[i]);
-            dz_lower_[i] = (mu - z_lower[i] * ds) * inverse - z_lower[i];
+            dz_lower_[i] = (mu - curved_lower_[i] - z_lower[i] * ds) * inverse - z_lower[i];
             approach = std::max(approach, -ds * inverse), decline = std::max(decline, -dz_lower_[i] / z_lower[i]);
             d.slope -= mu * inverse * ds;
         }
         if (has(limits_.upper[i])) {
             const double inverse = 1.0 / (limits_.upper[i] - slack[i]);
-            dz_upper_[i] = (mu + z_upper[i] * ds) * inverse - z_upper[i];
+            dz_upper_[i] = (mu - curved_upper_[i] + z_upper[i] * ds) * inverse - z_upper[i];
             approach = std::max(approach, ds * inverse), decline = std::max(decline, -dz_upper_[i] / z_upper[i]);
             d.slope += mu * inverse * ds;
         }
     }
     for (const Equation& e : limits_.equations) ds_[e.row] = 0.0;
-    d.longest = approach > tau ? tau / approach : 1.0;
+    d.longest = longest_ = approach > tau ? tau / approach : 1.0;
     d.longest_dual = decline > tau ? tau / decline : 1.0;
 }
 
+double Barrier::mean_product(double alpha, double alpha_limits) const {
+    double sum = 0;
+    int count = 0;
+    for (int i = 0; i < num_rows(); ++i) {
+        const auto add = [&](double distance, double approach, double z, double dz) {
+            sum += std::max(distance + alpha * approach, 0.0) * (z + alpha_limits * dz), ++count;
+        };
+        if (has(limits_.lower[i])) add(slack[i] - limits_.lower[i], ds_[i], z_lower[i], dz_lower_[i]);
+        if (has(limits_.upper[i])) add(limits_.upper[i] - slack[i], -ds_[i], z_upper[i], dz_upper_[i]);
+    }
+    return count ? sum / count : 0.0;
+}
+
+// Beyond the longest step, slacks that would come too close to their bounds stop there, each by itself.
 void Barrier::move(double alpha) {
-    for (int i = 0; i < num_rows(); ++i) slack_moved_[i] = slack[i] + alpha * ds_[i];
+    if (alpha <= longest_) {
+        for (int i = 0; i < num_rows(); ++i) slack_moved_[i] = slack[i] + alpha * ds_[i];
+        return;
+    }
+    const double rest = std::min(least_rest, std::max(least_clipped, parameter_));
+    for (int i = 0; i < num_rows(); ++i) {
+        const double lower = limits_.lower[i], upper = limits_.upper[i], moved = slack[i] + alpha * ds_[i];
+        const double least = has(lower) ? lower + rest * (slack[i] - lower) : lower;
+        const double most = has(upper) ? upper - rest * (upper - slack[i]) : upper;
+        slack_moved_[i] = std::min(std::max(moved, least), most);
+    }
 }
 
 bool Barrier::evaluate_moved(const Point& moved, Trial& t) {

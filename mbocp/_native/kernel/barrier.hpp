@@ -40,6 +40,9 @@ public:
     double parameter() const { return parameter_; }
     // Another barrier parameter at the point of the last evaluation, and what of it depends on that.
     void set_parameter(double parameter);
+    // The same in the right-hand side alone: the matrix does not depend on the parameter. With `is_curved` the next
+    // direction also makes up for the products of the last one's parts in distances and multipliers, [Mehrotra1992].
+    void aim(double parameter, bool is_curved);
     void finish(Evaluation& e) const;
 
     // In the linear system.
@@ -67,6 +70,9 @@ public:
     // Slacks and multipliers along the direction, how far these allow to go, and the barrier's part of the slope.
     void find_step(const Increment& step, Direction& d);
 
+    // Of multipliers and distances, after these parts of the direction, with slacks that stop at their bounds.
+    double mean_product(double alpha, double alpha_limits) const;
+
     // Slacks moved along the direction; barrier and defects there; the move taken over, multipliers on their way.
     void move(double alpha);
     bool evaluate_moved(const Point& moved, Trial& t);
@@ -76,10 +82,12 @@ private:
     void begin_equations();
 
     Limits limits_;
-    double parameter_ = 0;              // mu
-    Numbers lambda_, h_, defect_;       // the rows' multipliers and values; h - s
-    Numbers sigma_, force_;             // Sigma; what the row adds to the right-hand side's gradient, before J'
-    Numbers ds_, dz_lower_, dz_upper_;  // of the last direction
+    double parameter_ = 0;                 // mu
+    Numbers lambda_, h_, defect_;          // the rows' multipliers and values; h - s
+    Numbers sigma_, force_;                // Sigma; what the row adds to the right-hand side's gradient, before J'
+    Numbers ds_, dz_lower_, dz_upper_;     // of the last direction
+    Numbers curved_lower_, curved_upper_;  // products that the next one makes up for
+    double longest_ = 1.0;                 // part of the last direction that cuts no slack short
     Numbers slack_moved_;
     // Of the equations: 1 / delta, and what it goes by, 0 where that is not known; size of their terms; what the
     // right-hand side has for their defects; multipliers along the direction.

@@ -174,8 +174,17 @@ Evaluation Evaluator::evaluate(double share) {
 Evaluation Evaluator::weigh(double parameter) {
     if (barrier_.empty()) return last_;
     barrier_.set_parameter(parameter);
+    return finished();
+}
+
+Evaluation Evaluator::aim(double parameter, bool is_curved) {
+    barrier_.aim(parameter, is_curved);
+    return finished();
+}
+
+Evaluation Evaluator::finished() const {
     Evaluation e = last_;
-    barrier_.finish(e);
+    if (!barrier_.empty()) barrier_.finish(e);
     return e;
 }
 

@@ -15,10 +15,13 @@ public:
     Evaluation evaluate(double share);
     // Another barrier parameter at the iterate of the last evaluation.
     Evaluation weigh(double parameter);
+    // Of the barrier's right-hand side alone, see `Barrier::aim`.
+    Evaluation aim(double parameter, bool is_curved);
 
 private:
     struct Violations;
 
+    Evaluation finished() const;
     bool evaluate_group(const Group& group, const double* multipliers, int thread);
     void add_up(const Group& group, Violations& violations) const;
     double stationarity(double& largest) const;

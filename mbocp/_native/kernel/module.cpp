@@ -251,6 +251,13 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             [](Programme& p, double barrier, double inside) { p.barrier.start(p.iterate, barrier, inside); },
             nb::arg("barrier"), nb::arg("inside") = 1e-2, Released())
         .def("weigh", &Programme::weigh, nb::arg("barrier"), Released())
+        .def("aim", &Programme::aim, nb::arg("barrier"), nb::arg("is_curved") = false, Released())
+        .def(
+            "mean_product",
+            [](const Programme& p, double alpha, double alpha_limits) {
+                return p.barrier.mean_product(alpha, alpha_limits);
+            },
+            nb::arg("alpha") = 0.0, nb::arg("alpha_limits") = 0.0)
         .def_prop_ro("barrier", [](const Programme& p) { return p.barrier.parameter(); })
         .def_prop_ro("num_limits", [](const Programme& p) { return p.barrier.limits().num_inequalities(); });
     array_property(

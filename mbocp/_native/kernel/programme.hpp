@@ -29,6 +29,11 @@ public:
         riccati.forget_residual();
         return evaluator.weigh(parameter);
     }
+    // The same with the factors at hand, see `Barrier::aim`.
+    Evaluation aim(double parameter, bool is_curved) {
+        riccati.forget_right_hand_side();
+        return evaluator.aim(parameter, is_curved);
+    }
     // Second-order correction: the direction for constraint values alpha c + c(trial).
     Direction correct(double alpha) { return riccati.correct(alpha, trial_point.c(), trial_point.g()); }
     Sizes sizes() const { return sizes_of(problem, iterate, barrier); }

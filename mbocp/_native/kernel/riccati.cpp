@@ -28,6 +28,10 @@ void Riccati::forget_residual() {
     elimination_->forget_residual();
 }
 
+void Riccati::forget_right_hand_side() {
+    if (known_ == Known::backward) known_ = Known::factors;
+}
+
 Factorisation Riccati::factorise(double shift, double augment) {
     Factorisation f;
     f.smallest_pivot = 1.0;

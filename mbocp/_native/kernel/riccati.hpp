@@ -21,6 +21,7 @@ public:
     // changes.
     void forget();
     void forget_residual();
+    void forget_right_hand_side();  // of the limits alone: the factors stay
 
     // `shift` is added to the Hessian's diagonal in every state, `augment` weighs the end condition.
     Factorisation factorise(double shift, double augment);
