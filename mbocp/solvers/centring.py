@@ -13,6 +13,7 @@ the residual below all that was reached with free parameters, these are tried on
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 from mbocp.solvers.filter import Filter
@@ -89,7 +90,7 @@ class Centring:
 def aimed_barrier(mean: float, foreseen: float) -> float:
     """Barrier parameter of a step; `foreseen` is the mean of all products after a step without barrier."""
     share = max(0.0, foreseen / mean) if mean > 0.0 else 0.0
-    return mean * min(1.0, share**_POWER)
+    return mean * min(1.0, math.pow(share, _POWER))
 
 
 def may_correct(longest: float) -> bool:

@@ -2,8 +2,9 @@ r"""Limits in Newton's method: a primal-dual barrier, [Waechter2006]_.
 
 Every limit has a slack, which a logarithm of weight mu in the cost keeps between its bounds, and multipliers
 of its own. The kernel eliminates them from the linear system, so that a step costs what it does without
-limits. Here is when mu falls: as soon as the conditions of the barrier problem hold to a multiple of it. It
-falls far where that takes few iterations, and less far, but earlier, where it takes many.
+limits. Here is how large mu is. Steps choose it by prediction while that goes well, see
+`mbocp.solvers.centring`. Else it falls as soon as the conditions of the barrier problem hold to a multiple of
+it: far where that takes few iterations, and less far, but earlier, where it takes many.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ makes sure that it gets there:
 - *Restart.* Where no shift allows any step, the multipliers begin anew, twice at most: many short steps may
   have spoilt them.
 - *Limits* enter by a barrier, see `mbocp.solvers.limits`. Everything above is then about the cost with the
-  barrier, and steps are as long as slacks and multipliers allow.
+  barrier, with slacks that stop at their bounds or cut the step, and multipliers that stay positive.
 
 On random rest-to-rest motions of arms without a velocity weight, where pure Newton fails, alternatives did
 worse: shifting controls instead of states, Gauss-Newton in place of a shift, an l1 merit function instead of

@@ -17,7 +17,7 @@ from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.limits import raised, update_barrier
+from mbocp.solvers.limits import fixed, raised, update_barrier
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -151,10 +151,108 @@ def test_the_barrier_falls_and_ends_below_the_tolerance() -> None:
     while solver.terminate(state) is None:
         state = solver.step(state)
         barriers.append(state.barrier)
-    assert all(after <= before for before, after in pairwise(barriers))
+    assert min(barriers) == barriers[-1] < 1e-9 < barriers[0]
     assert state.evaluation.complementarity <= 0.2 * solver.tolerance
     assert state.evaluation.residual <= solver.tolerance
     assert update_barrier(state, solver.tolerance) is state
+
+
+@pytest.mark.parametrize("setting", [LIMITS, PATH], ids=["limits", "path"])
+def test_a_barrier_that_is_fixed_at_the_guess_is_the_first_one_and_only_falls(setting: str) -> None:
+    """A run without free parameters is as if there had never been any."""
+    _, solver, begin = begun(setting)
+    state = fixed(begin._replace(centring=update_barrier(begin, solver.tolerance).centring), solver.tolerance)
+    assert state.barrier == begin.barrier
+    assert state.filter == begin.filter
+    assert not state.may_stop
+    barriers = [state.barrier]
+    while solver.terminate(state) is None:
+        state = solver.step(state)
+        barriers.append(state.barrier)
+    assert all(after <= before for before, after in pairwise(barriers))
+    assert state.failure is None
+
+
+def test_another_right_hand_side_needs_no_other_factors() -> None:
+    """The matrix does not depend on the barrier parameter."""
+    _, solver, state = begun(LIMITS, PATH)
+    native = solver.step(solver.step(state)).native
+    for mu in (0.0, 1e-3, 0.5):
+        native.weigh(mu)
+        native.factorise(1.0, state.augmentation)
+        native.solve()
+        wanted = [native.dx, native.du, native.dm]
+        native.weigh(0.1)
+        native.factorise(1.0, state.augmentation)
+        native.aim(mu)
+        found = native.solve()
+        assert found.linear_residual < 1e-9
+        for a, b in zip([native.dx, native.du, native.dm], wanted, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-7 * np.abs(b).max())
+
+
+def test_the_corrected_step_makes_up_for_products_of_the_first_one() -> None:
+    """With (d, z) distances and multipliers, d z + d dz + z dd = mu - dd' dz', ' the step without barrier."""
+    _, _, state = begun("limits={effort=5.3}")
+    native, mu = state.native, 1e-2
+    changes = []
+    kept, size = fields(native), 1e-9  # short enough that nothing is cut
+    for is_curved in (None, False, True):
+        native.evaluate()
+        native.aim(0.0)
+        native.factorise(1e3, state.augmentation)
+        native.solve()
+        if is_curved is not None:
+            native.aim(mu, is_curved)
+            native.solve()
+        native.move(size)
+        native.accept(size, size)
+        changes.append(((native.slack - kept["slack"]) / size, (native.z_lower - kept["z_lower"]) / size))
+        for name, value in kept.items():
+            setattr(native, name, value)
+    slack, z_lower = kept["slack"], kept["z_lower"]
+    distance = slack + 5.3
+    (ds0, dz0), plain, curved = changes
+    for (ds, dz), wanted in ((plain, mu), (curved, mu - ds0 * dz0)):
+        np.testing.assert_allclose(
+            distance * z_lower + distance * dz + z_lower * ds, wanted, rtol=1e-3, atol=1e-4
+        )
+    assert np.abs(ds0 * dz0).max() > 1e-2
+
+
+def test_slacks_in_the_way_of_a_step_stop_at_their_bounds_each_by_itself() -> None:
+    _, solver, state = begun("limits={effort=5.3}")
+    native = solver.step(state).native
+    native.factorise(1.0, state.augmentation)
+    longest = native.solve().longest
+    before, rest = native.slack, 1e-2
+    assert longest < 1.0
+    native.move(1e-9)
+    native.accept(1e-9, 0.0)
+    step = (native.slack - before) / 1e-9
+    moved = {}
+    for length in (longest, 1.0):
+        native.slack = before
+        native.evaluate()
+        native.factorise(1.0, state.augmentation)
+        native.solve()
+        native.move(length)
+        native.accept(length, 0.0)
+        moved[length] = native.slack
+    np.testing.assert_allclose(moved[longest], before + longest * step, rtol=1e-4, atol=1e-4)
+    least, most = -5.3 + rest * (before + 5.3), 5.3 - rest * (5.3 - before)
+    wanted = np.clip(before + step, least, most)
+    assert (wanted != before + step).any()
+    assert np.isclose(wanted, before + step).any()
+    np.testing.assert_allclose(moved[1.0], wanted, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize(("name", "most"), [("U-lim", 14), ("F-lim", 30)])
+def test_the_peers_problems_within_limits_take_few_iterations(name: str, most: int) -> None:
+    """With fixed parameters alone, and steps cut by the first limit in the way, they took 17 and 38."""
+    solution = mbocp.solve(PAPER.parents[1] / "benchmarks" / "peers" / "problems" / f"{name}.toml")
+    assert solution.converged
+    assert solution.iterations <= most
 
 
 def test_a_guess_outside_its_limits_is_no_obstacle() -> None:

@@ -70,10 +70,11 @@ public:
     // Slacks and multipliers along the direction, how far these allow to go, and the barrier's part of the slope.
     void find_step(const Increment& step, Direction& d);
 
-    // Of multipliers and distances, after these parts of the direction, with slacks that stop at their bounds.
+    // The mean of multipliers times distances after these parts of the direction, with slacks that stop at bounds.
     double mean_product(double alpha, double alpha_limits) const;
 
-    // Slacks moved along the direction; barrier and defects there; the move taken over, multipliers on their way.
+    // Slacks moved along the direction, where that is longer than limits allow each to its own bound at most; barrier
+    // and defects there; the move taken over, multipliers on their way.
     void move(double alpha);
     bool evaluate_moved(const Point& moved, Trial& t);
     void accept(double alpha, double alpha_limits);
