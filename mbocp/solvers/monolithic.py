@@ -43,37 +43,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.filter import Filter
+from mbocp.solvers.first_multipliers import with_adjoint, with_least_squares
 from mbocp.solvers.limits import aimed, fixed, init_barrier, predicts, raised, resumed, update_barrier
-from mbocp.solvers.multiplier import end_multiplier
+from mbocp.solvers.line_search import MAX_TURN, search
 from mbocp.solvers.newton import (
     Direction,
     NewtonState,
     Reference,
     check_termination,
     factorise,
-    is_resolved,
     next_state,
     start,
 )
 from mbocp.solvers.records import Status
-from mbocp.solvers.round_off import has_a_say, relative_increment, round_off
 from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, PLAIN, Care, first_shift, larger_shift, next_shift
+from mbocp.solvers.stopping import STILL, has_arrived, is_round_off, is_within_round_off, stillness
 from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation, Factorisation, Trial
+    from mbocp.programme.kernel import Factorisation
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
 
 _CAREFUL_AFTER = 200  # iterations in a run: most take less, and those that take more follow a valley
 _RESTARTS = 2
 _MIN_SHIFT = 1e-6  # of the Hessian: a larger one makes many short steps along flat valleys
-_MAX_TURN = 1.0  # of a joint in one iteration [rad]: beyond, its linearisation has little to do with it
 _FAR = 0.1  # of a step: where the cap leaves less, a larger shift is tried first
 _OF_LAST = 0.2  # of the last shift: smaller ones are left out where the Hessian is indefinite again
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
@@ -82,18 +80,6 @@ _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make u
 _PROMISING = 0.5  # of the residual: a relaxed step that leaves no more may be followed by another
 _PAUSE = 10  # steps after a run that led nowhere, before the next
 _RESTORATION = 0.5  # of the violation: what a sweep has to leave at most
-_MAX_ADJOINT = 1e8  # of a backward sweep that is worth starting from
-_CORRECTABLE, _NEARLY = 3.0, 0.1  # violation that is worth a correction: by the iterate's, or in all
-_STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
-_STALL_WITHIN_LIMITS = 0.05  # the same of increments there, which vary more where they are round-off
-_STIFF = 100.0  # shift with which a Newton step gives multipliers that fit, hardly moving the states
-_EXPLAINED = 0.2  # of the gradient: what they may leave
-_RESOLVED = 1e-2  # of the tolerance, for the residual, ...
-_AT_REST = 1e-3  # of the tolerance, for the residual before a step that is not worth taking, ...
-_FORESEEN = 0.1  # ... and for that step, which is foreseen to a few per cent, ...
-_FORESEEN_OF_UNKNOWNS = 1e-3  # ... or relative to the unknowns: long horizons have many, and large norms
-_STILL = 2  # steps in a row that halve neither residual nor increment
-_NOISE = 1e3  # ... and times the tolerance, for increments that do not shrink any more
 
 
 @dataclass(frozen=True)
@@ -142,7 +128,7 @@ class PureNewton:
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance, or below what round-off allows."""
         status = check_termination(state, self.tolerance, self.max_iterations)
-        is_there = state.failure is None and _is_resolved(state, self.tolerance)
+        is_there = state.failure is None and is_within_round_off(state, self.tolerance)
         return Status.CONVERGED if is_there else status
 
 
@@ -182,7 +168,7 @@ class GlobalisedNewton:
         if self.is_polish:
             return resumed(programme, iterate, self.tolerance, is_centred=True)
         state = init_barrier(programme, iterate, self.threads)
-        return state if state.barrier else _with_least_squares(state, self.control_weight)
+        return state if state.barrier else with_least_squares(state, self.control_weight)
 
     def step(self, state: NewtonState) -> NewtonState:
         """One accepted step, with the smallest shift found that allows one; or a relaxed step."""
@@ -201,13 +187,13 @@ class GlobalisedNewton:
             if direction is not None and shift and direction.cap < _FAR and attempts <= care.patience:
                 direction = None
             if direction is not None:
-                found = _search(
+                found = search(
                     state, direction, care.min_step if attempts < care.patience else _LAST_RESORT_STEP
                 )
                 is_short = found is None or direction.relative(found[0]) < _RELAXED_STEP
                 if is_short and predicts(state, self.tolerance):
                     return self.step(fixed(state, self.tolerance))
-                swept = _with_adjoint(state) if is_short else None
+                swept = with_adjoint(state) if is_short else None
                 if swept is not None:
                     return self.step(swept)
                 is_stuck = is_short and attempts >= care.patience
@@ -223,8 +209,8 @@ class GlobalisedNewton:
                     break
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return state._replace(increment=direction.increment)  # round-off hides any decrease
-                if shift == 0.0 and _is_round_off(state, direction.increment, self.tolerance):
-                    return state._replace(increment=direction.increment, still=_STILL)
+                if shift == 0.0 and is_round_off(state, direction.increment, self.tolerance):
+                    return state._replace(increment=direction.increment, still=STILL)
             attempts += 1
             if not is_indefinite:
                 shift = larger_shift(shift, _MIN_SHIFT, care)
@@ -260,25 +246,13 @@ class GlobalisedNewton:
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),
             at_minimum=shift == 0.0,
-            still=0 if shift else _stillness(state, evaluation, direction.increment),
+            still=0 if shift else stillness(state, evaluation, direction.increment),
         )
 
     def terminate(self, state: NewtonState) -> Status | None:
-        """Residual and increment both below the tolerance, or below what round-off allows.
-
-        Or a residual far below it, and increments that are round-off, or will be.
-
-        Where steps are short and constraints are many, the multipliers' increments stay above the tolerance
-        though the residual is as small as it gets.
-        """
+        """Residual and increment both below the tolerance, or arrived as far as round-off lets it."""
         status = check_termination(state, self.tolerance, self.max_iterations)
-        is_there = (
-            _is_noise(state, self.tolerance)
-            or _is_centred(state, self.tolerance)
-            or _is_at_rest(state, self.tolerance)
-            or state.evaluation.residual <= self.rough
-            or _is_resolved(state, self.tolerance)
-        )
+        is_there = has_arrived(state, self.tolerance) or state.evaluation.residual <= self.rough
         return Status.CONVERGED if is_there and state.failure is None else status
 
     def _care(self, state: NewtonState) -> Care:
@@ -302,7 +276,7 @@ class GlobalisedNewton:
                 native.aim(state.barrier)
             return state, factorisation, augmentation, None
         state, found = aimed(state, self.tolerance) if is_aimed else (state, native.solve())
-        direction = Direction.of(found, _MAX_TURN, may_stop=state.may_stop) if found.finite else None
+        direction = Direction.of(found, MAX_TURN, may_stop=state.may_stop) if found.finite else None
         return state, factorisation, augmentation, direction
 
     def _sharpened(self, state: NewtonState) -> NewtonState:
@@ -390,142 +364,3 @@ class GlobalisedNewton:
             reference=None,
             patience=_PAUSE,
         )
-
-
-def _is_noise(state: NewtonState, tolerance: float) -> bool:
-    """Whether residual and increments are round-off, which no step makes less.
-
-    With limits multipliers are sums of many others where limits are active from end to end, and jump though
-    the motion rests.
-    """
-    native, is_still = state.native, state.still >= _STILL
-    if not (is_still or state.barrier > 0.0) or not _is_round_off(state, state.increment, tolerance):
-        return False
-    return is_still or (norm(native.dx) <= tolerance and norm(native.du) <= tolerance)
-
-
-def _is_round_off(state: NewtonState, increment: float, tolerance: float) -> bool:
-    """Whether the residual is far below the tolerance, or about round-off, and an increment may be that, too.
-
-    The longer the horizon, the larger the norms of residual, increment and unknowns. With limits the barrier
-    leaves something of the residual by construction, which does not count.
-    """
-    evaluation, native = state.evaluation, state.native
-    left = evaluation.barrier_error if state.barrier else evaluation.residual
-    return (
-        evaluation.residual <= tolerance
-        and (left <= _RESOLVED * tolerance or left <= max(round_off(native)))
-        and (increment <= _NOISE * tolerance or relative_increment(native) <= tolerance)
-    )
-
-
-def _is_at_rest(state: NewtonState, tolerance: float) -> bool:
-    """Whether the residual is about round-off, and the next step would be far below the tolerance.
-
-    That step by itself, or relative to the unknowns, the more of which there are, the more round-off it has.
-    """
-    residual, native = state.evaluation.residual, state.native
-    if not math.isfinite(state.next_increment) or residual > tolerance:
-        return False
-    if residual > max(_AT_REST * tolerance, *round_off(native)):
-        return False
-    return (
-        state.next_increment <= _FORESEEN * tolerance
-        or state.contraction * relative_increment(native) <= _FORESEEN_OF_UNKNOWNS * tolerance
-    )
-
-
-def _is_centred(state: NewtonState, tolerance: float) -> bool:
-    """Whether all conditions hold with the least barrier that round-off allows, not with the last one."""
-    return (
-        state.least_barrier > 0.0
-        and state.barrier == state.least_barrier
-        and state.evaluation.barrier_error <= _RESOLVED * tolerance
-        and state.increment <= _NOISE * tolerance
-    )
-
-
-def _is_resolved(state: NewtonState, tolerance: float) -> bool:
-    return is_resolved(state, tolerance) and has_a_say(state.native, state.evaluation)
-
-
-def _stillness(state: NewtonState, evaluation: Evaluation, increment: float) -> int:
-    before = state.evaluation.residual
-    least = (_STALL_WITHIN_LIMITS if state.barrier else _STALL_RATIO) * state.increment
-    is_still = evaluation.residual > _STALL_RATIO * before and increment > least
-    return state.still + 1 if is_still else 0
-
-
-def _with_least_squares(state: NewtonState, control_weight: float) -> NewtonState:
-    """First iterate with multipliers that leave least of the gradient, where they explain most of it.
-
-    Then they know the curvature that turning bodies add to the Hessian. On drones that took a fifth of the
-    iterations, on arms and legs, where they leave more, it cost some.
-    """
-    native, kind = state.native, state.kind
-    is_curved = kind is not None and kind.nx != kind.ndx
-    if not is_curved or state.failure is not None or native.m.any() or native.eta.any():
-        return state
-    factorisation, augmentation = factorise(state, _STIFF * control_weight)
-    if not (factorisation.ok and native.solve().finite):
-        return state
-    native.m, native.eta = native.dm.copy(), native.deta.copy()
-    evaluation = native.evaluate()
-    if evaluation.finite and evaluation.dual <= _EXPLAINED * state.evaluation.dual:
-        return state._replace(evaluation=evaluation, augmentation=augmentation)
-    native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
-    return state._replace(evaluation=native.evaluate())
-
-
-def _with_adjoint(state: NewtonState) -> NewtonState | None:
-    """First iterate with the multipliers of a backward sweep; None where it has some, or the sweep explodes.
-
-    With multipliers zero the first Hessian knows nothing of the dynamics' curvature. Often that is the better
-    start; where it leads to a short step, it is not.
-    """
-    native = state.native
-    if state.iteration or native.m.any() or native.eta.any():
-        return None
-    kept = Kept.of(native)
-    evaluation = native.gradient()
-    if evaluation.finite:
-        evaluation = end_multiplier(native, Sweeps())
-    if evaluation.finite and 0.0 < np.abs(native.m).max() < _MAX_ADJOINT:
-        return state._replace(evaluation=native.evaluate())
-    kept.restore(native)
-    native.evaluate()
-    return None
-
-
-def _search(state: NewtonState, direction: Direction, shortest: float) -> tuple[float, bool] | None:
-    """Step length that the filter accepts and whether for its cost, or None; the kernel has moved.
-
-    The length is relative to the longest step. One with which slacks stop has to lower the violation.
-    """
-    native, before, longest = state.native, state.evaluation, direction.longest
-
-    def verdict(trial: Trial, length: float) -> tuple[bool, bool]:
-        if length > direction.limit and not trial.violation < before.violation:
-            return False, False
-        return state.filter.accepts(before, trial, direction.slope, length * longest)
-
-    length = 1.0
-    while length >= shortest:
-        trial = native.trial(length * longest)
-        accepted, by_cost = verdict(trial, length)
-        if not accepted and length == 1.0 and _is_correctable(before, trial):
-            # The corrected direction replaces the plain one in the kernel ...
-            corrected = Direction.of(native.correct(longest), _MAX_TURN, may_stop=state.may_stop)
-            accepted, by_cost = verdict(native.trial(min(longest, corrected.longest)), 1.0)
-            if not accepted:
-                native.solve()  # ... which has to be had again when that does not help
-        if accepted:
-            return length, by_cost
-        length = direction.shorter(length)
-    return None
-
-
-def _is_correctable(before: Evaluation, trial: Trial) -> bool:
-    """Whether a second-order correction may help: a step that went far astray is beyond it."""
-    most = max(_CORRECTABLE * before.violation, _NEARLY)
-    return trial.finite and before.violation <= trial.violation <= most

@@ -109,7 +109,9 @@ def test_durations_that_are_found_leave_impacts_out() -> None:
     problem = hits({"duration": FREE}, {"limits": {"velocity": 4.0}}, {"duration": FREE}, **words)
     own = mbocp.solve(problem, check=True)
     other = mbocp.solve(problem.with_(solver={"method": "ipopt"}), warm_start=own, check=True)
-    assert own.cost == pytest.approx(other.cost, rel=1e-6)
+    again = mbocp.solve(problem, warm_start=other, check=True)  # there is more than one optimum
+    assert again.cost == pytest.approx(other.cost, rel=1e-6)
+    assert own.cost <= other.cost * (1.0 + 1e-6)
     assert own.t[5] == own.t[4]
     assert own.phase_times["slide"][1] - own.phase_times["slide"][0] == pytest.approx(0.15)
     assert own.t[9] == own.t[8]

@@ -105,12 +105,14 @@ def test_bounds_are_parameters(folder: Path) -> None:
     assert len(list(folder.glob("*.so"))) == LIBRARIES
 
 
-def test_masses_of_a_payload_are_no_parameters(folder: Path) -> None:
+def test_bodies_that_carry_payloads_are_no_parameters_but_their_masses_are(folder: Path) -> None:
     robot = mbocp.load_robot("double_pendulum")
-    for mass in (1.0, 2.0):
-        carrying = robot.with_payload(Payload(frame="link2", mass=mass, name="ball"))
-        goal = {"q": [0.4, -0.3], "v": [0.0, 0.0]}
-        assert transcribe(Problem.create(carrying, 1.0, 8, goal=goal, scheme="se1")).functions.compiled_now
+    for frame in ("link1", "link2"):
+        for mass in (1.0, 2.0):
+            carrying = robot.with_payload(Payload(frame=frame, mass=mass, name="ball"))
+            goal = {"q": [0.4, -0.3], "v": [0.0, 0.0]}
+            functions = transcribe(Problem.create(carrying, 1.0, 8, goal=goal, scheme="se1")).functions
+            assert functions.compiled_now == (mass == 1.0)
 
 
 @pytest.mark.parametrize("damage", ["truncated", "overwritten", "empty", "foreign"])
