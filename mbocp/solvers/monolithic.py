@@ -59,7 +59,7 @@ from mbocp.solvers.newton import (
     start,
 )
 from mbocp.solvers.records import Status
-from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, PLAIN, Care, first_shift, larger_shift, next_shift
+from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, Care, first_shift, larger_shift, next_shift
 from mbocp.solvers.stopping import STILL, has_arrived, is_round_off, is_within_round_off, stillness
 from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
@@ -214,7 +214,7 @@ class GlobalisedNewton:
             attempts += 1
             if not is_indefinite:
                 shift = larger_shift(shift, _MIN_SHIFT, care)
-            elif state.last_shift or state.barrier:
+            elif state.last_shift:
                 shift = max(care.regrowth * shift, _MIN_SHIFT, _OF_LAST * state.last_shift)
             else:
                 shift = first_shift(shift)
@@ -256,9 +256,8 @@ class GlobalisedNewton:
         return Status.CONVERGED if is_there and state.failure is None else status
 
     def _care(self, state: NewtonState) -> Care:
-        if state.barrier:
-            return PLAIN  # limits cut steps whatever the shift
-        return CAREFUL if self.is_careful or state.iteration >= _CAREFUL_AFTER else BOLD
+        is_valley = self.is_careful or state.iteration >= _CAREFUL_AFTER
+        return CAREFUL if is_valley and not state.barrier else BOLD  # limits cut steps whatever the shift
 
     def _direction(
         self, state: NewtonState, shift: float

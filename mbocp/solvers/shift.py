@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BOLD", "CAREFUL", "MAX_SHIFT", "PLAIN", "Care", "first_shift", "larger_shift", "next_shift"]
+__all__ = ["BOLD", "CAREFUL", "MAX_SHIFT", "Care", "first_shift", "larger_shift", "next_shift"]
 
 MAX_SHIFT = 1e10
 
 _GOOD_STEP = 0.2  # step length after which the shift shrinks
 _FAST_CONTRACTION = 0.1  # of the residual in one full step
-_FIRST, _FIRST_GROWTH = 1e-4, 100.0  # before any step has told of the size, [Waechter2006]
+_FIRST, _FIRST_GROWTH = 1e-2, 30.0  # before any step has told of the size, as in [Waechter2006]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,6 @@ class Care:
     after_short: float = 0.0
 
 
-PLAIN = Care(growth=8.0, regrowth=8.0, shrinkage=5.0, min_step=0.02, patience=3)
 BOLD = Care(growth=8.0, regrowth=4.0, shrinkage=3.0, min_step=0.02, patience=3, after_short=1e-2)
 # Along valleys with negative curvature a shift that shrinks too far costs several short steps each time;
 # smaller factors took a third fewer iterations on drones that spent hundreds there.
@@ -49,12 +48,12 @@ def first_shift(shift: float) -> float:
     return max(_FIRST_GROWTH * shift, _FIRST)
 
 
-def larger_shift(shift: float, least: float, care: Care = PLAIN) -> float:
+def larger_shift(shift: float, least: float, care: Care = BOLD) -> float:
     """Next one to try where a shift did not do; `least` is the smallest one there is, but none."""
     return max(care.growth * shift, least)
 
 
-def next_shift(shift: float, length: float, contraction: float, least: float, care: Care = PLAIN) -> float:
+def next_shift(shift: float, length: float, contraction: float, least: float, care: Care = BOLD) -> float:
     """Where the next iteration begins, after this part of a Newton step and contraction of the residual."""
     if length < _GOOD_STEP:
         return max(2.0 * max(shift, least), care.after_short)
