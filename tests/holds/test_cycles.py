@@ -260,7 +260,9 @@ def test_symmetries_are_kept_from_a_free_start() -> None:
     problem = drone("midpoint").with_(start={"free": "v"}, cost={"effort": 1.0, "velocity": 0.1})
     s = solved(problem)
     assert len(s.conserved) == 4
-    assert np.ptp(s.control_momenta, axis=0).max() < 1e-12 * np.abs(s.control_momenta).max()
+    left = s.history[-1].residual  # round-off of large multipliers
+    assert left < 1e-11
+    assert np.ptp(s.control_momenta, axis=0).max() < 1e-12 * np.abs(s.control_momenta).max() + left
 
 
 def test_derivatives_of_the_conditions(robots: dict[str, str]) -> None:
