@@ -499,7 +499,11 @@ def checked_table(document: Mapping[str, Any]) -> ProblemTable:
     """
     keys = frozenset(name for name in ProblemTable.model_fields if name in document or name == "robot")
     found = _model_of(keys).model_validate(document)
-    return ProblemTable.model_construct(found.model_fields_set, **dict(found))
+    values = {name: [] for name in _LISTS} | dict(found)  # pydantic looks at a factory's signature each time
+    return ProblemTable.model_construct(found.model_fields_set, **values)
+
+
+_LISTS = tuple(name for name, field in ProblemTable.model_fields.items() if field.default_factory is list)
 
 
 @lru_cache(maxsize=32)
