@@ -17,7 +17,7 @@ from mbocp.problem.shape_distances import LinkPair, ShapeDistances
 from mbocp.robot.model import RobotModel
 from mbocp.robot.nodes import between
 
-__all__ = ["Approach", "keeps_clear", "nearest_approach", "poses_between"]
+__all__ = ["Approach", "clearances_along", "keeps_clear", "nearest_approach", "poses_between"]
 
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
@@ -93,6 +93,25 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> 
     search.bounds += search.margins - lowered
     search.margins = lowered
     return search.nearest(-tolerance, is_any=True) is None
+
+
+def clearances_along(clearance: Clearance, qs: Array) -> Array:
+    """Smallest distance of all pairs that are kept apart, at each configuration, shape (n,) [m].
+
+    Infinite without pairs, negative where shapes are in each other.
+
+    Parameters
+    ----------
+    clearance : Clearance
+    qs : ndarray, shape (n, nq)
+    """
+    pairs = _pairs(clearance)
+    shapes = ShapeDistances(clearance, list(pairs))
+    found = np.full(len(qs), np.inf)
+    for n, q in enumerate(qs):
+        shapes.place(q)
+        found[n] = min((shapes.of(k) for k in range(len(pairs))), default=np.inf)
+    return found
 
 
 @dataclass(eq=False)
@@ -171,18 +190,23 @@ def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]
 
 def _bounds(clearance: Clearance, qs: Array, near: float) -> tuple[list[LinkPair], Array, Array]:
     """Pairs of a link and an obstacle or link; bounds of their distances beyond margins; their margins."""
-    gaps = _gaps(clearance)
+    gaps, columns = _gaps(clearance), _pairs(clearance)
     values = clearance.pair_values(qs, near) - clearance.margins
-    columns: dict[LinkPair, list[int]] = {}
-    for row, (sphere, k) in enumerate(clearance.pairs):
-        columns.setdefault((clearance.spheres[sphere][0], k, True), []).append(row)
-    for row, (a, b) in enumerate(clearance.sphere_pairs, start=len(clearance.pairs)):
-        columns.setdefault((clearance.spheres[a][0], clearance.spheres[b][0], False), []).append(row)
     pairs, order = list(columns), [row for rows in columns.values() for row in rows]
     first = np.cumsum([0, *(len(rows) for rows in columns.values())])[:-1]
     sticks = [gaps[a] + (0.0 if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
     found = np.minimum.reduceat(values[:, order], first, axis=1) - _rounding(clearance) - sticks
     return pairs, found, clearance.margins[np.array(order)[first]]
+
+
+def _pairs(clearance: Clearance) -> dict[LinkPair, list[int]]:
+    """Pairs of a link and an obstacle or link, with the rows of their spheres."""
+    columns: dict[LinkPair, list[int]] = {}
+    for row, (sphere, k) in enumerate(clearance.pairs):
+        columns.setdefault((clearance.spheres[sphere][0], k, True), []).append(row)
+    for row, (a, b) in enumerate(clearance.sphere_pairs, start=len(clearance.pairs)):
+        columns.setdefault((clearance.spheres[a][0], clearance.spheres[b][0], False), []).append(row)
+    return columns
 
 
 def _gaps(clearance: Clearance) -> list[float]:

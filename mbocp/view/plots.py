@@ -20,6 +20,7 @@ from matplotlib.gridspec import GridSpec
 
 from mbocp._arrays import Array
 from mbocp.solution import Solution
+from mbocp.terms import RATE_TERMS
 from mbocp.view.figures import panels as panels
 from mbocp.view.figures.lines import FEW, LinePanel
 from mbocp.view.figures.path import FramePaths, frame_paths
@@ -70,7 +71,7 @@ def plot_rates(solution: Solution, robot: Robot | None = None) -> Figure:
 
     A panel for each unit; limits of the problem are dashed where the motion is near.
     """
-    return _stack(solution, panels.rate_limit_panels(solution, robot, every=True))
+    return _stack(solution, panels.rate_limit_panels(solution, robot, always=RATE_TERMS))
 
 
 def plot_multipliers(solution: Solution) -> Figure:

@@ -12,7 +12,7 @@ from mbocp.solution.atomic import replace_file
 from mbocp.view.meshcat.page import Below
 from mbocp.view.of_solution import drawn_of
 from mbocp.view.replay import replay_page
-from mbocp.view.reports.plots import other_figures, tied_figures, why_zigzag
+from mbocp.view.reports.plots import motion_figures, multiplier_figures, other_figures, why_zigzag
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -64,23 +64,25 @@ def write_report(
 
 def _content(solution: Solution, robot: Robot, facts: Iterable[tuple[str, str]]) -> str:
     sections = [
-        ("Over time", _over_time(solution, robot)),
+        ("Over time", _plots(motion_figures(solution, robot))),
         ("What came out", _table(facts)),
         ("Active limits", _limits(solution.active_limits)),
-        (
-            "Convergence and diagnostics",
-            f'<div class="plots">{"".join(other_figures(solution, robot))}</div>',
-        ),
+        ("Forces, adjoints and multipliers", _multipliers(solution)),
+        ("Convergence and diagnostics", _plots(other_figures(solution, robot))),
         ("Problem file", f"<pre>{html.escape(solution.problem_text or 'not recorded')}</pre>"),
         ("Made with", _table(_versions(solution.versions))),
     ]
     return "\n".join(f"<h2>{title}</h2>\n{body}" for title, body in sections)
 
 
-def _over_time(solution: Solution, robot: Robot) -> str:
+def _plots(figures: Iterable[str]) -> str:
+    return f'<div class="plots">{"".join(figures)}</div>'
+
+
+def _multipliers(solution: Solution) -> str:
     words = why_zigzag(solution)
     note = f'<p class="note">{words}</p>' if words else ""
-    return f'<div class="plots">{"".join(tied_figures(solution, robot))}</div>{note}'
+    return _plots(multiplier_figures(solution)) + note
 
 
 def _facts(solution: Solution) -> list[tuple[str, str]]:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from mbocp import solve
 from mbocp.problem import Problem
-from mbocp.problem.approach import keeps_clear, nearest_approach, poses_between
+from mbocp.problem.approach import clearances_along, keeps_clear, nearest_approach, poses_between
 from mbocp.problem.clearance import Clearance
 from mbocp.problem.shape_distances import ShapeDistances
 from mbocp.solution.later import is_there
@@ -75,7 +75,11 @@ def all_distances(clearance: Clearance, t: np.ndarray, qs: np.ndarray) -> np.nda
 def test_it_is_the_least_of_all_pairs_at_all_poses(clearance, seed, spread):
     t, qs = motion(seed, spread)
     found = nearest_approach(clearance, t, qs)
-    assert found.distance - found.margin == pytest.approx(all_distances(clearance, t, qs).min(), abs=2e-6)
+    beyond = all_distances(clearance, t, qs)
+    assert found.distance - found.margin == pytest.approx(beyond.min(), abs=2e-6)
+    sampled = poses_between(clearance.robot, t, qs)[1]
+    along = (beyond + pairs_of(clearance)[1]).min(axis=1)
+    assert clearances_along(clearance, sampled) == pytest.approx(along, abs=2e-6)
 
 
 @settings(max_examples=8, deadline=None)

@@ -445,6 +445,7 @@ def test_the_palette_is_told_apart_without_red_or_green() -> None:
         (["joint_1", "joint_2"], ("", ["joint_1", "joint_2"])),
         (["alone.x"], ("", ["alone.x"])),
         (["same", "same"], ("", ["same", "same"])),
+        (["distance of a", "distance of b"], ("distance of ...", ["a", "b"])),
         ([], ("", [])),
     ],
 )

@@ -14,6 +14,7 @@ from PIL import Image
 from mbocp.robot import load_robot
 from mbocp.solution import Labels, Solution
 from mbocp.view import browser
+from mbocp.view.figures.space import frame_panels
 from mbocp.view.report import write_report
 from tests.view.test_replay_browser import SIZE, browse
 
@@ -50,8 +51,20 @@ def test_a_report_is_one_file(page: Path) -> None:
     assert "all &lt;well&gt;" in own
     assert "&lt;script&gt;alert(1)" in own
     assert "<script>alert(1)" not in text
-    for title in ("Over time", "Active limits", "Convergence and diagnostics", "Problem file", "Made with"):
-        assert f"<h2>{title}</h2>" in own
+    titles = re.findall("<h2>(.*?)</h2>", own)
+    assert titles == [
+        "Over time", "What came out", "Active limits", "Forces, adjoints and multipliers",
+        "Convergence and diagnostics", "Problem file", "Made with",
+    ]  # fmt: skip
+
+
+def test_the_motion_in_space_is_plotted() -> None:
+    solution = a_solution("ur5")
+    *places, speeds = frame_panels(solution, load_robot("ur5"))
+    assert [place.title for place in places] == ["Position of tool0"]
+    steps = np.linalg.norm(np.diff(places[0].values, axis=0), axis=1) / np.diff(solution.t)
+    means = (speeds.values[1:, 0] + speeds.values[:-1, 0]) / 2.0
+    assert steps == pytest.approx(means, rel=2e-2)  # chords of 0.1 s
 
 
 def test_plots_have_the_numbers_of_the_motion(page: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -121,14 +121,14 @@ def _within_steps(solution: Solution) -> tuple[Array, Array]:
 
 
 def rate_limit_panels(
-    solution: Solution, robot: Robot | None = None, *, every: bool = False
+    solution: Solution, robot: Robot | None = None, always: Collection[str] = ()
 ) -> list[LinePanel]:
     """Return accelerations, jerks and rates of controls that the problem limits, and powers with `robot`.
 
-    `every`: those without limits, too.
+    `always`: keys of `mbocp.terms.RATE_TERMS` that are shown without limits, too.
     """
     found, bounds = [], rate_bounds_of(solution.problem_text)
-    keys = tuple(RATE_TERMS) if every else tuple(bounds)
+    keys = [key for key in RATE_TERMS if key in bounds or key in always]
     if not keys:
         return []
     linear = solution.u_values if solution.has_linear_controls else None

@@ -141,6 +141,8 @@ def shorten(names: Sequence[str]) -> tuple[str, list[str]]:
 
     >>> shorten(["root_joint.x", "root_joint.y"])
     ('root_joint', ['x', 'y'])
+    >>> shorten(["distance of hand from box", "distance of hand from wall"])
+    ('distance of hand from ...', ['box', 'wall'])
     """
     if len(names) < 2:
         return "", list(names)
@@ -152,7 +154,8 @@ def shorten(names: Sequence[str]) -> tuple[str, list[str]]:
     rest = [name[cut:] for name in names]
     if cut < 2 or any(not r or r.isdigit() for r in rest):
         return "", list(names)
-    return names[0][: cut - 1], rest
+    beginning = names[0][: cut - 1]
+    return (f"{beginning} ..." if names[0][cut - 1] == " " else beginning), rest
 
 
 def strip_legend(axes: Axes, handles: Sequence[Any], names: Sequence[str], *, per_row: int = 4) -> None:

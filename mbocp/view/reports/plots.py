@@ -15,6 +15,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.view.figures import panels
 from mbocp.view.figures.lines import LinePanel
+from mbocp.view.figures.space import clearance_panels, frame_panels
 from mbocp.view.figures.style import house_style, line_style, mark_phases, new_figure
 
 if TYPE_CHECKING:
@@ -23,23 +24,35 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["other_figures", "tied_figures", "why_zigzag"]
+__all__ = ["motion_figures", "multiplier_figures", "other_figures", "why_zigzag"]
 
 _SIZE = (4.5, 2.4)  # [inch]
 _DIGITS = 5  # of the numbers under a plot
 _MEANS = "Lines and numbers: means of neighbouring steps. Faint: as computed."
+_ALWAYS = ("acceleration", "power")  # rates that are shown without limits, too
 _MAX_NAMES = 30  # curves whose numbers stand under a plot
 
 
-def tied_figures(solution: Solution, robot: Robot) -> Iterator[str]:
-    """Plots over time as HTML; a cursor stands at the replay's time, and moves it."""
-    tiles: Sequence[LinePanel] = [
+def motion_figures(solution: Solution, robot: Robot) -> Iterator[str]:
+    """Plots of the motion over time as HTML; a cursor stands at the replay's time, and moves it."""
+    tiles = [
         *panels.state_panels(solution),
         *panels.rate_panels(solution, "v"),
         *panels.control_panels(solution),
-        *panels.rate_limit_panels(solution, robot),
-        *panels.multiplier_panels(solution),
+        *panels.rate_limit_panels(solution, robot, always=_ALWAYS),
+        *frame_panels(solution, robot),
     ]
+    if np.isfinite(solution.clearance):
+        tiles += clearance_panels(solution, solution.load_problem())
+    return _tie(tiles, solution)
+
+
+def multiplier_figures(solution: Solution) -> Iterator[str]:
+    """Plots of forces, adjoints and multipliers over time as HTML, with the same cursor."""
+    return _tie(panels.multiplier_panels(solution), solution)
+
+
+def _tie(tiles: Sequence[LinePanel], solution: Solution) -> Iterator[str]:
     for tile in tiles:
         with house_style():
             figure = new_figure(*_SIZE)
