@@ -1,7 +1,8 @@
 """What the site adds to the pages: navigation from the index, tables of keys, pictures and replays.
 
 Pages say in comments where: `<!-- keys: robot goal.q -->`, `<!-- keys -->` for all, `<!-- gallery -->`,
-`<!-- notebooks -->`, and `<!-- example: arms/cup -->`. Read as plain Markdown they are pages without these.
+`<!-- notebooks -->`, and `<!-- example: arms/cup -->`. Read as plain Markdown they are pages without these;
+what such a reader should see instead stands between the comment and `<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ import make_gallery
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
-_COMMENT = re.compile(r"^<!-- (keys|example|gallery|notebooks)(?:: ([^>]+))? -->$", re.MULTILINE)
+_COMMENT = re.compile(
+    r"^<!-- (keys|example|gallery|notebooks)(?:: ([^>]+))? -->$(?:(?:(?!^<!-- ).)*?^<!-- end -->$)?",
+    re.MULTILINE | re.DOTALL,
+)
 _OUTSIDE = re.compile(r"\]\((\.\./[^)#]+\.md)\)")  # to pages that are not of the site
 _PAGE = re.compile(r"\]\((\w+)\.md\)")
 _TITLES = {

@@ -246,7 +246,7 @@ class Live:
                 self._length = length
         keys = weight_keys(self._asked)
         if len(keys) > 1:
-            with gui.add_folder("Weights, 10 to the power of"):
+            with gui.add_folder("Weights"):
                 for key in keys:
                     self._add_weight(key)
         self._sliders = joint_handles(self._asked)[:_MOST_SLIDERS]
@@ -254,15 +254,21 @@ class Live:
         if self._sliders:
             with gui.add_folder("Goal", expand_by_default=True):
                 self._values = [self._add_joint(joint) for joint in self._sliders]
-        back = gui.add_button("As in the problem")
+        back = gui.add_button("Reset")
         back.on_click(lambda _: self._back())
 
     def _add_weight(self, key: str) -> None:
-        slider = self._server.gui.add_slider(key, -_DECADES, _DECADES, 0.1, 0.0)
+        gui = self._server.gui
+        slider = gui.add_slider(
+            key, -_DECADES, _DECADES, 0.1, 0.0, hint="decades by which the weight changes"
+        )
+        factor_text = gui.add_markdown(_describe_factor(1.0))
 
         def turned(event: Any) -> None:
+            factor = 10.0 ** float(slider.value)
+            factor_text.content = _describe_factor(factor)
             with self._lock:
-                factors = {**self._wish.factors, key: 10.0 ** float(slider.value)}
+                factors = {**self._wish.factors, key: factor}
             self._asked_for(event, factors=factors)
 
         slider.on_update(turned)
@@ -365,3 +371,8 @@ def _fixed_goals(problem: Problem) -> list[Any]:
 def _placement(handle: Any) -> pin.SE3:
     w, x, y, z = handle.wxyz
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(handle.position))
+
+
+def _describe_factor(factor: float) -> str:
+    """Say by what a weight of the problem is multiplied."""
+    return f"times {factor:.3g}"

@@ -55,7 +55,7 @@ class Payload:
     Raises
     ------
     InvalidValue
-        For a number that is not finite, a negative mass or length, an inertia that no body has, and more than
+        For a number that is not finite, a negative mass or length, a physically impossible inertia, and more than
         one shape.
     """
 

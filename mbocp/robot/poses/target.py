@@ -66,7 +66,7 @@ class FrameTarget:
             given, missing = ("axis", "direction") if self.direction is None else ("direction", "axis")
             raise InvalidValue(self._key(given), f"no {missing}", f"{given} and {missing} together")
         if self.axis is not None and self.orientation is not None:
-            raise InvalidValue(self._key("axis"), "an orientation beside it", "one of the two")
+            raise InvalidValue(self._key("axis"), "axis and orientation", "one of the two")
         if self.name == self.relative_to:
             raise InvalidValue(
                 self._key("relative_to"), repr(self.name), "another frame than the one that is to move"
@@ -157,11 +157,11 @@ def target_from_words(words: Mapping[str, Any]) -> FrameTarget:
     position = words.get("position")
     if any(c in words for c in _COORDINATES):
         if position is not None:
-            raise InvalidValue(f"{where}: position", "x, y or z beside it", "one of the two")
+            raise InvalidValue(f"{where}: position", "position, and x, y or z", "one of the two")
         position = [words.get(c) for c in _COORDINATES]
     if "rpy" in words:
         if "orientation" in words:
-            raise InvalidValue(f"{where}: rpy", "an orientation beside it", "one of the two")
+            raise InvalidValue(f"{where}: rpy", "rpy and orientation", "one of the two")
         angles = frozen_array(words["rpy"], shape=(3,), name=f"{where}: rpy")
         if not np.isfinite(angles).all():
             raise InvalidValue(f"{where}: rpy", angles.tolist(), "finite numbers [rad]")
