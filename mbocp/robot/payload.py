@@ -55,8 +55,8 @@ class Payload:
     Raises
     ------
     InvalidValue
-        For a number that is not finite, a negative mass or length, a physically impossible inertia, and more than
-        one shape.
+        For a number that is not finite, a negative mass or length, a physically impossible inertia, and more
+        than one shape.
     """
 
     frame: str

@@ -78,8 +78,8 @@ def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.M
     if told:
         more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
         warn_caller(
-            f"{path}: physically impossible inertias ({'; '.join(told[:_MAX_NAMES])}{more}); they are used as "
-            "they stand. Check units (kg m^2) and axes",
+            f"{path}: physically impossible inertias ({'; '.join(told[:_MAX_NAMES])}{more}); they are used "
+            "as they stand. Check units (kg m^2) and axes",
             ImpossibleInertiaWarning,
         )
 
