@@ -186,7 +186,8 @@ def _part(
         (acting, frozenset(prefixed(joint, table.name) for joint in (names or all_joints)))
         for acting, names in whole.losses
     )
-    spec = _spec(table, address, base) | ({"payload": []} if own else {})
+    names_payloads = bool(own) or table.payload is not None
+    spec = _spec(table, address, base) | ({"payload": []} if names_payloads else {})
     return part, Whole(whole.body, losses, own, (spec,))
 
 

@@ -226,6 +226,7 @@ def test_options_of_a_part_and_of_the_whole() -> None:
     assert [(p.name, p.frame) for p in whole.payloads] == [("b/payload_0", "b/tool0"), ("a box", "a/tool0")]
     again = robot_from_spec(whole.spec)
     assert again.fingerprint == whole.fingerprint
+    assert again.spec == whole.spec  # else the robot after next would carry b's payload twice
     one = load_robot("ur5", lock={"elbow_joint": 0.5}, payload=[{"frame": "tool0", "mass": 2.0}])
     q = np.concatenate([np.full(5, 0.3), np.zeros(4)])
     np.testing.assert_allclose(whole.mass_matrix(q)[:5, :5], one.mass_matrix(q[:5]), atol=1e-12)
