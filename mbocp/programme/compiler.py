@@ -133,8 +133,8 @@ def run_compiler(
     if code > _FROM_SIGNAL:
         how = f"killed by signal {code - _FROM_SIGNAL}"
     raise CompilationError(
-        f"the C compiler {command[0]} failed on generated functions ({how}); set CC to "
-        f"another compiler. It said:\n{said}"
+        f"the C compiler {command[0]} failed on generated functions ({how}). `mbocp doctor` says whether it "
+        f"works on this machine; if it does, this is a defect of mbocp: please report it. It said:\n{said}"
     )
 
 

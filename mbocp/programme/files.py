@@ -17,9 +17,8 @@ __all__ = ["spread"]
 
 _PIECE = re.compile(r"static __attribute__\(\(noinline\)\) (void \w+\([^()]*\)) \{")
 _SHARED = '__attribute__((noinline, visibility("hidden")))'
-_DEFINITION = re.compile(
-    r"^(?!static\b|typedef\b|[#/\s}])(?=.*\) ?\{)", re.M
-)  # of a function for other files
+# Of a function for other files; CasADi writes some signatures on two lines.
+_DEFINITION = re.compile(r"^(?!static\b|typedef\b|[#/\s}])(?=[^;{}#/]*\) ?\{)", re.M)
 _LEAST = 8_000  # lines of a file, below which a second one is not worth its begin
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -82,6 +83,35 @@ def test_results_are_the_same_bits(text: str, tmp_path: Path) -> None:
         points = [[rng.normal(size=n) for n in SIZES] for _ in range(50)]
         found[number] = [np.asarray(out).tobytes() for point in points for out in function(*point)]
     assert found[1] == found[count]
+
+
+def with_helpers() -> ca.Function:
+    """A function that calls functions which CasADi brings, with signatures of one line and of two."""
+    x, y = ca.MX.sym("x", SIZES[0]), ca.MX.sym("y", SIZES[1])
+    sparse = ca.MX(ca.Sparsity.lower(2), x[:3])
+    return ca.Function("helped", [x, y], [sparse.T @ y[:2], ca.mtimes(sparse, sparse.T)])
+
+
+@needs_compiler
+@pytest.mark.parametrize("count", [2, 4])
+def test_what_casadi_brings_is_in_no_other_file(count: int, tmp_path: Path) -> None:
+    """Each file has its own, so that they link."""
+    text = split_functions(generated([tangled(), with_helpers()], tmp_path), PIECE, None)
+    assert re.search(r"^void casadi_trans\([^)]*\n[^)]*\) \{", text, re.M)
+    first, *others = spread(text, count)
+    cc, objects = compiler(), []
+    assert cc is not None
+    for i, file in enumerate([first, *others]):
+        source, made = tmp_path / f"{i}.c", tmp_path / f"{i}.o"
+        source.write_text(file)
+        subprocess.run([*cc, "-O1", "-fPIC", "-c", "-o", str(made), str(source)], check=True)
+        objects.append(str(made))
+    library = str(tmp_path / "library.so")
+    subprocess.run([*cc, "-shared", "-Wl,--no-undefined", "-o", library, *objects, "-lm"], check=True)
+    function, ours = with_helpers(), ca.external("helped", library)
+    point = [np.linspace(0.1, 1.0, n) for n in SIZES]
+    for found, expected in zip(ours(*point), function(*point), strict=True):
+        np.testing.assert_allclose(np.asarray(found), np.asarray(expected), rtol=1e-14)
 
 
 @needs_compiler
