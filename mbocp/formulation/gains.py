@@ -2,7 +2,8 @@ r"""Feedback gains of an optimum: what its controls answer to a deviation of the
 
 The Riccati recursion of a Newton step at the optimum (see `mbocp.solvers.newton`) eliminates the controls of
 each step as :math:`\Delta u_n = K_n\, \Delta x_n + \dots`. :math:`K_n` is the feedback of the quadratic
-problem about the optimum, in which the end condition is a penalty as large as the factorisation needs.
+problem about the optimum, in which the end condition is a penalty as large as the factorisation needs, and
+active limits are equations (see `mbocp.solvers.held`).
 """
 
 from __future__ import annotations
@@ -13,11 +14,10 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.control_values import spread_limits
 from mbocp.formulation.layout import StateLayout
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.programme.kernel import kernel_programme
+from mbocp.solvers.held import hold_active_limits
 
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelProgramme
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["feedback_gains"]
 
 _FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
-_TOUCHED = 1e-6  # of a control: as near as this it is at its limit
 _SHIFTS = (
     0.0,
     1e-6,
@@ -49,10 +48,11 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     -------
     gains : ndarray, shape (N, k nu, 2 nv)
         Of the robot's controls in every step, by moves of q along the tangent and by v at its begin; of
-        controls with k values in a step all of them, one block after the other. A control at its limit does
-        not answer: its row is zero. Linear controls have nu more columns, for what the control is away from
-        its plan at the begin of the step, of which there is nothing in the first. Shape (0, 0, 0) where
-        states are not (q, v), as in natural coordinates, or where no weight gives the signs of a minimum.
+        controls with k values in a step all of them, one block after the other. Active limits stay active:
+        the row of a control at its limit is zero. Linear controls have nu more columns, for what the control
+        is away from its plan at the begin of the step, of which there is nothing in the first. Shape
+        (0, 0, 0) where states are not (q, v), as in natural coordinates, or where no weight gives the signs
+        of a minimum.
     """
     problem, layout = formulation.problem, formulation.layout
     robot = problem.robot
@@ -60,20 +60,17 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     has_joint_states = COORDINATES[problem.coordinates].has_joint_states
     if not has_joint_states or is_plain or layout.ns != robot.nv:
         return np.zeros((0, 0, 0))
-    native = kernel_programme(formulation.programme)
-    iterate.load_into(native)
-    if not native.evaluate(1.0).finite or not _factorised(native, formulation.programme):
+    found = hold_active_limits(formulation.programme, iterate)
+    if found is None or not _factorised(found[0], formulation.programme):
         return np.zeros((0, 0, 0))
+    native, held = found
     kinds = [formulation.programme.kinds[k] for k in formulation.programme.stage_kind]
     ends = np.cumsum([kind.nu * kind.ndx for kind in kinds])
     rows = np.split(native.gains(), ends[:-1])
     blocks = [row.reshape(kind.nu, kind.ndx) for row, kind in zip(rows, kinds, strict=True)]
     gains = np.array([_answers(layout, block, n) for n, block in enumerate(blocks)])
-    lower, upper = spread_limits(layout, *problem.limits_along()["u"], problem.num_steps)
-    motion = formulation.motion_of(iterate)
-    us = motion.values.reshape(len(gains), -1) if motion.shares else motion.us
-    near = _TOUCHED * (1.0 + np.abs(us))
-    gains[(us <= lower + near) | (us >= upper - near)] = 0.0
+    nx = formulation.programme.kinds[0].nx
+    gains[held[:, nx : nx + layout.num_own]] = 0.0
     return gains
 
 
@@ -91,12 +88,18 @@ def _answers(layout: StateLayout, block: Array, step: int) -> Array:
 
 
 def _factorised(native: KernelProgramme, programme: StagewiseProgramme) -> bool:
-    """Whether some weight of the end condition, and some shift, give the signs of a minimum."""
+    """Whether some weight of the end condition, and some shift, give the signs of a minimum.
+
+    Each is tried twice: from the first factorisation the kernel learns how much held limits have to weigh.
+    """
     unit = programme.control_weight / programme.dt
     for shift in _SHIFTS:
         weight = _FIRST_WEIGHT
         while weight <= _LAST_WEIGHT:
-            found = native.factorise(shift * programme.control_weight, weight * unit if programme.ng else 0.0)
+            weights = (shift * programme.control_weight, weight * unit if programme.ng else 0.0)
+            native.factorise(*weights)
+            native.weigh(native.barrier)
+            found = native.factorise(*weights)
             if found.ok and found.negative == programme.ng:
                 return True
             weight *= 100.0

@@ -82,6 +82,17 @@ class StateBounds:
         """Upper bounds of states, controls and path functions, shape (N, nx + nu + nh)."""
         return np.hstack([self.x_upper, self.u_upper, self.path_upper])
 
+    @property
+    def are_equations(self) -> BoolArray:
+        """Which entries have the same bound on both sides, shape (N, nx + nu + nh)."""
+        return np.equal(self.lower, self.upper)
+
+    def with_sides(self, lower: Array, upper: Array) -> StateBounds:
+        """Others of the same sizes, from bounds of shape (N, nx + nu + nh)."""
+        nx, nu = self.x_lower.shape[1], self.u_lower.shape[1]
+        (xl, ul, pl), (xu, uu, pu) = (np.split(side, [nx, nx + nu], axis=1) for side in (lower, upper))
+        return StateBounds(x_lower=xl, x_upper=xu, u_lower=ul, u_upper=uu, path_lower=pl, path_upper=pu)
+
 
 def _own_rows(side: Array) -> Array:
     """The one row of a side that has the same for every node in the memory of one."""

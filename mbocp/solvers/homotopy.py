@@ -14,9 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.programme.bounds import StateBounds
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.limits import why_limits_cannot_be_kept
@@ -36,17 +35,17 @@ def can_leave_out_limits(programme: StagewiseProgramme) -> bool:
 
     Free step lengths need theirs: a step of negative length is none.
     """
-    has_some = bool((programme.bounds.limited & ~_are_equations(programme.bounds)).any())
+    has_some = bool((programme.bounds.limited & ~programme.bounds.are_equations).any())
     return has_some and not programme.has_free_lengths and why_limits_cannot_be_kept(programme) is None
 
 
 def without_limits(programme: StagewiseProgramme) -> StagewiseProgramme:
     """The programme with equations alone."""
     bounds = programme.bounds
-    keep = _are_equations(bounds)
+    keep = bounds.are_equations
     return replace(
         programme,
-        bounds=_bounds(bounds, np.where(keep, bounds.lower, -np.inf), np.where(keep, bounds.upper, np.inf)),
+        bounds=bounds.with_sides(np.where(keep, bounds.lower, -np.inf), np.where(keep, bounds.upper, np.inf)),
     )
 
 
@@ -54,13 +53,13 @@ def beyond(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Array, Arra
     """How far an iterate goes beyond its limits at most, by row: below and above, each (nx + nu + nh,)."""
     bounds = programme.bounds
     limited, lower, upper = bounds.limited, bounds.lower, bounds.upper
-    far = _bounds(bounds, np.where(limited, -_FAR, -np.inf), np.where(limited, _FAR, np.inf))
+    far = bounds.with_sides(np.where(limited, -_FAR, -np.inf), np.where(limited, _FAR, np.inf))
     native = kernel_programme(replace(programme, bounds=far), has_limits=True)
     iterate.load_into(native)
     native.start_limits(1.0, 0.0)
     values = np.zeros(limited.shape)
     values[limited] = native.slack[: np.count_nonzero(limited)]
-    is_limit = limited & ~_are_equations(bounds)
+    is_limit = limited & ~bounds.are_equations
     below = np.where(is_limit & np.isfinite(lower), lower - values, 0.0)
     above = np.where(is_limit & np.isfinite(upper), values - upper, 0.0)
     return below.max(axis=0, initial=0.0), above.max(axis=0, initial=0.0)
@@ -71,7 +70,7 @@ def widened(programme: StagewiseProgramme, width: tuple[Array, Array], part: flo
     bounds = programme.bounds
     return replace(
         programme,
-        bounds=_bounds(bounds, bounds.lower - part * width[0], bounds.upper + part * width[1]),
+        bounds=bounds.with_sides(bounds.lower - part * width[0], bounds.upper + part * width[1]),
     )
 
 
@@ -96,13 +95,3 @@ def brought_back(programme: StagewiseProgramme, iterate: Iterate, solve: Solve) 
             if failures > _MOST_FAILURES:
                 return None
     return None
-
-
-def _are_equations(bounds: StateBounds) -> BoolArray:
-    return np.equal(bounds.lower, bounds.upper)
-
-
-def _bounds(bounds: StateBounds, lower: Array, upper: Array) -> StateBounds:
-    nx, nu = bounds.x_lower.shape[1], bounds.u_lower.shape[1]
-    (xl, ul, pl), (xu, uu, pu) = (np.split(side, [nx, nx + nu], axis=1) for side in (lower, upper))
-    return StateBounds(x_lower=xl, x_upper=xu, u_lower=ul, u_upper=uu, path_lower=pl, path_upper=pu)

@@ -33,6 +33,7 @@ __all__ = [
     "fixed",
     "init_barrier",
     "largest_product",
+    "multipliers_in_rows",
     "multipliers_of",
     "predicts",
     "raised",
@@ -97,7 +98,11 @@ def resumed(
     native, rows = _loaded(programme, iterate), _Rows.of(programme)
     barrier = _last_barrier(native, tolerance)
     native.start_limits(barrier, 0.0)
-    known = np.zeros(native.slack.size) if iterate.bounds is None else _rows_of(iterate.bounds, programme)
+    known = (
+        np.zeros(native.slack.size)
+        if iterate.bounds is None
+        else multipliers_in_rows(iterate.bounds, programme)
+    )
     native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(-known, 0.0))
     native.z_upper = np.where(rows.is_equation, known, np.maximum(known, 0.0))
     if is_centred:
@@ -135,7 +140,7 @@ def _start_warm(
     native: KernelProgramme, programme: StagewiseProgramme, bounds: BoundMultipliers, barrier: float
 ) -> None:
     """Slacks a little inside, and known multipliers where they are above those of the barrier."""
-    rows, known = _Rows.of(programme), _rows_of(bounds, programme)
+    rows, known = _Rows.of(programme), multipliers_in_rows(bounds, programme)
     native.start_limits(barrier, _WARM_MARGIN)
     native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(native.z_lower, -known))
     native.z_upper = np.where(rows.is_equation, known, np.maximum(native.z_upper, known))
@@ -341,7 +346,7 @@ def raised(state: NewtonState, tolerance: float) -> NewtonState:
     )
 
 
-def _rows_of(bounds: BoundMultipliers, programme: StagewiseProgramme) -> Array:
+def multipliers_in_rows(bounds: BoundMultipliers, programme: StagewiseProgramme) -> Array:
     """Multipliers in the order of the kernel's rows."""
     of_steps = np.hstack([bounds.xs[1:], bounds.us, bounds.path])
     return np.concatenate([of_steps[programme.bounds.limited], bounds.guard])

@@ -58,8 +58,47 @@ def solved(problem: mbocp.Problem, **others: object) -> Solution:
 def test_the_first_gain_is_the_derivative_of_the_first_control(make: object, scheme: str) -> None:
     problem: mbocp.Problem = make(scheme)  # type: ignore[operator]
     solution = solved(problem, gains=True)
-    robot, found = problem.robot, solution.gains[0]
+    robot = problem.robot
     assert solution.gains.shape == (problem.num_steps, robot.nu, 2 * robot.nv)
+    agrees_with_differences(problem, solution, 2e-4)
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"effort": [0.45, 1e3]},  # active from the first step on
+        {"effort": [1e3, 0.14]},  # in later steps alone
+        {"velocity": [0.85, 0.55]},  # of both joints, in nearly all steps
+        {"velocity": [0.85, 0.55], "effort": [0.4, 0.3]},
+        {"position": [[-3.0, 0.75], [-0.5, 1.0]]},
+        {"acceleration": [5.0, 3.0]},
+        {"effort_rate": [4.0, 1.0]},
+    ],
+    ids=str,
+)
+def test_gains_keep_active_limits(limits: dict[str, object]) -> None:
+    problem = reach(limits)
+    solution = solved(problem, gains=True)
+    assert solution.active_limits
+    agrees_with_differences(problem, solution, 1e-5)
+
+
+def reach(limits: dict[str, object]) -> mbocp.Problem:
+    return mbocp.Problem.create(
+        mbocp.load_robot("double_pendulum"),
+        0.6,
+        12,
+        start={"q": [0.3, -0.2], "v": [0.1, 0.4]},
+        goal={"q": [0.9, -0.6], "v": 0, "enforce": "penalty"},
+        cost={"effort": 0.1, "velocity": 1.0, "terminal": 300.0},
+        scheme="se1",
+        limits=limits,
+    )
+
+
+def agrees_with_differences(problem: mbocp.Problem, solution: Solution, tolerance: float) -> None:
+    """Of the first control between optima whose starts are a little before and behind."""
+    robot, found = problem.robot, solution.gains[0]
     for i in range(2 * robot.nv):
         firsts = []
         for sign in (1.0, -1.0):
@@ -69,7 +108,9 @@ def test_the_first_gain_is_the_derivative_of_the_first_control(make: object, sch
             moved = replace(problem, q_start=q, v_start=problem.v_start + away[robot.nv :])
             firsts.append(solved(moved, warm_start=solution).us[0])
         slope = (firsts[0] - firsts[1]) / (2.0 * STEP)
-        np.testing.assert_allclose(found[:, i], slope, rtol=2e-4, atol=2e-5 * np.abs(found).max())
+        np.testing.assert_allclose(
+            found[:, i], slope, rtol=tolerance, atol=0.1 * tolerance * np.abs(found).max()
+        )
 
 
 def test_controls_at_their_limits_do_not_answer() -> None:

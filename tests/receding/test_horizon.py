@@ -121,10 +121,13 @@ def test_it_goes_by_the_steps_of_the_solver(problem):
     np.testing.assert_array_equal(horizon._native.gains.ravel(), other_gains)
 
 
-def test_gains_answer_as_the_optimum_does(problem):
-    """To a small move of the state, with the first control, and no limit in the way."""
-    horizon = RecedingHorizon(problem.with_(limits=Bounds()), iterations=10)
+@pytest.mark.parametrize("effort", [math.inf, 100.0])
+def test_gains_answer_as_the_optimum_does(problem, effort):
+    """To a small move of the state, with the first control: without limits, and with torques at theirs."""
+    limits = Bounds(u_lower=np.full(6, -effort), u_upper=np.full(6, effort))
+    horizon = RecedingHorizon(problem.with_(limits=limits), iterations=30, barrier=TIGHT, tolerance=1e-9)
     q, v = np.array(problem.q_start), np.array(problem.v_start)
+    horizon.step(q, v, dt=0.0)
     before = horizon.step(q, v, dt=0.0)
     u, K = np.array(before.u), np.array(before.K)
     rng, size = np.random.default_rng(0), 1e-5
