@@ -19,13 +19,14 @@ from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import around, has_no_way, near_the_way
-from mbocp.guesses.carried import Carried
 from mbocp.problem import Guess, Problem, SolverOptions
 from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
-from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_rows_and_room
+from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_room, with_rows_and_room
+from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold
 from mbocp.solution.records import StartRecord
+from mbocp.solution.rest import Rest
 from mbocp.solvers import IterationRecord, Outcome, Phase, Status
 
 __all__ = ["Attempt", "solve_clear"]
@@ -83,7 +84,7 @@ Read = Callable[[Attempt], Solution]
 
 def solve_clear(
     problem: Problem,
-    warm_start: Solution | None,
+    warm_start: Solution | Rest | None,
     attempt: Try,
     read: Read,
     deadline: float,
@@ -91,13 +92,15 @@ def solve_clear(
 ) -> Solution:
     """Solution of a problem; one that touches nothing, if that can be had.
 
+    Where a warm start leads to none soon, the problem's own guess comes next.
+
     Parameters
     ----------
     problem : Problem
-    warm_start : Solution, optional
+    warm_start : Solution or Rest, optional
     attempt : callable
         Solves a problem from a start; roughly, where a third argument is the residual that will do; with
-        another callback for its solvers, where `callback` is given.
+        another callback for its solvers, where `callback` is given; with few iterations, where `is_brief`.
     read : callable
         Makes a solution of what `attempt` returns.
     deadline : float
@@ -105,8 +108,47 @@ def solve_clear(
     callback : callable, optional
         Called with every record.
     """
-    solution = _solved(problem, warm_start, attempt, read, deadline)
-    if warm_start is not None or solution.converged or solution.status in _STOPPED:
+    if warm_start is None:
+        return _from_guess(problem, attempt, read, deadline, callback)
+    if not _has_a_guess_left(problem):
+        return _solved(problem, warm_start, attempt, read, deadline)
+    solution = _solved(problem, warm_start, partial(attempt, is_brief=True), read, deadline)
+    if solution.is_stationary or solution.status in _STOPPED:
+        return solution
+    again = _from_guess(problem, attempt, read, deadline, callback)
+    if not (again.is_stationary or again.status in _STOPPED):
+        again = _later(again, _solved(problem, warm_start, attempt, read, deadline), "from the guess")
+    return _later(solution, again, "from the warm start")
+
+
+def _has_a_guess_left(problem: Problem) -> bool:
+    """Whether a problem may be solved from its own guess, too, after a warm start."""
+    solver = problem.solver
+    return solver.starts == 1 and not problem.goals and solver.max_iterations is None
+
+
+def _later(first: Solution, second: Solution, name: str) -> Solution:
+    """The better of two solutions, with what both took and how the first ended."""
+    is_first = not second.is_stationary and first.residual < second.residual
+    better, other = (first, second) if is_first else (second, first)
+    taken, spent = other.iterations, other.wall_time_s
+    words = f"; {name}: {first.status} after {first.iterations} iterations"
+    return retold(
+        better,
+        advice=better.advice + ("" if is_first else words),
+        iterations=better.iterations + taken,
+        phases=(Phase(name, taken, spent), *better.phases),
+        history=(*first.history, *second.history),
+        wall_time_s=better.wall_time_s + spent,
+    )
+
+
+def _from_guess(
+    problem: Problem, attempt: Try, read: Read, deadline: float, callback: Callback | None
+) -> Solution:
+    """Solution from the problem's own guess; if that leads to none, from other ways around obstacles."""
+    solution = _solved(problem, None, attempt, read, deadline)
+    if solution.converged or solution.status in _STOPPED:
         return solution
     if has_no_way(problem):
         return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")
@@ -171,10 +213,10 @@ def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | Non
 
 
 def _solved(
-    problem: Problem, warm_start: Solution | None, attempt: Try, read: Read, deadline: float
+    problem: Problem, warm_start: Solution | Rest | None, attempt: Try, read: Read, deadline: float
 ) -> Solution:
     """Solution from one guess, with the rows and the room that it asks for."""
-    near = near_the_way(problem, None if warm_start is None else warm_start.qs)
+    near = _near(problem, warm_start)
     before: list[Attempt] = []
     if warm_start is None and near.solver.starts == 1 and _may_be_rough(near):
         near = _roughly(near, attempt, before, deadline)
@@ -185,6 +227,17 @@ def _solved(
         found = attempt(near, None)
     solution = _after(before, read(found))
     return solution if problem.goals else _cleared(near, solution, found, attempt, read, deadline)
+
+
+def _near(problem: Problem, warm_start: Solution | Rest | None) -> Problem:
+    """The problem with the rows and the room of a warm start, or with rows for what comes near its way."""
+    if warm_start is None:
+        return near_the_way(problem)
+    carried, clearance = warm_start.iterate, problem.clearance
+    is_known = carried is not None and clearance is not None and carried.room.size == clearance.num_pairs
+    if carried is None or not is_known or problem.goals:
+        return near_the_way(problem, warm_start.qs)
+    return with_room(problem, carried.room, warm_start.qs)
 
 
 def _may_be_rough(near: Problem) -> bool:

@@ -17,13 +17,14 @@ from mbocp.clearing import Attempt, solve_clear
 from mbocp.exceptions import InvalidValue, NotConverged
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
-from mbocp.guesses.carried import Carried
 from mbocp.guesses.starts import Warm
 from mbocp.problem import Problem
+from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord
+from mbocp.solution.rest import Rest, place_at
 from mbocp.solvers import IterationRecord, Phase
 from mbocp.solvers.reachability import dependent_end_rows
 from mbocp.solvers.records import timed
@@ -36,6 +37,7 @@ def solve(
     *,
     solver: str | None = None,
     warm_start: Solution | None = None,
+    at: float | None = None,
     callback: Callable[[IterationRecord], object] | None = None,
     check: bool = False,
     accuracy: bool | None = False,
@@ -51,7 +53,11 @@ def solve(
     solver : str, optional
         Stands for `problem.solver.method`.
     warm_start : Solution, optional
-        Start from this solution, of any number of steps, instead of the problem's guess.
+        Start from this solution, of any number of steps, instead of the problem's guess. Where the problem
+        begins later on its motion, from the rest of that. Where it leads to no solution soon, the problem's
+        guess is tried, too.
+    at : float, optional
+        Time [s] on the motion of `warm_start` at which the problem begins. None: it is found.
     callback : callable, optional
         Called with every `IterationRecord`.
     check : bool
@@ -75,7 +81,7 @@ def solve(
         If the problem is not well posed, or its functions cannot be compiled, or not within
         `problem.solver.time_limit` or `time_limit`.
     InvalidValue
-        If `time_limit` is not positive.
+        If `time_limit` is not positive, or `at` is no time of the motion of `warm_start`.
     NotConverged
         With `check`: carries the solution.
     """
@@ -93,12 +99,13 @@ def solve(
         deadline=deadline,
         callback=callback,
     )
+    start = _start_of(warm_start, at)
     if problem.accuracy is not None:
         from mbocp.accuracy.refining import refined
 
-        solution = refined(problem, warm_start, partial(work, accuracy=problem.accuracy), deadline)
+        solution = refined(problem, start, partial(work, accuracy=problem.accuracy), deadline)
     else:
-        solution = work(problem, warm_start)
+        solution = work(problem, start)
     if accuracy and problem.accuracy is None:
         solution = with_accuracy(problem, solution, deadline)
     if check and not solution.converged:
@@ -115,9 +122,18 @@ def _deadline(*limits: float | None) -> float:
     return time.perf_counter() + min(given, default=math.inf)
 
 
+def _start_of(warm_start: Solution | None, at: float | None) -> Solution | Rest | None:
+    if at is None:
+        return warm_start
+    if warm_start is None:
+        raise InvalidValue("at", at, "None without a warm start")
+    place_at(warm_start, at)
+    return Rest(warm_start, at)
+
+
 def _worked(
     problem: Problem,
-    warm_start: Solution | None,
+    warm_start: Solution | Rest | None,
     *,
     accuracy: float | None = None,
     attempt: Callable[..., Attempt],
@@ -136,6 +152,7 @@ def _attempted(
     start: Warm,
     rough: float = 0.0,
     *,
+    is_brief: bool = False,
     callback: Callable[[IterationRecord], object] | None,
     deadline: float,
 ) -> Attempt:
@@ -150,7 +167,9 @@ def _attempted(
         formulation = made[0][1]
     starts: tuple[StartRecord, ...] = ()
     if rough or isinstance(start, Carried) or (problem.solver.starts == 1 and not problem.goals):
-        outcome, guess_used = solve_from_guesses(formulation, start, callback, phases, deadline, rough)
+        outcome, guess_used = solve_from_guesses(
+            formulation, start, callback, phases, deadline, rough, is_brief=is_brief
+        )
     else:
         from mbocp.guesses.several import solve_from_starts
 

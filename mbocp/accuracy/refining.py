@@ -24,11 +24,12 @@ from mbocp.accuracy.trimming import trimmed
 from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
+from mbocp.solution.rest import Rest
 from mbocp.solvers import Status
 
 __all__ = ["refined"]
 
-Work: TypeAlias = Callable[[Problem, Solution | None], Solution]
+Work: TypeAlias = Callable[[Problem, Solution | Rest | None], Solution]
 
 _ROUNDS = 8
 _MORE = 4  # times as many steps where the first do not lead to a motion
@@ -36,7 +37,7 @@ _CHECKS, _CHECKS_ROUGH = 1, 2  # solves with fewer steps, by which orders are se
 
 
 def refined(
-    problem: Problem, warm_start: Solution | None, work: Work, deadline: float = math.inf
+    problem: Problem, warm_start: Solution | Rest | None, work: Work, deadline: float = math.inf
 ) -> Solution:
     """Solution with as many steps as the accuracy of a problem asks for.
 
@@ -44,7 +45,7 @@ def refined(
     ----------
     problem : Problem
         With `accuracy`.
-    warm_start : Solution, optional
+    warm_start : Solution or Rest, optional
     work : callable
         Solves a problem, from a solution or from the problem's guess.
     deadline : float
@@ -101,14 +102,12 @@ def _coarser(problem: Problem, mesh: Mesh, fine: Solution, work: Work) -> list[S
     return found
 
 
-def _pair(problem: Problem, mesh: Mesh, before: Solution | None, work: Work) -> list[Solution]:
+def _pair(problem: Problem, mesh: Mesh, before: Solution | Rest | None, work: Work) -> list[Solution]:
     """Solutions with steps and with their halves; the first alone if it fails."""
     pair: list[Solution] = []
     for steps in (mesh, mesh.halved()):
         stepped = steps.of(problem)
         found = work(stepped, before)
-        if not found.is_stationary and before is not None and found.status is not Status.INTERRUPTED:
-            found = work(stepped, None)
         pair.append(found)
         before = found
         if not found.is_stationary:

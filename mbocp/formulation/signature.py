@@ -194,6 +194,21 @@ class FunctionSignature:
         )
 
     @property
+    def unknowns(self) -> str:
+        """Canonical text of what the unknowns and the multipliers of the equations are."""
+        material = {
+            **self._state,
+            **self.steps.stage_key,
+            **self.steps.end_key,
+            "switches": self.switches.signature if self.switches else None,
+            "shares": self.shares,
+            "goal": self.goal.signature,
+            "own": [term.signature for term in self.ends],
+            "guarded": self.guarded,
+        }
+        return json.dumps(material, sort_keys=True)
+
+    @property
     def _state(self) -> dict[str, Any]:
         """What a state is."""
         return {

@@ -96,7 +96,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
     )
 
 
-def measures_of(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Callable[[], float]]:
+def measures_of(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Callable[[], Any]]:
     """What gives single numbers of a `Trajectory`, without all else of it."""
     return {
         "constraint_violation": lambda: float(formulation.violation(iterate, motion).position),

@@ -21,9 +21,12 @@ from mbocp.solvers import (
     Status,
     run_strategy,
 )
+from mbocp.solvers.polish import can_be_polished
 from mbocp.solvers.records import timed
 
 __all__ = ["interrupted", "solve_from_guesses"]
+
+_BRIEF = 40  # iterations from a warm start, before other guesses: most take less than half of them
 
 
 def solve_from_guesses(
@@ -33,15 +36,21 @@ def solve_from_guesses(
     phases: list[Phase],
     deadline: float,
     rough: float = 0.0,
+    *,
+    is_brief: bool = False,
 ) -> tuple[Outcome, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails.
 
-    `rough`: residual with which Newton's method may end; the first guess is the only one then.
+    `rough`: residual with which Newton's method may end; the first guess is the only one then. `is_brief`:
+    whether a few iterations of Newton's method have to do, where the method is left to mbocp.
     """
     problem, programme = formulation.problem, formulation.programme
     threads, is_bounded = problem.solver.num_threads, problem.is_bounded
     settings = SolverSettings.of(problem.solver, programme, has_inequalities=is_bounded, threads=threads)
     settings = replace(settings, rough=rough)
+    if is_brief and settings.options.method == "auto" and can_be_polished(programme):
+        brief = replace(settings.options, method="monolithic", max_iterations=_BRIEF)
+        settings = replace(settings, options=brief)
     best: tuple[Outcome, str] | None = None
     history: list[IterationRecord] = []
     failed: ProblemError | None = None

@@ -12,6 +12,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion, given_lengths
+from mbocp.formulation.iterates import restored
 from mbocp.formulation.switches import filled_impulses
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import dual_of_velocity
@@ -21,22 +22,36 @@ from mbocp.problem.named_phase import phase_nodes
 from mbocp.problem.phases import node_times
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.solution import Solution
+from mbocp.solution.rest import place_at, place_of_start
 
 __all__ = ["iterate_from_solution"]
 
 _ON_NODE = 1e-9  # of a step: what is nearer to a node is the node
 
 
-def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
-    """Iterate from a solution with any number of steps, interpolated in time on the manifold.
+def iterate_from_solution(saved: Solution, formulation: Formulation, at: float | None = None) -> Iterate:
+    """Iterate from a solution with any number of steps, or from the rest of it where a problem begins later.
+
+    Where nodes are nodes of the solution, and unknowns mean the same, multipliers are those of the solver;
+    else the motion is interpolated in time on the manifold, with those that the solution has.
+
+    Parameters
+    ----------
+    saved : Solution
+    formulation : Formulation
+    at : float, optional
+        Time [s] on the motion with which to begin; None: where the problem's start lies on it, or its start.
 
     Raises
     ------
     DimensionMismatch
         If the solution belongs to a robot of other dimensions.
+    InvalidValue
+        If the motion has ended by that time, or not begun.
     """
     problem, programme = formulation.problem, formulation.programme
-    robot, N, at = problem.robot, problem.num_steps, formulation.layout
+    robot, N, layout = problem.robot, problem.num_steps, formulation.layout
+    shares = layout.shares
     known = COORDINATES.get(saved.coordinates)
     has_multipliers = known is None or known.has_robot_multipliers
     has_own = has_multipliers and COORDINATES[problem.coordinates].has_robot_multipliers
@@ -45,7 +60,7 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], nc)
     if got != (robot.nq, robot.nv, robot.nu, rows):
         raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, rows))
-    nodes = _nodes_of(problem, saved)
+    nodes = _nodes_of(problem, saved, _begin(problem, saved) if at is None else place_at(saved, at))
     left = np.minimum(nodes.astype(int), saved.num_steps - 1)
     share = nodes - left
     qs = np.array(
@@ -60,15 +75,21 @@ def iterate_from_solution(saved: Solution, formulation: Formulation) -> Iterate:
     lams = saved.lams[middle] if has_multipliers else np.zeros((N, robot.nc))
     dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
     dts = dts if problem.has_free_lengths else given_lengths(problem)
-    values = _values(saved, nodes, at.shares)
-    iterate = formulation.iterate_of(Motion(qs, vs, us, dts, values, at.shares), lams)
+    values = _values(saved, nodes, shares)
+    iterate = formulation.iterate_of(Motion(qs, vs, us, dts, values, shares), lams)
+    if saved.iterate is not None and np.array_equal(nodes, np.arange(nodes[0], saved.num_steps + 1)):
+        kept = restored(saved.iterate, np.diff(saved.t), iterate, formulation)
+        if kept is not None:
+            return kept
     if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
     scales = filled_impulses(problem, dts)
     mus = _row_multipliers(saved, formulation, left, share)
     return replace(
         iterate,
-        ms=np.hstack([mus, np.zeros((N, at.nr + at.nh + at.nt)), scales**2 * saved.zetas[middle]]),
+        ms=np.hstack(
+            [mus, np.zeros((N, layout.nr + layout.nh + layout.nt)), scales**2 * saved.zetas[middle]]
+        ),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
         bounds=_bound_multipliers(saved, formulation, left, share, middle),
     )
@@ -87,20 +108,33 @@ def _values(saved: Solution, nodes: Array, shares: tuple[float, ...]) -> Array:
     return saved.controls_at(times).reshape(len(numbers), len(shares), -1)
 
 
-def _nodes_of(problem: Problem, saved: Solution) -> Array:
+def _begin(problem: Problem, saved: Solution) -> float:
+    """Where on the saved motion the problem begins; at its start if it has passed a via point of both."""
+    begin, numbers = place_of_start(saved, problem), np.arange(saved.num_steps + 1.0)
+    passed, names = _passed(saved), {name for name, _, _ in _phases_of(problem)}
+    time = np.interp(begin, numbers, saved.t - saved.t[0])
+    return 0.0 if any(passed[name] <= time for name in names & passed.keys()) else begin
+
+
+def _passed(saved: Solution) -> dict[str, float]:
+    """When via points are passed and phases end [s], by name."""
+    return {**saved.via_times, **{name: end for name, (_, end) in saved.phase_times.items()}}
+
+
+def _nodes_of(problem: Problem, saved: Solution, begin: float) -> Array:
     """Where on the saved motion the nodes are, in numbers of its nodes, shape (N + 1,).
 
     Phases begin at the via points of the same names, or else when the guess has them begin. Within a phase,
-    and where there are none, the motion is stretched evenly in time.
+    and where there are none, the motion from `begin` on is stretched evenly in time.
     """
     numbers, times = np.arange(saved.num_steps + 1.0), saved.t - saved.t[0]
-    if problem.impacts and saved.num_steps == problem.num_steps:  # nodes of an impact have one time
-        return numbers
+    if problem.impacts and begin + problem.num_steps == saved.num_steps:  # nodes of an impact have one time
+        return numbers[int(begin) :]
     phases = _phases_of(problem)
     clock = node_times(problem)
-    wanted = clock * (times[-1] / clock[-1])
-    ends = {name: end for name, (_, end) in saved.phase_times.items()}
-    passed, before = {**saved.via_times, **ends}, 0.0
+    before = float(np.interp(begin, numbers, times))
+    wanted = before + clock * ((times[-1] - before) / clock[-1])
+    passed = _passed(saved)
     for i, (name, first, last) in enumerate(phases):
         is_last = i == len(phases) - 1
         at = times[-1] if is_last else passed.get(name, wanted[last])

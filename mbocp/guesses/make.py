@@ -36,7 +36,9 @@ def _from_file(formulation: Formulation) -> tuple[Iterate, str]:
 
     saved = Solution.load(problem.guess.path)
     try:
-        return iterate_from_solution(saved, formulation), f"saved solution {problem.guess.path.name}"
+        return iterate_from_solution(
+            saved, formulation, problem.guess.at
+        ), f"saved solution {problem.guess.path.name}"
     except DimensionMismatch as error:
         raise ResultFileError(
             problem.guess.path, f"does not fit robot {problem.robot.name!r}: {error}"

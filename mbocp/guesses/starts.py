@@ -13,7 +13,6 @@ import numpy as np
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import around
-from mbocp.guesses.carried import Carried
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import guess_candidates, kinds_in_turn
 from mbocp.guesses.line import driven_line, line
@@ -21,7 +20,9 @@ from mbocp.guesses.make import make_guess
 from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
+from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
+from mbocp.solution.rest import Rest
 
 __all__ = ["StartGuess", "Warm", "further_kinds", "guesses_in_turn", "start_guesses"]
 
@@ -29,7 +30,7 @@ _MAX_BRANCHES = 4  # lines to other configurations at the goal, where one start 
 _MAX_AROUND = 3  # other ways around obstacles, where one start alone fails
 _MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried
 
-Warm: TypeAlias = Solution | Carried | None  # where to start; None: from the guess
+Warm: TypeAlias = Solution | Rest | Carried | None  # where to start; None: from the guess
 _Maker = Callable[[], tuple[Iterate, str]]
 
 
@@ -98,7 +99,7 @@ def guesses_in_turn(formulation: Formulation, warm_start: Warm) -> Iterator[tupl
 
     The warm start alone, or the problem's own kind of guess. Where that was left to mbocp, lines to other
     configurations with frames at the goal follow, other ways around obstacles, and the other kinds that suit
-    the problem.
+    the problem; after a saved solution the kinds that suit the problem.
     """
     if warm_start is not None:
         yield "warm start", partial(_warm, formulation, warm_start)
@@ -111,7 +112,7 @@ def guesses_in_turn(formulation: Formulation, warm_start: Warm) -> Iterator[tupl
             yield words, partial(_along, formulation, words, way)
         for words, way in _ways_around(formulation, _MAX_AROUND):
             yield words, partial(_along, formulation, words, way)
-    for kind in candidates:
+    for kind in _kinds(formulation)[1:] if own == "solution" else candidates:
         yield kind, partial(make_guess, kind, formulation)
 
 
@@ -130,10 +131,11 @@ def _makers(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _
         yield "", partial(_along, formulation, words, way)
 
 
-def _warm(formulation: Formulation, solution: Solution | Carried) -> tuple[Iterate, str]:
-    if isinstance(solution, Carried):
-        return solution.into(formulation.programme), "what came before"
-    return iterate_from_solution(solution, formulation), "warm start from a solution"
+def _warm(formulation: Formulation, start: Solution | Rest | Carried) -> tuple[Iterate, str]:
+    if isinstance(start, Carried):
+        return start.into(formulation.programme), "what came before"
+    solution, at = (start.solution, start.at) if isinstance(start, Rest) else (start, None)
+    return iterate_from_solution(solution, formulation, at), "warm start from a solution"
 
 
 def _kinds(formulation: Formulation) -> tuple[str, ...]:

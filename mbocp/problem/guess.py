@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.problem._checks import check_choice, check_finite
@@ -15,6 +17,13 @@ __all__ = ["GUESSES", "Guess", "GuessKind"]
 GuessKind = Literal["auto", "control", "line", "way", "at_rest", "hold", "joint", "solution"]
 
 GUESSES: tuple[GuessKind, ...] = ("auto", "control", "line", "way", "at_rest", "hold", "joint", "solution")
+
+_OWNERS = (
+    ("u", "u", "control"),
+    ("q", "q", "way"),
+    ("path", "file", "solution"),
+    ("at", "at", "solution"),
+)  # attribute, key of the file and the kind that it belongs to
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,12 +47,16 @@ class Guess:
         The saved solution, for ``solution`` only.
     q : ndarray, shape (n, nq), optional
         Configurations between start and goal, for ``way`` only.
+    at : float, optional
+        Time [s] on the motion of the saved solution at which the problem begins, for ``solution`` only; None:
+        it is found.
     """
 
     kind: GuessKind = "auto"
     u: Array | None = None
     path: Path | None = None
     q: Array | None = None
+    at: float | None = None
 
     def __post_init__(self) -> None:
         check_choice("guess.kind", self.kind, GUESSES)
@@ -57,9 +70,12 @@ class Guess:
             object.__setattr__(self, "q", q)
         if self.path is not None:
             object.__setattr__(self, "path", Path(self.path))
-        for key, file_key, owner in (("u", "u", "control"), ("q", "q", "way"), ("path", "file", "solution")):
+        if self.at is not None:
+            object.__setattr__(self, "at", float(self.at))
+            check_finite("guess.at", np.array([self.at]))
+        for key, file_key, owner in _OWNERS:
             given = getattr(self, key) is not None
-            if self.kind == owner and not given:
+            if self.kind == owner and not given and key != "at":
                 raise ProblemError(f'guess: kind = "{owner}" needs the key {file_key!r}')
             if self.kind != owner and given:
                 raise ProblemError(

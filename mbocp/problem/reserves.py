@@ -10,13 +10,13 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.problem.approach import poses_between
 from mbocp.problem.clearance import Clearance
-from mbocp.problem.near_pairs import missing_pairs, rows_of
+from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.robot.nodes import between
 
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
 
-__all__ = ["largest_reserve", "with_first_reserve", "with_rows_and_room"]
+__all__ = ["largest_reserve", "room_of", "with_first_reserve", "with_room", "with_rows_and_room"]
 
 _RESERVE = 1e-3  # [m] beyond what a motion lacks between nodes
 _MOST = 0.03  # [m]
@@ -43,6 +43,30 @@ def with_first_reserve(problem: Problem, qs: Array) -> Problem:
     cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles)
     wanted = _CLOSER * np.maximum(cut.max(axis=0), 0.0) + _RESERVE
     return _with(problem, rows, rows.chosen, np.minimum(wanted, _FIRST))
+
+
+def room_of(problem: Problem) -> Array:
+    """What the row of each pair keeps beyond its margin, shape (num_pairs,) [m]; -1: it has no row."""
+    rows = rows_of(problem)
+    if rows is None:
+        return np.zeros(0)
+    if rows.chosen is None:
+        return rows.reserves
+    found = np.full(rows.num_pairs, -1.0)
+    found[list(rows.chosen)] = rows.reserves[list(rows.chosen)]
+    return found
+
+
+def with_room(problem: Problem, room: Array, qs: Array) -> Problem:
+    """The problem with rows and room as `room_of` has them, and rows for what a motion touches beside."""
+    rows = rows_of(problem)
+    if rows is None:
+        return problem
+    has_all = bool((room >= 0.0).all())
+    chosen = None if has_all else tuple(np.flatnonzero(room >= 0.0).tolist())
+    found = _with(problem, rows, chosen, np.maximum(room, 0.0))
+    missing = missing_pairs(found, qs)
+    return with_pairs(found, {*(chosen or ()), *missing}) if missing else found
 
 
 def with_rows_and_room(

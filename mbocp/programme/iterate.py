@@ -9,10 +9,10 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch
-from mbocp.programme.stagewise import StagewiseProgramme
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import Programme as KernelProgramme
+    from mbocp.programme.stagewise import StagewiseProgramme
 
 __all__ = ["BoundMultipliers", "Iterate", "zero_multipliers"]
 
@@ -76,15 +76,7 @@ class Iterate:
 
     def check(self, programme: StagewiseProgramme) -> None:
         """Raise DimensionMismatch unless the shapes are those of `programme`."""
-        N, kind = programme.num_steps, programme.kinds[0]
-        expected = {
-            "xs": (N + 1, kind.nx),
-            "ys": (N, kind.ny),
-            "us": (N, kind.nu),
-            "ms": (N, kind.ndx + kind.ny),
-            "eta": (programme.ng,),
-        }
-        for name, shape in expected.items():
+        for name, shape in programme.shapes.items():
             got = getattr(self, name).shape
             if got != shape:
                 raise DimensionMismatch(f"iterate.{name}", got=got, expected=shape)

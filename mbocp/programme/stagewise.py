@@ -126,6 +126,18 @@ class StagewiseProgramme:
     has_free_lengths: bool = False
     easing: Array | None = None
 
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of an iterate's arrays, by their names."""
+        N, kind = self.num_steps, self.kinds[0]
+        return {
+            "xs": (N + 1, kind.nx),
+            "ys": (N, kind.ny),
+            "us": (N, kind.nu),
+            "ms": (N, kind.ndx + kind.ny),
+            "eta": (self.ng,),
+        }
+
     def describe_step(self, stage: int) -> str:
         """Words for a stage."""
         if self.has_free_lengths:

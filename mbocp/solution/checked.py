@@ -101,6 +101,7 @@ class _Structures(_Strict):
 
 class _Texts(_Strict):
     problem_text: str
+    iterate_meaning: str = ""
 
 
 def check_content(content: FileContent) -> None:
@@ -145,7 +146,15 @@ def _validated(model: type[_Model], where: str, values: Mapping[str, Any]) -> _M
         raise InvalidValue(f"{where}: {name}", got, first["msg"]) from error
 
 
-_VECTORS = ("t", "eta", "control_hamiltonians", "manifold_drifts", "u_shares")
+_VECTORS = (
+    "t",
+    "eta",
+    "control_hamiltonians",
+    "manifold_drifts",
+    "u_shares",
+    "iterate_lam_guard",
+    "iterate_room",
+)
 _BLOCKS = ("gains", "u_values")
 
 

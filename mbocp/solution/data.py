@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis
+from mbocp.programme.carried import Carried
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
@@ -157,6 +158,7 @@ class SolutionData:
     versions: Mapping[str, str] = field(default_factory=dict)
     labels: Labels = field(default_factory=Labels)
     robot_files: RobotFiles | None = field(default=None, compare=False)
+    iterate: Carried | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path_names", tuple(map(str, self.path_names)))

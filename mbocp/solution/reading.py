@@ -18,6 +18,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.gains import feedback_gains
+from mbocp.formulation.iterates import carried_of
 from mbocp.formulation.resolution import unresolved
 from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
@@ -116,7 +117,9 @@ def read_solution(
     if clearance is None or approach is not None:
         now |= _told(approach)
     rest = partial(_rest, formulation, result.iterate, asked or problem, t, motion.qs)
-    return deferred(Solution, now, rest, measures_of(formulation, result.iterate, motion))
+    alone = measures_of(formulation, result.iterate, motion)
+    alone["iterate"] = partial(carried_of, formulation, result.iterate)
+    return deferred(Solution, now, rest, alone)
 
 
 def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, qs: Array) -> dict[str, Any]:
@@ -129,6 +132,7 @@ def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, 
     diagnostics = read_trajectory(formulation, iterate)
     return {
         **diagnostics.fields(),
+        "iterate": carried_of(formulation, iterate),
         **_told(None if asked.clearance is None else nearest_approach(asked.clearance, t, qs)),
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
         "robot_spec": dict(robot.spec),

@@ -132,6 +132,8 @@ class Solution(SolutionData):
         Options of the solver; versions of what took part.
     labels : Labels
         Name and unit of every column.
+    iterate : Carried, optional
+        The solver's last iterate with all multipliers, from which a warm start of the same problem goes on.
 
     Raises
     ------

@@ -11,6 +11,7 @@ from mbocp.robot.stored import RobotFiles
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_records
 from mbocp.solution.data import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, SolutionData
+from mbocp.solution.its_iterate import MEANING, arrays_of, columns_of, is_part, iterate_in
 from mbocp.solution.records import Column, IterationRecord, Labels, Phase, StartRecord, dual_columns
 from mbocp.storage.content import FileContent
 
@@ -34,12 +35,14 @@ def content_of(solution: SolutionData, robot: RobotFiles | None = None) -> FileC
         structures["accuracy"] = [dataclasses.asdict(solution.accuracy)]
     arrays = {name: getattr(solution, name) for name in ARRAYS}
     arrays |= {name: getattr(solution, name) for name in OPTIONAL if _says_something(solution, name)}
+    arrays |= arrays_of(solution.iterate)
+    meaning = {} if solution.iterate is None else {MEANING: solution.iterate.meaning}
     return FileContent(
         arrays=arrays,
         columns=_columns(solution),
         summary=summary,
         structures=structures,
-        texts={"problem_text": solution.problem_text},
+        texts={"problem_text": solution.problem_text, **meaning},
         meanings={"control_momenta": solution.control_momentum_meanings},
         robot_list=None if robot is None else robot.listed,
         robot_contents={} if robot is None else robot.contents,
@@ -55,7 +58,10 @@ def fields_of(content: FileContent) -> dict[str, Any]:
         If something is not what mbocp writes.
     """
     check_content(content)
-    fields: dict[str, Any] = {**content.arrays, **content.summary, **content.structures, **content.texts}
+    given = {**content.arrays, **content.texts}
+    own = {name: value for name, value in given.items() if not is_part(name)}
+    fields: dict[str, Any] = {**own, **content.summary, **content.structures}
+    fields["iterate"] = iterate_in(content)
     fields["phases"] = read_records(Phase, fields["phases"])
     fields["history"] = read_records(IterationRecord, fields["history"])
     fields["starts"] = read_records(StartRecord, fields.get("starts", []))
@@ -95,6 +101,7 @@ def _columns(solution: SolutionData) -> dict[str, tuple[Column, ...]]:
         "u_values": labels.u,
         "u_shares": (Column("share", ""),),
         "gains": _gain_columns(solution),
+        **columns_of(solution.iterate),
     }
 
 

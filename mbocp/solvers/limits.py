@@ -24,6 +24,7 @@ from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.centring import Centring, aimed_barrier, may_correct
 from mbocp.solvers.filter import Filter
 from mbocp.solvers.newton import NewtonState, new_state, start
+from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelDirection, KernelProgramme
@@ -57,8 +58,15 @@ _NEARLY = 100.0  # tolerances: with a residual below them the last barrier param
 _RAISE = 10.0  # from one last barrier to the next
 
 
-def init_barrier(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> NewtonState:
+def init_barrier(
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    tolerance: float = SOLVER_TOLERANCE,
+    threads: int = 1,
+) -> NewtonState:
     """State at an iterate, evaluated, and with a barrier if there are limits; threads share the stages.
+
+    With the multipliers of a solution it goes on there, with the last barrier.
 
     Raises
     ------
@@ -67,6 +75,10 @@ def init_barrier(programme: StagewiseProgramme, iterate: Iterate, threads: int =
     """
     if not _has_limits(programme):
         return start(programme, iterate, threads)
+    if iterate.bounds is not None:
+        state = resumed(programme, iterate, tolerance, is_centred=True, threads=threads)
+        if state.evaluation.residual <= _NEARLY * tolerance:
+            return state
     native = _loaded(programme, iterate, threads)
     native.start_limits(_MIN_BARRIER, _MARGIN)
     barrier = _first_barrier(native)
@@ -80,7 +92,7 @@ def init_barrier(programme: StagewiseProgramme, iterate: Iterate, threads: int =
 
 
 def resumed(
-    programme: StagewiseProgramme, iterate: Iterate, tolerance: float, *, is_centred: bool
+    programme: StagewiseProgramme, iterate: Iterate, tolerance: float, *, is_centred: bool, threads: int = 1
 ) -> NewtonState:
     """State at a solution, or near one, with the iterate's own multipliers and the last barrier.
 
@@ -94,8 +106,8 @@ def resumed(
         If there are limits that the barrier cannot keep.
     """
     if not _has_limits(programme):
-        return start(programme, iterate)
-    native, rows = _loaded(programme, iterate), _Rows.of(programme)
+        return start(programme, iterate, threads)
+    native, rows = _loaded(programme, iterate, threads), _Rows.of(programme)
     barrier = _last_barrier(native, tolerance)
     native.start_limits(barrier, 0.0)
     known = (

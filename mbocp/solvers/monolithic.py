@@ -167,7 +167,7 @@ class GlobalisedNewton:
         """State at an iterate."""
         if self.is_polish:
             return resumed(programme, iterate, self.tolerance, is_centred=True)
-        state = init_barrier(programme, iterate, self.threads)
+        state = init_barrier(programme, iterate, self.tolerance, self.threads)
         return state if state.barrier else with_least_squares(state, self.control_weight)
 
     def step(self, state: NewtonState) -> NewtonState:

@@ -45,6 +45,8 @@ def _is_noise(state: NewtonState, tolerance: float) -> bool:
     the motion rests.
     """
     native, is_still = state.native, state.still >= STILL
+    if not math.isfinite(state.increment):  # before the first step
+        return False
     if not (is_still or state.barrier > 0.0) or not is_round_off(state, state.increment, tolerance):
         return False
     return is_still or (norm(native.dx) <= tolerance and norm(native.du) <= tolerance)

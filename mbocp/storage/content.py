@@ -47,6 +47,15 @@ OPTIONAL_ENTRIES: dict[str, Entry] = {
     "limits_q": Entry("q_min, q_max", "limits of the configuration", _SIDES),
     "u_values": Entry("u", "control at the shares of a step, second axis; between them a polynomial", _STEPS),
     "u_shares": Entry("c", "where in a step controls have values", "values"),
+    "iterate_xs": Entry("x", "solver's states, for a warm start", _NODES),
+    "iterate_ys": Entry("y", "solver's algebraic unknowns", _STEPS),
+    "iterate_us": Entry("u", "solver's controls", _STEPS),
+    "iterate_ms": Entry("m", "multiplier of the equations of a step, as the solver has it", _STEPS),
+    "iterate_lam_xs": Entry("lambda_x", "multiplier of the limits of the solver's states", _NODES),
+    "iterate_lam_us": Entry("lambda_u", "multiplier of the limits of the solver's controls", _STEPS),
+    "iterate_lam_path": Entry("lambda_h", "multiplier of the solver's path constraints", "nodes n = 1..N"),
+    "iterate_lam_guard": Entry("lambda_g", "multiplier of what guards the end condition", "guards"),
+    "iterate_room": Entry("d", "what rows keep beyond margins [m]; -1: none", "pairs"),
     "gains": Entry("K", "feedback: what u, second axis, answers to moves of (q, v), third", _STEPS),
 }
 

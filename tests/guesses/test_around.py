@@ -103,3 +103,9 @@ def test_a_second_search_looks_farther(monkeypatch):
     assert around(scene("ur5", 27)) is not None
     monkeypatch.setattr(search, "_LONGER", 1)
     assert around(scene("ur5", 27)) is None
+
+
+def test_a_warm_start_keeps_rows_and_room(slalom, solved):
+    warm = mbocp.solve(slalom, warm_start=solved, check=True)
+    assert warm.iterations <= 1
+    assert warm.cost == pytest.approx(solved.cost, rel=1e-9)

@@ -412,7 +412,8 @@ def _guess(table: GuessTable, robot: Robot, q_start: Array, folder: Path) -> Gue
     if path is not None and not is_file(path):
         raise ProblemError(f"guess.file: no such file {shown(str(path))}")
     q = _corners(table.q, robot, q_start) if table.q is not None and kind == "way" else None
-    return Guess(kind=kind, u=u, path=path, q=q)  # type: ignore[arg-type]  # checked by the class
+    at = table.at if kind == "solution" else None
+    return Guess(kind=kind, u=u, path=path, q=q, at=at)  # type: ignore[arg-type]  # checked by the class
 
 
 def _corners(written: Sequence[Any], robot: Robot, q_start: Array) -> Array:

@@ -431,6 +431,7 @@ class GuessTable(Table):
     u: Control = None
     q: list[VectorOrNamed] | None = None
     file: str | None = None
+    at: float | None = None
 
 
 class IntegratorTable(Table):

@@ -207,7 +207,7 @@ def _integrator(problem: ProblemFields) -> dict[str, Any]:
 
 def _guess(guess: Guess) -> dict[str, Any]:
     file = str(guess.path.resolve()) if guess.path else None
-    return {"kind": guess.kind, "u": guess.u, "q": guess.q, "file": file}
+    return {"kind": guess.kind, "u": guess.u, "q": guess.q, "file": file, "at": guess.at}
 
 
 def _key(name: str) -> str:

@@ -1,0 +1,94 @@
+"""Iterates of a formulation as starts for others, and back as they were."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.formulation.base import Formulation
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.step_lengths import solved_lengths
+from mbocp.problem.reserves import room_of
+from mbocp.programme import Iterate
+from mbocp.programme.carried import Carried
+
+__all__ = ["carried_of", "restored"]
+
+_SAME = 1e-9  # relative: multipliers of steps of another length are others
+_SAME_MOTION = 1e-3  # of the largest number: rotations that left their group come back to it
+
+
+def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
+    """An iterate with all that says where it fits."""
+    carried = Carried.of(iterate, formulation.programme)
+    return replace(carried, meaning=_meaning(formulation), room=frozen_array(room_of(formulation.problem)))
+
+
+def restored(carried: Carried, dts: Array, motion: Iterate, formulation: Formulation) -> Iterate | None:
+    """An iterate as it was; of one with more steps the last ones. None where unknowns or motion are others.
+
+    Parameters
+    ----------
+    carried : Carried
+    dts : ndarray, shape (M,)
+        Lengths of its steps [s].
+    motion : Iterate
+        Of the same motion, or its last steps, for the formulation.
+    formulation : Formulation
+        Of a problem that may differ in all numbers but the lengths of steps, in its costs and in its path
+        constraints.
+    """
+    programme, problem, at = formulation.programme, formulation.problem, formulation.layout
+    first = len(dts) - problem.num_steps
+    if first < 0 or carried.meaning != _meaning(formulation):
+        return None
+    rest, lengths = carried.rest(first), solved_lengths(problem, at, motion)
+    if not (rest.fits(programme) and np.allclose(lengths, dts[first:], rtol=_SAME, atol=_SAME * problem.dt)):
+        return None
+    iterate = rest.into(programme)
+    if not _is_of(iterate, motion, at):
+        return None
+    unit = problem.dt * iterate.xs[1, at.h] / dts[first] if at.nh else np.ones(0)
+    is_whole = first == 0 and np.allclose(unit, 1.0, rtol=_SAME, atol=0.0)
+    xs = np.vstack([programme.x_start, iterate.xs[1:]]) if is_whole else motion.xs
+    us = iterate.us if is_whole else motion.us
+    return replace(_in_units(iterate, at, unit, len(dts)), xs=frozen_array(xs), us=frozen_array(us))
+
+
+def _is_of(iterate: Iterate, motion: Iterate, at: StateLayout) -> bool:
+    """Whether an iterate has a motion, whose arrays somebody may have changed."""
+    places, own = slice(0, at.nz + at.ns), slice(0, at.num_own)
+    pairs = [(iterate.xs[1:, places], motion.xs[1:, places]), (iterate.us[:, own], motion.us[:, own])]
+    return all(_is_near(one, other) for one, other in pairs)
+
+
+def _is_near(one: Array, other: Array) -> bool:
+    largest = np.abs(one).max(initial=0.0)
+    return bool(np.abs(one - other).max(initial=0.0) <= _SAME_MOTION * (1.0 + largest))
+
+
+def _in_units(iterate: Iterate, at: StateLayout, unit: Array, steps: int) -> Iterate:
+    """The iterate with multipliers for a unit of lengths that is so many times the one it had."""
+    if not at.nh:
+        return iterate
+    ms, of_clock = np.array(iterate.ms), unit * len(iterate.ms) / steps
+    ms[:, at.dh] *= unit
+    ms[:, at.dt] *= of_clock
+    if iterate.bounds is None:
+        return replace(iterate, ms=ms)
+    lam_xs = np.array(iterate.bounds.xs)
+    lam_xs[:, at.h] *= unit
+    lam_xs[:, at.t] *= of_clock
+    return replace(iterate, ms=ms, bounds=replace(iterate.bounds, xs=lam_xs))
+
+
+def _meaning(formulation: Formulation) -> str:
+    """Digest of what unknowns and multipliers are."""
+    problem = formulation.problem
+    ends = [problem.num_steps - run.last for run in problem.phases]
+    material = json.dumps([formulation.pieces.signature.unknowns, problem.scheme, ends])
+    return hashlib.sha256(material.encode()).hexdigest()

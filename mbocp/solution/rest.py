@@ -1,0 +1,84 @@
+"""Where a problem begins on the motion of a solution, and the rest of that motion as a warm start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import InvalidValue
+from mbocp.problem import Problem
+from mbocp.programme.carried import Carried
+from mbocp.solution.solution import Solution
+
+__all__ = ["Rest", "place_at", "place_of_start"]
+
+_AGREES = 0.05  # of the motion's extent and of its largest velocity: what a start is away from it at most
+_NEARER = 0.5  # of its distance from the motion's start, or the motion is taken from there
+_LEAST = 0.5  # [steps]: a start that is hardly later is the motion's own
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """The motion of a solution from a time on.
+
+    Attributes
+    ----------
+    solution : Solution
+    at : float
+        [s], as `solution.t` counts.
+    """
+
+    solution: Solution
+    at: float
+
+    @property
+    def qs(self) -> Array:
+        """Configurations of the whole motion, shape (N + 1, nq)."""
+        return self.solution.qs
+
+    @property
+    def iterate(self) -> Carried | None:
+        """The solver's iterate for the whole motion."""
+        return self.solution.iterate
+
+
+def place_at(saved: Solution, at: float) -> float:
+    """Place of a time [s] on a motion, in steps from its start.
+
+    Raises
+    ------
+    InvalidValue
+        If the motion has ended by then, or not begun.
+    """
+    if not saved.t[0] <= at < saved.t[-1]:
+        raise InvalidValue("at", at, f"a time from {saved.t[0]:g} s, before {saved.t[-1]:g} s")
+    return float(np.interp(at, saved.t, np.arange(len(saved.t))))
+
+
+def place_of_start(saved: Solution, problem: Problem) -> float:
+    """Place on a motion where a problem begins, in steps from its start; 0 where it is not on the motion.
+
+    The nearest place counts, by configuration and velocity together, each relative to how far the motion
+    gets and how fast it is.
+    """
+    if problem.start_free is not None:
+        return 0.0
+    model, start = problem.robot.model, np.asarray(problem.q_start)
+    moved = np.array([pin.difference(model, saved.qs[0], q) for q in saved.qs])
+    extent, fastest = (np.linalg.norm(rows, axis=1).max() for rows in (moved, saved.vs))
+    if not (np.isfinite(extent + fastest) and extent and fastest):
+        return 0.0
+    away = np.array([pin.difference(model, start, q) for q in saved.qs])
+    gaps = np.hstack([away / extent, (saved.vs - problem.v_start) / fastest])
+    moves = np.diff(gaps, axis=0)
+    lengths = np.einsum("ni,ni->n", moves, moves)
+    shares = -np.einsum("ni,ni->n", gaps[:-1], moves) / np.where(lengths > 0.0, lengths, 1.0)
+    shares = np.clip(shares, 0.0, 1.0)
+    distances = np.linalg.norm(gaps[:-1] + shares[:, None] * moves, axis=1)
+    n = int(distances.argmin())
+    place = n + float(shares[n])
+    is_on_it = distances[n] <= min(_AGREES, _NEARER * float(np.linalg.norm(gaps[0])))
+    return place if is_on_it and _LEAST <= place <= saved.num_steps - 1 else 0.0
