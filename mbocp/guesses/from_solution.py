@@ -56,10 +56,9 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     has_multipliers = known is None or known.has_robot_multipliers
     has_own = has_multipliers and COORDINATES[problem.coordinates].has_robot_multipliers
     rows = len(formulation.constraint_labels) if has_own else robot.nc
-    nc = saved.lams.shape[1] if has_multipliers else robot.nc
-    got = (saved.qs.shape[1], saved.vs.shape[1], saved.us.shape[1], nc)
-    if got != (robot.nq, robot.nv, robot.nu, rows):
-        raise DimensionMismatch("warm start (nq, nv, nu, nc)", got, (robot.nq, robot.nv, robot.nu, rows))
+    _check("(nq, nv, nu)", (saved.nq, saved.nv, saved.nu), (robot.nq, robot.nv, robot.nu))
+    if has_multipliers and rows:  # without, they are left to be worked out when something else needs them
+        _check("nc", (saved.nc,), (rows,))
     nodes = _nodes_of(problem, saved, _begin(problem, saved) if at is None else place_at(saved, at))
     left = np.minimum(nodes.astype(int), saved.num_steps - 1)
     share = nodes - left
@@ -72,7 +71,9 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     vs = _between(saved.vs, left, share)
     middle = np.minimum(((nodes[:-1] + nodes[1:]) / 2.0).astype(int), saved.num_steps - 1)
     us = saved.us[middle]
-    lams = saved.lams[middle] if has_multipliers else np.zeros((N, robot.nc))
+    lams = (
+        saved.lams[middle] if has_multipliers and rows else np.zeros((N, 0 if has_multipliers else robot.nc))
+    )
     dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
     dts = dts if problem.has_free_lengths else given_lengths(problem)
     values = _values(saved, nodes, shares)
@@ -81,6 +82,8 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
         kept = restored(saved.iterate, np.diff(saved.t), iterate, formulation)
         if kept is not None:
             return kept
+    if has_multipliers:
+        _check("nc", (saved.nc,), (rows,))
     if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
     scales = filled_impulses(problem, dts)
@@ -93,6 +96,11 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
         bounds=_bound_multipliers(saved, formulation, left, share, middle),
     )
+
+
+def _check(words: str, got: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    if got != expected:
+        raise DimensionMismatch(f"warm start {words}", got, expected)
 
 
 def _values(saved: Solution, nodes: Array, shares: tuple[float, ...]) -> Array:
@@ -111,7 +119,10 @@ def _values(saved: Solution, nodes: Array, shares: tuple[float, ...]) -> Array:
 def _begin(problem: Problem, saved: Solution) -> float:
     """Where on the saved motion the problem begins; at its start if it has passed a via point of both."""
     begin, numbers = place_of_start(saved, problem), np.arange(saved.num_steps + 1.0)
-    passed, names = _passed(saved), {name for name, _, _ in _phases_of(problem)}
+    names = {name for name, _, _ in _phases_of(problem)}
+    if not (begin and names):
+        return begin
+    passed = _passed(saved)
     time = np.interp(begin, numbers, saved.t - saved.t[0])
     return 0.0 if any(passed[name] <= time for name in names & passed.keys()) else begin
 
@@ -134,7 +145,7 @@ def _nodes_of(problem: Problem, saved: Solution, begin: float) -> Array:
     clock = node_times(problem)
     before = float(np.interp(begin, numbers, times))
     wanted = before + clock * ((times[-1] - before) / clock[-1])
-    passed = _passed(saved)
+    passed = _passed(saved) if phases else {}
     for i, (name, first, last) in enumerate(phases):
         is_last = i == len(phases) - 1
         at = times[-1] if is_last else passed.get(name, wanted[last])

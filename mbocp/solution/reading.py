@@ -107,6 +107,7 @@ def read_solution(
         "gains": frozen_array(gains),
         "u_values": frozen_array(motion.values),
         "u_shares": frozen_array(motion.shares),
+        "coordinates": problem.coordinates,
         "problem_name": problem.name,
         "robot_name": problem.robot.name,
         "guess_used": guess_used,

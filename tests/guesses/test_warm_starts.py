@@ -17,6 +17,7 @@ from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.problem import Guess, Problem
 from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
+from mbocp.solution.later import is_complete
 from mbocp.solution.rest import place_of_start
 from tests.holds.cases import pendulum as held
 
@@ -189,3 +190,10 @@ def test_a_warm_start_that_leads_nowhere_is_followed_by_the_guess() -> None:
     assert "from the warm start" in warm.advice
     assert warm.iterations > cold.iterations
     assert warm.phases[0].name == "from the warm start"
+
+
+def test_a_plan_that_was_just_found_is_taken_without_working_out_the_rest_of_it() -> None:
+    problem = PROBLEMS["limits"]()
+    plan = mbocp.solve(problem, check=True)
+    assert mbocp.solve(problem, warm_start=plan, check=True).iterations <= 1
+    assert not is_complete(plan)

@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 from functools import partial
 from typing import Any, TypeVar
 
-from mbocp._files import parse_toml
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
@@ -15,7 +14,7 @@ from mbocp.problem.default_scheme import AUTO_SCHEME
 from mbocp.problem.duration import duration_from
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.read import from_tables
-from mbocp.problem.file.tables import ProblemFields, tables_of, to_toml
+from mbocp.problem.file.tables import ProblemFields, tables_of
 from mbocp.problem.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
@@ -25,7 +24,7 @@ from mbocp.problem.solver import SolverOptions
 from mbocp.problem.step_counts import FIRST_STEPS
 from mbocp.problem.step_table import scaled_lengths
 
-__all__ = ["changed"]
+__all__ = ["changed", "written_tables"]
 
 P = TypeVar("P", bound=ProblemFields)
 
@@ -113,9 +112,20 @@ def _maker(problem: P, tables: Mapping[str, Any]) -> Callable[..., P]:
     return partial(type(problem), **{name: getattr(problem, name) for name in _SWITCHES})
 
 
+def written_tables(problem: ProblemFields) -> dict[str, Any]:
+    """Tables of a problem as they are read from its file: without what is None, and without empty tables."""
+    return {name: table for name, table in _without_none(plain(tables_of(problem))).items() if table != {}}
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
+    return [_without_none(entry) for entry in value] if isinstance(value, list) else value
+
+
 def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
-    """Write the problem down, put keys into its tables, and read it again."""
-    document = parse_toml(to_toml(tables_of(problem)))
+    """Take the problem's tables as a file has them, put keys into them, and read them again."""
+    document = written_tables(problem)
     if problem.chooses_scheme:
         document["integrator"]["scheme"] = AUTO_SCHEME
     for name, value in tables.items():

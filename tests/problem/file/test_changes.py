@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from mbocp._files import parse_toml
 from mbocp.exceptions import MbocpError, ProblemError
-from mbocp.problem import Problem
+from mbocp.problem import Problem, load_problem
+from mbocp.problem.file.changes import written_tables
+from mbocp.problem.file.tables import tables_of, to_toml
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Robot
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 GOAL = [0.5, -1.0, 1.0, 0.0, 0.5, 0.0]
 
 
@@ -88,3 +95,13 @@ def test_zero_stands_for_rest(ur5: Robot) -> None:
     with pytest.raises(MbocpError, match=r"got 1, expected 0 for rest, a list .* or a table by joint name"):
         Problem.create(ur5, 1.0, 20, goal={"v": 1})
     assert Problem.create(ur5, 1.0, 20, goal={"q": GOAL, "p": 0}).goal.rate_active.all()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["arms/accurate_lift", "arms/via_points", "arms/slalom", "arms/throw_into_bucket", "loops/four_bar"],
+)
+def test_tables_are_those_that_the_file_would_have(name: str) -> None:
+    problem = load_problem(EXAMPLES / f"{name}.toml")
+    read = parse_toml(to_toml(tables_of(problem)))
+    assert json.dumps(written_tables(problem), sort_keys=True) == json.dumps(read, sort_keys=True)
