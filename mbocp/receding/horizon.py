@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import MbocpError, SolverError
+from mbocp.exceptions import MbocpError, ProblemError, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.updates import ParameterUpdates
 from mbocp.guesses.attempts import solve_from_guesses
@@ -31,6 +31,7 @@ from mbocp.solving import formulated
 __all__ = ["HorizonStep", "RecedingHorizon"]
 
 _MICROSECOND = 1e-6  # [s]
+_MAX_ITERATIONS = 1_000_000  # of one step: more are a mistake, and take minutes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +81,7 @@ class RecedingHorizon:
     warm_start : Solution, optional
         Where the first solve begins.
     iterations : int
-        Newton steps of a step, at most.
+        Newton steps of a step, at most; 1 to 1,000,000.
     barrier : float
         Part of the cost that the limits' barrier may take: smaller ones come nearer to limits, and need more
         Newton steps where other limits become active.
@@ -96,7 +97,8 @@ class RecedingHorizon:
     Raises
     ------
     ProblemError
-        If the problem belongs to given times (via points, phases, holds, trajectories), or finds its own.
+        If the problem belongs to given times (via points, phases, holds, trajectories), or finds its own; or
+        if `iterations` is out of range.
     SolverError
         If the problem cannot be solved from its start.
     """
@@ -112,7 +114,7 @@ class RecedingHorizon:
     ) -> None:
         self.problem = problem_from(problem)
         check_can_recede(self.problem)
-        self._iterations = iterations
+        self._iterations = _checked(iterations)
         self._formulation, _ = formulated(self.problem, math.inf)
         check_functions(self._formulation)
         iterate = _solved(self._formulation, warm_start)
@@ -159,7 +161,7 @@ class RecedingHorizon:
             Time that the step may take in the kernel [us]: no second Newton step begins that would not end in
             time, by how long those before took, and each looks at the clock between its parts.
         iterations : int, optional
-            Newton steps at most, in place of those of the horizon.
+            Newton steps at most, in place of those of the horizon; with 0 the motion is shifted and no more.
         """
         wrong = self._take_numbers(goal, target, weights, robot) + self._take_state(q, v)
         steps, limit, count, words = self._times(dt, time_limit, iterations)
@@ -277,6 +279,9 @@ class RecedingHorizon:
         if not (math.isfinite(steps) and steps >= 0.0):
             wrong.append(f"dt: got {dt}, expected a time >= 0 [s]")
             steps = 1.0
+        if not 0 <= count <= _MAX_ITERATIONS:
+            wrong.append(f"iterations: got {iterations}, expected 0 to {_MAX_ITERATIONS}")
+            count = self._iterations
         if math.isnan(limit):
             wrong.append(f"time_limit: got {time_limit}, expected a time [us]")
             limit = 0.0
@@ -310,6 +315,12 @@ class RecedingHorizon:
             )
             q, v = motion.qs, motion.vs
         return HorizonStep(status, u, K, q, v, us, gains)
+
+
+def _checked(iterations: int) -> int:
+    if not 1 <= iterations <= _MAX_ITERATIONS:
+        raise ProblemError(f"iterations: got {iterations}, expected 1 to {_MAX_ITERATIONS}")
+    return int(iterations)
 
 
 def _solved(formulation: Formulation, warm_start: Solution | None) -> Iterate:

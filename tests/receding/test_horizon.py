@@ -146,7 +146,7 @@ def test_a_shift_is_that_of_time(horizon, steps):
     expected = np.array([np.interp(nodes, np.arange(31), column) for column in old.T]).T
     expected_us = np.array([np.interp(knots, np.arange(30), column) for column in old_us.T]).T
     found = horizon.step(expected[0], np.zeros(6), dt=steps * horizon.problem.dt, iterations=0)
-    assert found.status.iterations == 0
+    assert (found.status.iterations, found.status.state) == (0, "moved_on")
     np.testing.assert_allclose(found.q, expected, atol=1e-12)
     np.testing.assert_allclose(found.us, expected_us, atol=1e-9)
 
@@ -179,6 +179,8 @@ BAD_INPUTS = {
     "dt: got -1.0, expected a time >= 0 [s]": {"dt": -1.0},
     "dt, time_limit or iterations: not numbers": {"dt": "soon"},
     "time_limit: got nan": {"time_limit": math.nan},
+    "iterations: got 1000000000000, expected 0 to": {"iterations": 10**12},
+    "iterations: got -3, expected 0 to": {"iterations": -3},
     "goal.q: got shape (3,), expected (6,)": {"goal": np.zeros(3)},
     "goal.q: got [inf": {"goal": np.full(6, math.inf)},
     "goal: no 'qq' in that of the problem": {"goal": {"qq": GOOD}},
@@ -303,6 +305,12 @@ REFUSED = {
     "walking/compass_gait.toml": "horizon.duration|phase",
     "free_flyer/round_trip.toml": "goal.periodic|via|start.free",
 }
+
+
+@pytest.mark.parametrize("iterations", [0, -3, 10**12])
+def test_iterations_of_a_horizon_are_at_least_one(problem, iterations):
+    with pytest.raises(ProblemError, match=f"iterations: got {iterations}, expected 1 to"):
+        RecedingHorizon(problem, iterations=iterations)
 
 
 @pytest.mark.parametrize("name", REFUSED)
