@@ -383,12 +383,16 @@ def export(
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Samples a second. [default: the nodes]")
     ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 when a limit is exceeded; the file is written.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a motion for controllers and other tools, at any rate."""
     from mbocp.cli.export import export_result
 
-    export_result(result, output, kind, rate, quiet=quiet)
+    if not export_result(result, output, kind, rate, check=check, quiet=quiet):
+        raise typer.Exit(1)
 
 
 @app.command(epilog=examples("robots"))

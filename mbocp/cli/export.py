@@ -13,11 +13,16 @@ from mbocp.exceptions import ResultFileError
 
 __all__ = ["export_result"]
 
-_MAX_TOLD = 4
 
+def export_result(
+    result: Path, output: Path, kind: str | None, rate: float | None, *, check: bool, quiet: bool
+) -> bool:
+    """Write the motion, and warn of joints that leave their limits, the worst first, or are left out.
 
-def export_result(result: Path, output: Path, kind: str | None, rate: float | None, *, quiet: bool) -> None:
-    """Write the motion, and warn of limits that it exceeds between nodes, and of joints that are left out.
+    Returns
+    -------
+    is_good : bool
+        False if `check`, and a limit is exceeded.
 
     Raises
     ------
@@ -25,7 +30,7 @@ def export_result(result: Path, output: Path, kind: str | None, rate: float | No
         If the result cannot be read, or the motion not written.
     """
     from mbocp.solution import Solution
-    from mbocp.solution.formats import format_of
+    from mbocp.solution.formats import format_of, rate_of
     from mbocp.solution.sampled import excesses, sample
 
     name = format_of(output, kind)
@@ -38,13 +43,14 @@ def export_result(result: Path, output: Path, kind: str | None, rate: float | No
     left_out = sample(solution).left_out
     if left_out:
         warnings.warn(f"left out, no joints of one velocity: {', '.join(left_out)}", stacklevel=1)
-    beyond = excesses(solution)
-    if beyond:
-        more = f"; and {len(beyond) - _MAX_TOLD} more" if len(beyond) > _MAX_TOLD else ""
-        warnings.warn(
-            f"the cubics between nodes leave the limits: {'; '.join(beyond[:_MAX_TOLD])}{more}", stacklevel=1
-        )
+    found = excesses(solution, rate_of(name, rate))
+    of_joints: dict[str, list[str]] = {}  # in the order of their worst
+    for excess in found:
+        of_joints.setdefault(excess.name, []).append(excess.words)
+    for joint, words in of_joints.items():
+        warnings.warn(f"{joint} leaves its limits: {'; '.join(words)}", stacklevel=1)
     if not solution.converged:
         warnings.warn(f"the solve ended with {solution.status}: this is no solution", stacklevel=1)
     if not quiet:
         typer.echo(f"{name}: {output}")
+    return not (check and found)

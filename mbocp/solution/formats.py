@@ -17,7 +17,7 @@ from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
 from mbocp.solution.sampled import Sampled, sample
 
-__all__ = ["FORMATS", "export_motion", "format_of"]
+__all__ = ["FORMATS", "export_motion", "format_of", "rate_of"]
 
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
@@ -47,6 +47,11 @@ def format_of(path: Path, name: str | None = None) -> str:
     return chosen
 
 
+def rate_of(name: str, rate: float | None) -> float | None:
+    """Samples a second of a format [1/s]; None: the nodes."""
+    return _UR_RATE if name == "urscript" and rate is None else rate
+
+
 def export_motion(
     solution: SolutionData, path: str | Path, *, kind: str | None = None, rate: float | None = None
 ) -> Path:
@@ -71,9 +76,7 @@ def export_motion(
     """
     path = Path(path)
     name = format_of(path, kind)
-    if name == "urscript" and rate is None:
-        rate = _UR_RATE
-    motion = sample(solution, rate)
+    motion = sample(solution, rate_of(name, rate))
     try:
         return replace_file(path, FORMATS[name](motion, solution))
     except InvalidValue as error:

@@ -12,8 +12,10 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.data import SolutionData
+from mbocp.solution.problem_text import rate_bounds_of
+from mbocp.terms import RATE_TERMS
 
-__all__ = ["Sampled", "excesses", "sample"]
+__all__ = ["Excess", "Sampled", "excesses", "sample"]
 
 _LARGEST_RATE = 1e5  # [1/s]
 _MOST_SAMPLES = 2_000_000
@@ -103,41 +105,99 @@ def sample(solution: SolutionData, rate: float | None = None) -> Sampled:
     )
 
 
-def excesses(solution: SolutionData) -> tuple[str, ...]:
-    """Limits of positions and velocities that the cubics exceed between nodes, a line each.
+@dataclass(frozen=True)
+class Excess:
+    """The largest excess of a motion beyond a limit.
+
+    Attributes
+    ----------
+    kind : {"position", "speed", "acceleration", "jerk"}
+    name : str
+        Of the joint.
+    value, bound : float
+        Where it is largest, and the limit [unit].
+    time : float
+        From the start of the motion [s].
+    ratio : float
+        Of the excess to the size of the limits, the larger one of both sides: 0.1 is a tenth too much.
+    unit : str
+    """
+
+    kind: str
+    name: str
+    value: float
+    bound: float
+    time: float
+    ratio: float
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """The excess without the joint's name."""
+        return (
+            f"{self.kind} {self.value:.4g} {self.unit} at {self.time:.4g} s, "
+            f"{100.0 * self.ratio:.1f} % beyond {self.bound:.4g}"
+        )
+
+
+def excesses(solution: SolutionData, rate: float | None = None) -> tuple[Excess, ...]:
+    """Limits of joints that the motion exceeds, the worst by its ratio first.
+
+    Positions and speeds are those of the cubics, between nodes, too. Accelerations and jerks are differences
+    of the sampled velocities, as a controller sees them.
 
     Parameters
     ----------
     solution : Solution
+    rate : float, optional
+        Samples a second [1/s]; the nodes by default.
     """
-    nodes = solution.t - solution.t[0]
-    fine = np.unique(np.concatenate([np.linspace(a, b, _BETWEEN + 1) for a, b in pairwise(nodes)]))
     columns = dict(_columns(solution))
     if not columns:
         return ()
+    nodes = solution.t - solution.t[0]
+    fine = np.unique(np.concatenate([np.linspace(a, b, _BETWEEN + 1) for a, b in pairwise(nodes)]))
     q = np.column_stack([positions for positions, _ in columns.values()])
     places = [place for _, place in columns.values()]
     positions, velocities, _ = _cubics(nodes, q, solution.vs[:, places], _steps_of(nodes, fine), fine)
+    samples = sample(solution, rate)
+    accelerations, at_accelerations = _differences(samples.velocities, samples.t)
+    jerks, at_jerks = _differences(accelerations, at_accelerations)
+    rates = rate_bounds_of(solution.problem_text)
     q_places = {column.name: k for k, column in enumerate(solution.labels.q)}
-    found: list[str] = []
+    found: list[Excess] = []
     for k, name in enumerate(columns):
-        unit = solution.labels.v[places[k]].unit
-        found += _over(f"speed of {name}", velocities[:, k], solution.limits_v[:, places[k]], fine, unit)
+        of_v = solution.labels.v[places[k]].unit
+        found += _over("speed", name, velocities[:, k], solution.limits_v[:, places[k]], fine, of_v)
         if name in q_places:
             bounds = solution.limits_q[:, q_places[name]]
-            found += _over(f"position of {name}", positions[:, k], bounds, fine, unit.removesuffix("/s"))
-    return tuple(found)
+            found += _over("position", name, positions[:, k], bounds, fine, of_v.removesuffix("/s"))
+        for kind, values, t in (
+            ("acceleration", accelerations, at_accelerations),
+            ("jerk", jerks, at_jerks),
+        ):
+            if kind in rates:
+                unit = RATE_TERMS[kind].unit(of_v)
+                found += _over(kind, name, values[:, k], rates[kind][:, places[k]], t, unit)
+    return tuple(sorted(found, key=lambda excess: -excess.ratio))
 
 
-def _over(what: str, values: Array, bounds: Array, t: Array, unit: str) -> Iterator[str]:
-    size = float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0))
+def _over(kind: str, name: str, values: Array, bounds: Array, t: Array, unit: str) -> Iterator[Excess]:
+    size = max(float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0)), 1e-9)
     for bound, over in ((bounds[0], bounds[0] - values), (bounds[1], values - bounds[1])):
-        worst = int(np.argmax(over))
-        if math.isfinite(bound) and over[worst] > _TOLERANCE * max(size, 1e-9):
-            yield (
-                f"{what} is {values[worst]:.6g} {unit} at {t[worst]:.4g} s between nodes, "
-                f"{over[worst]:.2g} beyond its limit {bound:.6g}"
-            )
+        if math.isfinite(bound) and over.size:
+            worst = int(np.argmax(over))
+            ratio = float(over[worst]) / size
+            if ratio > _TOLERANCE:
+                yield Excess(kind, name, float(values[worst]), float(bound), float(t[worst]), ratio, unit)
+
+
+def _differences(values: Array, t: Array) -> tuple[Array, Array]:
+    """Slopes between samples, and the times between these; none across an impact, which takes no time."""
+    lengths = np.diff(t)
+    takes_time = lengths > 0.0
+    slopes = np.diff(values, axis=0)[takes_time] / lengths[takes_time, None]
+    return slopes, (0.5 * (t[1:] + t[:-1]))[takes_time]
 
 
 def _columns(solution: SolutionData) -> Iterator[tuple[str, tuple[Array, int]]]:

@@ -63,10 +63,33 @@ def test_limits_are_looked_at_between_nodes():
     jump = np.array(solution.qs)
     jump[10:, 1] += 0.3
     limits = np.array([[-1.2, -1.2], [1.2, 1.2]])
-    (line,) = excesses(replace(solution, qs=jump, limits_v=limits))
-    assert re.match(
-        r"speed of j1 is [0-9.]+ rad/s at 0\.7\d* s between nodes, .* beyond its limit 1\.2", line
-    )
+    (found,) = excesses(replace(solution, qs=jump, limits_v=limits))
+    assert (found.kind, found.name, found.bound) == ("speed", "j1", 1.2)
+    assert 0.7 <= found.time < 0.8
+    assert found.ratio == pytest.approx(found.value / 1.2 - 1.0)
+    assert re.fullmatch(r"speed [0-9.]+ rad/s at 0\.7\d* s, [0-9.]+ % beyond 1\.2", found.words)
+
+
+def test_the_worst_excess_comes_first():
+    solution = arm(3)
+    jump = np.array(solution.qs)
+    jump[10:] += [0.1, 0.3, 0.2]
+    limits = np.array([[-1.2, -1.2, -0.2], [1.2, 1.2, 0.2]])
+    found = excesses(replace(solution, qs=jump, limits_v=limits))
+    assert found[0].name == "j2"
+    assert [e.ratio for e in found] == sorted((e.ratio for e in found), reverse=True)
+
+
+def test_accelerations_and_jerks_are_differences_of_samples():
+    """Of sin(k t) / k the acceleration is k at most, and the jerk k^2."""
+    text = 'robot = "x"\n[limits]\nacceleration = [[-1.0, 1.0], [-1.5, 1.5]]\njerk = [[-20, 20], [-2, 2]]\n'
+    solution = replace(arm(2), problem_text=text)
+    for rate in (None, 125.0, 500.0):
+        found = {(e.kind, e.name): e for e in excesses(solution, rate)}
+        assert ("acceleration", "j0") not in found
+        assert found["acceleration", "j1"].value == pytest.approx(-2.0, rel=0.02)
+        assert ("jerk", "j0") not in found
+        assert abs(found["jerk", "j1"].value) >= 3.8
 
 
 def test_files_say_the_motion(tmp_path):
