@@ -23,7 +23,9 @@ see `mbocp.accuracy.course`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -42,6 +44,7 @@ __all__ = ["StepErrors", "accuracy_of", "step_errors"]
 _MOST_PARTS = 64  # of a step: stiffer ones are not followed
 _RESOLVED = 0.01  # of the local errors: what the flow itself may be wrong by
 _ROUND_OFF = 1e-11  # [rad, m]: what no flow is better than
+_TOLD = 0.005  # of what a replay misses: what the flow may be wrong by, for two digits
 _STANDS = 0.1  # of the longest way in its unit: joints that hardly move
 
 
@@ -86,7 +89,8 @@ def accuracy_of(
     names = [label.name for label in robot.v_labels]
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
-    left = _missed(course, course.replay(qs[0], speeds[0], motion.us_in_powers, dts, parts), motion)
+    replay = partial(course.replay, qs[0], speeds[0], motion.us_in_powers, dts)
+    left = _missed(course, replay, motion, parts)
     tracked = _tracked(course, motion, starts, parts, gains)
     vs = np.vstack([starts[:1], reached])
     energies = flow.energies(qs, vs)
@@ -185,8 +189,8 @@ def _tracked(course: Course, motion: Motion, starts: Array, parts: int, gains: A
     if gains is None or not gains.size:
         return np.full(motion.vs.shape[1], np.nan)
     planned, us = (motion.qs[:-1], starts), motion.us_in_powers
-    end = course.tracked(planned, us, motion.dts, parts, _in_powers(motion, gains))
-    return _missed(course, end, motion)
+    tracked = partial(course.tracked, planned, us, motion.dts, gains=_in_powers(motion, gains))
+    return _missed(course, tracked, motion, parts)
 
 
 def _in_powers(motion: Motion, gains: Array) -> Array:
@@ -198,12 +202,24 @@ def _in_powers(motion: Motion, gains: Array) -> Array:
     return found.reshape(gains.shape)
 
 
-def _missed(course: Course, q: Array, motion: Motion) -> Array:
-    """What a replay misses the end of the motion by, shape (nv,); infinite where it leaves all bounds."""
-    if not np.isfinite(q).all():
-        return np.full(motion.vs.shape[1], np.inf)
-    missed: Array = np.abs(course.flow.differences(q[None], motion.qs[-1:])[0])
-    return missed
+def _missed(course: Course, end_of: Callable[[int], Array], motion: Motion, parts: int) -> Array:
+    """What a replay misses the end of the motion by, to two digits, shape (nv,).
+
+    Errors grow along a replay, and so does what the flow itself is wrong by: parts of a step are halved until
+    the end stays. Infinite where it leaves all bounds, or does not stay with the shortest parts.
+    """
+    end, size = end_of(parts), motion.vs.shape[1]
+    while parts <= _MOST_PARTS // 2:
+        parts *= 2
+        finer = end_of(parts)
+        if not np.isfinite(finer).all():
+            return np.full(size, np.inf)
+        missed: Array = np.abs(course.flow.differences(finer[None], motion.qs[-1:])[0])
+        moved = np.abs(course.flow.differences(finer[None], end[None])[0])
+        if moved.max() <= max(_TOLD * missed.max(), _ROUND_OFF):  # not with NaN
+            return missed
+        end = finer
+    return np.full(size, np.inf)
 
 
 def _speeds(robot: Robot, qs: Array, vs: Array) -> Array:

@@ -29,7 +29,8 @@ class Accuracy:
     way_joint : str
         Its name.
     replay_error : float
-        Error of the configuration at the end when the controls act on the robot in an open loop [rad, m].
+        Error of the configuration at the end when the controls act on the robot in an open loop [rad, m], to
+        two digits; infinite where errors grow too fast for that.
     replay_joint : str
     tracked_error : float
         The same where the controls answer deviations with the gains of the optimum, see `Solution.gains`.

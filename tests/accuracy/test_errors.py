@@ -7,12 +7,13 @@ import json
 import math
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import mbocp
-from mbocp.accuracy import accuracy_of, follows_fast
+from mbocp.accuracy import accuracy_of, errors, follows_fast
 from mbocp.accuracy import flow as flows
 from mbocp.exceptions import InvalidValue
 from mbocp.formulation import Motion, build
@@ -194,3 +195,12 @@ def test_the_summary_tells_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert "the steps make" in said or "the steps lose" in said
     print_summary(mbocp.solve(problem), problem)
     assert "a step is wrong by" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("left_over", "expected"), [(0.3, 0.5), (1e3, math.inf)])
+def test_replays_are_followed_until_two_digits_stay(left_over: float, expected: float) -> None:
+    """What one part of a step leaves over falls with the parts; where it stays too large, nothing is told."""
+    course = SimpleNamespace(flow=SimpleNamespace(differences=np.subtract))
+    motion = SimpleNamespace(qs=np.zeros((2, 1)), vs=np.zeros((2, 1)))
+    missed = errors._missed(course, lambda parts: np.array([0.5 + left_over / parts**2]), motion, 1)  # type: ignore[arg-type]
+    assert missed == pytest.approx(expected, rel=0.01)
