@@ -115,7 +115,7 @@ def _tracked(found: Accuracy, size: Callable[[float, str], str]) -> list[str]:
     if math.isnan(found.tracked_error):
         return []
     if math.isinf(found.tracked_error):
-        return ["with the feedback of the optimum, held over each step, the robot leaves all bounds"]
+        return ["with the feedback of the optimum, held over each step, errors grow too fast to be told"]
     missed = size(found.tracked_error, found.tracked_joint)
     return [f"with the feedback of the optimum they miss it by {missed}"]
 
@@ -134,7 +134,9 @@ def _accuracy(solution: Solution) -> _Rows:
     def size(value: float, joint: str) -> str:
         return f"{value:.2g} {units.get(joint, '')}".rstrip() + f" ({joint})"
 
-    missed = size(found.replay_error, found.replay_joint)
+    missed = "more than can be told, for errors grow too fast"
+    if math.isfinite(found.replay_error):
+        missed = size(found.replay_error, found.replay_joint)
     lines = [
         *_asked(solution),
         f"a step is wrong by {size(found.local_error, found.local_joint)} at most, to t = "
@@ -379,7 +381,8 @@ def _clearance(solution: Solution) -> _Rows:
         return []
     size = f"{1e3 * abs(solution.clearance):.4g} mm"
     how = size if solution.clearance >= 0.0 else f"{size} in each other"
-    return [("clearance", f"{how}: {solution.clearance_between} at {solution.clearance_time:.4g} s")]
+    nearest = f"{solution.clearance_between} at {solution.clearance_time:.4g} s"
+    return [("clearance", f"{how}: {nearest}, of the pairs that are checked")]
 
 
 def _drift(solution: Solution) -> _Rows:

@@ -112,8 +112,9 @@ class Solution(SolutionData):
         By how much the motion leaves limits and path constraints at most, in their own units.
     clearance, clearance_between, clearance_time : float, str, float
         Of a problem with obstacles or self-collision the smallest distance of shapes beyond its margin, at a
-        thousand poses a second: how large it is [m] (negative: how deep they are in each other), of what and
-        when [s]. NaN and "" where there are none.
+        thousand poses a second, of the pairs that are checked, which leaves out those that can never meet:
+        how large it is [m] (negative: how deep they are in each other), of what and when [s]. NaN and ""
+        where there are none.
     lam_us, lam_qs, lam_vs : ndarray, shape (N, nu), (N + 1, nq), (N + 1, nv)
         Multipliers of the limits: positive at an active upper one, negative at a lower one, zero where
         nothing is active.

@@ -29,6 +29,12 @@ def test_info(result: Path, run: Run) -> None:
     assert "drift of rotations" not in done.stdout
 
 
+def test_info_says_what_a_clearance_is_of(run: Run, tmp_path: Path, result: Path) -> None:
+    near = {"clearance": 0.015, "clearance_between": "link and box", "clearance_time": 0.7}
+    done = run("info", str(dataclasses.replace(Solution.load(result), **near).save(tmp_path / "near.h5")))
+    assert "15 mm: link and box at 0.7 s, of the pairs that are checked" in " ".join(done.stdout.split())
+
+
 @pytest.mark.parametrize("command", ["plot", "replay"])
 def test_a_robot_that_has_changed_since(folder: Path, run: Run, result: Path, command: str) -> None:
     other = mbocp.load_robot("double_pendulum")
