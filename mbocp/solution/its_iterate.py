@@ -27,24 +27,53 @@ def is_part(name: str) -> bool:
     return name.startswith(_PART)
 
 
-def arrays_of(carried: Carried | None) -> dict[str, Array]:
-    """Arrays of a result file; without multipliers of limits where there are none."""
+def arrays_of(carried: Carried | None, trajectories: Mapping[str, Array]) -> dict[str, Array]:
+    """Arrays of a result file; without those that its trajectories are, to the last bit.
+
+    Multipliers of limits are left out, too, where there are none.
+    """
     if carried is None:
         return {}
     iterate, bounds = carried.iterate, carried.iterate.bounds
     found = {f"{_PART}{name}": getattr(iterate, name) for name in ("xs", "ys", "us", "ms")}
     if bounds is not None:
         found |= {_STATES: bounds.xs, _CONTROLS: bounds.us, _PATH: bounds.path, _GUARD: bounds.guard}
-    return found | ({_ROOM: carried.room} if carried.room.size else {})
+    found |= {_ROOM: carried.room} if carried.room.size else {}
+    for name, array in _in_trajectories(trajectories).items():
+        if name in found and np.array_equal(found[name], array):
+            del found[name]
+    return found
 
 
-def columns_of(carried: Carried | None) -> dict[str, tuple[Column, ...]]:
-    """Columns of these arrays."""
+def _in_trajectories(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """What a solver's numbers are where states are (q, v) and controls the robot's, constant in each step.
+
+    Raises
+    ------
+    DimensionMismatch
+        If the trajectories do not fit together.
+    """
+    qs, vs, us = arrays["qs"], arrays["vs"], arrays["us"]
+    lam_qs, lam_vs = arrays.get("lam_qs", np.zeros_like(qs)), arrays.get("lam_vs", np.zeros_like(vs))
+    for name, array in (("vs", vs), ("lam_qs", lam_qs), ("lam_vs", lam_vs)):
+        if len(array) != len(qs):
+            raise DimensionMismatch(name, array.shape, (len(qs), array.shape[1]))
+    return {
+        f"{_PART}xs": np.hstack([qs, vs]),
+        f"{_PART}us": us,
+        _STATES: np.hstack([lam_qs, lam_vs]),
+        _CONTROLS: arrays.get("lam_us", np.zeros_like(us)),
+    }
+
+
+def columns_of(carried: Carried | None, arrays: Mapping[str, Array]) -> dict[str, tuple[Column, ...]]:
+    """Columns of these arrays among those of a result file."""
     columns = {
         name: tuple(Column(str(i), "") for i in range(array.shape[-1]))
         if array.ndim > 1
         else (Column("", ""),)
-        for name, array in arrays_of(carried).items()
+        for name, array in arrays.items()
+        if is_part(name)
     }
     if carried is not None and _PATH in columns:
         columns[_PATH] = tuple(Column(name, "") for name in carried.names)
@@ -63,6 +92,8 @@ def iterate_in(content: FileContent) -> Carried | None:
     own = {name.removeprefix(_PART): array for name, array in arrays.items() if is_part(name)}
     if not own:
         return None
+    has_limits = "lam_path" in own
+    own = {**{name.removeprefix(_PART): array for name, array in _in_trajectories(arrays).items()}, **own}
     x, u, y = (_width(own, name) for name in ("xs", "us", "ys"))
     shapes = {"xs": (steps + 1, x), "ys": (steps, y), "us": (steps, u), "ms": (steps, _width(own, "ms"))}
     limits = {
@@ -71,7 +102,6 @@ def iterate_in(content: FileContent) -> Carried | None:
         "lam_path": (steps, _width(own, "lam_path")),
         "lam_guard": own.get("lam_guard", np.zeros(0)).shape,
     }
-    has_limits = any(name in own for name in limits)
     for name, shape in {**shapes, **(limits if has_limits else {})}.items():
         got = own[name].shape if name in own else ()
         if got != shape:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from mbocp._arrays import Array
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_records
@@ -35,11 +37,11 @@ def content_of(solution: SolutionData, robot: RobotFiles | None = None) -> FileC
         structures["accuracy"] = [dataclasses.asdict(solution.accuracy)]
     arrays = {name: getattr(solution, name) for name in ARRAYS}
     arrays |= {name: getattr(solution, name) for name in OPTIONAL if _says_something(solution, name)}
-    arrays |= arrays_of(solution.iterate)
+    arrays |= arrays_of(solution.iterate, arrays)
     meaning = {} if solution.iterate is None else {MEANING: solution.iterate.meaning}
     return FileContent(
         arrays=arrays,
-        columns=_columns(solution),
+        columns=_columns(solution, arrays),
         summary=summary,
         structures=structures,
         texts={"problem_text": solution.problem_text, **meaning},
@@ -86,7 +88,7 @@ def _says_something(solution: SolutionData, name: str) -> bool:
     return bool(value.size if name == "lam_path" else value.any())
 
 
-def _columns(solution: SolutionData) -> dict[str, tuple[Column, ...]]:
+def _columns(solution: SolutionData, arrays: Mapping[str, Array]) -> dict[str, tuple[Column, ...]]:
     labels = solution.labels
     return {
         **{f"{name}s": getattr(labels, name) for name in _LABELLED},
@@ -101,7 +103,7 @@ def _columns(solution: SolutionData) -> dict[str, tuple[Column, ...]]:
         "u_values": labels.u,
         "u_shares": (Column("share", ""),),
         "gains": _gain_columns(solution),
-        **columns_of(solution.iterate),
+        **columns_of(solution.iterate, arrays),
     }
 
 

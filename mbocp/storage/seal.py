@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 FORMAT_VERSION = 3
-LARGEST = 2 << 30  # [bytes] of a result file; a million steps of an arm with limits are 0.6 GB
+LARGEST = 2 << 30  # [bytes] of a result file; a million steps of an arm with limits are 0.8 GB
 SEAL_SIZE = 512  # the smallest user block of HDF5
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
