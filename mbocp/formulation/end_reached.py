@@ -12,7 +12,6 @@ turned half around. That is no solution of what was asked for. Two ends beside t
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +19,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.mechanics.diagnostics import constraint_violation
-from mbocp.problem import Goal
-from mbocp.problem.frames import pose_errors
+from mbocp.problem.frames import errors_of_poses
 
 __all__ = ["EndMissed", "end_missed"]
 
@@ -97,15 +95,18 @@ def _frames_missed(formulation: Formulation, q: Array) -> EndMissed | None:
 
     Their rows vanish at the goal alone. Where constraints decide some of them, those are not conditions.
     """
-    robot, goal = formulation.problem.robot, _without_tolerances(formulation.problem.goal)
-    if not goal.poses:
+    robot, goal = formulation.problem.robot, formulation.problem.goal
+    poses = [
+        frame for frame in goal.conditions if frame.has_pose
+    ]  # tolerances are bounds: the status has them
+    if not poses:
         return None
-    errors = pose_errors(robot, goal, q)
+    errors = errors_of_poses(robot, poses, q)
     worst = int(np.argmax(errors.positions + errors.angles))
     distance, angle = float(errors.positions[worst]), float(errors.angles[worst])
     if max(distance, angle) <= _REACHED:
         return None
-    name = goal.poses[worst].name
+    name = poses[worst].name
     off = f"but {name!r} ends {1e3 * distance:.3g} mm and {np.degrees(angle):.3g} deg off its goal"
     violation = constraint_violation(robot, q[None], np.zeros((1, robot.nv))).position
     if violation > _OPEN * max(distance, angle):
@@ -114,12 +115,7 @@ def _frames_missed(formulation: Formulation, q: Array) -> EndMissed | None:
             words=f"{off}, since the scheme drifts off the loops (by {violation:.1e} there): take more steps",
         )
     return EndMissed(
-        is_other_root=formulation.problem.goal.guard,
+        is_other_root=goal.guard,
         words=f"{off}: the end condition, projected onto the constraints, has another root there; start from "
         "another guess",
     )
-
-
-def _without_tolerances(goal: Goal) -> Goal:
-    """The goal less what has bounds of its own, which the solver's status speaks of."""
-    return replace(goal, frames=goal.conditions, enforce="none")

@@ -27,6 +27,7 @@ from mbocp.terms import FrameGoal, FrameProjections
 
 __all__ = [
     "check_frames",
+    "errors_of_poses",
     "frame_projections",
     "frame_rates",
     "goal_branches",
@@ -205,7 +206,12 @@ def _asked(robot: Robot, goal: Goal, q_start: Array) -> tuple[list[FrameTarget],
 
 def pose_errors(robot: Robot, goal: Goal, q: Array) -> PoseErrors:
     """Distance [m] and angle [rad] that are left to each pose of the goal at q."""
-    return _rows(robot, goal.poses).errors(q)
+    return errors_of_poses(robot, goal.poses, q)
+
+
+def errors_of_poses(robot: Robot, poses: Sequence[FrameGoal], q: Array) -> PoseErrors:
+    """Distance [m] and angle [rad] that are left to each of these poses at q."""
+    return _rows(robot, poses).errors(q)
 
 
 def pose_jacobian(robot: Robot, goal: Goal) -> Array:
