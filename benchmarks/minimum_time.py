@@ -130,7 +130,7 @@ def problem_of(
         {"min": 0.5 * bound, "max": 8.0 * bound},
         steps,
         start={"q": pair.q0},
-        goal={"q": pair.q1, "v": np.zeros(pair.robot.nv)},
+        goal={"q": pair.q1, "v": np.zeros(pair.robot.nv), "a": "free"},
         cost={"time": 1.0, "effort": _EFFORT},
         limits=asked,
         integrator={"scheme": "midpoint"},

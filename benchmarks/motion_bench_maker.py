@@ -136,7 +136,7 @@ def _problem(scene: Scene, starts: int, steps: int, threads: int = 1) -> Problem
         {"min": 0.5 * alone, "max": 8.0 * alone + 4.0},
         steps,
         start={"q": q0},
-        goal={"q": q1, "v": np.zeros(robot.nv)},
+        goal={"q": q1, "v": np.zeros(robot.nv), "a": "free"},
         cost={"time": 1.0, "effort": _EFFORT},
         limits={"effort": True, "velocity": True, "position": True, "jerk": list(_JERK)},
         obstacle=obstacles,

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.problem.limits import LIMITS
+from mbocp.problem.rest import words_of_rest
 
 if TYPE_CHECKING:
     from mbocp._arrays import Array, BoolArray
@@ -97,6 +98,8 @@ def _goal(problem: Problem) -> Iterator[tuple[str, str | Text]]:
             count = int(goal.rate_active.sum())
             rest = "at rest" if not goal.value[goal.rate_active].any() else f"{goal.rate} given"
             parts.append(rest if count == robot.nv else f"{rest} in {count} of {robot.nv} directions")
+        if words := words_of_rest(member):
+            parts.append(words)
         yield ("goal" if k == 0 else "or goal", f"{'; '.join(parts) or 'free'} ({goal.enforce})")
         if goal.frames:
             yield ("found at", _configuration(robot, goal.q, np.ones(robot.nv, dtype=bool)))

@@ -196,6 +196,12 @@ def goal_error(solution: Solution, problem: Problem) -> str:
         worst = int(np.abs(error).argmax())
         word = "momentum" if goal.rate == "p" else "velocity"
         parts.append(f"{word} by {abs(error[worst]):.2e} {labels[worst].unit} at {labels[worst].name}")
+    if goal.a_active.any():
+        error = np.where(goal.a_active, solution.accelerations[-1] - goal.a, 0.0)
+        worst = int(np.abs(error).argmax())
+        why = ", 0 since jerk is limited," if goal.a_rule == "rest" else ""
+        label = robot.v_labels[worst]
+        parts.append(f"acceleration{why} by {abs(error[worst]):.2e} {label.unit}^2 at {label.name}")
     if goal.periodic is not None:
         parts.append(_cycle_error(solution, problem))
     if goal.poses:

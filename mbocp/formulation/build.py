@@ -316,7 +316,7 @@ def _acceleration_end(problem: Problem) -> tuple[AccelerationEnd, ...]:
     goal = problem.goal
     if not goal.a_active.any():
         return ()
-    D = acceleration_rows(problem.robot, goal)
+    D = acceleration_rows(problem)
     return (AccelerationEnd(len(D), D, goal.a / memory_units(problem)["acceleration"]),)
 
 

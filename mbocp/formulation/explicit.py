@@ -26,7 +26,7 @@ from mbocp.formulation.joint import (
 )
 from mbocp.formulation.joint_states import positions_and_speeds, states_and_controls
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.remembered import with_memory
+from mbocp.formulation.remembered import memory_at_start, with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.step_lengths import start_of_lengths
 from mbocp.formulation.turning import turning_factors
@@ -81,7 +81,12 @@ class ExplicitFormulation:
         at = signature.state_layout(space.nz, space.nv, robot.num_speeds, robot.nu)
         check_size(problem, signature, at, 0)
         q, v = problem.q_start, problem.v_start
-        start = [space.coordinates(q[None])[0], robot.speeds(q, v), np.zeros(at.nr), start_of_lengths(at)]
+        start = [
+            space.coordinates(q[None])[0],
+            robot.speeds(q, v),
+            memory_at_start(problem, at),
+            start_of_lengths(at),
+        ]
         pieces = Pieces(
             problem=problem,
             joints=space,

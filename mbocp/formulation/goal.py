@@ -130,10 +130,10 @@ def end_condition_rows(
     return EndRows(D_q, D_rate, frames)
 
 
-def acceleration_rows(robot: Robot, goal: Goal) -> Array:
+def acceleration_rows(problem: Problem) -> Array:
     """Independent rows on the accelerations that the goal asks for, shape (rows, nv)."""
-    basis = tangent_space(robot, goal.q)
-    return independent_rows(goal.a_active, basis, basis)
+    basis = problem.free_at_end(problem.goal.q)
+    return independent_rows(problem.goal.a_active, basis, basis)
 
 
 def frame_ends(problem: Problem, rows: EndRows) -> tuple[FrameEnd, ...]:

@@ -22,7 +22,7 @@ from mbocp.formulation.joint import (
 )
 from mbocp.formulation.joint_states import positions_and_speeds, states_and_controls
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.remembered import with_memory
+from mbocp.formulation.remembered import memory_at_start, with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.step_lengths import start_of_lengths
@@ -75,7 +75,12 @@ class ImplicitFormulation:
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
         labels = labels_of(problem)
         check_size(problem, signature, at, len(labels))
-        start = [problem.q_start, consistent_velocity(problem), np.zeros(at.nr), start_of_lengths(at)]
+        start = [
+            problem.q_start,
+            consistent_velocity(problem),
+            memory_at_start(problem, at),
+            start_of_lengths(at),
+        ]
         pieces = Pieces(
             problem=problem,
             joints=space,

@@ -51,7 +51,9 @@ def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
     robot, qs, vs, us = problem.robot, motion.qs, motion.vs, motion.us
     along = _along(problem, motion, lams)
     linear = motion.values if problem.controls == "linear" else None
-    along_steps = partial(rates_along, robot, qs, vs, us, motion.dts, motion.us_at_ends, linear)
+    along_steps = partial(
+        rates_along, robot, qs, vs, us, motion.dts, motion.us_at_ends, linear, problem.a_start
+    )
     rates = [along_steps()[c.key][:, c.columns] for c in problem.rate_limits]
     return np.hstack([np.zeros((len(us), 0)), *along, *rates])
 

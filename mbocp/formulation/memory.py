@@ -14,7 +14,8 @@ controls and dt the length of the step from one state to the next, the blocks an
 
 where lambda are forces of constraints in the step, a minus means what was remembered before, and delta t is
 the time from the middle of the step before to that of this one: dt where steps are as long as each other. All
-begin with zero: a motion starts with no acceleration, and the control of the first step has no rate. Rates
+begin with zero, but for the acceleration before the start where a problem gives one; the control of the
+first step has no rate. Rates
 count in units of the size of their limits, so that the numbers that solvers see are of ordinary size.
 
 The rules are plain arithmetic: they take symbols of one step, and arrays of all steps at once.
@@ -189,6 +190,7 @@ def memory_along(
     reactions: Array | None = None,
     moves: Array | None = None,
     begins: Array | None = None,
+    first: Mapping[str, Array] = MappingProxyType({}),
 ) -> dict[str, Array]:
     """What the nodes of a motion remember, by name, shapes (N + 1, size).
 
@@ -211,6 +213,8 @@ def memory_along(
         Moves of the start.
     begins : ndarray, shape (N, nu), optional
         Controls at the begins of the steps, where they are linear in them; `us` are at the ends.
+    first : mapping of str to ndarray
+        What the first node remembers, by name, where it is not zero.
     """
     none = np.zeros((len(us), 0))
     w, e = (none, none) if paces is None else paces
@@ -230,7 +234,7 @@ def memory_along(
         at = Passage(starts, speeds, us, 1.0, *own, begin)
         after = MEMORY[name].following(at)
         after = np.cumsum(after, axis=0) if MEMORY[name].adds_up else after
-        found[name] = np.vstack([np.zeros(after.shape[1]), after])
+        found[name] = np.vstack([first.get(name, np.zeros(after.shape[1])), after])
     at_nodes = {name: values[nodes] for name, values in found.items()}
     return {
         name: of_all / units[name] if MEMORY[name].has_impacts else values

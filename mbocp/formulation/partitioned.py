@@ -22,7 +22,7 @@ from mbocp.formulation.joint import (
 from mbocp.formulation.joint_states import positions_and_speeds, states_and_controls
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.partitioned_steps import PartitionedSteps
-from mbocp.formulation.remembered import with_memory
+from mbocp.formulation.remembered import memory_at_start, with_memory
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.step_lengths import start_of_lengths
 from mbocp.formulation.turning import turning_factors
@@ -65,7 +65,7 @@ class PartitionedFormulation:
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
         algebraic = _algebraic(pair, robot.nv, robot.nc, problem.dt)
         check_size(problem, signature, at, algebraic.size)
-        start = [problem.q_start, problem.v_start, np.zeros(at.nr), start_of_lengths(at)]
+        start = [problem.q_start, problem.v_start, memory_at_start(problem, at), start_of_lengths(at)]
         pieces = Pieces(
             problem=problem,
             joints=space,

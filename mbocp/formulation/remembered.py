@@ -14,7 +14,7 @@ from mbocp.formulation.step_lengths import lengths_of_states
 from mbocp.formulation.switches import impacts_of
 from mbocp.problem import Problem
 
-__all__ = ["memory_units", "with_memory"]
+__all__ = ["memory_at_start", "memory_units", "with_memory"]
 
 _RISE = 8.0  # part of the duration over which the greatest jerk makes a typical acceleration
 
@@ -30,6 +30,20 @@ def memory_units(problem: Problem) -> dict[str, float]:
     if "jerk" in keys and "acceleration" not in keys:
         units["acceleration"] = units["jerk"] * problem.duration / _RISE
     return units | {"reaction": unit_of_reactions(problem)}
+
+
+def memory_at_start(problem: Problem, at: StateLayout) -> Array:
+    """What the first state remembers, shape (nr,): the acceleration before the start, and else nothing."""
+    known = _before(problem)
+    parts = [known.get(name, np.zeros(where.stop - where.start)) for name, where in at.remembered.items()]
+    return np.concatenate([np.zeros(0), *parts])
+
+
+def _before(problem: Problem) -> dict[str, Array]:
+    """What was before the start and is not zero, by name of its block."""
+    if not problem.a_start.any():
+        return {}
+    return {"acceleration": problem.a_start / memory_units(problem)["acceleration"]}
 
 
 def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array, lams: Array | None = None) -> Array:
@@ -49,7 +63,7 @@ def with_memory(problem: Problem, at: StateLayout, xs: Array, us: Array, lams: A
     moves = us[:, first : first + at.num_moves]
     begins = values_of(at, us)[:, 0] if at.is_continuous else None
     given = (memory_units(problem), paces, impacts_of(problem), forces, moves, begins)
-    found = memory_along(names, xs[:, at.s], ends_of(at, us), dts, *given)
+    found = memory_along(names, xs[:, at.s], ends_of(at, us), dts, *given, _before(problem))
     filled = np.array(xs)
     for name, where in at.remembered.items():
         filled[:, where] = found[name]

@@ -161,7 +161,7 @@ def _row_words(
     robot, of_end = problem.robot, tuple(rows.words(problem.robot, problem.goal))
     for term in problem.terms:
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
-    for row in acceleration_rows(robot, problem.goal) if problem.goal.a_active.any() else ():
+    for row in acceleration_rows(problem) if problem.goal.a_active.any() else ():
         of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
     of_end += _start_words(problem, space)
     is_free = problem.has_free_lengths or problem.has_unequal_lengths or bool(problem.impacts)

@@ -18,6 +18,7 @@ def rates_along(
     dts: Array,
     ends: Array | None = None,
     linear: Array | None = None,
+    a_start: Array | None = None,
 ) -> dict[str, Array]:
     """Rates in every step, by their keys in `[limits]`.
 
@@ -37,11 +38,13 @@ def rates_along(
         Controls at the ends of the steps; by default `us`.
     linear : ndarray, shape (N, 2, nu), optional
         Controls at both ends of the steps, where they are linear between: their rates are those in the steps.
+    a_start : ndarray, shape (nv,), optional
+        Acceleration before the start, zero by default [m/s^2, rad/s^2].
 
     Returns
     -------
     dict of str to ndarray
-        ``acceleration`` (v_n - v_{n-1}) / dt and ``jerk`` (a_n - a_{n-1}) / dt with a_0 = 0, shape (N, nv);
+        ``acceleration`` (v_n - v_{n-1}) / dt and ``jerk`` (a_n - a_{n-1}) / dt with a_0 given, shape (N, nv);
         ``effort_rate`` (u_n - u_{n-1}) / dt, zero in the first step, and ``power`` at the end of each step,
         shape (N, nu). Of jerks and rates of controls dt is `spacings`. Steps of no duration, impacts, repeat
         what the step before them has.
@@ -51,9 +54,10 @@ def rates_along(
     places = np.maximum(np.searchsorted(steps, np.arange(len(dts)), side="right") - 1, 0)
     lengths, between = dts[timed][:, None], spacings(dts[timed])[:, None]
     accelerations, forces = (vs[1:] - vs[:-1])[timed] / lengths, us[timed]
+    before = np.zeros((1, vs.shape[1])) if a_start is None else a_start[None]
     rates = {
         "acceleration": accelerations,
-        "jerk": np.diff(accelerations, axis=0, prepend=np.zeros((1, vs.shape[1]))) / between,
+        "jerk": np.diff(accelerations, axis=0, prepend=before) / between,
         "effort_rate": np.diff(forces, axis=0, prepend=forces[:1]) / between,
     }
     rates = {key: values[places] for key, values in rates.items()}

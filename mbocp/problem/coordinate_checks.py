@@ -68,7 +68,7 @@ def check_coordinates(
                 f"goal.frame: a velocity of {frame.name!r}, but in natural coordinates velocities of bodies "
                 'are those over a step: take 0, which is rest in any case, or coordinates = "joint"'
             )
-    if goal.a_active.any():
+    if goal.a_active.any() and goal.a_rule == "given":
         raise ProblemError(
             "goal.a: natural coordinates have no accelerations of joints; leave it out, or take "
             'coordinates = "joint"'

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from mbocp._arrays import Array, frozen_array
-from mbocp.exceptions import DimensionMismatch
+from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_finite, check_size
@@ -19,11 +21,12 @@ from mbocp.problem.drives import (
 from mbocp.problem.frames import check_frames, with_configuration
 from mbocp.problem.goal import Goal
 from mbocp.problem.integration import check_unused
-from mbocp.problem.limits import Bounds
+from mbocp.problem.limits import Bounds, check_within
 from mbocp.problem.warn import warn_limits, warn_singular
-from mbocp.robot import Robot
+from mbocp.robot import Label, Robot
+from mbocp.terms import RATE_TERMS
 
-__all__ = ["checked_start", "completed_goal"]
+__all__ = ["checked_acceleration", "checked_start", "completed_goal"]
 
 
 def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) -> tuple[Array, Array]:
@@ -51,6 +54,28 @@ def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) 
     warn_limits(robot, limits, q, "start.q")
     warn_singular(robot, q, "start.q")
     return q, v
+
+
+def checked_acceleration(robot: Robot, limits: Bounds, a_start: Array) -> Array:
+    """Return the acceleration before a start, zero where none is given.
+
+    Raises
+    ------
+    DimensionMismatch, InvalidValue, ProblemError
+        If it does not fit the robot, is beyond its limits, or controls prescribe velocities.
+    """
+    a = frozen_array(a_start if np.size(a_start) else np.zeros(robot.nv), name="start.a")
+    if a.shape != (robot.nv,):
+        raise DimensionMismatch("start.a", a.shape, (robot.nv,))
+    check_finite("start.a", a)
+    if robot.drives and a.any():
+        raise ProblemError(
+            f"start.a: controls prescribe velocities of robot {robot.name!r}, which have no accelerations "
+            "before the start; leave it out"
+        )
+    unit = RATE_TERMS["acceleration"].unit
+    check_within(limits, "start", "a", a, [Label(label.name, unit(label.unit)) for label in robot.v_labels])
+    return a
 
 
 def completed_goal(

@@ -13,15 +13,17 @@ from mbocp.problem._checks import check_bool, check_choice, check_finite
 from mbocp.problem.periodic import Periodic
 from mbocp.terms import FrameGoal
 
-__all__ = ["ENFORCE", "RATES", "REDUNDANT", "Enforce", "Goal", "Rate", "Redundant"]
+__all__ = ["ENFORCE", "RATES", "REDUNDANT", "AccelerationRule", "Enforce", "Goal", "Rate", "Redundant"]
 
 Enforce = Literal["exact", "penalty", "both", "none"]
 Rate = Literal["p", "v"]
 Redundant = Literal["drop", "keep"]
+AccelerationRule = Literal["given", "free", "rest"]
 
 ENFORCE: tuple[Enforce, ...] = ("exact", "penalty", "both", "none")
 RATES: tuple[Rate, ...] = ("p", "v")
 REDUNDANT: tuple[Redundant, ...] = ("drop", "keep")
+RULES: tuple[AccelerationRule, ...] = ("given", "free", "rest")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +49,9 @@ class Goal:
         Accelerations at the end, the mean of the last step [m/s^2, rad/s^2].
     a_active : ndarray of bool, shape (nv,), optional
         Which components of `a` are asked for; default: none, or all that are given.
+    a_rule : {"given", "free", "rest"}
+        Why: as it is ``given``; or nothing is asked for, and all shall be ``free``; or a `Problem` asks for
+        a = 0 of the joints that stop, since their jerk is limited: ``rest``, see `mbocp.problem.rest`.
     frames : tuple of FrameGoal
         Poses and velocities of frames. Where they ask for a pose, entries of `q` that are not active hold a
         configuration at it, one near the start; see `mbocp.problem.frames`.
@@ -78,6 +83,7 @@ class Goal:
     a_active: BoolArray = field(
         default_factory=lambda: frozen_mask(np.zeros(0, dtype=np.bool_), size=0, name="a")
     )
+    a_rule: AccelerationRule = "given"
 
     def __post_init__(self) -> None:
         for key, name in (("q", "goal.q"), ("value", f"goal.{self.rate}")):
@@ -130,6 +136,9 @@ class Goal:
         check_finite("goal.a", a)
         mask = np.asarray(self.a_active)
         mask = mask if mask.size else np.full(nv, asked.size > 0)
+        check_choice("goal.a_rule", self.a_rule, RULES)
+        if self.a_rule == "rest" and not self.is_exact:  # follows from an exact end, and goes with it
+            mask = np.zeros(nv, dtype=np.bool_)
         object.__setattr__(self, "a", a)
         object.__setattr__(self, "a_active", frozen_mask(mask, size=nv, name="goal.a_active"))
         if self.a_active.any() and not self.is_exact:

@@ -16,7 +16,7 @@ from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.terms import RATE_TERMS
 
-__all__ = ["LIMITS", "Bounds", "check_end_limits", "check_limits", "is_plain"]
+__all__ = ["LIMITS", "Bounds", "check_end_limits", "check_limits", "check_within", "is_plain"]
 
 LIMITS = {  # keys of a problem file
     "u": "limits.effort",
@@ -24,6 +24,7 @@ LIMITS = {  # keys of a problem file
     "q": "limits.position",
     **{term.letter: f"limits.{key}" for key, term in RATE_TERMS.items()},
 }
+_SLACK = 1e-6  # relative, by which the values of a plan, from which a start is taken, may leave their limits
 _STORED = ("u", "v", "q")  # by the side of trajectories; a problem's text has all
 
 
@@ -194,6 +195,14 @@ def _configuration_mask(robot: Robot, active: BoolArray) -> BoolArray:
     for name in robot.joint_names:
         mask[robot.configuration_indices(name)] = active[robot.velocity_indices(name)].all()
     return mask
+
+
+def check_within(bounds: Bounds, where: str, letter: str, value: Array, labels: Sequence[Label]) -> None:
+    """Refuse values at an end that its limits exclude, by more than a plan may leave them."""
+    lower, upper = getattr(bounds, f"{letter}_lower"), getattr(bounds, f"{letter}_upper")
+    slack = _SLACK * np.maximum(1.0, np.abs(value))
+    outside = (value < lower - slack) | (value > upper + slack)
+    _refuse_outside(bounds, where, letter, value, outside, labels)
 
 
 def _refuse_outside(

@@ -11,7 +11,10 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.integrators import ControlKind
+from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem._checks import ProblemWarning, check_choice, check_integer
 from mbocp.problem.clear_goal import clear_configuration
 from mbocp.problem.clearance import Clearance, SelfCollision
@@ -34,7 +37,7 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
 from mbocp.problem.default_scheme import AUTO_SCHEME, chosen_scheme
 from mbocp.problem.duration import check_duration
-from mbocp.problem.ends import checked_start, completed_goal
+from mbocp.problem.ends import checked_acceleration, checked_start, completed_goal
 from mbocp.problem.file.changes import changed
 from mbocp.problem.file.read import from_tables
 from mbocp.problem.frames import goal_branches
@@ -60,6 +63,7 @@ from mbocp.problem.phase_holds import Switches, checked_switches
 from mbocp.problem.phase_limits import limits_along, limits_of_phases, widest_limits
 from mbocp.problem.phases import Phase, free_phases
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
+from mbocp.problem.rest import at_rest
 from mbocp.problem.seam import check_seam
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.step_counts import first_count
@@ -183,6 +187,9 @@ class Problem:
         Configuration of y_0 [m, rad, unit quaternion xyzw].
     v_start : ndarray, shape (nv,)
         Velocity of y_0 [m/s, rad/s].
+    a_start : ndarray, shape (nv,), optional
+        Acceleration before the start, the mean of a step that would end there: limits of jerk hold from it
+        on. Zero by default [m/s^2, rad/s^2].
     start_free : FreeStart, optional
         Which entries of q_start and v_start are guesses, and found with the motion; None: all are given.
     guess : Guess
@@ -242,6 +249,7 @@ class Problem:
     terms: tuple[OwnTerm, ...] = ()
     q_start: Array
     v_start: Array
+    a_start: Array = field(default_factory=lambda: np.zeros(0))
     start_free: FreeStart | None = None
     guess: Guess = field(default_factory=Guess)
     solver: SolverOptions = field(default_factory=SolverOptions)
@@ -266,6 +274,7 @@ class Problem:
         self._take_terms()
         q_start, v_start = checked_start(self.robot, self.limits_of_ends[0], self.q_start, self.v_start)
         self._set(q_start=q_start, v_start=v_start)
+        self._set(a_start=checked_acceleration(self.robot, self.limits_of_ends[0], self.a_start))
         self._take_holds()
         nodes = self._take_via()
         self._take_goal()
@@ -577,7 +586,14 @@ class Problem:
             suits=self.scheme_reason,
             closes_loops=self.switches is None or bool(self.switches.own[-1].all()),
         )
-        self._set(goal=goal)
+        self._set(goal=at_rest(self.robot, goal, self.limits_of_ends[1], self.free_at_end(goal.q)))
+        check_end_conditions(self.robot, self.goal, self.num_steps)
+
+    def free_at_end(self, q: Array) -> Array:
+        """Directions of velocities that the constraints of the last step leave at q, shape (nv, any)."""
+        if self.switches is None:
+            return tangent_space(self.robot, q)
+        return null_space(self.switches.at_end(q, of_rates=True), RANK_TOLERANCE)
 
     def _place_via(self, nodes: list[int | None]) -> None:
         """Find nodes and phases of via points; as path constraints they come last."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis
+from mbocp.mechanics.rates import rates_along
 from mbocp.programme.carried import Carried
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
@@ -243,6 +244,11 @@ class SolutionData:
     def us_at_ends(self) -> Array:
         """Controls at the ends of the steps, shape (N, nu)."""
         return self.us if self.has_constant_controls else self._controls_in(np.arange(self.num_steps), 1.0)
+
+    @property
+    def accelerations(self) -> Array:
+        """Mean accelerations of the steps, shape (N, nv) [m/s^2, rad/s^2]; of impacts that before."""
+        return rates_along(None, self.qs, self.vs, self.us, np.diff(self.t))["acceleration"]
 
     def controls_at(self, times: ArrayLike) -> Array:
         """Controls at times [s], shape (m, nu): those of the step, at a node those of the step after it.

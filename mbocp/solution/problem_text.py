@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PathRow",
+    "acceleration_before",
     "contacts_of",
     "duration_range_of",
     "goal_targets_of",
@@ -71,6 +72,7 @@ class _Problem(_Part):
     phase: list[dict[str, Any]] = []
     integrator: _Integrator = _Integrator.model_construct()
     robot: _Robot | str = _Robot.model_construct()
+    start: dict[str, Any] = {}
     goal: dict[str, Any] = {}
     limits: dict[str, Any] = {}
     via: list[dict[str, Any]] = []
@@ -154,6 +156,20 @@ def rate_bounds_of(problem_text: str) -> dict[str, Array]:
         if rows and all(row.shape == rows[0].shape for row in rows):
             found[key] = _widest(np.array(rows))
     return found
+
+
+def acceleration_before(problem_text: str) -> Array:
+    """Acceleration before the start, shape (nv,) as the text has it as a list; (0,) where it is zero.
+
+    Raises
+    ------
+    InvalidValue
+        If the text is TOML, but no problem.
+    """
+    problem = _parsed(problem_text)
+    written = problem.start.get("a", []) if problem is not None else []
+    is_list = isinstance(written, list) and all(is_number(x) for x in written)
+    return np.array(written if is_list else [], dtype=np.float64)
 
 
 def _widest(rows: Array) -> Array:

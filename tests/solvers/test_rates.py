@@ -115,7 +115,7 @@ def test_all_at_once_with_a_free_duration(scheme: str) -> None:
 
 
 def test_wide_limits_change_nothing() -> None:
-    wide = solved(pendulum(dict.fromkeys(LIMITS, 1e5)))
+    wide = solved(pendulum(dict.fromkeys(LIMITS, 1e5), goal={**GOAL, "a": "free"}))
     assert wide.cost == pytest.approx(unlimited().cost, rel=1e-7)
     assert not wide.active_limits
     assert np.abs(wide.lam_path).max() < 1e-6

@@ -81,7 +81,7 @@ def test_with_limits_of_jerks_and_a_free_duration(scheme: str) -> None:
     own, ipopt = (solved(pendulum(limits=limits, **words), m) for m in ("monolithic", "ipopt"))
     assert own.duration == pytest.approx(ipopt.duration, rel=1e-5)
     assert last(own) == pytest.approx(np.zeros(2), abs=1e-7)
-    free = solved(pendulum({"q": GOAL["q"], "v": 0.0}, limits=limits, **words))
+    free = solved(pendulum({"q": GOAL["q"], "v": 0.0, "a": "free"}, limits=limits, **words))
     assert free.duration < own.duration
 
 

@@ -160,6 +160,7 @@ def _fields(
         "terms": terms_from(robot, table.terms, terms),
         "q_start": q_start,
         "v_start": v_start,
+        "a_start": _tangent(robot, table.start.a, "start.a")[0] if table.start.a is not None else np.zeros(0),
         "start_free": free_from(robot, table.start.free),
         "guess": _guess(table.guess, robot, q_start, folder),
         "solver": SolverOptions(**table.solver.model_dump()),
@@ -243,7 +244,7 @@ def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
         value = assembled_velocity(robot, q, value, rate_active, assemble=True)
     a, a_active = (
         _tangent(robot, table.a, "goal.a")
-        if table.a is not None
+        if table.a is not None and table.a != "free"
         else (np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_))
     )
     says = [table.q is not None, written is not None, a_active.any(), bool(table.frame), table.periodic]
@@ -252,6 +253,7 @@ def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
         q=q,
         a=a,
         a_active=a_active,
+        a_rule="free" if table.a == "free" else "given",
         q_active=q_active,
         rate=rate,  # type: ignore[arg-type]
         value=value,

@@ -84,6 +84,11 @@ def _rate(value: Any) -> Vector | Named | float:
     return vector_or_named(value)
 
 
+def _rate_or_free(value: Any) -> Any:
+    """Accelerations at the end, or that nothing is asked of them."""
+    return value if value == "free" else _rate(value)
+
+
 def _listed(value: Any) -> Any:
     """One table, or several."""
     return [value] if isinstance(value, Mapping) else value
@@ -187,6 +192,7 @@ def _named_solver(value: Any) -> Any:
 
 
 Rate = Annotated[Any, BeforeValidator(_rate)]
+RateOrFree = Annotated[Any, BeforeValidator(_rate_or_free)]
 Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
 TripleOrZero = Annotated[Triple, BeforeValidator(_triple_or_zero)]
 Lock = Annotated[Any, BeforeValidator(_lock)]
@@ -256,6 +262,7 @@ class StartTable(Table):
     q: VectorOrNamed = None
     v: Rate = None
     p: Rate = None
+    a: Rate = None
     frame: Annotated[list[FramePoseTable], BeforeValidator(_listed)] = Field(default_factory=list)
     assemble: bool = False
     free: Free = None
@@ -277,7 +284,7 @@ class GoalMemberTable(Table):
     q: VectorOrNamed = None
     v: Rate = None
     p: Rate = None
-    a: Rate = None
+    a: RateOrFree = None
     frame: Annotated[list[FrameGoalTable], BeforeValidator(_listed)] = Field(default_factory=list)
     assemble: bool = False
     periodic: PeriodicWords = None

@@ -105,6 +105,8 @@ class ProblemFields(Protocol):
     @property
     def v_start(self) -> Array: ...  # noqa: D102
     @property
+    def a_start(self) -> Array: ...  # noqa: D102
+    @property
     def start_free(self) -> FreeStart | None: ...  # noqa: D102
     @property
     def guess(self) -> Guess: ...  # noqa: D102
@@ -141,6 +143,7 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
         "start": {
             "q": problem.q_start,
             "v": problem.v_start,
+            "a": problem.a_start if problem.a_start.any() else None,
             "free": free_table(robot, problem.start_free),
         },
         "goal": {"any": [_goal(goal, robot, problem.scheme) for goal in problem.goals]}
@@ -179,7 +182,9 @@ def _goal(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
     for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
         if active.any():
             table[key] = _written(robot, value, active)
-    if goal.a_active.any():
+    if goal.a_rule == "free":
+        table["a"] = "free"
+    elif goal.a_active.any() and goal.a_rule == "given":
         table["a"] = _written(robot, goal.a, goal.a_active)
     if goal.periodic is not None:
         table["periodic"] = periodic_table(goal.periodic)

@@ -14,7 +14,7 @@ from mbocp.integrators import control_basis
 from mbocp.mechanics.rates import rates_along
 from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
-from mbocp.solution.problem_text import held_by_phases, rate_bounds_of
+from mbocp.solution.problem_text import acceleration_before, held_by_phases, rate_bounds_of
 from mbocp.solution.records import dual_columns
 from mbocp.terms import RATE_TERMS
 from mbocp.view.figures.forces import force_panels
@@ -133,7 +133,9 @@ def rate_limit_panels(
         return []
     linear = solution.u_values if solution.has_linear_controls else None
     ends = solution.us_at_ends
-    rates = rates_along(robot, solution.qs, solution.vs, solution.us, np.diff(solution.t), ends, linear)
+    before = acceleration_before(solution.problem_text)
+    motion = (solution.qs, solution.vs, solution.us, np.diff(solution.t), ends, linear)
+    rates = rates_along(robot, *motion, before if before.size == solution.nv else None)
     for key in keys:
         term = RATE_TERMS[key]
         labels = solution.labels.v if term.over == "v" else solution.labels.u
