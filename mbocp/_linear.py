@@ -8,7 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["independent_rows", "norm", "null_space"]
+__all__ = ["independent_rows", "norm", "null_space", "spanning_rows"]
 
 _SMALL = 1e-150  # squares of what is smaller lose their digits
 
@@ -55,6 +55,29 @@ def independent_rows(matrix: Array, tolerance: float) -> Array:
     left, values, _ = np.linalg.svd(matrix, full_matrices=False)
     rank = int(np.sum(values > tolerance * max(values[0], 1.0)))
     return np.eye(count) if rank == count else np.ascontiguousarray(left[:, :rank].T)
+
+
+def spanning_rows(matrix: Array, tolerance: float) -> list[int]:
+    """Return which rows span all of them, each the one farthest from what those before it span.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (m, n)
+    tolerance : float
+        A row that is no longer than this multiple of the longest one, or of 1 if that is larger, is left out.
+    """
+    left = np.array(matrix, dtype=np.float64)
+    found: list[int] = []
+    least = tolerance * max(float(np.linalg.norm(left, axis=1).max(initial=0.0)), 1.0)
+    for _ in range(min(left.shape)):
+        lengths = np.linalg.norm(left, axis=1)
+        place = int(lengths.argmax())
+        if lengths[place] <= least:
+            break
+        found.append(place)
+        unit = left[place] / lengths[place]
+        left -= np.outer(left @ unit, unit)
+    return sorted(found)
 
 
 def norm(vector: Array) -> float:

@@ -17,6 +17,7 @@ from mbocp.clearing import Attempt, solve_clear
 from mbocp.exceptions import InvalidValue, NotConverged
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.attempts import solve_from_guesses
+from mbocp.guesses.end_rates import with_rates_at_end
 from mbocp.guesses.starts import Warm
 from mbocp.problem import Problem
 from mbocp.programme.carried import Carried
@@ -178,6 +179,12 @@ def _attempted(
             members, start, callback, phases, deadline
         )
     left_out = next(words for _, member, words in made if member is formulation)
+    if not rough:
+        formulation, outcome = with_rates_at_end(
+            formulation,
+            outcome,
+            lambda moved, start: solve_from_guesses(moved, start, callback, phases, deadline)[0],
+        )
     return Attempt(formulation, outcome, tuple(phases), guess_used, left_out, begun, starts)
 
 

@@ -8,6 +8,11 @@ turned half around. That is no solution of what was asked for. Two ends beside t
   and end are the same configuration of the robot.
 - *Drift.* Explicit schemes leave the loops as time goes on. The end is on no other branch then, it is as far
   off as the loops are open.
+
+Conditions on velocities are chosen by what the constraints leave free at `goal.q`, which is a guess where the
+goal does not give every joint. At another configuration they may leave velocities free that should be zero:
+`rates_missed` looks at the configuration in which the motion ends. What it finds across the constraints is
+the scheme's: those of index 3 keep velocities in the constraints to some order alone.
 """
 
 from __future__ import annotations
@@ -17,16 +22,24 @@ from typing import NamedTuple
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Formulation
+from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.formulation.base import Formulation, Motion
+from mbocp.formulation.switches import ties_at_end
 from mbocp.mechanics.diagnostics import constraint_violation
+from mbocp.mechanisms.consistency import allowed_velocities
 from mbocp.problem.frames import errors_of_poses
+from mbocp.robot.kinematics import momenta_of
 
-__all__ = ["EndMissed", "end_missed"]
+__all__ = ["EndMissed", "RatesMissed", "end_missed", "rates_missed"]
 
 _REACHED = 1e-6  # tangent-space distance [m, rad] beyond which the end is not at the goal
 _OPEN = (
     1e-3  # violation of the loops, by that distance, that speaks of drift: on another branch it is round-off
 )
+_UNSAID = "the conditions of the end do not say it there; start from another guess"
+_ACROSS = "the scheme leaves it across the constraints: take more steps, or the scheme lobatto3 or se1"
+_SHARE = 0.01  # of the motion's largest velocity of that unit: what a scheme may leave across the constraints
 
 
 class EndMissed(NamedTuple):
@@ -119,3 +132,75 @@ def _frames_missed(formulation: Formulation, q: Array) -> EndMissed | None:
         words=f"{off}: the end condition, projected onto the constraints, has another root there; start from "
         "another guess",
     )
+
+
+class RatesMissed(NamedTuple):
+    """Velocities at the end are not those that the goal asks for.
+
+    Attributes
+    ----------
+    is_free : bool
+        Whether the constraints would let the robot end with the velocities of the goal; else the scheme's
+        steps leave velocities across the constraints.
+    words : str
+        By how much, and what to do.
+    """
+
+    is_free: bool
+    words: str
+
+
+def rates_missed(formulation: Formulation, motion: Motion) -> RatesMissed | None:
+    """How the last velocities or momenta miss those of an exact goal, or None where they do not."""
+    problem = formulation.problem
+    robot, goal, q = problem.robot, problem.goal, motion.qs[-1]
+    if not (goal.is_exact and goal.rate_active.any()):
+        return None
+    is_momentum = goal.rate == "p"
+    to_rate = robot.mass_matrix(q) if is_momentum else np.eye(robot.nv)
+    error = np.where(goal.rate_active, to_rate @ motion.vs[-1] - goal.value, 0.0)
+    free = _free_velocities(formulation, q)
+    basis = _range(np.where(goal.rate_active[:, None], to_rate @ free, 0.0))
+    along = basis @ (basis.T @ error)
+    scale = _largest_of_unit(formulation, motion, is_momentum)
+    tolerance = np.maximum(_REACHED * scale, _REACHED)
+    by_scheme = np.maximum(_SHARE * scale, tolerance)
+    # Of what is left across the constraints a part may be seen along them, and velocities of bodies in
+    # natural coordinates are those of joints to the order of the scheme.
+    is_exact = free.shape[1] == robot.nv and formulation.counts_turns
+    labels = robot.p_labels if is_momentum else robot.v_labels
+    for is_free, part, limit, remedy in (
+        (True, along, tolerance if is_exact else by_scheme, _UNSAID),
+        (False, error - along, by_scheme, _ACROSS),
+    ):
+        worst = int(np.argmax(np.abs(part) / limit))
+        if abs(part[worst]) > limit[worst]:
+            label = labels[worst]
+            off = f"{label.name} ends {abs(part[worst]):.3g} {label.unit} off goal.{goal.rate}"
+            return RatesMissed(is_free, f"{off}: {remedy}")
+    return None
+
+
+def _free_velocities(formulation: Formulation, q: Array) -> Array:
+    """Directions of the velocities that everything which acts at the end allows there, shape (nv, any)."""
+    ties = ties_at_end(formulation.problem, q)
+    if ties is None:
+        return allowed_velocities(formulation.problem.robot, q)
+    return null_space(ties[1], RANK_TOLERANCE)
+
+
+def _range(matrix: Array) -> Array:
+    """Orthonormal basis of what the columns span, to the same tolerance as null spaces."""
+    left, values, _ = np.linalg.svd(matrix, full_matrices=False)
+    return left[:, values > RANK_TOLERANCE * max(float(values.max(initial=0.0)), 1.0)]
+
+
+def _largest_of_unit(formulation: Formulation, motion: Motion, is_momentum: bool) -> Array:
+    """For each entry the largest one of its unit along the motion, shape (nv,)."""
+    robot = formulation.problem.robot
+    labels = robot.p_labels if is_momentum else robot.v_labels
+    rates = momenta_of(robot.model, motion.qs, motion.vs) if is_momentum else motion.vs
+    largest = np.abs(rates).max(axis=0)
+    units = np.array([label.unit for label in labels])
+    found: Array = np.array([largest[units == unit].max() for unit in units])
+    return found

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._linear import null_space
+from mbocp._linear import null_space, spanning_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
@@ -97,6 +97,12 @@ def end_condition_rows(
     steps already tie the last momentum to the constraint surface. Both parts are therefore projected onto
     the tangent space, by SVD for any constraint and any subset of conditions.
 
+    With holds that begin or end on the way, and a goal that does not give every joint, `goal.q` is a guess of
+    the configuration in which the motion ends. Conditions on rates are then entries of them: as many as the
+    constraints leave free, those that say most of the others there. They say all wherever the constraints can
+    be solved for the others, where a basis of the tangent space at the guess may be at right angles to
+    velocities that the constraints allow.
+
     Parameters
     ----------
     robot : Robot
@@ -121,10 +127,12 @@ def end_condition_rows(
     free = basis if ties is None else null_space(ties[1], RANK_TOLERANCE)
     reachable = free if speeds is None else speeds(goal.q)
     moments = robot.mass_matrix(goal.q) @ reachable if goal.rate == "p" else reachable
-    D_q, D_rate = (
-        independent_rows(goal.q_active, basis, basis),
-        independent_rows(goal.rate_active, moments, reachable),
-    )
+    D_q = independent_rows(goal.q_active, basis, basis)
+    if ties is None or goal.q_active.all():
+        D_rate = independent_rows(goal.rate_active, moments, reachable)
+    else:
+        entries = np.flatnonzero(goal.rate_active)
+        D_rate = np.eye(robot.nv)[entries[spanning_rows(moments[entries], RANK_TOLERANCE)]]
     to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
     frames = frame_projections(robot, goal, D_q, D_rate @ to_rate @ reachable, reachable, basis)
     return EndRows(D_q, D_rate, frames)

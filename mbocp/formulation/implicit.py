@@ -69,7 +69,7 @@ class ImplicitFormulation:
         """See `mbocp.formulation.formulate`."""
         robot = problem.robot
         space = ConfigurationSpace(robot.model, "quaternion")
-        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem))
+        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem, problem.goal.q))
         is_flat = needs_plain_states(problem) or robot.is_vector_space
         signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)

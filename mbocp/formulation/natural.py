@@ -73,7 +73,7 @@ class NaturalFormulation:
         robot = problem.robot
         mechanics = natural_mechanics(robot)
         joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
-        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem))
+        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem, problem.goal.q))
         signature = signature_of(
             problem, joints, rows, NaturalSteps(problem.scheme), is_flat=True, has_joint_goal=True
         )

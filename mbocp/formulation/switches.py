@@ -97,9 +97,9 @@ def repeated(values: Array, is_impact: BoolArray) -> Array:
     return found
 
 
-def ties_at_end(problem: Problem) -> tuple[Array, Array] | None:
-    """Derivatives of the constraints on positions and on velocities at the end, where these are others."""
-    table, q = problem.switches, problem.goal.q
+def ties_at_end(problem: Problem, q: Array) -> tuple[Array, Array] | None:
+    """Derivatives of the constraints on positions and on velocities at an end, where these are others."""
+    table = problem.switches
     if table is None:
         return None
     return table.at_end(q, of_rates=False), table.at_end(q, of_rates=True)

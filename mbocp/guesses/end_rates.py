@@ -16,7 +16,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.end_reached import rates_missed
-from mbocp.guesses.carried import Carried
+from mbocp.programme.carried import Carried
 from mbocp.solvers import Outcome, Status
 
 __all__ = ["with_rates_at_end"]

@@ -17,6 +17,7 @@ from mbocp import __version__
 from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
+from mbocp.formulation.end_reached import rates_missed
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of
 from mbocp.formulation.resolution import unresolved
@@ -77,6 +78,7 @@ def read_solution(
         t = times_of(problem, motion.dts)
         told = left_out + _singular(problem.robot, motion.qs)
         status, advice = _resolution(formulation, result, replace(motion, dts=np.diff(t)))
+        status, advice = _at_goal(formulation, motion, status, advice)
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
         with timed(phases, "gains"):
@@ -181,6 +183,15 @@ def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) 
     if result.status is not Status.CONVERGED:
         return result.status, f"{result.advice}; {words}: {remedy}"
     return Status.UNDER_RESOLVED, f"{words}: {remedy}; the optimality conditions hold: {result.advice}"
+
+
+def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: str) -> tuple[Status, str]:
+    """Status and advice of a motion that does not end with the velocities that were asked for."""
+    missed = rates_missed(formulation, motion) if status is Status.CONVERGED else None
+    if missed is None:
+        return status, advice
+    status = Status.OTHER_ROOT if missed.is_free else Status.UNDER_RESOLVED
+    return status, f"{missed.words}; the optimality conditions hold: {advice}"
 
 
 def _told(approach: Approach | None) -> dict[str, Any]:

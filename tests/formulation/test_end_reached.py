@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,9 +13,16 @@ import pytest
 from typer.testing import CliRunner
 
 import mbocp
+import mbocp.guesses.end_rates
+from mbocp import solving
+from mbocp._linear import null_space
 from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
-from mbocp.formulation.end_reached import end_missed
+from mbocp.formulation import Motion, formulate
+from mbocp.formulation.end_reached import RatesMissed, end_missed, rates_missed
+from mbocp.formulation.fewer_ends import without_end_rows
+from mbocp.formulation.goal import end_condition_rows
+from mbocp.formulation.switches import ties_at_end
 from mbocp.guesses import starts
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
@@ -105,3 +113,105 @@ def test_drift_off_the_loops_is_no_other_root() -> None:
     assert open_ is not None
     assert not open_.is_other_root
     assert "drifts off the loops" in open_.words
+
+
+def a_jump() -> Problem:
+    """A quadruped that lands where its feet come down: where they stand is found with the motion."""
+    feet = [{"name": leg, "frame": f"{leg}_FOOT", "kind": "point"} for leg in ("FL", "FR", "HL", "HR")]
+    tables = {
+        "robot": {"name": "solo12"},
+        "start": {"q": {"root_joint": [0, 0, 0.235, 0, 0, 0, 1]}},
+        "phase": [
+            {"name": "push", "steps": 4, "duration": 0.3, "hold": feet},
+            {"name": "flight", "steps": 4, "duration": 0.2},
+            {"name": "land", "steps": 4, "duration": 0.3, "hold": feet},
+        ],
+        "goal": {"v": 0, "frame": {"name": "base_link", "position": [0.2, 0, 0.235], "rpy": [0, 0, 0]}},
+        "integrator": {"scheme": "se1"},
+    }
+    return problem_from_tables(tables)
+
+
+def test_conditions_on_velocities_are_chosen_where_the_feet_stand() -> None:
+    """Where legs are almost straight, far from those of the guess, those of the guess say next to nothing."""
+    problem = a_jump()
+    elsewhere = problem.goal.q.copy()
+    elsewhere[7:] = [-0.4, 0.5, 0.2, 0.8, -0.13, -2.7, 0.07, 0.1, 0.4, 0.25, 0.16, 0.07]
+    ties = ties_at_end(problem, elsewhere)
+    assert ties is not None
+    least = []
+    for q in (problem.goal.q, elsewhere):
+        rows = end_condition_rows(problem.robot, replace(problem.goal, q=q), ties=ties_at_end(problem, q))
+        decided = np.vstack([rows.D_rate, ties[1]])
+        assert decided.shape == (problem.robot.nv, problem.robot.nv)
+        least.append(float(np.linalg.svd(decided)[1].min()))
+    assert least[0] < 1e-3
+    assert least[1] > 0.01
+
+
+def at_speeds(problem: Problem, v: np.ndarray) -> Motion:
+    """A motion that ends at the goal with these velocities."""
+    qs, vs = np.array([problem.q_start, problem.goal.q]), np.array([0.0 * v, v])
+    return Motion(qs, vs, np.zeros((1, problem.robot.nu)), np.ones(1))
+
+
+def test_velocities_that_the_goal_does_not_have_are_told() -> None:
+    formulation = formulated(swing(coordinates="joint", goal={"q": [0.5, 0.2], "v": [0.0, 0.0]}))
+    assert rates_missed(formulation, at_speeds(formulation.problem, np.array([1e-9, 0.0]))) is None
+    missed = rates_missed(formulation, at_speeds(formulation.problem, np.array([0.0, 0.3])))
+    assert missed is not None
+    assert missed.is_free
+    assert "joint2 ends 0.3 rad/s off goal.v" in missed.words
+    momenta = formulated(swing(coordinates="joint", goal={"q": [0.5, 0.2], "p": [0.0, 0.0]}))
+    found = rates_missed(momenta, at_speeds(momenta.problem, np.array([0.0, 0.3])))
+    assert found is not None
+    assert "off goal.p" in found.words
+
+
+def test_what_the_scheme_leaves_across_the_constraints_is_no_other_root() -> None:
+    robot = mbocp.load_robot("four_bar")
+    problem = Problem.create(robot, 1.0, 4, goal={"q": robot.q0, "v": 0}, scheme="midpoint")
+    across = robot.constraint_jacobian(robot.q0)[0]
+    missed = rates_missed(formulated(problem), at_speeds(problem, across))
+    assert missed is not None
+    assert not missed.is_free
+    assert "take more steps" in missed.words
+    along = null_space(robot.constraint_jacobian(robot.q0), 1e-9)[:, 0]
+    assert rates_missed(formulated(problem), at_speeds(problem, along + 1e-3 * across)).is_free  # type: ignore[union-attr]
+
+
+def test_a_motion_that_is_not_at_rest_has_not_converged(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Whatever the cause: here a row of the end condition was lost."""
+    whole = solving.formulated
+    monkeypatch.setattr(solving, "formulated", lambda *given: (without_end_rows(whole(*given)[0], [3]), ""))
+    monkeypatch.setattr(solving, "with_rates_at_end", lambda *given: given[:2])
+    problem = swing(coordinates="joint", goal={"q": [1.0, 0.0], "v": [0.0, 0.0]}, cost={"velocity": 0.1})
+    s = mbocp.solve(problem)
+    assert s.status is Status.OTHER_ROOT
+    assert abs(s.vs[-1, 1]) > 1e-3
+    assert "joint2 ends" in s.advice
+    assert "off goal.v" in s.advice
+
+
+def test_the_end_is_looked_at_again_where_the_motion_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows that say nothing of the end that is found give way to those that do."""
+    problem = Problem.create(
+        "four_bar", 0.5, 10, goal={"q": {"crank": 2.5}, "v": 0}, cost={"velocity": 1.0}, scheme="se1"
+    )
+    right = formulate(problem)
+    settings = {"rounds": 0}
+    real = mbocp.guesses.end_rates.rates_missed
+
+    def missed_once(formulation: Any, motion: Any) -> Any:
+        settings["rounds"] += 1
+        return RatesMissed(True, "elsewhere") if settings["rounds"] == 1 else real(formulation, motion)
+
+    monkeypatch.setattr(mbocp.guesses.end_rates, "rates_missed", missed_once)
+    blind = without_end_rows(right, [len(right.end_rows.of_joints) - 1])
+    monkeypatch.setattr(solving, "formulated", lambda *given: (blind, ""))
+    s = mbocp.solve(problem)
+    assert settings["rounds"] == 2
+    assert s.converged, s.advice
+    assert np.abs(s.vs[-1]).max() < 1e-2 * np.abs(s.vs).max()
