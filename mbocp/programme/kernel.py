@@ -17,11 +17,20 @@ from mbocp.programme.stagewise import StagewiseProgramme
 # The modules may be missing, and the kernel is one of two builds with the same names. Solvers take from here
 # the types of what the kernel gives them.
 if TYPE_CHECKING:
-    from mbocp._native._kernel import Direction, Kind, Programme, RecedingHorizon, StageFunction, Terminal
+    from mbocp._native._kernel import (
+        Care,
+        Direction,
+        Kind,
+        Programme,
+        RecedingHorizon,
+        StageFunction,
+        Terminal,
+    )
     from mbocp._native._kernel import Evaluation as Evaluation
     from mbocp._native._kernel import Factorisation as Factorisation
     from mbocp._native._kernel import Trial as Trial
 
+    KernelCare = Care
     KernelDirection = Direction
     KernelHorizon = RecedingHorizon
     KernelProgramme = Programme
@@ -51,6 +60,10 @@ class Kernel(Protocol):
     @property
     def Terminal(self) -> type[Terminal]:
         """Functions of the end."""
+
+    @property
+    def Care(self) -> type[KernelCare]:
+        """Rules by which a shift of the Hessian changes."""
 
     @property
     def RecedingHorizon(self) -> type[KernelHorizon]:

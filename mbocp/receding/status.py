@@ -7,7 +7,9 @@ from typing import Literal, TypeAlias
 
 __all__ = ["HorizonState", "HorizonStatus"]
 
-HorizonState: TypeAlias = Literal["converged", "improved", "out_of_time", "stuck", "not_finite", "bad_input"]
+HorizonState: TypeAlias = Literal[
+    "converged", "improved", "out_of_time", "stuck", "not_finite", "bad_input", "moved_on"
+]
 
 _WORDS = {
     "converged": "the last Newton step was smaller than the tolerance",
@@ -16,6 +18,7 @@ _WORDS = {
     "stuck": "no Newton step improves cost or constraints",
     "not_finite": "functions are not finite at the prediction",
     "bad_input": "what was given cannot be, so the prediction goes on without it",
+    "moved_on": "no Newton step was asked for",
 }
 
 
@@ -25,7 +28,7 @@ class HorizonStatus:
 
     Attributes
     ----------
-    state : {"converged", "improved", "out_of_time", "stuck", "not_finite", "bad_input"}
+    state : {"converged", "improved", "out_of_time", "stuck", "not_finite", "bad_input", "moved_on"}
         Why the step ended.
     iterations : int
         Newton steps taken. With none the prediction is the one before, moved on.

@@ -24,7 +24,7 @@ from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.multiplier import end_multiplier
 from mbocp.solvers.newton import NewtonState, check_termination, factorise, new_state, next_state
 from mbocp.solvers.records import Status
-from mbocp.solvers.shift import MAX_SHIFT, larger_shift, next_shift
+from mbocp.solvers.shift import MAX_SHIFT, bold
 from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
@@ -130,7 +130,7 @@ class FBSMNewton:
                         filter=state.filter if taken.keeps_filter else state.filter.grown(state.evaluation),
                         at_minimum=is_minimum and shift == 0.0,
                     )
-            shift = larger_shift(shift, _MIN_SHIFT)
+            shift = bold().larger_shift(shift, _MIN_SHIFT)
             if shift > MAX_SHIFT or not self.globalised:
                 stuck = Status.LINE_SEARCH_FAILED if self.globalised else Status.SWEEP_FAILED
                 failure = stuck if factorisation.ok else Status.SINGULAR
@@ -205,7 +205,7 @@ class FBSMNewton:
         if not self.globalised:
             return 0.0
         contraction = taken.evaluation.residual / state.evaluation.residual
-        return next_shift(shift, taken.length, contraction, _MIN_SHIFT)
+        return bold().next_shift(shift, taken.length, contraction, _MIN_SHIFT)
 
 
 @dataclass(frozen=True)

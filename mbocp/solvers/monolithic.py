@@ -59,13 +59,13 @@ from mbocp.solvers.newton import (
     start,
 )
 from mbocp.solvers.records import Status
-from mbocp.solvers.shift import BOLD, CAREFUL, MAX_SHIFT, Care, first_shift, larger_shift, next_shift
+from mbocp.solvers.shift import MAX_SHIFT, bold, careful
 from mbocp.solvers.stopping import STILL, has_arrived, is_round_off, is_within_round_off, stillness
 from mbocp.solvers.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Factorisation
+    from mbocp.programme.kernel import Factorisation, KernelCare
 
 __all__ = ["GlobalisedNewton", "PureNewton"]
 
@@ -73,7 +73,6 @@ _CAREFUL_AFTER = 200  # iterations in a run: most take less, and those that take
 _RESTARTS = 2
 _MIN_SHIFT = 1e-6  # of the Hessian: a larger one makes many short steps along flat valleys
 _FAR = 0.1  # of a step: where the cap leaves less, a larger shift is tried first
-_OF_LAST = 0.2  # of the last shift: smaller ones are left out where the Hessian is indefinite again
 _LAST_RESORT_STEP = 1e-9  # the step may become as short as this
 _RELAXED_STEP = 0.1  # a step shorter than this is an occasion for relaxed ones
 _RELAXED_STEPS = 6  # in a run: about as many as Newton's method takes to make up for a bent constraint
@@ -212,12 +211,10 @@ class GlobalisedNewton:
                 if shift == 0.0 and is_round_off(state, direction.increment, self.tolerance):
                     return state._replace(increment=direction.increment, still=STILL)
             attempts += 1
-            if not is_indefinite:
-                shift = larger_shift(shift, _MIN_SHIFT, care)
-            elif state.last_shift:
-                shift = max(care.regrowth * shift, _MIN_SHIFT, _OF_LAST * state.last_shift)
+            if is_indefinite:
+                shift = care.regrown_shift(shift, state.last_shift, _MIN_SHIFT)
             else:
-                shift = first_shift(shift)
+                shift = care.larger_shift(shift, _MIN_SHIFT)
             if shift > MAX_SHIFT and state.is_free:
                 return self.step(fixed(state, self.tolerance))
             if shift > MAX_SHIFT:
@@ -236,12 +233,11 @@ class GlobalisedNewton:
             augmentation=augmentation,
             regularisation=shift,
             last_shift=shift or state.last_shift,
-            shift=next_shift(
+            shift=care.next_shift(
                 shift,
                 direction.relative(length) * (direction.cap if shift else 1.0),
                 evaluation.residual / state.evaluation.residual,
                 _MIN_SHIFT,
-                care,
             ),
             filter=state.filter if by_cost else state.filter.grown(state.evaluation),
             patience=max(0, state.patience - 1),
@@ -255,9 +251,9 @@ class GlobalisedNewton:
         is_there = has_arrived(state, self.tolerance) or state.evaluation.residual <= self.rough
         return Status.CONVERGED if is_there and state.failure is None else status
 
-    def _care(self, state: NewtonState) -> Care:
+    def _care(self, state: NewtonState) -> KernelCare:
         is_valley = self.is_careful or state.iteration >= _CAREFUL_AFTER
-        return CAREFUL if is_valley and not state.barrier else BOLD  # limits cut steps whatever the shift
+        return careful() if is_valley and not state.barrier else bold()  # limits cut steps whatever the shift
 
     def _direction(
         self, state: NewtonState, shift: float
@@ -332,7 +328,7 @@ class GlobalisedNewton:
         assert reference is not None  # for the type checker: `step` comes here only with one
         _, _, augmentation, direction = self._direction(state, shift)
         while direction is None and shift <= MAX_SHIFT:
-            shift = larger_shift(shift, _MIN_SHIFT)
+            shift = bold().larger_shift(shift, _MIN_SHIFT)
             _, _, augmentation, direction = self._direction(state, shift)
         if direction is not None:
             native.move(direction.longest)
@@ -346,7 +342,9 @@ class GlobalisedNewton:
                 direction.longest,
                 augmentation=augmentation,
                 regularisation=shift,
-                shift=next_shift(shift, 1.0, evaluation.residual / state.evaluation.residual, _MIN_SHIFT),
+                shift=bold().next_shift(
+                    shift, 1.0, evaluation.residual / state.evaluation.residual, _MIN_SHIFT
+                ),
                 reference=replace(reference, steps_left=max(reference.steps_left - 1, 1 if promising else 0)),
                 at_minimum=shift == 0.0,
             )

@@ -20,7 +20,7 @@ from mbocp.solvers import GlobalisedNewton, NewtonState
 from mbocp.solvers.newton import factorise
 from mbocp.solvers.progress import has_stalled, is_nearly_feasible
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.shift import BOLD, CAREFUL, first_shift, larger_shift, next_shift
+from mbocp.solvers.shift import bold, careful
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -124,11 +124,11 @@ def test_a_swing_that_had_not_been_solved_in_all_phases() -> None:
 
 
 def test_shifts_go_down_to_the_least_one_and_then_to_none() -> None:
-    assert larger_shift(0.0, 1e-6) == 1e-6
-    assert larger_shift(1e-3, 1e-6) == pytest.approx(8e-3)
-    assert next_shift(1e-3, 1.0, 0.5, 1e-6) == pytest.approx(1e-3 / 3.0)
-    assert next_shift(2e-6, 1.0, 0.5, 1e-6) == 0.0
-    assert next_shift(1.0, 1.0, 0.01, 1e-6) == 0.0
+    assert bold().larger_shift(0.0, 1e-6) == 1e-6
+    assert bold().larger_shift(1e-3, 1e-6) == pytest.approx(8e-3)
+    assert bold().next_shift(1e-3, 1.0, 0.5, 1e-6) == pytest.approx(1e-3 / 3.0)
+    assert bold().next_shift(2e-6, 1.0, 0.5, 1e-6) == 0.0
+    assert bold().next_shift(1.0, 1.0, 0.01, 1e-6) == 0.0
 
 
 def test_slacks_begin_a_tenth_inside() -> None:
@@ -202,12 +202,12 @@ def test_one_step_that_violates_more_does_not_hide_a_falling_cost() -> None:
 
 
 def test_careful_shifts_grow_by_smaller_factors() -> None:
-    assert larger_shift(1e-3, 1e-6, CAREFUL) < larger_shift(1e-3, 1e-6, BOLD)
+    assert careful().larger_shift(1e-3, 1e-6) < bold().larger_shift(1e-3, 1e-6)
 
 
 def test_a_short_step_leads_to_a_shift_that_changes_the_next_one() -> None:
-    assert next_shift(0.0, 0.1, 0.5, 1e-6, BOLD) == 1e-2
-    assert next_shift(1.0, 0.1, 0.5, 1e-6, BOLD) == 2.0
+    assert bold().next_shift(0.0, 0.1, 0.5, 1e-6) == 1e-2
+    assert bold().next_shift(1.0, 0.1, 0.5, 1e-6) == 2.0
 
 
 class Counted:
@@ -243,8 +243,8 @@ def test_the_first_shift_is_found_in_few_factorisations() -> None:
     """A Z1 whose Hessian is indefinite in the third iteration, by a control weight or so."""
     state, calls = counted_solve(PEERS / "Z.toml")
     assert calls["factorise"] <= state.iteration + 5  # ten for that shift alone where it grew eightfold
-    assert first_shift(0.0) == 1e-2
-    assert first_shift(first_shift(0.0)) == pytest.approx(0.3)
+    assert bold().regrown_shift(0.0, 0.0, 1e-6) == 1e-2
+    assert bold().regrown_shift(1e-2, 0.0, 1e-6) == pytest.approx(0.3)
 
 
 def test_steps_far_astray_get_no_correction() -> None:

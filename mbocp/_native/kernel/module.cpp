@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "receding.hpp"
+#include "shift.hpp"
 
 #ifndef MBOCP_KERNEL_NAME
 #define MBOCP_KERNEL_NAME _kernel
@@ -297,7 +298,18 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .value("out_of_time", Outcome::out_of_time)
         .value("stuck", Outcome::stuck)
         .value("not_finite", Outcome::not_finite)
-        .value("bad_state", Outcome::bad_state);
+        .value("bad_state", Outcome::bad_state)
+        .value("moved_on", Outcome::moved_on);
+
+    nb::class_<Care>(module, "Care")
+        .def_static("bold", &Care::bold)
+        .def_static("careful", &Care::careful)
+        .def_ro("min_step", &Care::min_step)
+        .def_ro("patience", &Care::patience)
+        .def("larger_shift", &Care::larger_shift, nb::arg("shift"), nb::arg("least"))
+        .def("regrown_shift", &Care::regrown_shift, nb::arg("shift"), nb::arg("last"), nb::arg("least"))
+        .def("next_shift", &Care::next_shift, nb::arg("shift"), nb::arg("length"), nb::arg("contraction"),
+             nb::arg("least"));
 
     nb::class_<HorizonStatus>(module, "HorizonStatus")
         .def_ro("outcome", &HorizonStatus::outcome)

@@ -4,17 +4,19 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "shift.hpp"
+
 namespace mbocp {
 
 namespace {
 
-// As in mbocp/solvers: monolithic.py, newton.py, limits.py, shift.py and filter.py say why.
-constexpr double least_shift = 1e-6, shift_growth = 8.0, shift_shrinkage = 5.0, most_shift = 1e4;
+// As in mbocp/solvers: monolithic.py, newton.py, limits.py and filter.py say why.
+constexpr Care care = Care::bold();
+constexpr double least_shift = 1e-6, most_shift = 1e4;
 constexpr double least_end_condition = 1e-3, most_augmentation = 1e12, augmentation_growth = 100.0;
-constexpr double most_turn = 1.0;         // [rad]
-constexpr double shortest_length = 0.02;  // of the longest step: below it a larger shift is tried
-constexpr double good_length = 0.2;
+constexpr double most_turn = 1.0;  // [rad]
 constexpr int most_attempts = 8;
+constexpr double unknown_contraction = 1.0;  // of the residual: the next state is another one
 // Factorisations with a wrong inertia after which the Hessian is that of the cost alone: after a jump of the goal no
 // shift that is worth trying makes up for the curvature that far multipliers give the dynamics.
 constexpr int most_wrong = 4;
@@ -131,6 +133,7 @@ HorizonStatus RecedingHorizon::step(const double* state, int size, double steps,
         move_on(steps);
         for (int i = 0; i < size; ++i) is_good_state = is_good_state && std::isfinite(state[i]);
         if (is_good_state) std::copy(state, state + size, programme_.iterate.x.begin());
+        if (iterations < 1) status.outcome = Outcome::moved_on;
         for (int i = 0; i < iterations; ++i) {
             const auto before = Clock::now();
             // The first one begins in any case: a step that others on the machine have held up says nothing of it.
@@ -188,9 +191,7 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
                 if (search(before, d, longest, status)) {
                     copy_gains();
                     programme_.accept(status.length * longest, d.longest_dual);
-                    shift_ = status.length < good_length             ? 2.0 * std::max(shift, least_shift)
-                             : shift / shift_shrinkage > least_shift ? shift / shift_shrinkage
-                                                                     : 0.0;
+                    shift_ = care.next_shift(shift, status.length, unknown_contraction, least_shift);
                     if (d.longest < cut_short) barrier_ *= barrier_rise;
                     status.length *= longest, status.increment = increment, ++status.iterations;
                     return Found::step;
@@ -198,7 +199,7 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
                 if (late()) return Found::none;
             }
         }
-        shift = std::max(shift_growth * shift, least_shift);
+        shift = is_right ? care.larger_shift(shift, least_shift) : care.regrown_shift(shift, shift_, least_shift);
     }
     return had_direction ? Found::none : Found::singular;
 }
@@ -224,7 +225,7 @@ bool RecedingHorizon::search(const Evaluation& before, const Direction& d, doubl
         return trial;
     };
     status.length = 0.0;
-    for (double length = 1.0; length >= shortest_length; length *= 0.5) {
+    for (double length = 1.0; length >= care.min_step; length *= 0.5) {
         const Trial trial = try_length(length, longest);
         if (status.length > 0.0) return true;
         if (length == 1.0 && trial.finite && trial.violation >= before.violation) {

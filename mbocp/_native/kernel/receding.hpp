@@ -18,6 +18,7 @@ enum class Outcome {
     stuck,        // no step improves cost or constraints, or the system is singular
     not_finite,   // functions or derivatives are not finite, or have failed
     bad_state,    // the given state is not finite: the predicted one has taken its place
+    moved_on,     // no Newton step was asked for
 };
 
 struct HorizonStatus {

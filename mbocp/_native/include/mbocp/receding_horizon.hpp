@@ -61,10 +61,11 @@ struct mbocp_controller;
 namespace mbocp {
 
 // Why a step ended, see docs/receding_horizon.md.
-enum class State { converged, improved, out_of_time, stuck, not_finite, bad_input };
+enum class State { converged, improved, out_of_time, stuck, not_finite, bad_input, moved_on };
 
 inline const char* name_of(State state) {
-    static const char* const names[] = {"converged", "improved", "out_of_time", "stuck", "not_finite", "bad_input"};
+    static const char* const names[] = {"converged",  "improved",  "out_of_time", "stuck",
+                                        "not_finite", "bad_input", "moved_on"};
     return names[static_cast<int>(state)];
 }
 
