@@ -8,12 +8,13 @@ import unicodedata
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["MAX_MESSAGE", "MAX_QUOTE", "has_control_characters", "listed", "shortened", "shown"]
+__all__ = ["MAX_MESSAGE", "MAX_QUOTE", "has_control_characters", "listed", "printable", "shortened", "shown"]
 
 MAX_QUOTE = 200  # characters of one value in a message
 MAX_MESSAGE = 4000  # characters of a message
 _GAP = " [...] "
 _LOG10_2 = math.log10(2.0)
+_DIRECTIONS = frozenset("\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 _BITS = 256  # of an integer that is written out
 
 
@@ -58,6 +59,18 @@ def listed(names: Sequence[str], most: int) -> str:
 def has_control_characters(text: str) -> bool:
     """Whether a text would do more to a terminal than print: it has an escape, a NUL, a line end, ..."""
     return any(unicodedata.category(character) == "Cc" for character in text)
+
+
+def printable(text: str) -> str:
+    """A text on one line that only prints: what would do more to a terminal or a program is escaped.
+
+    Control characters, lone surrogates, and those that turn the direction of writing around.
+    """
+    return "".join(c if _only_prints(c) else c.encode("unicode_escape").decode() for c in text)
+
+
+def _only_prints(character: str) -> bool:
+    return unicodedata.category(character) not in ("Cc", "Cs") and character not in _DIRECTIONS
 
 
 def shortened(text: str, limit: int = MAX_QUOTE) -> str:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from mbocp._text import shown
+from mbocp._text import printable, shown
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.accuracy import Accuracy
@@ -130,7 +130,11 @@ def read_records(kind: type[_Record], tables: list[Mapping[str, Any]]) -> tuple[
     model = _TABLES[kind]
     for i, table in enumerate(tables):
         _validated(model, f"{kind.__name__} {i}", table)
-    return tuple(kind(**table) for table in tables)
+    return tuple(kind(**{name: _printed(value) for name, value in table.items()}) for table in tables)
+
+
+def _printed(value: Any) -> Any:
+    return printable(value) if isinstance(value, str) else value
 
 
 _Model = TypeVar("_Model", bound=_Strict)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import math
@@ -12,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._text import printable
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
@@ -101,9 +103,11 @@ def _table(motion: Sampled) -> dict[str, Array]:
 
 def _csv(motion: Sampled, solution: SolutionData) -> bytes:
     columns = _table(motion)
-    header = ",".join(f'"{name}"' if "," in name else name for name in columns)
-    rows = np.column_stack(list(columns.values()))
-    return "\n".join([header, *(",".join(map(repr, row)) for row in rows.tolist()), ""]).encode()
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(np.column_stack(list(columns.values())).tolist())
+    return text.getvalue().encode()
 
 
 def _ros2(motion: Sampled, solution: SolutionData) -> bytes:
@@ -137,7 +141,7 @@ def _urscript(motion: Sampled, solution: SolutionData) -> bytes:
     name = "".join(c if c.isascii() and c.isalnum() else "_" for c in solution.problem_name or "motion")
     steps = np.diff(motion.t)
     lines = [
-        f"# {solution.problem_name}: {motion.t[-1]:.6g} s; joints {', '.join(motion.joints)}",
+        f"# {printable(solution.problem_name)}: {motion.t[-1]:.6g} s; joints {', '.join(motion.joints)}",
         f"def m_{name}():",
         f"  movej({_list(motion.positions[0])}, a=0.5, v=0.3)",
         *(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._text import printable
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_records
@@ -62,17 +63,23 @@ def fields_of(content: FileContent) -> dict[str, Any]:
     check_content(content)
     given = {**content.arrays, **content.texts}
     own = {name: value for name, value in given.items() if not is_part(name)}
-    fields: dict[str, Any] = {**own, **content.summary, **content.structures}
+    words = {name: printable(value) for name, value in content.summary.items() if isinstance(value, str)}
+    fields: dict[str, Any] = {**own, **content.summary, **words, **content.structures}
     fields["iterate"] = iterate_in(content)
     fields["phases"] = read_records(Phase, fields["phases"])
     fields["history"] = read_records(IterationRecord, fields["history"])
     fields["starts"] = read_records(StartRecord, fields.get("starts", []))
     fields["accuracy"] = next(iter(read_records(Accuracy, fields.get("accuracy", []))), Accuracy())
-    labels = {name: tuple(Column(*pair) for pair in content.columns[f"{name}s"]) for name in _LABELLED}
+    labels = {
+        name: tuple(Column(*map(printable, pair)) for pair in content.columns[f"{name}s"])
+        for name in _LABELLED
+    }
     fields["labels"] = Labels(**labels)
-    fields["control_momentum_names"] = tuple(name for name, _ in content.columns["control_momenta"])
-    fields["control_momentum_meanings"] = content.meanings.get("control_momenta", ())
-    fields["path_names"] = tuple(name for name, _ in content.columns.get("lam_path", ()))
+    fields["control_momentum_names"] = tuple(
+        printable(name) for name, _ in content.columns["control_momenta"]
+    )
+    fields["control_momentum_meanings"] = tuple(map(printable, content.meanings.get("control_momenta", ())))
+    fields["path_names"] = tuple(printable(name) for name, _ in content.columns.get("lam_path", ()))
     if content.robot_list is not None:
         fields["robot_files"] = RobotFiles(content.robot_list, content.robot_contents)
     return fields

@@ -5,16 +5,15 @@ The process knows solvers and no robot, and starts no script of the user again. 
 
 from __future__ import annotations
 
-import json
 import os
 import pickle
 import struct
 import subprocess
-import sys
 from contextlib import suppress
 from types import TracebackType
 from typing import IO
 
+from mbocp._processes import python_command
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.stagewise import StagewiseProgramme
 from mbocp.solvers.phases import Outcome
@@ -22,9 +21,7 @@ from mbocp.solvers.settings import SolverSettings
 
 __all__ = ["Elsewhere", "ElsewhereError", "receive", "send"]
 
-_START = (
-    "import json, sys\nsys.path[:] = json.loads(sys.argv[1])\nfrom mbocp.solvers.child import main\nmain()\n"
-)
+_START = "from mbocp.solvers.child import main\nmain()\n"
 _LENGTH = struct.Struct("<Q")  # bytes that follow
 
 
@@ -86,7 +83,7 @@ class Elsewhere:
 
 def _started() -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-c", _START, json.dumps(sys.path)],
+        python_command(_START),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

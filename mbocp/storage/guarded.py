@@ -6,14 +6,13 @@ crashes or never ends, the file is damaged.
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from mbocp._processes import python_command
 from mbocp.exceptions import ResultFileError
 
 __all__ = ["LIMITS", "REFUSED", "Limits", "renewed"]
@@ -44,12 +43,7 @@ class Limits(NamedTuple):
 
 LIMITS = Limits()
 
-_START = (
-    "import json, sys\n"
-    "sys.path[:] = json.loads(sys.argv[1])\n"
-    "from mbocp.storage.child import main\n"
-    "main(*map(int, sys.argv[2:]))\n"
-)
+_START = "from mbocp.storage.child import main\nmain(*map(int, sys.argv[1:]))\n"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -64,7 +58,7 @@ def renewed(path: str | Path, content: bytes) -> bytes:
     limits = LIMITS.for_size(len(content))
     try:
         process = subprocess.run(
-            [sys.executable, "-c", _START, json.dumps(sys.path), *map(str, limits[:2])],
+            python_command(_START, *map(str, limits[:2])),
             input=content,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 from pebble import CONSTS, ProcessExpired, ProcessPool
 
 from mbocp._environment import available_workers
+from mbocp._processes import SAFE_PATH
 from mbocp.exceptions import StudyError
 from mbocp.study.rows import CRASHED, TIMEOUT, failure_row
 
@@ -98,7 +99,7 @@ class LocalPool:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["mbocp.study.task"])
         environment = {**os.environ, **dict.fromkeys(_THREADS, "1")}
-        with _environment(environment):
+        with _environment({**environment, **SAFE_PATH}):
             forkserver.ensure_running()
         return ProcessPool(
             max_workers=self.workers, initializer=_begin_worker, initargs=(environment,), context=context

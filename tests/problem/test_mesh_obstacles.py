@@ -290,3 +290,16 @@ def test_a_stone_that_is_carried_is_gone_around(planar: Robot, scheme: str) -> N
         check=True,
     )
     assert nearest_approach(p.clearance, straight.t, straight.qs).distance < -5e-3
+
+
+def test_a_hull_whose_box_has_its_middle_outside() -> None:
+    """A corner of a box: the middle of the box is beyond its slanted side."""
+    corner = np.array([[0.0, 0.0, 5.0], [1.0, 0.0, 5.0], [0.0, 1.0, 5.0], [0.0, 0.0, 6.0]])
+    hull = hull_of(corner)
+    box = (corner.min(axis=0) + corner.max(axis=0)) / 2.0
+    assert (box - [0.0, 0.0, 5.0]).sum() > 1.0
+    weights = np.linalg.solve(np.vstack([corner.T, np.ones(4)]), np.append(hull.middle, 1.0))
+    assert (weights > 0.0).all()
+    shape = {"shape": "mesh", "vertices": corner.tolist()}
+    problem = Problem.create("ur5", 1.0, 10, goal={"q": [1.0, -1, 1, 0, 0, 0], "v": 0}, obstacle=[shape])
+    assert problem.clearance is not None

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._files import is_file
-from mbocp._text import shown
+from mbocp._text import printable, shown
 from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.completion import assembled, assembled_velocity
 from mbocp.problem._checks import MAX_POSITION, check_size
@@ -108,7 +108,7 @@ def from_tables(
         loaded = (
             robot if isinstance(robot, Robot) else _robot(table.robot, folder if source is not None else None)
         )
-        name = name or (source.stem if source else "problem")
+        name = name or (printable(source.stem) if source else "problem")
         return make(**_fields(table, loaded, folder, source, name, terms))
 
 

@@ -53,8 +53,8 @@ class Hull:
 
     @property
     def middle(self) -> Array:
-        """Of the box around it [m]."""
-        return np.asarray((self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2.0)
+        """Mean of its corners [m], which is inside; that of the box around it need not be."""
+        return np.asarray(self.vertices.mean(axis=0))
 
     @property
     def shape(self) -> coal.Convex:
