@@ -22,6 +22,7 @@ LAYERS = (
     "_numbers",
     "exceptions",
     "_environment",
+    "_processes",
     "_threads",
     "_files",
     "_arrays",
@@ -61,10 +62,10 @@ SOURCES = sorted(
 ALONE = {
     "symbolic": {"exceptions", "_native"},
     "meshes": {"_text", "exceptions", "_files", "_arrays", "_linear"},
-    "storage": {"exceptions", "_arrays", "_files"},
+    "storage": {"exceptions", "_arrays", "_files", "_processes"},
     "_native": set(),
     "programme": {"_warn", "exceptions", "_exports", "_arrays", "_environment", "_native"},
-    "solvers": {"exceptions", "_exports", "_arrays", "_linear", "programme"},
+    "solvers": {"exceptions", "_exports", "_arrays", "_linear", "_processes", "programme"},
     "exceptions": {"_text"},
 }
 
