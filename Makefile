@@ -1,4 +1,4 @@
-# make demo | docs | images | wheel | test | quick | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | clean;
+# make demo | docs | images | wheel | test | quick | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | pairs | clean;
 # each installs what it needs into .venv first.
 PYTHON ?= python3
 VENV   := .venv
@@ -8,7 +8,7 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo docs pages images wheel try-wheel test quick test-all attack lint bench bench-dense bench-peers sanitize campaign setup clean
+.PHONY: demo docs pages images wheel try-wheel test quick test-all attack lint bench bench-dense bench-peers sanitize campaign pairs setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -97,6 +97,10 @@ sanitize: setup
 # Random valid problems, each result verified by a second opinion; rows in build/campaign.jsonl, where it goes on.
 campaign: setup
 	$(BIN)/python -m tests.campaign
+
+# All pairs of features of problem files, compiled and solved; rows in build/pairs.jsonl, where it goes on.
+pairs: setup
+	$(BIN)/python -m tests.pairs
 
 setup: $(STAMP)
 
