@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for row in run(robot, options.out, Path(folder), options.workers, options.features):
                 if row["kind"] == "solved":
                     print(robot, row["status"], *row["features"], file=sys.stderr, flush=True)
-    rows = [row for row in read_rows(options.out) if row["robot"] in options.robots]
+    rows = [row for row in read_rows(options.out) if row["robot"] in options.robots or row["kind"] == "made"]
     for robot in options.robots:
         counts = Counter((r["kind"], r["status"]) for r in rows if r["robot"] == robot)
         for (kind, status), count in sorted(counts.items()):
