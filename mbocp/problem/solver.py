@@ -20,6 +20,9 @@ from mbocp.solvers.options import (
 __all__ = ["SolverOptions"]
 
 
+_LARGEST_TOLERANCE = 1e-2  # the paper's is 1e-9; half of the residual of rough solves around obstacles
+
+
 @dataclass(frozen=True, kw_only=True)
 class SolverOptions(Options):
     """Choice of the solver and of its stopping rule, checked; `mbocp.solvers.Options` explains them.
@@ -52,6 +55,12 @@ class SolverOptions(Options):
         check_choice("solver.linear_solver", self.linear_solver, LINEAR_SOLVERS)
         for key in ("tolerance", "theta_max"):
             object.__setattr__(self, key, check_positive(f"solver.{key}", getattr(self, key)))
+        if self.tolerance > _LARGEST_TOLERANCE:
+            raise InvalidValue(
+                "solver.tolerance",
+                self.tolerance,
+                f"at most {_LARGEST_TOLERANCE:g}: with larger residuals a motion does not keep its equations",
+            )
         for key, least in (("starts", 1), ("seed", 0)):
             number = check_integer(f"solver.{key}", getattr(self, key), minimum=least)
             object.__setattr__(self, key, number)

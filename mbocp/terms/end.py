@@ -15,7 +15,7 @@ from mbocp.lie import ConfigurationSpace
 from mbocp.terms.cost import CostTerm, CostWeights, Reader
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Weights
-from mbocp.terms.written import Finite, Key, Table
+from mbocp.terms.written import Finite, Key, Table, check_weight_is_given
 
 __all__ = ["ExactGoal", "TerminalCost"]
 
@@ -129,6 +129,7 @@ class TerminalCost(CostTerm):
         """Weight and weights."""
         asked, key = reader.goal_says(), "cost.terminal_weights"
         weights = reader.on_states(table.terminal_weights, asked, key)
+        check_weight_is_given(table, "terminal", ("terminal_weights",))
         if table.terminal > 0.0:
             reader.check_weighed(weights, asked, key, "the goal")
         return {"terminal": table.terminal, "terminal_weights": weights}

@@ -13,7 +13,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Target, Weights
-from mbocp.terms.written import Control, ControlOrAuto, Finite, Key, Table
+from mbocp.terms.written import Control, ControlOrAuto, Finite, Key, Table, check_weight_is_given
 
 __all__ = ["Acceleration", "ControlRate", "Effort", "Fuel", "Potential", "Tracking", "Velocity"]
 
@@ -119,6 +119,7 @@ class Tracking(RunningCost):
         target_q, target_p, given = reader.targets(table.target, table.target_file)
         key = "cost.tracking_weights"
         weights = reader.on_states(table.tracking_weights, given, key)
+        check_weight_is_given(table, "tracking", ("tracking_weights", "target", "target_file"))
         if table.tracking > 0.0:
             reader.check_weighed(weights, given, key, "cost.target (or the goal)")
         return {

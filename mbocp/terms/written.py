@@ -11,6 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
 
 from mbocp._numbers import as_float, finite_number, is_number
 from mbocp._text import shown
+from mbocp.exceptions import InvalidValue
 
 __all__ = [
     "AUTO",
@@ -26,6 +27,7 @@ __all__ = [
     "Vector",
     "VectorOrNamed",
     "VectorOrNumber",
+    "check_weight_is_given",
     "merged",
     "named_numbers",
     "range_of",
@@ -44,6 +46,27 @@ class Table(BaseModel):
 
 
 T = TypeVar("T", bound=Table)
+
+
+def check_weight_is_given(table: Any, weight: str, keys: tuple[str, ...]) -> None:
+    """Refuse keys of a term of the cost that does not count, since nobody gave its weight.
+
+    Raises
+    ------
+    InvalidValue
+        Naming the first of the keys that is given.
+    """
+    given = table.model_fields_set
+    said = [] if weight in given else [key for key in keys if key in given and _says_something(table, key)]
+    if said:
+        expected = f"cost.{weight}, the weight of the term that it belongs to"
+        raise InvalidValue(f"cost.{said[0]}", f"no cost.{weight}", expected)
+
+
+def _says_something(table: Any, key: str) -> bool:
+    """Whether a key is neither None nor a table without keys."""
+    value = getattr(table, key)
+    return value is not None and bool(getattr(value, "model_fields_set", True))
 
 
 @dataclass(frozen=True)

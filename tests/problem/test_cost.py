@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -251,3 +252,26 @@ def test_weights_of_the_controls_in_python(load: Loader) -> None:
         problem.with_(cost=wrong)
     one = dataclasses.replace(problem.cost, control_rate=np.array(2.0))
     np.testing.assert_array_equal(problem.with_(cost=one).cost.control_rate, np.full(6, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "weight"),
+    [
+        ("target", {"q": [1.0, 1.0]}, "tracking"),
+        ("tracking_weights", {"q": 1.0}, "tracking"),
+        ("terminal_weights", {"q": 1.0}, "terminal"),
+    ],
+)
+def test_weights_of_a_term_without_its_weight_are_refused(key: str, value: Any, weight: str) -> None:
+    """Else a motion would be found that tracks nothing."""
+    tables: dict[str, Any] = {"goal": {"q": [1.0, 0.5], "v": 0}, "cost": {"effort": 1.0, key: value}}
+    words = rf"cost\.{key}: got no cost\.{weight}, expected cost\.{weight}, the weight"
+    with pytest.raises(MbocpError, match=words):
+        Problem.create("double_pendulum", 1.0, 10, **tables)
+    tables["cost"][weight] = 0.0  # who says so means it
+    assert Problem.create("double_pendulum", 1.0, 10, **tables).cost.tracking == 0.0
+
+
+def test_a_tolerance_that_says_nothing_is_refused() -> None:
+    with pytest.raises(MbocpError, match=r"solver\.tolerance: got 1e\+100, expected at most 0.01"):
+        Problem.create("double_pendulum", 1.0, 10, goal={"q": [1.0, 0.5]}, solver={"tolerance": 1e100})
