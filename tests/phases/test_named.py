@@ -156,3 +156,11 @@ def test_what_is_written_reads_back_as_the_same(phases: list[dict[str, Any]], wi
     assert np.array_equal(node_times(again), node_times(problem))
     for letter, sides in problem.limits_along().items():
         assert np.array_equal(sides, again.limits_along()[letter])
+
+
+def test_via_points_without_names_have_distinct_ones_in_a_phase() -> None:
+    there = [{"q": {"elbow_joint": 0.1 * (i + 1)}, "share": share} for i, share in enumerate((0.4, 0.8, 1.0))]
+    problem = made({"via": there}, {})
+    assert [point.name for point in problem.via] == ["0.4 of p0", "0.8 of p0", "end of p0"]
+    again = parse_problem(problem_to_toml(problem))
+    assert [point.name for point in again.via] == [point.name for point in problem.via]

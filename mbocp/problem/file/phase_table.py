@@ -129,7 +129,8 @@ def with_via(via: Iterable[Any], tables: Sequence[PhaseTable]) -> list[Any]:
                     "phase"
                 )
             share = 1.0 if point.share is None else point.share
-            name = point.name or f"end of {table.name}"
+            part = "end" if share == 1.0 else f"{share:g}"  # a phase may have several without a name
+            name = point.name or f"{part} of {table.name}"
             time = {"phase": table.name, "share": share}
             found.append(point.model_copy(update={"name": name, "time": time, "share": None}))
     return found
