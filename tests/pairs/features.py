@@ -144,6 +144,11 @@ def _struck(s: Scene) -> Tables:
     return _phases({}, {"hold": [hold]})(s)
 
 
+def _pushed(s: Scene) -> Tables:
+    push = {"kind": "contact_force", "constraint": "wall", "max": 1e4}
+    return _struck(s) | {"path": [push]}
+
+
 def _periodic(_: Scene) -> Tables:
     return {"goal": {"periodic": True}, "start": {"free": True}}
 
@@ -153,7 +158,8 @@ def _payload(s: Scene) -> Tables:
 
 
 def _any_goal(s: Scene) -> Tables:
-    return {"goal": {"any": [{"q": list(s.goal)}, {"q": s.middle}]}}
+    turned = [*s.goal[:-1], s.goal[-1] + 0.1]  # about the axis through its frame, whose origin stays on lines
+    return {"goal": {"any": [{"q": list(s.goal)}, {"q": turned}]}}
 
 
 def _line(s: Scene) -> Tables:
@@ -209,6 +215,7 @@ FEATURES: dict[str, Feature] = {
         _f("free_phases", _phases({"duration": _FREE}, {"duration": _FREE}), "horizon"),
         _f("hold_soft", _held, "horizon"),
         _f("hold_impact", _struck, "horizon"),
+        _f("contact_force", _pushed, "horizon"),
         _f("linear", _scheme("gauss2", controls="linear"), "scheme"),
         _f("stages", _scheme("gauss2", controls="stages"), "scheme"),
         _f("se1", _scheme("se1"), "scheme"),

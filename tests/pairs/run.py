@@ -81,11 +81,22 @@ def _solved(problem: mbocp.Problem, folder: Path) -> Row:
         file.unlink()
         np.testing.assert_array_equal(loaded.qs, solution.qs)
         again = mbocp.solve(loaded.load_problem())
+        receding = _receded(problem, solution)
     if not np.all(np.isfinite(solution.qs)):
         raise ArithmeticError("a configuration is not finite")
     if (again.status, again.num_steps) != (solution.status, solution.num_steps):
         raise ArithmeticError(f"solved again: {again.status}, and {solution.status} before")
-    return {"status": str(solution.status), "iterations": solution.iterations, "says": solution.advice[:200]}
+    row: Row = {"status": str(solution.status), "iterations": solution.iterations, "receding": receding}
+    return row | {"says": solution.advice[:200]}
+
+
+def _receded(problem: mbocp.Problem, solution: mbocp.Solution) -> str:
+    """How a step of a receding horizon ends; or why there is none, which is no failure where it is said."""
+    try:
+        horizon = mbocp.RecedingHorizon(problem, warm_start=solution)
+    except MbocpError as error:
+        return f"{type(error).__name__}: {str(error)[:200]}"
+    return str(horizon.step(problem.q_start, problem.v_start).status)
 
 
 def run(robot: str, out: Path, folder: Path, workers: int = 1, names: Sequence[str] = ()) -> Iterator[Row]:

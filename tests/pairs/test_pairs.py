@@ -37,6 +37,12 @@ def test_features_go_together(
     assert row["status"] not in (*FAILED, "refused"), row
 
 
+def test_each_feature_is_taken_alone(tmp_path: Path) -> None:
+    """One that is refused by itself would leave all its pairs out of a run."""
+    rows = [refusal("small", (name,), tmp_path) for name in FEATURES]
+    assert [row for row in rows if row["status"] != "made"] == []
+
+
 def test_what_does_not_go_together_is_refused_by_its_keys(tmp_path: Path) -> None:
     row = refusal("small", ("acceleration", "natural"), tmp_path)
     assert row["status"] == "refused"
