@@ -227,6 +227,7 @@ FEATURES: dict[str, Feature] = {
         _f("heun", _scheme("heun"), "scheme"),
         _f("natural", lambda _: {"coordinates": "natural"}),
         _f("ipopt", lambda _: {"solver": {"method": "ipopt"}}),
+        _f("receding", lambda _: {"solver": {"max_iterations": 100}}),  # what it is for: `tests.pairs.run`
         _f("threads", lambda _: {"solver": {"threads": 2}}),
     )
 }

@@ -15,8 +15,9 @@ import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
 import mbocp
-from mbocp.exceptions import MbocpError
+from mbocp.exceptions import MbocpError, SolverError
 from mbocp.formulation import formulate
+from mbocp.receding.checks import check_can_recede
 from tests.campaign.run import read_rows
 from tests.pairs.cover import Pair, cover, pairs_within
 from tests.pairs.features import FEATURES, ROBOTS, pairs, tables_of
@@ -58,7 +59,7 @@ def run_set(robot: str, names: Sequence[str], folder: Path) -> Row:
     except Exception:
         return row | {"status": "crash", "says": traceback.format_exc()[-1500:]}
     try:
-        row |= _solved(problem, folder)
+        row |= _solved(problem, folder, recedes="receding" in names)
     except MbocpError as error:  # what is refused is refused before the solve
         row |= {"status": "late error", "says": f"{type(error).__name__}: {str(error)[:1200]}"}
     except Exception:
@@ -69,10 +70,13 @@ def run_set(robot: str, names: Sequence[str], folder: Path) -> Row:
 def _made(robot: str, names: Sequence[str], folder: Path) -> mbocp.Problem:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # numbers without effect, and goals that the limits leave little
-        return mbocp.Problem.create(**tables_of(ROBOTS[robot](folder), names))
+        problem = mbocp.Problem.create(**tables_of(ROBOTS[robot](folder), names))
+    if "receding" in names:
+        check_can_recede(problem)
+    return problem
 
 
-def _solved(problem: mbocp.Problem, folder: Path) -> Row:
+def _solved(problem: mbocp.Problem, folder: Path, *, recedes: bool) -> Row:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         solution = mbocp.solve(problem)
@@ -81,7 +85,7 @@ def _solved(problem: mbocp.Problem, folder: Path) -> Row:
         file.unlink()
         np.testing.assert_array_equal(loaded.qs, solution.qs)
         again = mbocp.solve(loaded.load_problem())
-        receding = _receded(problem, solution)
+        receding = _receded(problem, solution) if recedes else ""
     if not np.all(np.isfinite(solution.qs)):
         raise ArithmeticError("a configuration is not finite")
     if (again.status, again.num_steps) != (solution.status, solution.num_steps):
@@ -91,11 +95,11 @@ def _solved(problem: mbocp.Problem, folder: Path) -> Row:
 
 
 def _receded(problem: mbocp.Problem, solution: mbocp.Solution) -> str:
-    """How a step of a receding horizon ends; or why there is none, which is no failure where it is said."""
+    """How a step of a receding horizon ends, or why it does not begin: its first motion has to converge."""
     try:
         horizon = mbocp.RecedingHorizon(problem, warm_start=solution)
-    except MbocpError as error:
-        return f"{type(error).__name__}: {str(error)[:200]}"
+    except SolverError as error:
+        return f"no first motion: {str(error)[:200]}"
     return str(horizon.step(problem.q_start, problem.v_start).status)
 
 
