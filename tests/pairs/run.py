@@ -17,7 +17,7 @@ from pebble import ProcessExpired, ProcessPool
 import mbocp
 from mbocp.exceptions import MbocpError, SolverError
 from mbocp.formulation import formulate
-from mbocp.receding.checks import check_can_recede
+from mbocp.receding.checks import check_can_recede, check_functions
 from tests.campaign.run import read_rows
 from tests.pairs.cover import Pair, cover, pairs_within
 from tests.pairs.features import FEATURES, ROBOTS, pairs, tables_of
@@ -71,8 +71,9 @@ def _made(robot: str, names: Sequence[str], folder: Path) -> mbocp.Problem:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # numbers without effect, and goals that the limits leave little
         problem = mbocp.Problem.create(**tables_of(ROBOTS[robot](folder), names))
-    if "receding" in names:
-        check_can_recede(problem)
+        if "receding" in names:
+            check_can_recede(problem)
+            check_functions(formulate(problem))
     return problem
 
 
