@@ -6,12 +6,14 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain
 
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
+from mbocp.guesses.kinds import none_made
 from mbocp.guesses.ranking import is_better, with_end
-from mbocp.guesses.starts import Warm, guesses_in_turn
+from mbocp.guesses.starts import Warm, guesses_in_turn, last_guesses
 from mbocp.solvers import (
     IterationRecord,
     Outcome,
@@ -53,13 +55,15 @@ def solve_from_guesses(
         settings = replace(settings, options=brief)
     best: tuple[Outcome, str] | None = None
     history: list[IterationRecord] = []
-    failed: ProblemError | None = None
-    for attempt, (kind, make) in enumerate(guesses_in_turn(formulation, warm_start)):
+    failed: dict[str, ProblemError] = {}
+    in_turn = guesses_in_turn(formulation, warm_start)
+    last = (guess for guess in last_guesses(formulation, warm_start) if best is None)
+    for attempt, (kind, make) in enumerate(chain(in_turn, last)):
         try:
             with timed(phases, "guess"):
                 iterate, words = make()
         except ProblemError as error:
-            failed = error  # an automatic guess that cannot be made is no reason to give up on the others
+            failed[kind] = error  # no reason to give up on the others
             continue
         except KeyboardInterrupt:
             if best is None:
@@ -93,8 +97,9 @@ def solve_from_guesses(
         if result.status in (Status.CONVERGED, Status.INTERRUPTED, Status.TIME_LIMIT):
             break
     if best is None:
-        raise failed or ProblemError("no initial guess could be made; give guess.kind and guess.u")
+        raise none_made(failed)
     outcome, words = best
+    words += "".join(f"; {kind!r} could not be made" for kind in failed)
     return replace(outcome, result=replace(outcome.result, history=tuple(history))), words
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.switches import filled_impulses
-from mbocp.guesses.kinds import guess_candidates, plain_guess
+from mbocp.guesses.kinds import guess_candidates, none_made, plain_guess
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
 from mbocp.solvers import SolverResult, SolverSettings, Start, Status, run_strategy
@@ -27,9 +27,15 @@ def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
         has_inequalities=joint.is_bounded,
         threads=joint.solver.num_threads,
     )
+    failed: dict[str, ProblemError] = {}
     taken = 0
     for kind in guess_candidates(joint):
-        start = Start(stepwise.programme, plain_guess(kind, stepwise)[0])
+        try:
+            guess, _ = plain_guess(kind, stepwise)
+        except ProblemError as error:
+            failed[kind] = error
+            continue
+        start = Start(stepwise.programme, guess)
         result = run_strategy(settings, start).result
         if result.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
@@ -39,7 +45,7 @@ def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
         if result.status is Status.CONVERGED:
             break
     if best is None:
-        raise ProblemError("no guess could be made in joint coordinates; give guess.kind")
+        raise none_made(failed)
     motion = stepwise.motion_of(best.iterate)
     lams = best.iterate.ys / filled_impulses(formulation.problem, motion.dts)
     iterate = formulation.iterate_of(motion, lams)

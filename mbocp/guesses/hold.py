@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp.formulation import Formulation, Motion, given_lengths
-from mbocp.guesses.balance import balance, required_force
+from mbocp.guesses.balance import balance, balances, required_force
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 
@@ -15,10 +15,10 @@ _EQUILIBRIUM = 1e-8  # relative part of the gravity force that the controls may 
 
 
 def can_hold(problem: Problem) -> bool:
-    """Whether controls and constraints can keep the robot at its start."""
-    robot, q = problem.robot, problem.q_start
+    """Whether controls and constraints, with what the first step holds, can keep the robot at its start."""
+    robot, q, table = problem.robot, problem.q_start, problem.switches
     rest = np.zeros(robot.nv)
-    G = robot.constraint_jacobian(q)
+    G = robot.constraint_jacobian(q) if table is None else table.in_step(q, 0)
     u, lam = balance(robot, q, rest, rest, G)
     wanted = required_force(robot, q, rest, rest)
     left = wanted - robot.actuation_matrix(q) @ u + G.T @ lam
@@ -26,11 +26,8 @@ def can_hold(problem: Problem) -> bool:
 
 
 def hold(formulation: Formulation) -> Iterate:
-    """Stay at the start."""
+    """Stay at the start, with the controls and multipliers that come nearest to balancing it."""
     problem, N = formulation.problem, formulation.problem.num_steps
-    robot = problem.robot
-    still, G = np.zeros(robot.nv), robot.constraint_jacobian(problem.q_start)
-    u, lam = balance(robot, problem.q_start, still, still, G)
-    qs, vs, us = np.tile(problem.q_start, (N + 1, 1)), np.tile(still, (N + 1, 1)), np.tile(u, (N, 1))
-    motion = Motion(qs, vs, us, given_lengths(problem))
-    return formulation.iterate_of(motion, np.tile(lam, (N, 1)))
+    qs, vs = np.tile(problem.q_start, (N + 1, 1)), np.zeros((N + 1, problem.robot.nv))
+    us, lams = balances(problem.robot, qs[1:], vs[1:], vs[1:], problem.switches)
+    return formulation.iterate_of(Motion(qs, vs, us, given_lengths(problem)), lams)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.along import follows_path
 from mbocp.guesses.around import around
@@ -17,7 +18,7 @@ from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
 
-__all__ = ["guess_candidates", "kinds_in_turn", "plain_guess"]
+__all__ = ["guess_candidates", "kinds_in_turn", "none_made", "plain_guess"]
 
 
 def guess_candidates(problem: Problem) -> tuple[str, ...]:
@@ -61,7 +62,8 @@ def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
     if kind == "at_rest":
         return at_rest(formulation), "straight line in the configuration space, nothing moves"
     if kind == "hold":
-        return hold(formulation), "hold the start, gravity compensated"
+        how = "" if can_hold(problem) else " as far as the controls can"
+        return hold(formulation), f"hold the start, gravity compensated{how}"
     given = given_way(problem)
     way = given or around(problem)
     words = "straight line in the configuration space" if way is None else "a way around obstacles"
@@ -69,3 +71,11 @@ def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
     if problem.robot.drives:
         return driven_line(formulation, way), words
     return line(formulation, way), f"{words}, inverse dynamics"
+
+
+def none_made(failed: Mapping[str, ProblemError]) -> ProblemError:
+    """Return the error for guesses of which none could be made: why each failed."""
+    if len(failed) == 1:
+        return next(iter(failed.values()))
+    reasons = "; ".join(f"{kind}: {str(error).removeprefix('guess: ')}" for kind, error in failed.items())
+    return ProblemError(f"guess: none could be made; {reasons}")

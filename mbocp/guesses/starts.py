@@ -14,7 +14,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import around
 from mbocp.guesses.from_solution import iterate_from_solution
-from mbocp.guesses.kinds import guess_candidates, kinds_in_turn
+from mbocp.guesses.kinds import guess_candidates, kinds_in_turn, none_made
 from mbocp.guesses.line import driven_line, line
 from mbocp.guesses.make import make_guess
 from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
@@ -24,7 +24,14 @@ from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.rest import Rest
 
-__all__ = ["StartGuess", "Warm", "further_kinds", "guesses_in_turn", "start_guesses"]
+__all__ = [
+    "StartGuess",
+    "Warm",
+    "further_kinds",
+    "guesses_in_turn",
+    "last_guesses",
+    "start_guesses",
+]
 
 _MAX_BRANCHES = 4  # lines to other configurations at the goal, where one start alone fails
 _MAX_AROUND = 3  # other ways around obstacles, where one start alone fails
@@ -65,20 +72,20 @@ def start_guesses(formulation: Formulation, warm_start: Warm) -> list[StartGuess
     """
     wanted = formulation.problem.solver.starts
     found: list[StartGuess] = []
-    failed: list[ProblemError] = []
+    failed: dict[str, ProblemError] = {}
     for kind, make in _makers(formulation, warm_start):
         try:
             iterate, words = make()
         except ProblemError as error:
             if formulation.problem.guess.kind == kind:
                 raise
-            failed.append(error)
+            failed[kind or f"way {len(failed) + 1}"] = error
         else:
             found.append(StartGuess(kind, words, iterate))
         if len(found) == wanted or len(failed) == _MAX_FAILED:
             break
     if not found:
-        raise ProblemError("no initial guess could be made; give guess.kind and guess.u") from failed[0]
+        raise none_made(failed)
     return found
 
 
@@ -114,6 +121,13 @@ def guesses_in_turn(formulation: Formulation, warm_start: Warm) -> Iterator[tupl
             yield words, partial(_along, formulation, words, way)
     for kind in _kinds(formulation)[1:] if own == "solution" else candidates:
         yield kind, partial(make_guess, kind, formulation)
+
+
+def last_guesses(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _Maker]]:
+    """What is left where no guess that suits the problem can be made: to stay at the start."""
+    kinds = _kinds(formulation)
+    if warm_start is None and formulation.problem.guess.kind == "auto" and "hold" not in kinds:
+        yield "hold", partial(make_guess, "hold", formulation)
 
 
 def _makers(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _Maker]]:
