@@ -48,7 +48,8 @@ def _allowed(problem: Problem) -> Array:
     """Basis of the motions that constraints, and what is held, allow at the goal, shape (nv, any)."""
     if problem.switches is None:
         return tangent_space(problem.robot, problem.goal.q)
-    return null_space(problem.switches.at_end(problem.goal.q, of_rates=False), RANK_TOLERANCE)
+    table = problem.switches  # a place that is found counts: what is let go stays there
+    return null_space(table.in_step(problem.goal.q, table.last_timed), RANK_TOLERANCE)
 
 
 def line(formulation: Formulation, way: Way | None = None) -> Iterate:

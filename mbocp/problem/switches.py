@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart, ProblemError
 from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
@@ -86,6 +88,11 @@ class SwitchTable:
             found[step] = np.where(acts, np.where(before < 0, step, before), -1)
         return found
 
+    @property
+    def last_timed(self) -> int:
+        """The last step that takes time."""
+        return int(np.flatnonzero(~self.is_impact)[-1])
+
     def jacobians(self, qs: Array) -> Array:
         """Derivatives of the rows of the held frames at n configurations, shape (n, rows, nv)."""
         if not self.held:
@@ -99,12 +106,26 @@ class SwitchTable:
         return held_residuals(self.robot, self.held, qs, anchors)
 
     def at_end(self, q: Array, *, of_rates: bool) -> Array:
-        """Derivatives of all rows that act at the end, shape (any, nv).
+        """Derivatives of what ties the end, shape (any, nv).
 
-        An impact at the end ties velocities; positions are tied by what acted before it.
+        An impact at the end ties velocities; positions are tied by what acted before it. A frame that is held
+        where it was when its hold began ties them only as far as its place then was tied.
         """
-        timed = np.flatnonzero(~self.is_impact)
-        return self.in_step(q, len(self.rows) - 1 if of_rates else int(timed[-1]))
+        if of_rates:
+            return self.in_step(q, len(self.rows) - 1)
+        return self._tied(q, self.last_timed)
+
+    def _tied(self, q: Array, step: int) -> Array:
+        """Derivatives of what ties the configuration after a step, the start being given, shape (any, nv)."""
+        at = np.where(self.rows[step], self.anchors[step], -1)
+        found = [self.derivatives(q, self.own[step], self.rows[step] & ((at <= 0) | self.coincides))]
+        for anchor in np.unique(at[(at > 0) & ~self.coincides]):
+            mine = self.derivatives(q, np.zeros_like(self.own[step]), (at == anchor) & ~self.coincides)
+            before = self._tied(q, anchor - 1)
+            # combinations of these rows that those which tie the place do not let move there
+            loose = null_space(before, RANK_TOLERANCE)
+            found.append(null_space((mine @ loose).T, RANK_TOLERANCE).T @ mine)
+        return np.vstack(found)
 
     def acting_at_start(self, *, of_rates: bool) -> tuple[BoolArray, BoolArray]:
         """Which rows a start has to keep, of the robot's constraints (nc,) and of the held frames (rows,).
