@@ -61,12 +61,12 @@ def has_control_characters(text: str) -> bool:
     return any(unicodedata.category(character) == "Cc" for character in text)
 
 
-def printable(text: str) -> str:
+def printable(text: str, keep: str = "") -> str:
     """A text on one line that only prints: what would do more to a terminal or a program is escaped.
 
-    Control characters, lone surrogates, and those that turn the direction of writing around.
+    Control characters but those to `keep`, lone surrogates, and what turns the direction of writing around.
     """
-    return "".join(c if _only_prints(c) else c.encode("unicode_escape").decode() for c in text)
+    return "".join(c if c in keep or _only_prints(c) else c.encode("unicode_escape").decode() for c in text)
 
 
 def _only_prints(character: str) -> bool:

@@ -353,7 +353,10 @@ def _limits(solution: Solution) -> _Rows:
     if solution.limit_violation > 0.0:
         listed += f"\nviolated by {solution.limit_violation:.2e} at most"
     elif solution.limit_violation == 0.0:
-        listed += "\nall are kept"
+        listed += "\nall are kept at the nodes"
+    if solution.limit_excess > 0.0:
+        part, when = f"{100.0 * solution.limit_excess:.3g} %", f"{solution.limit_excess_time:.4g} s"
+        listed += f"\nbetween nodes the {solution.limit_excess_of} leaves its limit by {part}, at {when}"
     return [("limits", listed)]
 
 

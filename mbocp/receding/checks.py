@@ -32,7 +32,10 @@ def check_can_recede(problem: Problem) -> None:
         "via": (bool(problem.via), f"there are via points; {_WHY}: leave them out"),
         "goal": (bool(problem.goals), "there are several; give one of them"),
         "goal.periodic": (problem.goal.periodic is not None, "is not for a horizon that moves; give q and v"),
-        "goal.a": (bool(problem.goal.a_active.any()), "is the mean of a given step; leave it out"),
+        "goal.a": (
+            bool(problem.goal.a_active.any()) and problem.goal.a_rule == "given",
+            "is the mean of a given step; leave it out",
+        ),
         "start.free": (problem.start_free is not None, "the state is given in each step; leave it out"),
         "cost.target": (problem.cost.is_trajectory, "is a trajectory; give one row, and others in each step"),
         "horizon.controls": (

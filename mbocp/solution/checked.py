@@ -52,6 +52,9 @@ class _Summary(_Strict):
     constraint_violation: _Size = 0.0
     velocity_violation: _Size = 0.0
     limit_violation: _Size = 0.0
+    limit_excess: _Size = 0.0
+    limit_excess_of: str = ""
+    limit_excess_time: float = 0.0
     manifold_drift: _Size = 0.0
     manifold_drift_resimulated: _Size = 0.0
     clearance: float = 0.0

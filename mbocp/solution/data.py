@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis
-from mbocp.mechanics.rates import rates_along
 from mbocp.programme.carried import Carried
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
@@ -65,6 +64,8 @@ NUMBERS = (
     "constraint_violation",
     "velocity_violation",
     "limit_violation",
+    "limit_excess",
+    "limit_excess_time",
     "manifold_drift",
     "manifold_drift_resimulated",
     "clearance",
@@ -78,6 +79,7 @@ WORDS = (
     "problem_name",
     "robot_name",
     "guess_used",
+    "limit_excess_of",
     "clearance_between",
     "coordinates",
     "scheme",
@@ -107,6 +109,9 @@ class SolutionData:
     constraint_violation: float = 0.0
     velocity_violation: float = math.nan
     limit_violation: float = 0.0
+    limit_excess: float = 0.0
+    limit_excess_of: str = ""
+    limit_excess_time: float = math.nan
     manifold_drift: float = math.nan
     manifold_drift_resimulated: float = math.nan
     clearance: float = math.nan
@@ -248,6 +253,8 @@ class SolutionData:
     @property
     def accelerations(self) -> Array:
         """Mean accelerations of the steps, shape (N, nv) [m/s^2, rad/s^2]; of impacts that before."""
+        from mbocp.mechanics.rates import rates_along  # mechanics, which no summary needs
+
         return rates_along(None, self.qs, self.vs, self.us, np.diff(self.t))["acceleration"]
 
     def controls_at(self, times: ArrayLike) -> Array:

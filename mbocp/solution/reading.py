@@ -25,6 +25,7 @@ from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.approach import Approach, keeps_clear, nearest_approach
+from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, is_followed, largest_excess
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.programme import Iterate
 from mbocp.robot import Robot, RobotFiles, singular_closure
@@ -79,6 +80,8 @@ def read_solution(
         told = left_out + _singular(problem.robot, motion.qs)
         status, advice = _resolution(formulation, result, replace(motion, dts=np.diff(t)))
         status, advice = _at_goal(formulation, motion, status, advice)
+        excess = largest_excess(problem, t, motion.qs, motion.vs)
+        status, advice = _within_limits(excess, status, advice)
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
         with timed(phases, "gains"):
@@ -94,6 +97,9 @@ def read_solution(
         "advice": advice + _compiled_long(problem, result, phases) + told,
         "solver": outcome.solver,
         "iterations": sum(p.iterations for p in phases),
+        "limit_excess": _ratio_of(excess, problem),
+        "limit_excess_of": "" if excess is None else excess.of,
+        "limit_excess_time": math.nan if excess is None else excess.time,
         "cost": float(last.cost),
         "residual": float(last.residual),
         "increment": float(last.increment),
@@ -192,6 +198,21 @@ def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: s
         return status, advice
     status = Status.OTHER_ROOT if missed.is_free else Status.UNDER_RESOLVED
     return status, f"{missed.words}; the optimality conditions hold: {advice}"
+
+
+def _ratio_of(excess: LimitExcess | None, problem: Problem) -> float:
+    """Part of a limit; NaN where nobody has looked between nodes."""
+    if excess is not None:
+        return excess.ratio
+    return 0.0 if is_followed(problem) else math.nan
+
+
+def _within_limits(excess: LimitExcess | None, status: Status, advice: str) -> tuple[Status, str]:
+    """Status and advice of a motion that leaves a limit between its nodes by more than drives put up with."""
+    if excess is None or excess.ratio <= GROSS_EXCESS or status is not Status.CONVERGED:
+        return status, advice
+    remedy = "take more steps, or controls that are constant in each"
+    return Status.UNDER_RESOLVED, f"{excess.words}: {remedy}; the optimality conditions hold: {advice}"
 
 
 def _told(approach: Approach | None) -> dict[str, Any]:

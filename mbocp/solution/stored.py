@@ -64,6 +64,7 @@ def fields_of(content: FileContent) -> dict[str, Any]:
     given = {**content.arrays, **content.texts}
     own = {name: value for name, value in given.items() if not is_part(name)}
     words = {name: printable(value) for name, value in content.summary.items() if isinstance(value, str)}
+    words["advice"] = printable(str(content.summary.get("advice", "")), keep="\n")
     fields: dict[str, Any] = {**own, **content.summary, **words, **content.structures}
     fields["iterate"] = iterate_in(content)
     fields["phases"] = read_records(Phase, fields["phases"])

@@ -31,7 +31,7 @@ def test_what_cannot_be_is_refused_by_name(option: str, value: Any, expected: st
 
 
 def test_numbers_become_those_of_the_solver() -> None:
-    options = SolverOptions(tolerance=1, switch_residual=0, time_limit=30)
+    options = SolverOptions(theta_max=1, switch_residual=0, time_limit=30)
     assert isinstance(options, Options)
-    for value in (options.tolerance, options.switch_residual, options.time_limit):
+    for value in (options.theta_max, options.switch_residual, options.time_limit):
         assert type(value) is float
