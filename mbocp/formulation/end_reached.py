@@ -39,7 +39,7 @@ _OPEN = (
 )
 _UNSAID = "the conditions of the end do not say it there; start from another guess"
 _ACROSS = "the scheme leaves it across the constraints: take more steps, or the scheme lobatto3 or se1"
-_SHARE = 0.01  # of the motion's largest velocity of that unit: what a scheme may leave across the constraints
+_SHARE = 0.05  # of the motion's largest velocity of that unit: what a scheme may leave across the constraints
 
 
 class EndMissed(NamedTuple):
