@@ -1,0 +1,37 @@
+"""Problems come to what was recorded, and their texts say all of them."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from functools import cache
+from typing import Any
+
+import pytest
+
+from mbocp._files import parse_toml
+from mbocp.problem import parse_problem
+from mbocp.problem.file.write import problem_to_toml
+from tests.frozen.fingerprints import RECORD, equals, fingerprint, make_problem, problem_names
+
+
+@cache
+def recorded() -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(RECORD.read_text(encoding="utf-8"))
+    return found
+
+
+def test_every_problem_is_recorded() -> None:
+    assert list(recorded()) == problem_names()
+
+
+@pytest.mark.parametrize("name", problem_names())
+def test_it_comes_to_what_was_recorded(name: str) -> None:
+    problem = make_problem(name)
+    now, then = json.loads(json.dumps(fingerprint(problem), default=list)), recorded()[name]
+    for part in then:
+        assert equals(now[part], then[part]), part
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        again = parse_problem(problem_to_toml(problem))
+    assert equals(parse_toml(problem_to_toml(again)), parse_toml(problem_to_toml(problem)))
