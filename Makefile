@@ -105,7 +105,7 @@ pairs: setup
 setup: $(STAMP)
 
 # The build requirements come from pyproject.toml, so that they are written once.
-$(STAMP): pyproject.toml $(NATIVE)
+$(STAMP): pyproject.toml papers/pyproject.toml $(NATIVE)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null \
 	    || { echo "mbocp needs Python 3.10 or newer (Debian: apt install python3), or set PYTHON=..." >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
@@ -118,7 +118,7 @@ $(STAMP): pyproject.toml $(NATIVE)
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
 	$(PIP) install --upgrade pip
 	$(BIN)/python .ci/build_requirements.py | $(PIP) install --no-compile -r /dev/stdin
-	$(PIP) install --no-compile --no-build-isolation -e '.[dev]'
+	$(PIP) install --no-compile --no-build-isolation -e '.[dev]' -e papers
 	@touch $@
 
 clean:

@@ -7,8 +7,9 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
+from mbocp_papers.machine import processor
+
 from benchmarks.tables import Table
-from mbocp.papers.machine import processor
 from mbocp.programme.kernel import kernel
 
 __all__ = ["header", "memory", "one_core"]

@@ -52,7 +52,6 @@ LAYERS = (
     "interactive",
     "explaining",
     "study",
-    "papers",
     "cli",
 )
 SCRIPTS = {"__main__.py", "locate.py"}  # run, not imported
@@ -117,8 +116,8 @@ def test_imports_go_one_way(path):
     assert not wrong, "; ".join(wrong)
 
 
-def test_nothing_but_the_command_line_imports_the_papers():
-    assert clients("papers") == {"cli"}
+def test_nothing_of_the_package_knows_the_papers():
+    assert not [path for path in SOURCES if "mbocp_papers" in path.read_text(encoding="utf-8")]
 
 
 def test_no_circles_of_imports():

@@ -15,7 +15,7 @@ import pytest
 import typer
 
 import mbocp
-from mbocp.cli.app import app
+from mbocp.cli.app import app_for
 from mbocp.problem.file.keys_page import key_rows, updated
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.schema import ProblemTable
@@ -98,7 +98,7 @@ def test_the_keys_of_terms_are_those_of_the_terms() -> None:
 
 def all_commands() -> dict[str, Any]:
     """Commands of the command line, as typer's own objects."""
-    group: Any = typer.main.get_command(app)
+    group: Any = typer.main.get_command(app_for([]))
     return dict(group.commands)
 
 

@@ -8,14 +8,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mbocp_papers.machine import machine_line
+from mbocp_papers.pendulums.figures import FIGURES, write_figure
+from mbocp_papers.pendulums.tables import TITLES, check_table, make_table
 from PIL import Image  # comes with matplotlib
 
 from benchmarks.machine import header, one_core
 from benchmarks.tables import show
 from mbocp.cli.console import output
-from mbocp.papers.machine import machine_line
-from mbocp.papers.pendulums.figures import FIGURES, write_figure
-from mbocp.papers.pendulums.tables import TITLES, check_table, make_table
 
 __all__ = ["PAGE", "main", "replaced"]
 

@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from mbocp_papers.machine import machine_line
+from mbocp_papers.so3 import CHOICES, Choices
+from mbocp_papers.so3.figures import FIGURES, LATTICE_FIGURES, check_figure, write_figure
+from mbocp_papers.so3.request import Request, lattice_outcomes
+from mbocp_papers.so3.tables import TITLES, check_table, make_table, summary_table
 from PIL import Image  # comes with matplotlib
 
 from benchmarks.paper.__main__ import DOCS, replaced
-from mbocp.papers.machine import machine_line
-from mbocp.papers.so3 import CHOICES, Choices
-from mbocp.papers.so3.figures import FIGURES, LATTICE_FIGURES, check_figure, write_figure
-from mbocp.papers.so3.request import Request, lattice_outcomes
-from mbocp.papers.so3.tables import TITLES, check_table, make_table, summary_table
 
 __all__ = ["PAGE", "choices_table", "main"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["EXAMPLES", "examples"]
+__all__ = ["EXAMPLES", "epilog", "examples"]
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "new": ("mbocp new ur5", "mbocp new my_robot.urdf --package-dir ~/ros/src -o reach.toml"),
@@ -26,7 +26,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "export": ("mbocp export reach.h5 -o reach.csv --rate 125", "mbocp export reach.h5 -o reach.script"),
     "robots": ("mbocp robots", "mbocp robots ur5", "mbocp robots my_robot.urdf --free-flyer"),
     "spheres": ("mbocp spheres ur5 --replay ur5.html",),
-    "paper": ("mbocp paper --table 1", "mbocp paper --paper so3 --figure 3"),
     "study": (
         "mbocp study steps.toml -o steps.jsonl --workers 2",
         "mbocp study --summary steps.jsonl --plot steps.png",
@@ -36,6 +35,11 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 
 
 def examples(command: str) -> str:
+    """The end of the help of one of mbocp's own commands: a line for each example."""
+    return epilog(EXAMPLES[command])
+
+
+def epilog(examples: tuple[str, ...]) -> str:
     """The end of a command's help: a line for each example."""
-    lines = "\n".join(f"  {line}" for line in EXAMPLES[command])
+    lines = "\n".join(f"  {line}" for line in examples)
     return f"\b\nExamples:\n{lines}"  # \b: click leaves the lines as they are

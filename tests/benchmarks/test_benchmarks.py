@@ -11,6 +11,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent.parent))  # not part of the package
 
+from mbocp_papers.pendulums.figures import FIGURES
+from mbocp_papers.pendulums.tables import TITLES
+
 from benchmarks.growth import growth_rows, table_of
 from benchmarks.machine import header
 from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
@@ -22,8 +25,6 @@ from benchmarks.reliability import reliability_table
 from benchmarks.rivals import compare, reach
 from benchmarks.stages import stage_table, time_stages
 from benchmarks.tables import Table, show
-from mbocp.papers.pendulums.figures import FIGURES
-from mbocp.papers.pendulums.tables import TITLES
 
 PENDULUM = next(case for case in CASES if case.label == "rigid_pendulum")
 

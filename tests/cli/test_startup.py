@@ -125,4 +125,5 @@ def test_a_command_is_built_without_the_others(name: str) -> None:
 
 @pytest.mark.parametrize("words", [[], ["--help"], ["--version"], ["sovle", "solve"], ["Solve"]])
 def test_other_words_see_all_commands(words: list[str]) -> None:
-    assert sorted(get_command(app_for(words)).commands) == COMMANDS  # type: ignore[attr-defined]
+    """And those that other packages add."""
+    assert set(get_command(app_for(words)).commands) >= set(COMMANDS)  # type: ignore[attr-defined]

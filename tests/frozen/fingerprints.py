@@ -91,7 +91,8 @@ def _programme(programme: StagewiseProgramme) -> dict[str, Any]:
     kinds = [[k.nx, k.ndx, k.ny, k.nu, k.nr] for k in programme.kinds]
     arrays = {
         "theta": programme.theta, "rho": programme.rho, "rho_terminal": programme.rho_terminal,
-        "x_start": programme.x_start, "x_lower": programme.bounds.x_lower, "x_upper": programme.bounds.x_upper,
+        "x_start": programme.x_start,
+        "x_lower": programme.bounds.x_lower, "x_upper": programme.bounds.x_upper,
         "u_lower": programme.bounds.u_lower, "u_upper": programme.bounds.u_upper,
         "path_lower": programme.bounds.path_lower, "path_upper": programme.bounds.path_upper,
     }  # fmt: skip

@@ -1,0 +1,1 @@
+"""`mbocp paper`: a command that this package adds to mbocp's."""
