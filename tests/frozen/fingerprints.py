@@ -80,11 +80,17 @@ def fingerprint(problem: mbocp.Problem) -> dict[str, Any]:
     """What a problem comes to, as plain numbers and words."""
     formulation = formulate(problem)
     return {
-        "text": parse_toml(problem_to_toml(problem)),
+        "text": text_of(problem),
         "formulation": type(formulation).__name__,
         "programme": _programme(formulation.programme),
         "functions": _functions(formulation),
     }
+
+
+def text_of(problem: mbocp.Problem) -> dict[str, Any]:
+    """Tables of a problem's text; files of the checkout by their place in it."""
+    found: dict[str, Any] = parse_toml(problem_to_toml(problem).replace(f"{EXAMPLES.parent}/", ""))
+    return found
 
 
 def _programme(programme: StagewiseProgramme) -> dict[str, Any]:
