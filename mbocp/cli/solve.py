@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from mbocp._files import RESULT_SUFFIXES, is_file, is_folder
-from mbocp._text import shown
+from mbocp._text import printable, shown
 from mbocp.cli import signals
 from mbocp.cli.report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
@@ -106,7 +106,7 @@ def run(
     as_json : bool
         Print the JSON object, and nothing else, on stdout.
     quiet : bool
-        Print errors only.
+        Print errors only, and one line where it has not converged.
     accuracy : bool, optional
         See `mbocp.solve`.
 
@@ -133,6 +133,8 @@ def run(
         from mbocp.cli.summary import print_summary
 
         print_summary(solution, problem, written)
+    elif not solution.converged:
+        typer.echo(f"{file.name}: {solution.status}: {printable(solution.advice)}", err=True)
     return _exit_status(solution)
 
 

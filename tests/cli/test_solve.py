@@ -100,6 +100,13 @@ def test_quiet_says_nothing(folder: Path, run: Run, solver: FakeSolver) -> None:
     assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
 
 
+def test_quiet_says_what_did_not_converge(folder: Path, run: Run, solver: FakeSolver) -> None:
+    solver.status = Status.MAX_ITERATIONS
+    done = run("solve", "arm.toml", "-q")
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert done.stderr == "arm.toml: max_iterations: try another guess\n"
+
+
 def test_settings_and_solver(folder: Path, run: Run, solver: FakeSolver) -> None:
     done = run(
         "solve",
