@@ -20,8 +20,13 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.problem import Guess, Problem, SolverOptions
-from mbocp.problem.near_pairs import missing_pairs, rows_of, with_pairs
-from mbocp.problem.reserves import largest_reserve, with_first_reserve, with_room, with_rows_and_room
+from mbocp.problem.obstacles.near_pairs import missing_pairs, rows_of, with_pairs
+from mbocp.problem.obstacles.reserves import (
+    largest_reserve,
+    with_first_reserve,
+    with_room,
+    with_rows_and_room,
+)
 from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold

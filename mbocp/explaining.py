@@ -11,9 +11,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem
-from mbocp.problem.causes import Cause, causes_of
 from mbocp.problem.limits import LIMITS
-from mbocp.problem.relaxed import Relaxation, relaxations
+from mbocp.problem.reasons.causes import Cause, causes_of
+from mbocp.problem.reasons.relaxed import Relaxation, relaxations
 from mbocp.solution import Solution
 from mbocp.solving import solve
 

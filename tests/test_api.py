@@ -13,7 +13,7 @@ import mbocp
 from mbocp.exceptions import DimensionMismatch, NotConverged, ProblemError
 from mbocp.guesses import guess_candidates
 from mbocp.mechanics.diagnostics import largest_turn
-from mbocp.problem.frames import pose_errors
+from mbocp.problem.goals.frames import pose_errors
 from mbocp.solvers import IterationRecord, Status
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -14,7 +14,7 @@ import mbocp
 from mbocp.cli.summary import solution_rows
 from mbocp.exceptions import InconsistentStart, MbocpError
 from mbocp.formulation import formulate
-from mbocp.formulation.step_lengths import begins_phase
+from mbocp.formulation.features.step_lengths import begins_phase
 from mbocp.guesses.kinds import plain_guess
 from mbocp.problem import load_problem
 from mbocp.solvers import SolverSettings, Start, run_strategy

@@ -19,7 +19,7 @@ from mbocp.cli.summary import goal_error
 from mbocp.exceptions import MbocpError
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.tables import tables_of, to_toml
-from mbocp.problem.periodic import Periodic, point_jacobian
+from mbocp.problem.goals.periodic import Periodic, point_jacobian
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 Vector = NDArray[np.float64]

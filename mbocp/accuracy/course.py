@@ -18,7 +18,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.accuracy.flow import Flow
 from mbocp.mechanics.held import Acting
-from mbocp.problem.switches import SwitchTable
+from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 
 __all__ = ["Course", "Span", "course_of"]

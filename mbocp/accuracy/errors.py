@@ -33,7 +33,7 @@ from mbocp._arrays import Array
 from mbocp.accuracy.course import Course, course_of
 from mbocp.formulation import Motion
 from mbocp.integrators import control_powers
-from mbocp.problem.switches import SwitchTable
+from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.robot.kinematics import momenta_of

@@ -17,7 +17,7 @@ from mbocp._arrays import Array
 from mbocp.accuracy.mesh import Wanted, halved, lengths_for
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.step_counts import base_counts, has_places
+from mbocp.problem.timeline.step_counts import base_counts, has_places
 
 __all__ = ["MOST_STEPS", "Mesh", "first_mesh"]
 

@@ -27,9 +27,9 @@ from mbocp.accuracy.of_solution import motion_of
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.named_phase import phase_nodes
+from mbocp.problem.timeline.named_phase import phase_nodes
 from mbocp.solution import Solution
-from mbocp.solvers.cost_unit import is_no_cost
+from mbocp.solvers.strategies.cost_unit import is_no_cost
 
 __all__ = ["Round", "asked_of", "is_rough", "shares_of", "step_errors_of"]
 

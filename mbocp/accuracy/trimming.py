@@ -20,7 +20,7 @@ from mbocp.accuracy.meshes import Mesh
 from mbocp.accuracy.rounds import Round, asked_of, step_errors_of
 from mbocp.problem import Problem
 from mbocp.solution import Solution
-from mbocp.solvers.cost_unit import is_no_cost
+from mbocp.solvers.strategies.cost_unit import is_no_cost
 
 __all__ = ["trimmed"]
 

@@ -12,7 +12,7 @@ __all__ = ["first_cause"]
 
 def first_cause(problem: Problem) -> str:
     """The first thing that arithmetic says against a problem; "" if it says nothing."""
-    from mbocp.problem.causes import causes_of
+    from mbocp.problem.reasons.causes import causes_of
 
     causes = causes_of(problem)
     if not causes:

@@ -10,8 +10,8 @@ import numpy as np
 from rich.text import Text
 
 from mbocp.cli.solve import PAGES, check_output
+from mbocp.problem.goals.rest import words_of_rest
 from mbocp.problem.limits import LIMITS
-from mbocp.problem.rest import words_of_rest
 
 if TYPE_CHECKING:
     from mbocp._arrays import Array, BoolArray
@@ -30,7 +30,7 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet:
         check_output(page, "-o", PAGES)
     from mbocp.cli.summary import print_rows, robot_words
     from mbocp.problem import load_problem
-    from mbocp.problem.causes import causes_of
+    from mbocp.problem.reasons.causes import causes_of
     from mbocp.robot.smells import smells
 
     problem = load_problem(file, settings)

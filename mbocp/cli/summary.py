@@ -205,7 +205,7 @@ def goal_error(solution: Solution, problem: Problem) -> str:
     if goal.periodic is not None:
         parts.append(_cycle_error(solution, problem))
     if goal.poses:
-        from mbocp.problem.frames import pose_errors
+        from mbocp.problem.goals.frames import pose_errors
 
         errors = pose_errors(robot, goal, solution.q_final)
         for frame, distance, angle in zip(goal.poses, errors.positions, errors.angles, strict=True):

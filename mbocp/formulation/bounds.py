@@ -8,11 +8,11 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
-from mbocp.formulation.control_values import spread_limits
+from mbocp.formulation.features.control_values import spread_limits
+from mbocp.formulation.features.moved_start import move_bounds
+from mbocp.formulation.features.progress import pace_bounds
+from mbocp.formulation.features.step_lengths import length_bounds
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.moved_start import move_bounds
-from mbocp.formulation.progress import pace_bounds
-from mbocp.formulation.step_lengths import length_bounds
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import ContactBounds, PathConstraint, Problem

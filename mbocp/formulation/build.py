@@ -11,17 +11,26 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.algebraic import Algebraic
 from mbocp.formulation.bounds import state_bounds
-from mbocp.formulation.easing import eased_terms, easing_weights
 from mbocp.formulation.end import build_end_functions
+from mbocp.formulation.features.easing import eased_terms, easing_weights
+from mbocp.formulation.features.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
+from mbocp.formulation.features.memory import HAS_BEFORE, MEMORY, unit_of
+from mbocp.formulation.features.moved_start import free_directions, start_ends
+from mbocp.formulation.features.pace_terms import ADVANCES
+from mbocp.formulation.features.progress import advances
+from mbocp.formulation.features.remembered import memory_units
+from mbocp.formulation.features.step_lengths import begins_phase, given_lengths, phase_starts, spacings
+from mbocp.formulation.features.switches import (
+    evaluation_times,
+    filled_lengths,
+    has_step_before,
+    switch_numbers,
+    switches_of,
+)
 from mbocp.formulation.goal import EndRows, EndTarget, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
-from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
-from mbocp.formulation.moved_start import free_directions, start_ends
 from mbocp.formulation.operations import check_operations
-from mbocp.formulation.pace_terms import ADVANCES
 from mbocp.formulation.parameters import (
     NUMBERS,
     TIME,
@@ -33,26 +42,17 @@ from mbocp.formulation.parameters import (
     path_parameters,
     share_of,
 )
-from mbocp.formulation.progress import advances
-from mbocp.formulation.remembered import memory_units
 from mbocp.formulation.rows import RowLabels, row_describer
+from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import AT_EVERY_STEP, LATER, build_first_functions, build_functions
-from mbocp.formulation.step_lengths import begins_phase, given_lengths, phase_starts, spacings
 from mbocp.formulation.steps import Steps
-from mbocp.formulation.switches import (
-    evaluation_times,
-    filled_lengths,
-    has_step_before,
-    switch_numbers,
-    switches_of,
-)
 from mbocp.formulation.units import units_of
 from mbocp.integrators import shares_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
-from mbocp.problem.horizon import check_horizon
+from mbocp.problem.timeline.horizon import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
 from mbocp.robot import Robot

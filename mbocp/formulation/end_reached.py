@@ -25,10 +25,10 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation.base import Formulation, Motion
-from mbocp.formulation.switches import ties_at_end
+from mbocp.formulation.features.switches import ties_at_end
 from mbocp.mechanics.diagnostics import constraint_violation
 from mbocp.mechanisms.consistency import allowed_velocities
-from mbocp.problem.frames import errors_of_poses
+from mbocp.problem.goals.frames import errors_of_poses
 from mbocp.robot.kinematics import momenta_of
 
 __all__ = ["EndMissed", "RatesMissed", "end_missed", "rates_missed"]

@@ -46,19 +46,19 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
 def _formulate(problem: Problem, deadline: float) -> Formulation:
     # Each is imported where it is asked for: they are as large as all that they share.
     if problem.scheme in TABLEAUX:
-        from mbocp.formulation.explicit import ExplicitFormulation
+        from mbocp.formulation.schemes.explicit import ExplicitFormulation
 
         return ExplicitFormulation.of(problem, deadline=deadline)
     if problem.scheme in PAIRS:
-        from mbocp.formulation.partitioned import PartitionedFormulation
+        from mbocp.formulation.schemes.partitioned import PartitionedFormulation
 
         return PartitionedFormulation.of(problem, deadline=deadline)
     # Robots whose bodies only slide have the same equations in both coordinates.
     if problem.coordinates == "natural" and _has_turning_bodies(problem):
-        from mbocp.formulation.natural import NaturalFormulation
+        from mbocp.formulation.schemes.natural import NaturalFormulation
 
         return NaturalFormulation.of(problem, deadline=deadline)
-    from mbocp.formulation.implicit import ImplicitFormulation
+    from mbocp.formulation.schemes.implicit import ImplicitFormulation
 
     return ImplicitFormulation.of(problem, deadline=deadline)
 

@@ -1,9 +1,9 @@
 r"""Feedback gains of an optimum: what its controls answer to a deviation of the state.
 
-The Riccati recursion of a Newton step at the optimum (see `mbocp.solvers.newton`) eliminates the controls of
-each step as :math:`\Delta u_n = K_n\, \Delta x_n + \dots`. :math:`K_n` is the feedback of the quadratic
-problem about the optimum, in which the end condition is a penalty as large as the factorisation needs, and
-active limits are equations (see `mbocp.solvers.held`).
+The Riccati recursion of a Newton step at the optimum (see `mbocp.solvers.newton_method.newton`) eliminates
+the controls of each step as :math:`\Delta u_n = K_n\, \Delta x_n + \dots`. :math:`K_n` is the feedback of the
+quadratic problem about the optimum, in which the end condition is a penalty as large as the factorisation
+needs, and active limits are equations (see `mbocp.solvers.newton_method.held`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.layout import StateLayout
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.solvers.held import hold_active_limits
+from mbocp.solvers.newton_method.held import hold_active_limits
 
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelProgramme

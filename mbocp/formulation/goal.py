@@ -15,7 +15,7 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Goal, Problem
-from mbocp.problem.frames import frame_projections
+from mbocp.problem.goals.frames import frame_projections
 from mbocp.robot import Robot
 from mbocp.terms import FrameEnd, FrameProjections
 

@@ -10,10 +10,10 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
 from mbocp.formulation.bounds import sides_of_path
+from mbocp.formulation.features.progress import progress_along
+from mbocp.formulation.features.reactions import reactions_along
+from mbocp.formulation.features.step_lengths import without_lengths
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.progress import progress_along
-from mbocp.formulation.reactions import reactions_along
-from mbocp.formulation.step_lengths import without_lengths
 from mbocp.mechanics.rates import rates_along
 from mbocp.problem import ContactBounds, PathConstraint, Problem
 from mbocp.programme import Iterate

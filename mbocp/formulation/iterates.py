@@ -10,9 +10,9 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.formulation.base import Formulation
+from mbocp.formulation.features.step_lengths import solved_lengths
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.step_lengths import solved_lengths
-from mbocp.problem.reserves import room_of
+from mbocp.problem.obstacles.reserves import room_of
 from mbocp.programme import Iterate
 from mbocp.programme.carried import Carried
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
-from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
-from mbocp.formulation.memory import HAS_BEFORE, MEMORY, unit_of
-from mbocp.formulation.pace_terms import ADVANCES
+from mbocp.formulation.features.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
+from mbocp.formulation.features.memory import HAS_BEFORE, MEMORY, unit_of
+from mbocp.formulation.features.pace_terms import ADVANCES
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.terms import Sizes
 

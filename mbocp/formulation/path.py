@@ -9,10 +9,10 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from mbocp.formulation.accelerations import driven_acceleration
-from mbocp.formulation.memory import MEMORY, unit_of
+from mbocp.formulation.features.accelerations import driven_acceleration
+from mbocp.formulation.features.memory import MEMORY, unit_of
+from mbocp.formulation.features.reaction_terms import among_all
 from mbocp.formulation.parameters import NUMBERS, Sizes, parameter_layout, path_parameters, pieces
-from mbocp.formulation.reaction_terms import among_all
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepSymbols
 from mbocp.terms import ClearanceTerm, Point

@@ -8,13 +8,13 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from mbocp.formulation.features.memory import MEMORY
+from mbocp.formulation.features.moved_start import move_names, start_ends
+from mbocp.formulation.features.progress import followed, pace_names
+from mbocp.formulation.features.reactions import reaction_rows
+from mbocp.formulation.features.switches import labels_of
 from mbocp.formulation.goal import EndRows, acceleration_rows
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.memory import MEMORY
-from mbocp.formulation.moved_start import move_names, start_ends
-from mbocp.formulation.progress import followed, pace_names
-from mbocp.formulation.reactions import reaction_rows
-from mbocp.formulation.switches import labels_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.mechanics.held import held_labels

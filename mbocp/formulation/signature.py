@@ -10,11 +10,11 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from mbocp.formulation.features.memory import MEMORY, ordered
+from mbocp.formulation.features.switch_terms import NO_SWITCHES, Switches
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.memory import MEMORY, ordered
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
-from mbocp.formulation.switch_terms import NO_SWITCHES, Switches
 from mbocp.terms import (
     AccelerationEnd,
     ClearanceTerm,

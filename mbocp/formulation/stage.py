@@ -4,7 +4,8 @@ A state is x = (z, s, r, h, t): coordinates of the configuration, speeds, what i
 for terms that ask for it, the length of the steps where it is free, and the time where there are several.
 Derivatives are taken along the retraction x -> (z exp(dq), s + ds, r + dr, h + dh, t + dt) at dx = 0, so that
 every Newton update stays on the joints' Lie group; or, where the signature is flat, in the coordinates
-themselves. Where the start is free, the first state is moved first, see `mbocp.formulation.moved_start`.
+themselves. Where the start is free, the first state is moved first, see
+`mbocp.formulation.features.moved_start`.
 
 Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 
@@ -33,10 +34,19 @@ from functools import partial
 
 import casadi as ca
 
+from mbocp.formulation.features.length_terms import (
+    BEGINS_PHASE,
+    SPACING,
+    STEP_SHARE,
+    STRETCH,
+    idle_cost,
+    spacing,
+)
+from mbocp.formulation.features.memory import HAS_BEFORE
+from mbocp.formulation.features.pace_terms import ADVANCES, resting_cost
+from mbocp.formulation.features.reaction_terms import reaction_places
+from mbocp.formulation.features.switch_terms import IS_IMPACT, idle_impact
 from mbocp.formulation.layout import StateLayout, StateSpace, start_move
-from mbocp.formulation.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH, idle_cost, spacing
-from mbocp.formulation.memory import HAS_BEFORE
-from mbocp.formulation.pace_terms import ADVANCES, resting_cost
 from mbocp.formulation.parameters import (
     TIME,
     Sizes,
@@ -46,10 +56,8 @@ from mbocp.formulation.parameters import (
     symbols_for,
 )
 from mbocp.formulation.path import build_path, build_path_values
-from mbocp.formulation.reaction_terms import reaction_places
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepDerivatives, StepSymbols, within
-from mbocp.formulation.switch_terms import IS_IMPACT, idle_impact
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point
 

@@ -9,7 +9,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
 from mbocp.integrators import VELOCITY_TAU
 from mbocp.problem import Problem
-from mbocp.problem.phases import step_lengths
+from mbocp.problem.timeline.phases import step_lengths
 from mbocp.robot import Robot
 
 __all__ = ["consistent_velocity"]

@@ -12,11 +12,11 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 
+from mbocp.formulation.features.length_terms import BEGINS_PHASE, STEP_SHARE
+from mbocp.formulation.features.memory import HAS_BEFORE, MEMORY, Passage, unit_of
+from mbocp.formulation.features.pace_terms import ADVANCES
+from mbocp.formulation.features.switch_terms import NO_SWITCHES, Switches
 from mbocp.formulation.layout import StateSpace
-from mbocp.formulation.length_terms import BEGINS_PHASE, STEP_SHARE
-from mbocp.formulation.memory import HAS_BEFORE, MEMORY, Passage, unit_of
-from mbocp.formulation.pace_terms import ADVANCES
-from mbocp.formulation.switch_terms import NO_SWITCHES, Switches
 from mbocp.integrators import control_basis
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics import Mechanics

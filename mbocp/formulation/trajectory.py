@@ -13,7 +13,7 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation, Motion
 from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.problem import Problem
-from mbocp.problem.phases import node_times
+from mbocp.problem.timeline.phases import node_times
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot.kinematics import momenta_of

@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 from mbocp._arrays import BoolArray
-from mbocp.formulation.algebraic import Algebraic
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.parameters import ParameterLayout, mask
+from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.problem import Problem
 from mbocp.problem.typical import typical_force

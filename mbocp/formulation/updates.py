@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.memory import HAS_BEFORE
+from mbocp.formulation.features.memory import HAS_BEFORE
 from mbocp.formulation.parameters import NUMBERS, places
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot

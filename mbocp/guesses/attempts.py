@@ -23,7 +23,7 @@ from mbocp.solvers import (
     Status,
     run_strategy,
 )
-from mbocp.solvers.polish import can_be_polished
+from mbocp.solvers.newton_method.polish import can_be_polished
 from mbocp.solvers.records import timed
 
 __all__ = ["interrupted", "solve_from_guesses"]

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.mechanisms.closed_path import constraint_jacobians
-from mbocp.problem.switches import SwitchTable
+from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
 

@@ -21,7 +21,7 @@ from mbocp.formulation import Formulation
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.screening import Screening, can_screen
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
-from mbocp.solvers.phases import how_it_ended
+from mbocp.solvers.strategies.phases import how_it_ended
 
 __all__ = ["GIVEN_SOLUTIONS", "better_of_eased"]
 

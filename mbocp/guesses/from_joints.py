@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
-from mbocp.formulation.switches import filled_impulses
+from mbocp.formulation.features.switches import filled_impulses
 from mbocp.guesses.kinds import guess_candidates, none_made, plain_guess
 from mbocp.problem import Guess
 from mbocp.programme import Iterate

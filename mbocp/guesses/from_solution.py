@@ -12,14 +12,14 @@ import pinocchio as pin
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion, given_lengths
+from mbocp.formulation.features.switches import filled_impulses
 from mbocp.formulation.iterates import restored
-from mbocp.formulation.switches import filled_impulses
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.named_phase import phase_nodes
-from mbocp.problem.phases import node_times
+from mbocp.problem.timeline.named_phase import phase_nodes
+from mbocp.problem.timeline.phases import node_times
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.solution import Solution
 from mbocp.solution.rest import place_at, place_of_start

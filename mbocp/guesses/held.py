@@ -26,7 +26,7 @@ from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.guesses.ways import position_limits
 from mbocp.problem import Goal, Problem
-from mbocp.problem.switches import SwitchTable
+from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.robot.kinematics import frame_jacobian

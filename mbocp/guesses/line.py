@@ -11,7 +11,7 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation, Motion, given_lengths
-from mbocp.formulation.switches import filled_lengths, impacts_of, repeated
+from mbocp.formulation.features.switches import filled_lengths, impacts_of, repeated
 from mbocp.guesses.along import is_led, usual_way
 from mbocp.guesses.balance import balances
 from mbocp.guesses.held import carried, carried_rate

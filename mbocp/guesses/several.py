@@ -24,8 +24,8 @@ from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.starts import StartGuess, Warm, further_kinds, start_guesses
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
-from mbocp.solvers.elsewhere import Elsewhere, ElsewhereError
 from mbocp.solvers.records import timed
+from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 
 __all__ = ["solve_from_starts"]
 

@@ -7,8 +7,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
-from mbocp.formulation.control_values import constant_values
-from mbocp.formulation.step_lengths import length_controls
+from mbocp.formulation.features.control_values import constant_values
+from mbocp.formulation.features.step_lengths import length_controls
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 

@@ -14,7 +14,7 @@ from mbocp.guesses.held import Stop, held_stops
 from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
-from mbocp.problem.phases import node_times
+from mbocp.problem.timeline.phases import node_times
 from mbocp.robot import Robot
 
 __all__ = ["Line", "guessed_times", "line_of"]

@@ -18,7 +18,7 @@ from mbocp.formulation import Formulation
 from mbocp.mechanisms.closed_path import closed_path, driving_joints, path_towards
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
-from mbocp.problem.frames import goal_branches
+from mbocp.problem.goals.frames import goal_branches
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind, velocity_slice
 from mbocp.robot.nodes import interpolated

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     from mbocp.problem.cost import Cost
     from mbocp.problem.file.load import load_problem, parse_problem
     from mbocp.problem.file.write import problem_to_toml
-    from mbocp.problem.goal import Goal
+    from mbocp.problem.goals.goal import Goal
     from mbocp.problem.guess import Guess
     from mbocp.problem.integration import Stabilisation
     from mbocp.problem.limits import Bounds
     from mbocp.problem.path import PathConstraint
     from mbocp.problem.problem import Problem, ProblemWarning
     from mbocp.problem.solver import SolverOptions
-    from mbocp.problem.via import ViaPoint
+    from mbocp.problem.timeline.via import ViaPoint
     from mbocp.terms import FrameGoal
 
 __all__ = [

@@ -8,22 +8,29 @@ from typing import TypeAlias
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
-from mbocp.problem.clearance import Clearance
 from mbocp.problem.contact_bounds import ContactBounds, contact_bounds
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.cost import Cost
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
-from mbocp.problem.meeting import Meeting, meetings
-from mbocp.problem.named_phase import Horizon, NamedPhase, are_alike, phase_spans, places_by_name, with_total
+from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.path import PathConstraint, spans_found
-from mbocp.problem.phase_limits import checked_phases
-from mbocp.problem.phases import Phase, phases_between
-from mbocp.problem.switches import SwitchTable
-from mbocp.problem.via import ViaPoint
-from mbocp.problem.via_constraint import ViaConstraint
-from mbocp.problem.via_places import placed, via_marks, via_nodes, via_order
-from mbocp.problem.via_points import resolved_points
+from mbocp.problem.timeline.meeting import Meeting, meetings
+from mbocp.problem.timeline.named_phase import (
+    Horizon,
+    NamedPhase,
+    are_alike,
+    phase_spans,
+    places_by_name,
+    with_total,
+)
+from mbocp.problem.timeline.phase_limits import checked_phases
+from mbocp.problem.timeline.phases import Phase, phases_between
+from mbocp.problem.timeline.switches import SwitchTable
+from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.timeline.via_constraint import ViaConstraint
+from mbocp.problem.timeline.via_places import placed, via_marks, via_nodes, via_order
+from mbocp.problem.timeline.via_points import resolved_points
 from mbocp.problem.warn import warn_singular
 from mbocp.robot import Robot
 from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolerances

@@ -13,7 +13,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.integrators import SCHEMES
 from mbocp.problem.contact_force import ContactForce
-from mbocp.problem.switches import SwitchTable
+from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.constraints import Constraint, perpendiculars
 from mbocp.robot.loops.wrench import wrench_map

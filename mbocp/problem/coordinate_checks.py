@@ -8,9 +8,9 @@ from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import natural_mechanics
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import LIMITS, Bounds
-from mbocp.problem.via import ViaPoint
+from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
 from mbocp.terms import RATE_TERMS
 

@@ -22,10 +22,10 @@ from typing import Protocol
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import Scheme, has_rotations
-from mbocp.problem.named_phase import NamedPhase
 from mbocp.problem.path import PathConstraint
+from mbocp.problem.timeline.named_phase import NamedPhase
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
 

@@ -11,7 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.terms import RATE_TERMS

@@ -14,11 +14,11 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
-from mbocp.problem.clearance import Clearance
 from mbocp.problem.contact_bounds import ContactBounds
-from mbocp.problem.goal import Goal
-from mbocp.problem.meeting import Meeting
-from mbocp.problem.via_constraint import ViaConstraint
+from mbocp.problem.goals.goal import Goal
+from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.timeline.meeting import Meeting
+from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms import PATH_TERMS, Follow, FrameTolerance, OwnPathConstraint, PathTerm, Point, Span

@@ -16,9 +16,6 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.integrators import ControlKind
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem._checks import ProblemWarning, check_choice, check_integer
-from mbocp.problem.clear_goal import clear_configuration
-from mbocp.problem.clearance import Clearance, SelfCollision
-from mbocp.problem.clearance_pairs import clearance_of
 from mbocp.problem.completion import (
     PathObject,
     checked_terms,
@@ -30,23 +27,21 @@ from mbocp.problem.completion import (
     with_contacts,
     with_places,
 )
-from mbocp.problem.consistency import check_end_conditions
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.coordinate_checks import check_coordinates
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
 from mbocp.problem.default_scheme import AUTO_SCHEME, chosen_scheme
-from mbocp.problem.duration import check_duration
-from mbocp.problem.ends import checked_acceleration, checked_start, completed_goal
 from mbocp.problem.file.changes import changed
 from mbocp.problem.file.read import from_tables
-from mbocp.problem.frames import goal_branches
-from mbocp.problem.free_start import FreeStart, check_free_start, check_periodic
-from mbocp.problem.goal import Goal
-from mbocp.problem.goal_set import reachable_members
+from mbocp.problem.goals.consistency import check_end_conditions
+from mbocp.problem.goals.ends import checked_acceleration, checked_start, completed_goal
+from mbocp.problem.goals.frames import goal_branches
+from mbocp.problem.goals.free_start import FreeStart, check_free_start, check_periodic
+from mbocp.problem.goals.goal import Goal
+from mbocp.problem.goals.goal_set import reachable_members
+from mbocp.problem.goals.rest import at_rest
 from mbocp.problem.guess import Guess
-from mbocp.problem.hold import Hold, Release
-from mbocp.problem.hold_checks import check_holds
 from mbocp.problem.integration import (
     Lie,
     Scheme,
@@ -56,19 +51,27 @@ from mbocp.problem.integration import (
     check_integrator,
 )
 from mbocp.problem.limits import Bounds, check_limits
-from mbocp.problem.named_phase import Horizon, NamedPhase, are_alike, step_counts
+from mbocp.problem.obstacles.clear_goal import clear_configuration
+from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
+from mbocp.problem.obstacles.clearance_pairs import clearance_of
 from mbocp.problem.path import PathConstraint, check_path
-from mbocp.problem.phase_cost import heaviest_cost, weight_shares
-from mbocp.problem.phase_holds import Switches, checked_switches
-from mbocp.problem.phase_limits import limits_along, limits_of_phases, widest_limits
-from mbocp.problem.phases import Phase, free_phases
 from mbocp.problem.rates import RateLimit, check_rates, rate_limits
-from mbocp.problem.rest import at_rest
-from mbocp.problem.seam import check_seam
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.step_counts import first_count
-from mbocp.problem.step_table import check_accuracy, check_lengths, check_takes_steps
-from mbocp.problem.switches import SwitchTable, switch_table
+from mbocp.problem.timeline.duration import check_duration
+from mbocp.problem.timeline.hold import Hold, Release
+from mbocp.problem.timeline.hold_checks import check_holds
+from mbocp.problem.timeline.named_phase import Horizon, NamedPhase, are_alike, step_counts
+from mbocp.problem.timeline.phase_cost import heaviest_cost, weight_shares
+from mbocp.problem.timeline.phase_holds import Switches, checked_switches
+from mbocp.problem.timeline.phase_limits import limits_along, limits_of_phases, widest_limits
+from mbocp.problem.timeline.phases import Phase, free_phases
+from mbocp.problem.timeline.seam import check_seam
+from mbocp.problem.timeline.step_counts import first_count
+from mbocp.problem.timeline.step_table import check_accuracy, check_lengths, check_takes_steps
+from mbocp.problem.timeline.switches import SwitchTable, switch_table
+from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.timeline.via_constraint import ViaConstraint
+from mbocp.problem.timeline.via_points import via_constraints
 from mbocp.problem.together import (
     check_guess,
     check_has_actuators,
@@ -76,9 +79,6 @@ from mbocp.problem.together import (
     check_method,
     check_weights,
 )
-from mbocp.problem.via import ViaPoint
-from mbocp.problem.via_constraint import ViaConstraint
-from mbocp.problem.via_points import via_constraints
 from mbocp.problem.warn import warn_alternating
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
@@ -138,8 +138,8 @@ class Problem:
         How controls vary within a step: not at all; linearly, and continuous; or with a value at each stage
         of the scheme. See `mbocp.integrators.controls`.
     holds : tuple of Hold
-        Constraints that are taken on and let go along the horizon, see `mbocp.problem.hold`. Where phases
-        hold or release something, this and the next two follow from them.
+        Constraints that are taken on and let go along the horizon, see `mbocp.problem.timeline.hold`. Where
+        phases hold or release something, this and the next two follow from them.
     releases : tuple of Release
         Steps in which constraints of the robot itself do not hold.
     impacts : tuple of int

@@ -9,10 +9,10 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.switches import SwitchTable, check_impacts
+from mbocp.problem.timeline.switches import SwitchTable, check_impacts
 from mbocp.robot import Robot
 from mbocp.solvers.options import BOUNDED_METHODS
 

@@ -11,7 +11,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp._warn import warn_caller
 from mbocp.integrators import SCHEMES
 from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot

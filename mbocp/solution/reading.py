@@ -24,9 +24,9 @@ from mbocp.formulation.resolution import unresolved
 from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
-from mbocp.problem.approach import Approach, keeps_clear, nearest_approach
 from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, is_followed, largest_excess
 from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_approach
 from mbocp.programme import Iterate
 from mbocp.robot import Robot, RobotFiles, singular_closure
 from mbocp.solution.accuracy import Accuracy

@@ -8,19 +8,19 @@ from mbocp._exports import names_of
 
 if TYPE_CHECKING:
     from mbocp.programme.iterate import Iterate, zero_multipliers
-    from mbocp.solvers.fbsm_gradient import FBSMGradient, GradientState
-    from mbocp.solvers.fbsm_newton import FBSMNewton
-    from mbocp.solvers.iterating import SolverResult, run
-    from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
-    from mbocp.solvers.newton import NewtonState
+    from mbocp.solvers.newton_method.monolithic import GlobalisedNewton, PureNewton
+    from mbocp.solvers.newton_method.newton import NewtonState
     from mbocp.solvers.options import Options
-    from mbocp.solvers.phases import Outcome, Start
     from mbocp.solvers.protocol import Solver, SolverState
     from mbocp.solvers.records import IterationRecord, Phase, Status
-    from mbocp.solvers.registry import SOLVERS, make_solver
     from mbocp.solvers.settings import SolverSettings
-    from mbocp.solvers.strategy import run_strategy
-    from mbocp.solvers.switch import Switch
+    from mbocp.solvers.staggered.fbsm_gradient import FBSMGradient, GradientState
+    from mbocp.solvers.staggered.fbsm_newton import FBSMNewton
+    from mbocp.solvers.staggered.switch import Switch
+    from mbocp.solvers.strategies.iterating import SolverResult, run
+    from mbocp.solvers.strategies.phases import Outcome, Start
+    from mbocp.solvers.strategies.registry import SOLVERS, make_solver
+    from mbocp.solvers.strategies.strategy import run_strategy
 
 __all__ = [
     "SOLVERS",

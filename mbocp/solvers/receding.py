@@ -1,7 +1,7 @@
 """The start of a receding horizon: the kernel's loop at a solution of a programme.
 
 The loop itself is the kernel's (`receding.hpp`): it shifts, takes exact Newton steps with the barrier of
-`mbocp.solvers.limits`, and allocates nothing.
+`mbocp.solvers.newton_method.limits`, and allocates nothing.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 from mbocp.exceptions import SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel
-from mbocp.solvers.limits import warm_barrier
-from mbocp.solvers.newton import new_state
+from mbocp.solvers.newton_method.limits import warm_barrier
+from mbocp.solvers.newton_method.newton import new_state
 
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelHorizon, KernelProgramme

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.options import Options
-from mbocp.solvers.switch import Switch
+from mbocp.solvers.staggered.switch import Switch
 
 __all__ = ["SolverSettings"]
 
@@ -30,7 +30,8 @@ class SolverSettings:
     time_limit : float or None
         What is left of the options' [s].
     is_careful : bool
-        Whether Newton's method is to change its shift by small factors, see `mbocp.solvers.shift`.
+        Whether Newton's method is to change its shift by small factors, see
+        `mbocp.solvers.newton_method.shift`.
     rough : float
         Residual with which Newton's method may end, whatever the increment; 0: it is to converge.
     threads : int

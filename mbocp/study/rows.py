@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp.exceptions import StudyError, suggest
 from mbocp.problem import Problem
-from mbocp.problem.frames import pose_errors
+from mbocp.problem.goals.frames import pose_errors
 from mbocp.solution import Solution
 
 __all__ = [

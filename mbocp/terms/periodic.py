@@ -1,6 +1,7 @@
 """Conditions on a free start: constraints hold there, and the end of a periodic motion is its image.
 
-They are functions of the last state, which remembers the move of the start: `mbocp.formulation.moved_start`.
+They are functions of the last state, which remembers the move of the start:
+`mbocp.formulation.features.moved_start`.
 """
 
 from __future__ import annotations

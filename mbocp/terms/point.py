@@ -48,7 +48,7 @@ class Point:
     moment : casadi.SX or None
         Time [s], where a term looks at it.
     remembered : mapping of str to casadi.SX
-        What the state remembers of the step before, by name, see `mbocp.formulation.memory`.
+        What the state remembers of the step before, by name, see `mbocp.formulation.features.memory`.
     """
 
     mechanics: Mechanics

@@ -2,7 +2,7 @@
 
 A class is a kind of limit: its key in `[limits]`, what it is a limit of, what it needs remembered, and its
 expression. An instance is the structure of a limit: which entries have bounds. `mbocp.problem.rates` has the
-numbers, `mbocp.formulation.memory` says how a state remembers.
+numbers, `mbocp.formulation.features.memory` says how a state remembers.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def marks_of(problem: Problem, times: Array | None = None) -> Marks:
     times : ndarray, shape (N + 1,), optional
         Of the nodes of a motion [s]; default: those of the problem, or their guess.
     """
-    from mbocp.problem.phases import node_times  # slow to import, and of no use to a result
+    from mbocp.problem.timeline.phases import node_times  # slow to import, and of no use to a result
 
     at = node_times(problem) if times is None else times
     via = (

@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 
 from mbocp.formulation.end import build_end_functions
-from mbocp.formulation.implicit_steps import ImplicitSteps
 from mbocp.formulation.parameters import Sizes, parameter_layout
+from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.mechanics import JointMechanics

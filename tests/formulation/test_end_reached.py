@@ -20,9 +20,9 @@ from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.end_reached import RatesMissed, end_missed, rates_missed
+from mbocp.formulation.features.switches import ties_at_end
 from mbocp.formulation.fewer_ends import without_end_rows
 from mbocp.formulation.goal import end_condition_rows
-from mbocp.formulation.switches import ties_at_end
 from mbocp.guesses import starts
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables

@@ -12,8 +12,8 @@ import pytest
 from mbocp import Problem, load_problem
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.memory import MEMORY, ordered
-from mbocp.formulation.remembered import memory_units
+from mbocp.formulation.features.memory import MEMORY, ordered
+from mbocp.formulation.features.remembered import memory_units
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics.rates import rates_along
 

@@ -12,9 +12,9 @@ import pytest
 from mbocp import Problem, load_problem
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.step_lengths import begins_phase, length_bounds
+from mbocp.formulation.features.step_lengths import begins_phase, length_bounds
 from mbocp.problem import ProblemWarning
-from mbocp.problem.phases import Mark, node_times, phases_between
+from mbocp.problem.timeline.phases import Mark, node_times, phases_between
 from mbocp.terms import running_cost
 from tests.formulation.stages import check_derivatives, near
 from tests.formulation.test_step_lengths import CASES

@@ -11,7 +11,7 @@ import pytest
 
 from mbocp import Problem, load_problem
 from mbocp.formulation import Motion, formulate
-from mbocp.formulation.step_lengths import begins_phase
+from mbocp.formulation.features.step_lengths import begins_phase
 from mbocp.problem import ProblemWarning
 from tests.formulation.stages import check_derivatives, near
 

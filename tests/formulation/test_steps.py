@@ -11,8 +11,8 @@ import pinocchio as pin
 import pytest
 
 import mbocp
-from mbocp.formulation import implicit
-from mbocp.formulation.accelerations import mean_acceleration
+from mbocp.formulation.features.accelerations import mean_acceleration
+from mbocp.formulation.schemes import implicit
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.integrators import State
 from mbocp.mechanics import JointMechanics, Mechanics

@@ -18,7 +18,7 @@ from mbocp.guesses.kinds import guess_candidates, plain_guess
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers.newton import start
+from mbocp.solvers.newton_method.newton import start
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RECORD = Path(__file__).parent / "problems.json"

@@ -17,10 +17,10 @@ from mbocp.formulation import formulate
 from mbocp.guesses import several
 from mbocp.guesses.starts import guesses_in_turn, start_guesses
 from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight, turned_ways
-from mbocp.problem.frames import pose_errors
+from mbocp.problem.goals.frames import pose_errors
 from mbocp.programme import compilation
 from mbocp.solvers import SolverSettings, Status
-from mbocp.solvers.elsewhere import Elsewhere, ElsewhereError
+from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 
 DRONE = {"name": "hector", "actuated": ["root_joint"]}
 

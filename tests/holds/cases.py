@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from mbocp.problem import Problem
-from mbocp.problem.hold import Hold, Release
+from mbocp.problem.timeline.hold import Hold, Release
 
 __all__ = ["CASES", "arm", "drone", "four_bar", "pendulum"]
 

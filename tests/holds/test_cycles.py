@@ -18,7 +18,7 @@ from mbocp import Problem, Solution
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
-from mbocp.problem.hold import Hold
+from mbocp.problem.timeline.hold import Hold
 from tests.holds.cases import drone, four_bar, pendulum
 
 pytestmark = pytest.mark.usefixtures("interpreted")

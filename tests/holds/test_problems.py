@@ -11,7 +11,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import InconsistentStart, InvalidValue, ProblemError
 from mbocp.formulation import formulate
-from mbocp.problem.hold import Hold, Release
+from mbocp.problem.timeline.hold import Hold, Release
 from tests.holds.cases import arm, drone, four_bar, pendulum
 
 pytestmark = pytest.mark.usefixtures("interpreted")

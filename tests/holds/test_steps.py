@@ -14,7 +14,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.held import held_jacobians
 from mbocp.problem import Problem
-from mbocp.problem.hold import HOLD_KINDS, Hold
+from mbocp.problem.timeline.hold import HOLD_KINDS, Hold
 from mbocp.programme.kernel import kernel_programme
 from mbocp.terms import MeetingTerm, Point
 from tests.formulation.stages import check_derivatives

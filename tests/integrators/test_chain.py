@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mbocp._arrays import Array
-from mbocp.formulation.explicit_steps import ExplicitSteps
 from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
+from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions, state_space
 from mbocp.integrators import TABLEAUX

@@ -17,7 +17,7 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
 from mbocp.formulation import formulate, transcribe
-from mbocp.formulation.implicit_steps import ImplicitSteps
+from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.guesses import make_guess

@@ -16,8 +16,8 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.formulation.implicit_steps import ImplicitSteps
 from mbocp.formulation.parameters import Sizes, parameter_layout
+from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.integrators import EULER_SCHEMES, TAU, VELOCITY_TAU

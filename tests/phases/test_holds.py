@@ -17,9 +17,9 @@ from mbocp.exceptions import MbocpError
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.write import problem_to_toml
-from mbocp.problem.hold import Hold, Release
-from mbocp.problem.named_phase import phase_nodes, phase_spans
-from mbocp.problem.phases import node_times
+from mbocp.problem.timeline.hold import Hold, Release
+from mbocp.problem.timeline.named_phase import phase_nodes, phase_spans
+from mbocp.problem.timeline.phases import node_times
 from tests.holds.cases import four_bar, pendulum
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -14,7 +14,7 @@ from mbocp.exceptions import MbocpError
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.write import problem_to_toml
-from mbocp.problem.phases import node_times
+from mbocp.problem.timeline.phases import node_times
 
 UR5 = load_robot("ur5")
 GOAL = {"q": [0.5, -1.0, 1.0, 0.0, 0.5, 0.0], "v": 0}

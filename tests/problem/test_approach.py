@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from mbocp import solve
 from mbocp.problem import Problem
-from mbocp.problem.approach import clearances_along, keeps_clear, nearest_approach, poses_between
-from mbocp.problem.clearance import Clearance
-from mbocp.problem.shape_distances import ShapeDistances
+from mbocp.problem.obstacles.approach import clearances_along, keeps_clear, nearest_approach, poses_between
+from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.obstacles.shape_distances import ShapeDistances
 from mbocp.solution.later import is_there
 
 START = np.array([-0.9, -0.9, 1.2, -1.8, -1.57, 0.0])

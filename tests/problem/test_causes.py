@@ -9,8 +9,8 @@ import pytest
 
 import mbocp
 from mbocp.problem import Problem, load_problem
-from mbocp.problem.causes import causes_of
-from mbocp.problem.least_time import least_time
+from mbocp.problem.reasons.causes import causes_of
+from mbocp.problem.reasons.least_time import least_time
 from mbocp.robot import load_robot
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -26,7 +26,7 @@ from mbocp.exceptions import (
 )
 from mbocp.formulation import build, formulate
 from mbocp.problem import FrameGoal, Problem, load_problem, parse_problem, problem_to_toml
-from mbocp.problem.frames import pose_errors
+from mbocp.problem.goals.frames import pose_errors
 from mbocp.robot import FrameTarget, InverseKinematics, Robot, load_robot, robot_from_spec
 from mbocp.solution import Solution
 from tests.integrators.conftest import interpreted_functions

@@ -16,7 +16,7 @@ from mbocp.cli.summary import goal_error, solution_rows
 from mbocp.exceptions import OverdeterminedGoal, ProblemFileError, UnreachableGoal
 from mbocp.formulation import build
 from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
-from mbocp.problem.frames import pose_errors
+from mbocp.problem.goals.frames import pose_errors
 from mbocp.robot import FrameTarget, load_robot
 from mbocp.solution import Solution, limits
 from mbocp.solution.problem_text import goal_targets_of, other_goal_targets_of

@@ -14,7 +14,7 @@ from mbocp.exceptions import MbocpError
 from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
-from mbocp.problem.approach import nearest_approach
+from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot
 from mbocp.robot.collision.hull import hull_of
 from mbocp.solution.problem_text import obstacles_of

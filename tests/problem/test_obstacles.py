@@ -15,7 +15,7 @@ from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, parse_problem, problem_to_toml
-from mbocp.problem.approach import nearest_approach
+from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot, load_robot
 from mbocp.solution.problem_text import obstacles_of
 from mbocp.terms import Point

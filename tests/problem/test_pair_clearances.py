@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import mbocp
 from mbocp.problem import Problem
-from mbocp.problem.clearance import Clearance
-from mbocp.problem.pair_clearances import PairClearances, WaySize
+from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.obstacles.pair_clearances import PairClearances, WaySize
 from mbocp.terms import ClearanceRow
 from mbocp.terms.distances import core_of
 from tests.robot.urdfs import link, robot, write

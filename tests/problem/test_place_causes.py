@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from benchmarks.explain import planted, sound, verdict
 from mbocp.problem import Problem
-from mbocp.problem.causes import causes_of
-from mbocp.problem.place_causes import _ball
+from mbocp.problem.reasons.causes import causes_of
+from mbocp.problem.reasons.place_causes import _ball
 from mbocp.robot import load_robot
 
 ROBOTS = {

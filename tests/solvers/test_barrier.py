@@ -17,7 +17,7 @@ from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.limits import fixed, raised, update_barrier
+from mbocp.solvers.newton_method.limits import fixed, raised, update_barrier
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbocp.solvers.centring import Centring, aimed_barrier
-from mbocp.solvers.filter import Filter
+from mbocp.solvers.newton_method.centring import Centring, aimed_barrier
+from mbocp.solvers.newton_method.filter import Filter
 
 POSITIVE = st.floats(1e-12, 1e12)
 

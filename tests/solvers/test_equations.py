@@ -20,7 +20,7 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solution import Solution
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.limits import init_barrier
+from mbocp.solvers.newton_method.limits import init_barrier
 from mbocp.terms import OwnTerm, path_constraint
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -17,10 +17,10 @@ from mbocp.formulation import formulate, transcribe
 from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.newton import factorise
-from mbocp.solvers.progress import has_stalled, is_nearly_feasible
+from mbocp.solvers.newton_method.newton import factorise
+from mbocp.solvers.newton_method.shift import bold, careful
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.shift import bold, careful
+from mbocp.solvers.strategies.progress import has_stalled, is_nearly_feasible
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

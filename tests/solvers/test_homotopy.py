@@ -12,9 +12,15 @@ from mbocp.formulation import formulate
 from mbocp.guesses.make import make_guess
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.solvers.homotopy import beyond, brought_back, can_leave_out_limits, widened, without_limits
-from mbocp.solvers.iterating import SolverResult
 from mbocp.solvers.records import IterationRecord, Status
+from mbocp.solvers.strategies.homotopy import (
+    beyond,
+    brought_back,
+    can_leave_out_limits,
+    widened,
+    without_limits,
+)
+from mbocp.solvers.strategies.iterating import SolverResult
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

@@ -16,7 +16,7 @@ from mbocp.cli.app import app
 from mbocp.cli.progress import Progress
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
-from mbocp.solvers.fbsm_newton import FBSMNewton
+from mbocp.solvers.staggered.fbsm_newton import FBSMNewton
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILE = str(EXAMPLES / "paper" / "rigid_pendulum.toml")

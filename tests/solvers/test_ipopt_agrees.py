@@ -15,7 +15,7 @@ import pytest
 
 import mbocp
 from mbocp import Problem
-from mbocp.problem.approach import nearest_approach
+from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot
 from tests.holds.cases import four_bar, pendulum
 from tests.integrators.conftest import interpreted

@@ -14,12 +14,13 @@ from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import Status
-from mbocp.solvers import SolverSettings, Start, interior, run_strategy
-from mbocp.solvers.iterating import SolverResult
-from mbocp.solvers.limits import resumed
+from mbocp.solvers import SolverSettings, Start, run_strategy
+from mbocp.solvers.newton_method.limits import resumed
+from mbocp.solvers.newton_method.polish import Judged
+from mbocp.solvers.newton_method.round_off import has_a_say
 from mbocp.solvers.nlp.interior_point import InteriorPoint
-from mbocp.solvers.polish import Judged
-from mbocp.solvers.round_off import has_a_say
+from mbocp.solvers.strategies import interior
+from mbocp.solvers.strategies.iterating import SolverResult
 from tests.campaign.tasks import draw
 
 pytestmark = pytest.mark.usefixtures("interpreted")

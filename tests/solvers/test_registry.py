@@ -9,9 +9,9 @@ import pytest
 from mbocp.exceptions import InvalidValue
 from mbocp.problem import SolverOptions
 from mbocp.solvers import SOLVERS, FBSMGradient, FBSMNewton, SolverSettings, make_solver
-from mbocp.solvers.monolithic import GlobalisedNewton, PureNewton
+from mbocp.solvers.newton_method.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.options import BOUNDED_METHODS, METHODS
-from mbocp.solvers.registry import INTERIOR_POINT
+from mbocp.solvers.strategies.registry import INTERIOR_POINT
 
 SETTINGS = SolverSettings(SolverOptions(tolerance=1e-7, max_iterations=12), control_weight=0.5)
 

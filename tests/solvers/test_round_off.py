@@ -14,8 +14,8 @@ from mbocp._linear import norm
 from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.newton import is_resolved
-from mbocp.solvers.round_off import relative_increment, relative_residual, round_off
+from mbocp.solvers.newton_method.newton import is_resolved
+from mbocp.solvers.newton_method.round_off import relative_increment, relative_residual, round_off
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

@@ -12,7 +12,7 @@ import mbocp
 from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
 from mbocp.programme.kernel import kernel_programme
-from mbocp.solvers.sweep import Kept, Sweeps, init_sweeps
+from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SYSTEMS = (

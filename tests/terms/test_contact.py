@@ -16,7 +16,7 @@ from mbocp.exceptions import MbocpError
 from mbocp.formulation import formulate
 from mbocp.integrators import TAU, evaluation_points
 from mbocp.problem import ContactForce, Problem, parse_problem, problem_to_toml
-from mbocp.problem.hold import Hold
+from mbocp.problem.timeline.hold import Hold
 from tests.robot.urdfs import write
 from tests.terms.contacts import BODY, FEET, FOOT, GRAVITY, HOPPER, hopper, on_feet, on_ground, solo
 

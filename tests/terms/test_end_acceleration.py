@@ -14,7 +14,7 @@ import mbocp
 from mbocp.exceptions import MbocpError, OverdeterminedGoal, ProblemError
 from mbocp.formulation import formulate
 from mbocp.problem import Problem, parse_problem, problem_to_toml
-from mbocp.problem.via import ViaPoint
+from mbocp.problem.timeline.via import ViaPoint
 from mbocp.solution import Solution
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -11,18 +11,18 @@ from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
 from mbocp.problem.default_scheme import AUTO_SCHEME
-from mbocp.problem.duration import duration_from
 from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.read import from_tables
 from mbocp.problem.file.tables import ProblemFields, tables_of
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
-from mbocp.problem.named_phase import horizon_of
-from mbocp.problem.phase_holds import takes_switches
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.step_counts import FIRST_STEPS
-from mbocp.problem.step_table import scaled_lengths
+from mbocp.problem.timeline.duration import duration_from
+from mbocp.problem.timeline.named_phase import horizon_of
+from mbocp.problem.timeline.phase_holds import takes_switches
+from mbocp.problem.timeline.step_counts import FIRST_STEPS
+from mbocp.problem.timeline.step_table import scaled_lengths
 
 __all__ = ["changed", "written_tables"]
 

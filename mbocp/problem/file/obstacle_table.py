@@ -12,8 +12,8 @@ import pinocchio as pin
 from mbocp._files import path_of
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.problem.clearance import SelfCollision
 from mbocp.problem.file.messages import located
+from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.hull import Hull, hull_of, hull_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, Obstacle
 

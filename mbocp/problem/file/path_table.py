@@ -16,7 +16,7 @@ from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.file.messages import located
 from mbocp.problem.file.points_file import read_points
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD

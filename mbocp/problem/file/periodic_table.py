@@ -13,8 +13,8 @@ from mbocp._text import shown
 from mbocp.exceptions import ProblemError
 from mbocp.problem.file.messages import located
 from mbocp.problem.file.named_values import tangent_slots
-from mbocp.problem.free_start import FreeStart
-from mbocp.problem.periodic import Periodic
+from mbocp.problem.goals.free_start import FreeStart
+from mbocp.problem.goals.periodic import Periodic
 from mbocp.robot import Robot
 
 __all__ = ["free_from", "free_table", "periodic_from", "periodic_table"]

@@ -9,14 +9,14 @@ import numpy as np
 
 from mbocp.exceptions import ProblemError
 from mbocp.problem.cost import weights_by_key
-from mbocp.problem.duration import duration_from, written_duration
 from mbocp.problem.file.limits_table import bounds_from
-from mbocp.problem.hold import Hold
 from mbocp.problem.limits import LIMITS, Bounds
-from mbocp.problem.named_phase import Horizon, NamedPhase, horizon_of
-from mbocp.problem.phase_holds import PhaseHold, PhaseRelease
-from mbocp.problem.phase_limits import in_phase
-from mbocp.problem.step_counts import FIRST_STEPS
+from mbocp.problem.timeline.duration import duration_from, written_duration
+from mbocp.problem.timeline.hold import Hold
+from mbocp.problem.timeline.named_phase import Horizon, NamedPhase, horizon_of
+from mbocp.problem.timeline.phase_holds import PhaseHold, PhaseRelease
+from mbocp.problem.timeline.phase_limits import in_phase
+from mbocp.problem.timeline.step_counts import FIRST_STEPS
 from mbocp.robot import Robot
 from mbocp.terms.cost import Reader, shortest
 from mbocp.terms.span import SPAN, AtVia, Share

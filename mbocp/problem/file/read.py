@@ -17,8 +17,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.completion import assembled, assembled_velocity
 from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.cost import Cost, further_terms
-from mbocp.problem.drives import without_driven_velocities
-from mbocp.problem.duration import check_duration
 from mbocp.problem.file.frame_table import frames_from
 from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.file.messages import in_file, located, schema_error
@@ -48,14 +46,16 @@ from mbocp.problem.file.schema import (
 from mbocp.problem.file.target import read_target
 from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import via_from
-from mbocp.problem.frames import start_at
-from mbocp.problem.goal import RATES, Goal
-from mbocp.problem.goal_set import of_member
+from mbocp.problem.goals.drives import without_driven_velocities
+from mbocp.problem.goals.frames import start_at
+from mbocp.problem.goals.goal import RATES, Goal
+from mbocp.problem.goals.goal_set import of_member
 from mbocp.problem.guess import Guess
-from mbocp.problem.horizon import check_horizon
 from mbocp.problem.integration import Stabilisation
-from mbocp.problem.named_phase import are_alike
 from mbocp.problem.solver import SolverOptions
+from mbocp.problem.timeline.duration import check_duration
+from mbocp.problem.timeline.horizon import check_horizon
+from mbocp.problem.timeline.named_phase import are_alike
 from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.robot import Robot, robot_from_spec
 from mbocp.terms import COST_TERMS, OwnTerm

@@ -13,11 +13,9 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import SCHEMES
-from mbocp.problem.clearance import Clearance, SelfCollision
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.cost import Cost
-from mbocp.problem.duration import written_duration
 from mbocp.problem.file.frame_table import frame_tables
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.obstacle_table import obstacle_tables, self_collision_table
@@ -26,17 +24,19 @@ from mbocp.problem.file.periodic_table import free_table, periodic_table
 from mbocp.problem.file.phase_table import phase_tables, written_limits
 from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.file.via_table import via_tables
-from mbocp.problem.free_start import FreeStart
-from mbocp.problem.goal import Goal
+from mbocp.problem.goals.free_start import FreeStart
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import Bounds
-from mbocp.problem.meeting import Meeting
-from mbocp.problem.named_phase import NamedPhase
+from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.via import ViaPoint
-from mbocp.problem.via_constraint import ViaConstraint
+from mbocp.problem.timeline.duration import written_duration
+from mbocp.problem.timeline.meeting import Meeting
+from mbocp.problem.timeline.named_phase import NamedPhase
+from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import COST_TERMS, FrameTolerance, OwnPathConstraint, OwnTerm

@@ -11,9 +11,9 @@ from mbocp._arrays import Array
 from mbocp.problem.file.frame_table import frame_tables, frames_from
 from mbocp.problem.file.messages import located
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
-from mbocp.problem.goal import Goal
-from mbocp.problem.via import ViaPoint
-from mbocp.problem.via_time import time_from, written_time
+from mbocp.problem.goals.goal import Goal
+from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.timeline.via_time import time_from, written_time
 from mbocp.robot import Robot
 
 if TYPE_CHECKING:

@@ -25,13 +25,13 @@ from mbocp._linear import norm
 from mbocp.exceptions import ProblemError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.iterating import Callback, SolverResult
 from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, calm_or_none, parameters
 from mbocp.solvers.nlp.iteration_callback import IterationCallback
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.nlp.log import IterationLog, OfThread, whole_lines
 from mbocp.solvers.nlp.status_messages import advice_of, status_of
 from mbocp.solvers.records import IterationRecord, Status
+from mbocp.solvers.strategies.iterating import Callback, SolverResult
 
 __all__ = ["InteriorPoint"]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.problem.approach import clearances_along
+from mbocp.problem.obstacles.approach import clearances_along
 from mbocp.robot.large import working_data
 from mbocp.solution import Column
 from mbocp.view.figures.lines import LinePanel, line_panels

@@ -1,0 +1,169 @@
+"""Numbers of constraints that begin and end along the way, and what a motion makes of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.formulation.features.switch_terms import ACTIVE, IS_IMPACT, NO_SWITCHES, Switches
+from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
+from mbocp.problem import Problem
+from mbocp.problem.timeline.phases import node_times, step_lengths
+from mbocp.problem.timeline.switches import SwitchTable
+from mbocp.robot import Label
+
+__all__ = [
+    "acting",
+    "breaks_symmetries",
+    "evaluation_times",
+    "filled_impulses",
+    "filled_lengths",
+    "has_step_before",
+    "impacts_of",
+    "labels_of",
+    "repeated",
+    "switch_numbers",
+    "switched_violation",
+    "switches_of",
+    "ties_at_end",
+    "with_held",
+    "worse_of",
+]
+
+
+def switches_of(problem: Problem) -> Switches:
+    """What of a problem's constraints can be switched."""
+    table = problem.switches
+    if table is None:
+        return NO_SWITCHES
+    return Switches(table.held, problem.robot.nc if table.has_releases else 0, bool(problem.impacts))
+
+
+def switch_numbers(problem: Problem) -> dict[str, Array]:
+    """Parameters of every step by name, shapes (N, any)."""
+    table, switches = problem.switches, switches_of(problem)
+    if table is None:
+        return {}
+    own = table.own if switches.num_own else table.own[:, :0]
+    return {
+        ACTIVE: np.hstack([own, table.rows]).astype(np.float64),
+        IS_IMPACT: table.is_impact.astype(np.float64)[:, None],
+    }
+
+
+def impacts_of(problem: Problem) -> BoolArray:
+    """Which steps take no time, shape (N,)."""
+    if problem.switches is None:
+        return np.zeros(problem.num_steps, dtype=np.bool_)
+    return problem.switches.is_impact
+
+
+def has_step_before(problem: Problem) -> Array:
+    """1 in steps that follow one that takes time, shape (N,)."""
+    timed = ~impacts_of(problem)
+    found: Array = (np.arange(problem.num_steps) > int(np.argmax(timed))).astype(np.float64)
+    return found
+
+
+def evaluation_times(problem: Problem, tau: float) -> Array:
+    """Times at which steps are evaluated [s], or the guess of them, shape (N,)."""
+    if problem.has_unequal_lengths:
+        return node_times(problem)[:-1] + tau * step_lengths(problem)
+    goes = (~impacts_of(problem)).astype(np.float64)
+    found: Array = problem.dt * (np.cumsum(goes) - goes + tau * goes)
+    return found
+
+
+def filled_lengths(problem: Problem, dts: Array) -> Array:
+    """Lengths of steps [s], with the mean one in the place of those of impacts."""
+    found: Array = np.where(impacts_of(problem), problem.dt, dts)
+    return found
+
+
+def filled_impulses(problem: Problem, dts: Array) -> Array:
+    """What multipliers are multiplied by to be impulses, shape (N, 1): lengths [s], and 1 in impacts."""
+    found: Array = np.where(impacts_of(problem), 1.0, dts)[:, None]
+    return found
+
+
+def repeated(values: Array, is_impact: BoolArray) -> Array:
+    """Values of the steps, (N,) or (N, any), where impacts, which have none, repeat those of a neighbour.
+
+    It is the step before, or the first that takes time.
+    """
+    steps = np.flatnonzero(~is_impact)
+    places = np.searchsorted(steps, np.arange(len(values)), side="right") - 1
+    found: Array = values[steps[np.maximum(places, 0)]]
+    return found
+
+
+def ties_at_end(problem: Problem, q: Array) -> tuple[Array, Array] | None:
+    """Derivatives of the constraints on positions and on velocities at an end, where these are others."""
+    table = problem.switches
+    if table is None:
+        return None
+    return table.at_end(q, of_rates=False), table.at_end(q, of_rates=True)
+
+
+def acting(problem: Problem, values: Array) -> Array:
+    """Values of the rows of all constraints (N, rows), zero where these do not act."""
+    table = problem.switches
+    return values if table is None else np.where(np.hstack([table.own, table.rows]), values, 0.0)
+
+
+def breaks_symmetries(problem: Problem) -> bool:
+    """Whether what is held tells places or directions of the world apart."""
+    table = problem.switches
+    return table is not None and any(frame.breaks_symmetries(problem.robot) for frame in table.held)
+
+
+def worse_of(one: ConstraintViolation, other: ConstraintViolation) -> ConstraintViolation:
+    """The larger violation of positions, and the larger one of velocities."""
+    place, rate = (max((one, other), key=key) for key in (lambda x: x.position, lambda x: x.velocity))
+    places = (place.position, place.position_name, place.position_node)
+    return ConstraintViolation(*places, rate.velocity, rate.velocity_name, rate.velocity_node)
+
+
+def labels_of(problem: Problem) -> tuple[Label, ...]:
+    """Name and unit of the rows of a robot's constraints, and of what is held."""
+    own = problem.robot.constraint_labels
+    return own if problem.switches is None else (*own, *problem.switches.labels)
+
+
+def with_held(problem: Problem, lams: Array) -> Array:
+    """Multipliers (N, nc) of the robot's constraints with zeros for what is held, where they have none."""
+    missing = len(labels_of(problem)) - lams.shape[1]
+    return np.hstack([lams, np.zeros((len(lams), missing))]) if missing else lams
+
+
+def switched_violation(table: SwitchTable, qs: Array, vs: Array) -> ConstraintViolation:
+    """Largest violation of what acts, at the start and at the nodes after the steps in which it does.
+
+    What is held where it is counts from where it was when its span began. Velocities count there, too, after
+    an impact.
+    """
+    robot, count = table.robot, len(table.rows) + 1
+    kept = list(robot.kept_rows)
+    own = np.zeros((count, 0)), np.zeros((count, 0))
+    if robot.nc:
+        residuals, jacobians = robot.closure_along(qs)
+        own = residuals[:, kept], np.einsum("nij,nj->ni", jacobians[:, kept], vs)
+    at_start = [np.hstack(table.acting_at_start(of_rates=of_rates))[None] for of_rates in (False, True)]
+    acts = np.hstack([table.own, table.rows])
+    names = [label.name for label in (*robot.constraint_labels, *table.labels)]
+    rates = np.einsum("nij,nj->ni", table.jacobians(qs), vs)
+    position = np.hstack([own[0], _places(table, qs)]) * np.vstack([at_start[0], acts])
+    velocity = np.hstack([own[1], rates]) * np.vstack([at_start[1], acts])
+    return worst_violation(position, velocity, names)
+
+
+def _places(table: SwitchTable, qs: Array) -> Array:
+    """How far what is held is from where its span began, or from coinciding, shape (N + 1, rows)."""
+    anchors = table.anchors
+    found = np.zeros((len(qs), anchors.shape[1]))
+    found[0] = table.residuals(qs[:1], qs[:1])[0]
+    for first in np.unique(anchors[anchors >= 0]):
+        steps = np.flatnonzero((anchors == first).any(axis=1))
+        residuals = table.residuals(qs[steps + 1], np.tile(qs[first], (len(steps), 1)))
+        found[steps + 1] = np.where(anchors[steps] == first, residuals, found[steps + 1])
+    return found

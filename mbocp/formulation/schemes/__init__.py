@@ -1,0 +1,1 @@
+"""One class for each family of schemes and coordinates, and the equations of its steps."""

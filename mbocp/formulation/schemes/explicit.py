@@ -1,0 +1,218 @@
+"""Joint coordinates with explicit Runge-Kutta schemes, and with drives, whose controls are velocities."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.bounds import free_speed_bounds
+from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
+from mbocp.formulation.features.remembered import memory_at_start, with_memory
+from mbocp.formulation.features.step_lengths import start_of_lengths
+from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows, guarded_parts
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
+from mbocp.formulation.schemes.joint import (
+    boundary_duals,
+    largest_defects,
+    momenta_of_symmetries,
+    stage_costs,
+    tangent_duals,
+)
+from mbocp.formulation.schemes.joint_states import positions_and_speeds, states_and_controls
+from mbocp.formulation.turning import turning_factors
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import duals_of_momenta
+from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
+from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.problem import Problem
+from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
+from mbocp.robot import Label
+from mbocp.robot.drives import control_velocity_maps, speed_maps
+
+__all__ = ["ExplicitFormulation"]
+
+
+@dataclass(frozen=True, eq=False)
+class ExplicitFormulation:
+    """States are coordinates and speeds; a step gives the next state. Schemes may leave the groups.
+
+    Speeds s are the velocities v, unless controls prescribe some of them: v = V(q) s + U(q) u then.
+    """
+
+    problem: Problem
+    programme: StagewiseProgramme
+    layout: StateLayout
+    space: ConfigurationSpace
+    end_rows: EndRows
+    pieces: Pieces
+
+    end_rows_may_depend = True
+    counts_turns = True
+    keeps_adjoints = False
+    tau = force_tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
+
+    @classmethod
+    def of(cls, problem: Problem, *, deadline: float = math.inf) -> ExplicitFormulation:
+        """See `mbocp.formulation.formulate`."""
+        robot = problem.robot
+        space = ConfigurationSpace(robot.model, robot.rotations)
+        guarded = guarded_parts(problem, space)
+        speeds = robot.speed_map if robot.drives else None
+        rows = end_condition_rows(robot, problem.goal, speeds)
+        leaves_the_group = problem.lie != "munthe_kaas"
+        signature = signature_of(
+            problem,
+            space,
+            rows,
+            ExplicitSteps(problem.scheme, robot.rotations, problem.lie, problem.substeps),
+            is_flat=leaves_the_group or needs_plain_states(problem) or robot.is_vector_space,
+            guarded=guarded,
+        )
+        at = signature.state_layout(space.nz, space.nv, robot.num_speeds, robot.nu)
+        check_size(problem, signature, at, 0)
+        q, v = problem.q_start, problem.v_start
+        start = [
+            space.coordinates(q[None])[0],
+            robot.speeds(q, v),
+            memory_at_start(problem, at),
+            start_of_lengths(at),
+        ]
+        pieces = Pieces(
+            problem=problem,
+            joints=space,
+            space=space,
+            signature=signature,
+            layout=at,
+            algebraic=impulses(0, problem.dt),
+            groups=(),
+            end_rows=rows,
+            end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
+            turning=turning_factors(robot.turns, space, at),
+            x_start=np.concatenate(start),
+            speed_bounds=free_speed_bounds(problem),
+            labels=RowLabels(robot.v_labels, "rate", robot.speed_labels),
+        )
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
+
+    @property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each holonomic constraint."""
+        return self.problem.robot.constraint_labels
+
+    @property
+    def can_drift(self) -> bool:
+        """Whether configurations can leave their group."""
+        return not self.space.is_vector
+
+    @property
+    def start_velocity(self) -> Array:
+        """Velocity of the joints with which the steps begin, shape (nv,)."""
+        return self.problem.v_start
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return np.concatenate([self.space.coordinates(q[None])[0], self.problem.robot.speeds(q, v)])
+
+    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
+        """Where each step begins."""
+        return qs[:-1], vs[:-1]
+
+    def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
+        """Where speeds are fewer than velocities, those nearest to them; multipliers are no unknowns."""
+        at, robot, speeds = self.layout, self.problem.robot, motion.vs
+        if robot.drives:
+            # The columns of V are unit vectors on different components: V' takes the nearest speeds.
+            speeds = np.einsum("nij,ni->nj", speed_maps(robot, motion.qs), motion.vs)
+        start = self.programme.x_start
+        xs, us = states_and_controls(self.problem, at, self.space, motion, speeds, start)
+        xs = with_memory(self.problem, at, xs, us)
+        return zero_multipliers(self.programme, xs, np.zeros((len(us), 0)), us)
+
+    def motion_of(self, iterate: Iterate) -> Motion:
+        """Motion of the joints that an iterate stands for."""
+        robot, motion = (
+            self.problem.robot,
+            positions_and_speeds(self.problem, self.layout, self.space, iterate),
+        )
+        if not robot.drives:
+            return motion
+        # Velocities that a control prescribes are the ones after the node.
+        qs, speeds, us = motion.qs, motion.vs, motion.us
+        prescribed = np.einsum("nij,nj->ni", control_velocity_maps(robot, qs), np.vstack([us, us[-1:]]))
+        velocities: Array = np.einsum("nij,nj->ni", speed_maps(robot, qs), speeds) + prescribed
+        return replace(motion, vs=velocities)
+
+    def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
+        """With drives the adjoints are duals of (q, v): there is no momentum that belongs to all of them."""
+        problem, robot, at, dts = self.problem, self.problem.robot, self.layout, motion.dts[:, None]
+        qs, vs = motion.qs, motion.vs
+        states = boundary_duals(self.programme, iterate)
+        costates = self._velocity_duals(tangent_duals(self.space, at, iterate.xs[:, at.z], states), qs)
+        lams, zetas = iterate.ys / dts, iterate.ms[:, at.ndx :] / dts**2
+        if robot.nc:
+            lams, zetas = self._projected_multipliers(motion), np.zeros((len(motion.us), robot.nc))
+        mus = costates if robot.drives else duals_of_momenta(problem.robot, qs, vs, costates)
+        return Duals(lams, zetas, states, costates, mus)
+
+    def _velocity_duals(self, duals: Array, qs: Array) -> Array:
+        """Duals of (q, v); where speeds are fewer than velocities, those of least norm.
+
+        The columns of V are unit vectors on different components: V itself is the pseudo-inverse of V'.
+        """
+        robot = self.problem.robot
+        if not robot.drives:
+            return duals
+        nv, maps = robot.nv, speed_maps(robot, qs)
+        return np.hstack([duals[:, :nv], np.einsum("nij,nj->ni", maps, duals[:, nv:])])
+
+    def _projected_multipliers(self, motion: Motion) -> Array:
+        """Multipliers of the constraints at the beginning of each step, from the projected accelerations."""
+        problem, robot = self.problem, self.problem.robot
+        mechanics = ForwardMechanics(robot)
+        q, v, u = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("u", robot.nu)
+        lam = mechanics.multipliers(q, v, u, ca.SX(problem.stabilisation.gamma_constraint))
+        function = ca.Function("multipliers", [q, v, u], [ca.densify(lam)]).map(len(motion.us))
+        found: Array = np.asarray(function(motion.qs[:-1].T, motion.vs[:-1].T, motion.us.T)).T
+        return found
+
+    def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
+        """With the step's own increment for f and the adjoint after it, to first order in dt."""
+        at, dts = self.layout, motion.dts
+        turned = np.array([pin.difference(self.problem.robot.model, a, b) for a, b in pairwise(motion.qs)])
+        speeds = iterate.xs[:, at.s] if self.problem.robot.drives else motion.vs
+        moved = np.hstack([turned, np.diff(speeds, axis=0)])
+        rows = tangent_duals(self.space, at, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+        values: Array = np.einsum("ni,ni->n", rows, moved) / dts
+        return values + stage_costs(self.programme, iterate) / dts
+
+    def control_momenta(
+        self, iterate: Iterate, motion: Motion, duals: Duals
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Control momenta of the problem's symmetries, and their names."""
+        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
+
+    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
+        """Largest violation of the robot's constraints."""
+        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
+
+    def drifts(self, xs: Array) -> Array:
+        """Largest defect of the configurations of states, shape (k,)."""
+        return largest_defects(self.space, xs[:, self.layout.z])
+
+    def velocity_multipliers(self, multipliers: Array) -> Array:
+        """Those of the velocities that no control prescribes; they come first among the speeds."""
+        robot, speeds = self.problem.robot, multipliers[:, self.layout.s]
+        free = [i for i in range(robot.nv) if i not in set(robot.driven)]
+        found = np.zeros((len(speeds), robot.nv))
+        found[:, free] = speeds[:, : len(free)]
+        return found

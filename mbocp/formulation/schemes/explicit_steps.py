@@ -1,0 +1,204 @@
+"""Steps of explicit Runge-Kutta schemes: rows F(x0, u) - x1, differentiated link by link."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import casadi as ca
+
+from mbocp.formulation.features.accelerations import rate_of_speeds
+from mbocp.formulation.features.memory import HAS_BEFORE, MEMORY
+from mbocp.formulation.layout import StateLayout, start_move
+from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.integrators import TABLEAUX
+from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
+from mbocp.mechanics import Mechanics, symbols_of
+from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.robot import Robot
+
+__all__ = ["ExplicitSteps"]
+
+_OPERATIONS = 3000  # of "complete" by nv^2 and stage of the method
+
+
+@dataclass(frozen=True)
+class ExplicitSteps:
+    """Maps from a state to the next one; see `Steps`.
+
+    Attributes
+    ----------
+    scheme : str
+        Name of its tableau.
+    rotations : {"quaternion", "dcm"}
+        Coordinates of attitudes.
+    lie : {"plain", "baumgarte", "munthe_kaas"}
+        How attitudes are integrated.
+    substeps : int
+        Steps of equal length in each.
+    """
+
+    scheme: str
+    rotations: str
+    lie: str
+    substeps: int
+
+    rows_are_gaps = True
+    takes_numbers = True
+    tau = 0.0
+
+    @property
+    def state_key(self) -> Mapping[str, str]:
+        """What tells the states apart."""
+        return {"coordinates": "joint", "rotations": self.rotations}
+
+    @property
+    def stage_key(self) -> Mapping[str, str | int]:
+        """What else the functions of a step depend on."""
+        return {"scheme": self.scheme, "lie": self.lie, "substeps": self.substeps}
+
+    @property
+    def end_key(self) -> Mapping[str, str]:
+        """What else the functions of the end depend on."""
+        return {"scheme": "explicit"}
+
+    @property
+    def parameters(self) -> Mapping[str, int]:
+        """Rates of the stabilisation."""
+        return {"gains": 3}
+
+    @property
+    def remedy(self) -> str:
+        """What to do where the functions become too large."""
+        if self.substeps > 1:
+            return f"Take fewer integrator.substeps than {self.substeps} and more horizon.steps"
+        return "Lock joints"
+
+    def operations(self, nv: int) -> float:
+        """Second derivatives of a tree are dense, and repeated for each slope of each substep."""
+        in_one = float(_OPERATIONS * nv**2 * TABLEAUX[self.scheme].num_stages)
+        return in_one * min(self.substeps, 10**100)
+
+    def mechanics(self, robot: Robot) -> Mechanics:
+        """Forward dynamics."""
+        return ForwardMechanics(robot, self.rotations, numbers=symbols_of(robot))
+
+    def num_algebraic(self, mechanics: Mechanics) -> int:
+        """None: accelerations are projected, and multipliers no unknowns."""
+        return 0
+
+    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
+        """Rows and cost of a step, with exact first and second derivatives."""
+        mechanics = symbols.mechanics
+        if not isinstance(mechanics, ForwardMechanics):
+            raise TypeError("an explicit scheme needs ForwardMechanics")
+        is_free = bool(symbols.space.layout.nh)
+        step = ExplicitStep(mechanics, self.scheme, self.lie, self.substeps, is_free=is_free)
+        return _explicit_derivatives(mechanics, step, symbols)
+
+
+def _explicit_derivatives(
+    mechanics: ForwardMechanics, step: ExplicitStep, at: StepSymbols
+) -> StepDerivatives:
+    """F(x0, u) - x1, and the cost at the beginning of the step as in Eq. (39) of [Manara2017]_."""
+    space, layout, gains = at.space, at.space.layout, at.given["gains"]
+    unknowns = ca.vertcat(at.d1, at.d0, at.inputs)
+    chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.inputs))
+    root, of_u = chain.root(), slice(2 * layout.ndx, 2 * layout.ndx + at.u.numel())
+    paces = root[of_u.stop : of_u.stop + layout.num_paces]
+    moves = root[of_u.stop + layout.num_paces : of_u.stop + layout.num_paces + layout.num_moves]
+    d1, d0, u = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[of_u]
+    before = _state(chain, mechanics, layout, _from_start(chain, at, d0, moves), at.x0)
+    after = _state(chain, mechanics, layout, d1, at.x1)
+    units = ca.diag(at.units_of_u)
+    pushed = Affine(units @ u.value, {k: units @ matrix for k, matrix in u.parts.items()})
+    dt, between = (
+        Affine(length, {0: ca.jacobian(length, unknowns)}) if layout.nh else length
+        for length in (at.dt, at.spacing)
+    )
+    reached = step(chain, before, pushed, dt, Gains(gains[0], gains[1], gains[2]))
+    if layout.is_flat:
+        kinematic = reached.z - after.z
+    else:
+        (kinematic,) = chain.apply(_differences(mechanics), [after.z, reached.z])
+    pieces = [kinematic, reached.s - after.s]
+    if layout.nr:
+        kept = d1[layout.dr]
+        moving = (before.s, reached.s, u, d0[layout.dr], paces, moves)
+        following = _remembered(chain, at, moving, (dt, between))
+        pieces.append(following - (kept if layout.is_flat else kept + at.x1[layout.r]))
+    if layout.nh:
+        pieces.append(Affine(at.length_rows, {0: ca.jacobian(at.length_rows, unknowns)}))
+    c = Affine.join(pieces)
+    q, s = at.at0[layout.z], at.at0[layout.s]
+    acceleration = partial(rate_of_speeds, mechanics, q, s, at.controls, gains[2])
+    cost = at.running_cost(q, mechanics.velocity(q, s, at.controls), acceleration)
+    slope = ca.jacobian(cost, unknowns)
+    curvature, _ = ca.hessian(cost, unknowns)
+    cost, slope, curvature = space.at_zero_tangents(
+        [at.x0, at.x1], [cost, slope, curvature], [at.inputs, at.theta, at.rho], [at.d0, at.d1]
+    )
+    hessian = ca.triu(curvature + chain.hessian(c, at.m))
+    return StepDerivatives(ca.densify(c.value), cost, chain.jacobian(c), slope, hessian)
+
+
+def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca.SX) -> State:
+    """State moved along the tangent d."""
+    if at.is_flat:
+        return State(d[at.z], d[at.s])
+    (z,) = chain.apply(_retraction(mechanics), [d[: at.nw]], [x[at.z]])
+    return State(z, d[at.ds] + x[at.s])
+
+
+def _from_start(chain: Chain, at: StepSymbols, d: Affine, moves: Affine) -> Affine:
+    """The tangent d, or the state d where states are flat, with the move of the start in the first step."""
+    layout = at.space.layout
+    if not layout.num_moves:
+        return d
+    x, w = ca.SX.sym("x", layout.ndx), ca.SX.sym("w", layout.num_moves)
+    has_before = at.given[HAS_BEFORE]
+    move = start_move(layout, 1 - has_before, w)
+    if not layout.is_flat:
+        moved = x + ca.vertcat(move, ca.SX.zeros(layout.ndx - move.numel()))
+    else:
+        moved = at.space.moved(x, ca.SX.zeros(layout.ndx), move)
+    function = ca.Function("moved", [x, w, at.rho], [ca.densify(moved)])
+    return chain.apply(function, [d, moves], [at.rho])[0]
+
+
+def _remembered(
+    chain: Chain,
+    at: StepSymbols,
+    moving: tuple[Affine, ...],
+    lengths: tuple[Affine | ca.SX, Affine | ca.SX],
+) -> Affine:
+    """What the state after the step has to remember.
+
+    `moving`: speeds before and after, controls of the robot, what is remembered, paces, moves of the start.
+    """
+    layout = at.space.layout
+    s0, s1, u, d, paces, moves = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
+    r = d if layout.is_flat else d + at.x0[layout.r]
+    step, between, start = ca.SX.sym("dt"), ca.SX.sym("spacing"), layout.r.start
+    before = {name: r[at_x.start - start : at_x.stop - start] for name, at_x in layout.remembered.items()}
+    passage = replace(at.remembering(s0, s1, before), u=u, dt=step, spacing=between, paces=paces, moves=moves)
+    rows = ca.vertcat(*[MEMORY[name].following(passage) for name in before])
+    given = [at.x0, at.theta, at.rho]
+    function = ca.Function(
+        "remembered", [s0, s1, u, d, paces, moves, step, between, *given], [ca.densify(rows)]
+    )
+    of_unknowns = [length for length in lengths if isinstance(length, Affine)]
+    numbers = [length for length in lengths if not isinstance(length, Affine)]
+    return chain.apply(function, [*moving, *of_unknowns], [*numbers, *given])[0]
+
+
+def _retraction(mechanics: Mechanics) -> ca.Function:
+    d, z = ca.SX.sym("d", mechanics.nv), ca.SX.sym("z", mechanics.nq)
+    return ca.Function("retraction", [d, z], [ca.densify(mechanics.integrate(z, d))])
+
+
+def _differences(mechanics: Mechanics) -> ca.Function:
+    z0, z1 = ca.SX.sym("z0", mechanics.nq), ca.SX.sym("z1", mechanics.nq)
+    return ca.Function("differences", [z0, z1], [ca.densify(mechanics.difference(z0, z1))])

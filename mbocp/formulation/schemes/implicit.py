@@ -1,0 +1,225 @@
+"""Joint coordinates on their Lie groups with the implicit schemes of the tau family."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
+from mbocp.formulation.features.remembered import memory_at_start, with_memory
+from mbocp.formulation.features.step_lengths import start_of_lengths
+from mbocp.formulation.features.switches import (
+    acting,
+    filled_impulses,
+    filled_lengths,
+    impacts_of,
+    labels_of,
+    repeated,
+    switched_violation,
+    ties_at_end,
+    with_held,
+)
+from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
+from mbocp.formulation.schemes.joint import (
+    boundary_duals,
+    largest_defects,
+    momenta_of_symmetries,
+    stage_costs,
+    tangent_duals,
+)
+from mbocp.formulation.schemes.joint_states import positions_and_speeds, states_and_controls
+from mbocp.formulation.start import consistent_velocity
+from mbocp.formulation.turning import turning_factors
+from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import dual_of_momentum, duals_of_momenta
+from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
+from mbocp.problem import Problem
+from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
+from mbocp.robot import Label
+from mbocp.robot.kinematics import momenta_of
+
+__all__ = ["ImplicitFormulation"]
+
+
+@dataclass(frozen=True, eq=False)
+class ImplicitFormulation:
+    """States are (q, v) of the joints; steps are equations that hold between two of them."""
+
+    problem: Problem
+    programme: StagewiseProgramme
+    layout: StateLayout
+    space: ConfigurationSpace
+    end_rows: EndRows
+    pieces: Pieces
+
+    end_rows_may_depend = False
+    counts_turns = True
+
+    @classmethod
+    def of(cls, problem: Problem, *, deadline: float = math.inf) -> ImplicitFormulation:
+        """See `mbocp.formulation.formulate`."""
+        robot = problem.robot
+        space = ConfigurationSpace(robot.model, "quaternion")
+        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem, problem.goal.q))
+        is_flat = needs_plain_states(problem) or robot.is_vector_space
+        signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
+        at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
+        labels = labels_of(problem)
+        check_size(problem, signature, at, len(labels))
+        start = [
+            problem.q_start,
+            consistent_velocity(problem),
+            memory_at_start(problem, at),
+            start_of_lengths(at),
+        ]
+        pieces = Pieces(
+            problem=problem,
+            joints=space,
+            space=space,
+            signature=signature,
+            layout=at,
+            algebraic=impulses(len(labels), problem.dt),
+            groups=(),
+            end_rows=rows,
+            end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
+            turning=turning_factors(robot.turns, space, at),
+            x_start=np.concatenate(start),
+            speed_bounds=problem.limits_along()["v"],
+            labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels),
+        )
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
+
+    @property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each holonomic constraint."""
+        return labels_of(self.problem)
+
+    @property
+    def keeps_adjoints(self) -> bool:
+        """Whether rows are in tangent spaces, as a solution's adjoints are."""
+        return not self.layout.is_flat or self.problem.robot.is_vector_space
+
+    @property
+    def can_drift(self) -> bool:
+        """Whether configurations can leave their group."""
+        return not self.space.is_vector
+
+    @property
+    def start_velocity(self) -> Array:
+        """Velocity of the joints with which the steps begin, shape (nv,)."""
+        return self.programme.x_start[self.layout.s]
+
+    @property
+    def tau(self) -> float:
+        """Where in a step the velocity is that its kinematics take."""
+        return VELOCITY_TAU[self.problem.scheme]
+
+    @property
+    def force_tau(self) -> float:
+        """Where in a step its forces are taken."""
+        return TAU[self.problem.scheme]
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return np.concatenate([self.space.coordinates(q[None])[0], v])
+
+    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
+        """Configurations and velocities at which the forces of each step are taken."""
+        return evaluation_points(self.problem.robot, self.force_tau, qs, vs, dts)
+
+    def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
+        """Iterate at a motion; adjoints are zero."""
+        at, start = self.layout, self.programme.x_start
+        xs, us = states_and_controls(self.problem, at, self.space, motion, motion.vs, start)
+        held = with_held(self.problem, lams)
+        xs = with_memory(self.problem, at, xs, us, held)
+        dts = filled_impulses(self.problem, motion.dts)
+        return zero_multipliers(self.programme, xs, dts * held, us)
+
+    def motion_of(self, iterate: Iterate) -> Motion:
+        """Motion of the joints that an iterate stands for."""
+        motion = positions_and_speeds(self.problem, self.layout, self.space, iterate)
+        return replace(motion, us=repeated(motion.us, impacts_of(self.problem)))
+
+    def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
+        """Multipliers and adjoints of an iterate and its motion."""
+        problem, dts = self.problem, filled_impulses(self.problem, motion.dts)
+        states = boundary_duals(self.programme, iterate)
+        costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
+        return Duals(
+            lams=iterate.ys / dts,
+            zetas=acting(problem, iterate.ms[:, self.layout.ndx :] / dts**2),
+            states=states,
+            costates=costates,
+            mus=self._adjoints(iterate, motion, costates)
+            if problem.scheme == "se1"
+            else duals_of_momenta(problem.robot, motion.qs, motion.vs, costates),
+        )
+
+    def _adjoints(self, iterate: Iterate, motion: Motion, costates: Array) -> Array:
+        """mu_0 ... mu_N of SE1: the multipliers of the steps' rows (Box 1); the last follows from the end.
+
+        For a constant mass matrix they and the boundary duals in (q, p) are the adjoint of Box 1 and of
+        Appendix B.
+        """
+        end = dual_of_momentum(self.problem.robot, motion.qs[-1], motion.vs[-1], costates[-1])
+        return np.vstack([self._row_duals(iterate), end])
+
+    def _row_duals(self, iterate: Iterate) -> Array:
+        """Multipliers of the kinematic and momentum rows as duals of tangent vectors, shape (N, 2 nv)."""
+        at = self.layout
+        return tangent_duals(self.space, at, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
+
+    def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
+        """H at (y_tau, mu_{1 - tau}, u) of every step, eq. (11) and Appendix B.
+
+        In (q, v) and its duals mu . f is c_q . v + mu_p . M a; for constant M, mu_q . v + mu_p . dp/dt.
+        The momentum row's multiplier is mu_p at 1 - tau; c_q is the boundary dual before the step and the
+        kinematic row's multiplier after it, before the constraint at the node acts on it.
+        """
+        robot, nv, tau = self.problem.robot, self.problem.robot.nv, self.force_tau
+        dts = filled_lengths(self.problem, motion.dts)
+        q_taus, _ = self.evaluation_points(motion.qs, motion.vs, dts)
+        velocities = (1.0 - self.tau) * motion.vs[:-1] + self.tau * motion.vs[1:]
+        rows = self._row_duals(iterate)
+        along = tau * duals.costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
+        inertial = momenta_of(robot.model, q_taus, np.diff(motion.vs, axis=0) / dts[:, None])
+        hamiltonians: Array = (
+            stage_costs(self.programme, iterate) / dts
+            + np.einsum("ni,ni->n", along, velocities)
+            + np.einsum("ni,ni->n", rows[:, nv:], inertial)
+        )
+        if robot.nc:
+            residuals = np.array([robot.constraint_residual(q) for q in motion.qs[1:]])
+            hamiltonians += np.einsum("ni,ni->n", duals.zetas[:, : robot.nc], residuals)
+        return repeated(hamiltonians, impacts_of(self.problem))
+
+    def control_momenta(
+        self, iterate: Iterate, motion: Motion, duals: Duals
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Control momenta of the problem's symmetries, and their names."""
+        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
+
+    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
+        """Largest violation of the robot's constraints."""
+        table = self.problem.switches
+        if table is not None:
+            return switched_violation(table, motion.qs, motion.vs)
+        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
+
+    def drifts(self, xs: Array) -> Array:
+        """Largest defect of the configurations of states, shape (k,)."""
+        return largest_defects(self.space, xs[:, self.layout.z])
+
+    def velocity_multipliers(self, multipliers: Array) -> Array:
+        """Multipliers of limits of velocities from those of states."""
+        return multipliers[:, self.layout.s]

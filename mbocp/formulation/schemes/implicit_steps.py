@@ -1,0 +1,76 @@
+"""Steps of the tau family: implicit schemes, whose rows are the same in joint and natural coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import casadi as ca
+
+from mbocp.formulation.features.accelerations import mean_acceleration
+from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
+from mbocp.integrators import TAU, State, evaluation_point, step_rows
+from mbocp.integrators.switched import switched_point, switched_rows
+from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
+from mbocp.robot import Robot
+
+__all__ = ["ImplicitSteps", "implicit_derivatives"]
+
+_OPERATIONS = 525  # of "complete" by nv^2, with arms and chains
+
+
+@dataclass(frozen=True)
+class ImplicitSteps(EquationSteps):
+    """Equations between two states in joint coordinates; see `Steps`."""
+
+    coordinates = "joint"
+    remedy = 'Take coordinates = "natural", or lock joints'
+
+    @property
+    def tau(self) -> float:
+        """Where in a step its running cost is evaluated."""
+        return TAU[self.scheme]
+
+    def operations(self, nv: int) -> float:
+        """Second derivatives of a tree are dense."""
+        return float(_OPERATIONS * nv**2)
+
+    def mechanics(self, robot: Robot) -> Mechanics:
+        """Equations of motion of the joints."""
+        return JointMechanics(robot, numbers=symbols_of(robot))
+
+    def num_algebraic(self, mechanics: Mechanics) -> int:
+        """One impulse for each constraint."""
+        return mechanics.nc
+
+    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
+        """Rows and cost of a step, with exact first and second derivatives."""
+        return implicit_derivatives(self.scheme, symbols)
+
+
+def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
+    """Kinematics, momentum balance, memory and constraints, with their derivatives."""
+    mechanics, space, layout = at.mechanics, at.space, at.space.layout
+    dt, force = at.dt, at.given["force"]
+    before = State(at.at0[layout.z], at.at0[layout.s])
+    after = State(at.at1[layout.z], at.at1[layout.s])
+    impulse, difference = force * at.y, space.configuration_difference
+    states = (mechanics, scheme, before, after)
+    if at.switches:
+        point = switched_point(*states, dt, at.switched)
+        own = (impulse, at.controls, dt, at.switched)
+        rows = switched_rows(*states, point, *own, difference=difference)
+    else:
+        point = evaluation_point(*states, dt)
+        rows = step_rows(*states, point, impulse, at.controls, dt, difference=difference)
+    momentum = (1.0 / force) * rows.momentum
+    c = ca.densify(ca.vertcat(rows.kinematic, momentum, at.memory_rows, at.length_rows, rows.constraint))
+    cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))
+    z = ca.vertcat(at.d1, at.y, at.d0, at.inputs)
+    hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)
+    derivatives = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), ca.triu(hessian)]
+    others = [at.y, at.inputs, at.m, at.theta, at.rho]
+    c, cost, dc_dz, dl_dz, hessian = space.at_zero_tangents(
+        [at.x0, at.x1], derivatives, others, [at.d0, at.d1]
+    )
+    return StepDerivatives(c, cost, dc_dz, dl_dz, hessian)

@@ -1,0 +1,304 @@
+"""Natural coordinates, points and directors of bodies, with the implicit schemes of the tau family."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
+from mbocp.formulation.features.progress import with_paces
+from mbocp.formulation.features.remembered import with_memory
+from mbocp.formulation.features.step_lengths import given_lengths, without_lengths
+from mbocp.formulation.features.switches import (
+    breaks_symmetries,
+    filled_impulses,
+    filled_lengths,
+    impacts_of,
+    repeated,
+    switched_violation,
+    ties_at_end,
+    worse_of,
+)
+from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.schemes.joint import (
+    boundary_duals,
+    stage_costs,
+    weighed_components,
+    weighs_control_changes,
+)
+from mbocp.formulation.schemes.natural_steps import NaturalSteps
+from mbocp.formulation.start import consistent_velocity
+from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
+from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
+from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
+from mbocp.mechanics.symmetries import find_symmetries
+from mbocp.problem import Problem
+from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
+from mbocp.robot import Label
+
+__all__ = ["NaturalFormulation"]
+
+
+@dataclass(frozen=True, eq=False)
+class NaturalFormulation:
+    """States are coordinates z of bodies and their rates w; constraints keep bodies rigid and joined.
+
+    What people say of joints is said in terms of bodies, and read back. Bodies have no limits, angles or
+    turns: a step of Newton's method bends the constraints, and the line search sees that.
+    """
+
+    problem: Problem
+    programme: StagewiseProgramme
+    layout: StateLayout
+    space: NaturalSpace
+    end_rows: EndRows
+    pieces: Pieces
+
+    end_rows_may_depend = False
+    counts_turns = False
+    keeps_adjoints = False
+    can_drift = True
+
+    @classmethod
+    def of(cls, problem: Problem, *, deadline: float = math.inf) -> NaturalFormulation:
+        """See `mbocp.formulation.formulate`."""
+        robot = problem.robot
+        mechanics = natural_mechanics(robot)
+        joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
+        rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem, problem.goal.q))
+        signature = signature_of(
+            problem, joints, rows, NaturalSteps(problem.scheme), is_flat=True, has_joint_goal=True
+        )
+        at = signature.state_layout(space.nz, space.nv, space.nv, robot.nu)
+        labels = _labels(problem, mechanics)
+        check_size(problem, signature, at, len(labels))
+        unbounded = np.full(at.ns, np.inf)
+        names = mechanics.coordinate_labels
+        pieces = Pieces(
+            problem=problem,
+            joints=joints,
+            space=space,
+            signature=signature,
+            layout=at,
+            algebraic=impulses(len(labels), problem.dt),
+            groups=mechanics.groups if _is_structured(problem, at) else (),
+            end_rows=rows,
+            end=_natural_end(problem, mechanics, rows),
+            turning=np.zeros(at.ndx),
+            x_start=_start_state(problem, space, at, problem.q_start, consistent_velocity(problem)),
+            speed_bounds=(-unbounded, unbounded),
+            labels=RowLabels(names, "momentum balance", names, labels),
+        )
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
+
+    @property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each holonomic constraint."""
+        return _labels(self.problem, self.space.mechanics)
+
+    @property
+    def start_velocity(self) -> Array:
+        """Velocity of the joints with which the steps begin, shape (nv,)."""
+        return self.problem.v_start
+
+    @property
+    def tau(self) -> float:
+        """Where in a step the velocity is that its kinematics take."""
+        return VELOCITY_TAU[self.problem.scheme]
+
+    @property
+    def force_tau(self) -> float:
+        """Where in a step its forces are taken."""
+        return TAU[self.problem.scheme]
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return _start_state(self.problem, self.space, self.layout, q, v)[: self.layout.r.start]
+
+    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
+        """Configurations and velocities at which the forces of each step are taken."""
+        return evaluation_points(self.problem.robot, self.force_tau, qs, vs, dts)
+
+    def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
+        """All bodies where the joints put them.
+
+        Velocities are those of the scheme's kinematics: for SE1 chords, (q_n - q_{n-1})/dt, which the joints'
+        velocities are not. The robot's constraints are few of the bodies': their multipliers are not used.
+        Those that are balance the momenta best, in the least-squares sense.
+        """
+        at, programme = self.layout, self.programme
+        xs = np.zeros((len(motion.qs), at.nx))
+        xs[:, at.z] = self.space.coordinates(motion.qs)
+        if self.tau == 1.0:
+            lengths = filled_lengths(self.problem, motion.dts)[:, None]
+            xs[1:, at.s] = repeated(np.diff(xs[:, at.z], axis=0) / lengths, impacts_of(self.problem))
+        else:
+            xs[:, at.s] = self.space.rates(motion.qs, motion.vs)
+        xs[0] = programme.x_start
+        us = with_paces(self.problem, at, motion.us, motion.qs)
+        acts = _acting(self.problem, self.space.mechanics)
+        ys = _impulses(programme, at, xs, us, acts)  # what is remembered has no part in the balance
+        loops = ys[:, self.space.mechanics.nc - self.problem.robot.nc :]
+        xs = with_memory(self.problem, at, xs, us, loops / filled_impulses(self.problem, motion.dts))
+        return zero_multipliers(programme, xs, ys, us)
+
+    def motion_of(self, iterate: Iterate) -> Motion:
+        """Motion of the joints that an iterate stands for."""
+        zs, ws = iterate.xs[:, self.layout.z], iterate.xs[:, self.layout.s]
+        dts = given_lengths(self.problem)
+        return Motion(
+            self.space.configurations(zs),
+            self.space.velocities(zs, ws),
+            repeated(without_lengths(self.layout, iterate.us), impacts_of(self.problem)),
+            dts,
+        )
+
+    def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
+        """Multipliers and adjoints of an iterate and its motion."""
+        at, dts = self.layout, filled_impulses(self.problem, motion.dts)
+        states = boundary_duals(self.programme, iterate)
+        costates = self.space.costates(iterate.xs[:, at.z], motion.vs, states[:, : at.nw + at.ns])
+        return Duals(
+            lams=iterate.ys / dts,
+            zetas=np.where(
+                _acting(self.problem, self.space.mechanics), iterate.ms[:, at.ndx :] / dts**2, 0.0
+            ),
+            states=states,
+            costates=costates,
+            mus=duals_of_momenta(self.problem.robot, motion.qs, motion.vs, costates),
+        )
+
+    def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
+        """The mass matrix is constant; the kinematic row's dual is taken as in joint coordinates."""
+        at, dts, tau = self.layout, filled_lengths(self.problem, motion.dts), self.tau
+        before = self.force_tau
+        ws, rows = iterate.xs[:, at.s], iterate.ms
+        velocity = tau * ws[1:] + (1.0 - tau) * ws[:-1]
+        along = before * duals.states[:-1, : at.nw] + (1.0 - before) * rows[:, : at.nw]
+        inertial = np.diff(ws, axis=0) / dts[:, None] @ self.space.mechanics.mass_at(iterate.xs[0, at.z])
+        values = stage_costs(self.programme, iterate) / dts + np.einsum("ni,ni->n", along, velocity)
+        return repeated(values + np.einsum("ni,ni->n", rows[:, at.ds], inertial), impacts_of(self.problem))
+
+    def control_momenta(
+        self, iterate: Iterate, motion: Motion, duals: Duals
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Sums of q x mu^q + p x mu^p over all points and directors.
+
+        In the duals c of (z, w) it is c . (X z, X w) with the rotation X: exactly what a step keeps.
+        """
+        at, robot = self.layout, self.problem.robot
+        nodes, tracked = len(iterate.xs), weighed_components(self.problem)
+        if self.problem.inequalities or breaks_symmetries(self.problem):
+            return np.zeros((nodes, 0)), ()
+        mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
+        kept = [s for s in find_symmetries(robot) if not s.touches(mask)]
+        if weighs_control_changes(self.problem):  # see `mbocp.mechanics.diagnostics.control_momenta`
+            kept = [s for s in kept if not s.control.any()]
+        zs, ws = iterate.xs[:, at.z], iterate.xs[:, at.s]
+        states = duals.states[:, : at.nw + at.ns]
+        columns = [np.einsum("ni,ni->n", states, self.space.generator(s, zs, ws)) for s in kept]
+        momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
+        return momenta, tuple(s.name for s in kept)
+
+    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
+        """Of any constraint, those of rigid bodies and joints included."""
+        mechanics, at = self.space.mechanics, self.layout
+        z, w = ca.SX.sym("z", mechanics.nq), ca.SX.sym("w", mechanics.nq)
+        rows = ca.densify(mechanics.constraints(z))
+        both = ca.Function("Phi", [z, w], [rows, ca.densify(ca.jtimes(rows, z, w))]).map(len(iterate.xs))
+        found = both(iterate.xs[:, at.z].T, iterate.xs[:, at.s].T)
+        position, velocity = (np.asarray(values).T for values in found)
+        table, names = self.problem.switches, [label.name for label in mechanics.constraint_labels]
+        if table is None:
+            return worst_violation(position, velocity, names)
+        own = mechanics.nc - self.problem.robot.nc
+        acts = np.ones_like(position)
+        acts[1:, own:] = table.own
+        found = worst_violation(position * acts, velocity * acts, names)
+        return worse_of(found, switched_violation(table, motion.qs, motion.vs))
+
+    def drifts(self, xs: Array) -> Array:
+        """How far bodies are from rigid ones, shape (k,)."""
+        z = ca.SX.sym("z", self.space.nz)
+        defects = ca.Function("defects", [z], [ca.densify(self.space.defects(z))]).map(len(xs))
+        found: Array = np.abs(np.asarray(defects(xs[:, self.layout.z].T))).max(axis=0, initial=0.0)
+        return found
+
+    def velocity_multipliers(self, multipliers: Array) -> Array:
+        """Zeros: bodies have no limits."""
+        return np.zeros((len(multipliers), self.problem.robot.nv))
+
+
+def _labels(problem: Problem, mechanics: NaturalMechanics) -> tuple[Label, ...]:
+    """Name and unit of the rows of bodies, joints and loops, and of what is held."""
+    return (*mechanics.constraint_labels, *(problem.switches.labels if problem.switches else ()))
+
+
+def _is_structured(problem: Problem, at: StateLayout) -> bool:
+    """Whether the kernel eliminates bodies one by one; rows that are switched it takes as dense."""
+    return problem.scheme == "se1" and at.nr == 0 and problem.switches is None
+
+
+def _start_state(problem: Problem, space: NaturalSpace, at: StateLayout, q: Array, v: Array) -> Array:
+    z = space.coordinates(q[None])[0]
+    w = space.rates(q[None], v[None])[0]
+    if VELOCITY_TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
+        dt = given_lengths(problem)[0]
+        w = (space.coordinates(problem.robot.integrate(q, dt * v)[None])[0] - z) / dt
+    return np.concatenate([z, w, np.zeros(at.nr)])
+
+
+def _natural_end(problem: Problem, mechanics: NaturalMechanics, rows: EndRows) -> EndTarget:
+    """End condition of bodies that is that of joints, to first order about the goal.
+
+    With J the derivative of the coordinates z in the joints' motions at the goal, joints move by
+    :math:`J^+ (z - z_d)` and have momenta :math:`J^T p`: the rows D of the joints become :math:`D J^+` and
+    :math:`D J^T`. All of them together are the null-space projection of eq. (14).
+    """
+    robot, goal = problem.robot, problem.goal
+    J = mechanics.tree.jacobian(goal.q)
+    inverse = np.linalg.pinv(J)
+    if goal.rate == "v":
+        return EndTarget(rows.D_q @ inverse, rows.D_rate @ inverse, J @ goal.value)
+    rate = J @ robot.velocity_from_momentum(goal.q, goal.value)
+    momentum = mechanics.mass_at(mechanics.tree.coordinates(goal.q[None])[0]) @ rate
+    return EndTarget(rows.D_q @ inverse, rows.D_rate @ J.T, momentum)
+
+
+def _acting(problem: Problem, mechanics: NaturalMechanics) -> BoolArray:
+    """Which rows act in which step, those of bodies always, shape (N, ny)."""
+    table = problem.switches
+    if table is None:
+        return np.ones((problem.num_steps, mechanics.nc), dtype=np.bool_)
+    bodies = np.ones((problem.num_steps, mechanics.nc - problem.robot.nc), dtype=np.bool_)
+    return np.hstack([bodies, table.own, table.rows])
+
+
+def _impulses(programme: StagewiseProgramme, at: StateLayout, xs: Array, us: Array, acts: BoolArray) -> Array:
+    """Impulses y of the rows that act, by least squares of the momentum rows, shape (N, ny)."""
+    from scipy import sparse  # slow to import, and wanted only for this
+    from scipy.sparse.linalg import spsolve
+
+    N, ny = programme.num_steps, programme.kinds[0].ny
+    theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
+    step = programme.functions.function("jacobian").map(N)
+    c, _, derivatives, _ = step(xs[:-1].T, xs[1:].T, np.zeros((ny, N)), us.T, theta, rho.T)
+    rows = np.asarray(c)[at.ds].T
+    side_by_side = derivatives.sparse().tocsc()
+    width = side_by_side.shape[1] // N
+    columns = (np.arange(N)[:, None] * width + at.ndx + np.arange(ny)).ravel()
+    blocks = side_by_side[at.ds][:, columns].tocoo()
+    places = (blocks.row + blocks.col // ny * rows.shape[1], blocks.col)  # one below the other
+    push = sparse.csc_matrix((-blocks.data, places), shape=(rows.size, N * ny))  # G' of all steps
+    push = push[:, acts.ravel()]
+    found = np.zeros((N, ny))
+    found[acts] = spsolve(push.T @ push, push.T @ rows.ravel(), permc_spec="MMD_AT_PLUS_A")
+    return found

@@ -1,0 +1,214 @@
+"""Joint coordinates on their Lie groups with symplectic partitioned methods: Gauss, and Lobatto's pair."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
+from mbocp.formulation.features.remembered import memory_at_start, with_memory
+from mbocp.formulation.features.step_lengths import start_of_lengths
+from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.schemes.algebraic import Algebraic
+from mbocp.formulation.schemes.joint import (
+    boundary_duals,
+    largest_defects,
+    momenta_of_symmetries,
+    tangent_duals,
+)
+from mbocp.formulation.schemes.joint_states import positions_and_speeds, states_and_controls
+from mbocp.formulation.schemes.partitioned_steps import PartitionedSteps
+from mbocp.formulation.turning import turning_factors
+from mbocp.integrators import PAIRS, Pair, evaluation_points
+from mbocp.lie import ConfigurationSpace
+from mbocp.mechanics import duals_of_momenta
+from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
+from mbocp.problem import Problem
+from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
+from mbocp.robot import Label
+from mbocp.robot.nodes import steps_between
+
+__all__ = ["PartitionedFormulation"]
+
+
+@dataclass(frozen=True, eq=False)
+class PartitionedFormulation:
+    """States are (q, v) of the joints; steps have stages, whose rates are unknowns."""
+
+    problem: Problem
+    programme: StagewiseProgramme
+    layout: StateLayout
+    space: ConfigurationSpace
+    end_rows: EndRows
+    pieces: Pieces
+
+    end_rows_may_depend = False
+    counts_turns = True
+    keeps_adjoints = False  # rows of stages have multipliers that a solution does not store
+    tau = force_tau = 0.5
+
+    @classmethod
+    def of(cls, problem: Problem, *, deadline: float = math.inf) -> PartitionedFormulation:
+        """See `mbocp.formulation.formulate`."""
+        robot, pair = problem.robot, PAIRS[problem.scheme]
+        space = ConfigurationSpace(robot.model, "quaternion")
+        rows = end_condition_rows(robot, problem.goal)
+        is_flat = needs_plain_states(problem) or robot.is_vector_space
+        signature = signature_of(problem, space, rows, PartitionedSteps(problem.scheme), is_flat=is_flat)
+        at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
+        algebraic = _algebraic(pair, robot.nv, robot.nc, problem.dt)
+        check_size(problem, signature, at, algebraic.size)
+        start = [problem.q_start, problem.v_start, memory_at_start(problem, at), start_of_lengths(at)]
+        pieces = Pieces(
+            problem=problem,
+            joints=space,
+            space=space,
+            signature=signature,
+            layout=at,
+            algebraic=algebraic,
+            groups=(),
+            end_rows=rows,
+            end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
+            turning=turning_factors(robot.turns, space, at),
+            x_start=np.concatenate(start),
+            speed_bounds=problem.limits_along()["v"],
+            labels=RowLabels(
+                robot.v_labels,
+                "momentum balance",
+                robot.v_labels,
+                tuple(robot.constraint_labels) * pair.num_stages,
+                _words_of_stages(pair, robot.v_labels),
+            ),
+        )
+        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
+
+    @property
+    def pair(self) -> Pair:
+        """Coefficients of the scheme."""
+        return PAIRS[self.problem.scheme]
+
+    @property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each holonomic constraint."""
+        return self.problem.robot.constraint_labels
+
+    @property
+    def can_drift(self) -> bool:
+        """Whether configurations can leave their group."""
+        return not self.space.is_vector
+
+    @property
+    def start_velocity(self) -> Array:
+        """Velocity of the joints with which the steps begin, shape (nv,)."""
+        return self.problem.v_start
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return np.concatenate([self.space.coordinates(q[None])[0], v])
+
+    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
+        """The middles of the steps, as a guess takes them."""
+        return evaluation_points(self.problem.robot, self.tau, qs, vs, dts)
+
+    def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
+        """Iterate at a motion, with rates of stages of the cubic through both nodes; adjoints are zero."""
+        at, start, dts = self.layout, self.programme.x_start, motion.dts[:, None]
+        xs, us = states_and_controls(self.problem, at, self.space, motion, motion.vs, start)
+        xs = with_memory(self.problem, at, xs, us, lams)
+        rates = self._rates(motion)
+        ys = np.hstack([*rates, *[dts * lams] * self.pair.num_stages])
+        return zero_multipliers(self.programme, xs, ys, us)
+
+    def _rates(self, motion: Motion) -> list[Array]:
+        vs = motion.vs
+        mean = steps_between(self.problem.robot, motion.qs) / motion.dts[:, None]
+        return [
+            6 * c * (1 - c) * mean + (1 - c) * (1 - 3 * c) * vs[:-1] + c * (3 * c - 2) * vs[1:]
+            for c in self.pair.c
+        ]
+
+    def motion_of(self, iterate: Iterate) -> Motion:
+        """Motion of the joints that an iterate stands for."""
+        return positions_and_speeds(self.problem, self.layout, self.space, iterate)
+
+    def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
+        """Multipliers and adjoints of an iterate and its motion.
+
+        The constraints' multipliers are the means over the stages; zeta is that of the row at the end.
+        """
+        problem, dts, nc = self.problem, motion.dts[:, None], self.problem.robot.nc
+        nv, s, b = problem.robot.nv, self.pair.num_stages, np.array(self.pair.b)
+        states = boundary_duals(self.programme, iterate)
+        costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
+        stages = iterate.ys[:, s * nv :].reshape(len(dts), s, nc)
+        of_end = iterate.ms[:, self.layout.ndx + s * nv + max(s - 2, 0) * nc :][:, :nc]
+        return Duals(
+            lams=np.einsum("s,nsc->nc", b, stages) / dts,
+            zetas=of_end / dts**2,
+            states=states,
+            costates=costates,
+            mus=duals_of_momenta(problem.robot, motion.qs, motion.vs, costates),
+        )
+
+    def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
+        """Derivative of the Lagrangian in the length of each step, shape (N,); NaN where functions fail.
+
+        It is what H is constant for: with a free duration its mean vanishes.
+        """
+        programme, N = self.programme, len(motion.us)
+        arguments = (iterate.xs[:-1], iterate.xs[1:], iterate.ys, iterate.us, iterate.ms)
+        theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
+        slopes = programme.functions.function("lengthening").map(N)
+        try:
+            found = np.asarray(slopes(*(a.T for a in arguments), theta, rho.T)).ravel()
+        except RuntimeError:  # what CasADi raises where a compiled function reports that it failed
+            return np.full(N, np.nan)
+        by_length: Array = found / motion.dts
+        return by_length
+
+    def control_momenta(
+        self, iterate: Iterate, motion: Motion, duals: Duals
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Control momenta of the problem's symmetries, and their names."""
+        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
+
+    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
+        """Largest violation of the robot's constraints."""
+        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
+
+    def drifts(self, xs: Array) -> Array:
+        """Largest defect of the configurations of states, shape (k,)."""
+        return largest_defects(self.space, xs[:, self.layout.z])
+
+    def velocity_multipliers(self, multipliers: Array) -> Array:
+        """Multipliers of limits of velocities from those of states."""
+        return multipliers[:, self.layout.s]
+
+
+def _algebraic(pair: Pair, nv: int, nc: int, dt: float) -> Algebraic:
+    """Rates of stages, then impulses; their rows are momenta of stages, Phi / dt, and Phi_q v at the end."""
+    rates, held = pair.num_stages * nv, pair.num_stages * nc
+    is_rate = np.arange(rates + held) < rates
+    is_drift = np.arange(rates + held) >= rates + held - nc
+    return Algebraic(
+        scale_c=np.where(is_rate | is_drift, 1.0, dt),
+        scale_y=np.where(is_rate, 1.0, 1 / dt),
+        scale_m=np.where(is_rate, 1.0, 1 / dt),
+        is_force=~is_rate,
+        is_balance=is_rate,
+    )
+
+
+def _words_of_stages(pair: Pair, labels: Sequence[Label]) -> tuple[str, ...]:
+    return tuple(
+        f"momentum balance of {label.name} at stage {i + 1}"
+        for i in range(pair.num_stages)
+        for label in labels
+    )

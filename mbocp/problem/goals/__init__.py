@@ -1,0 +1,1 @@
+"""Where a motion ends and begins: goals, their completion, cycles, free starts."""

@@ -1,0 +1,1 @@
+"""What a motion keeps clear of, and how far it is from it."""

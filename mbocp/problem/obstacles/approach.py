@@ -1,0 +1,224 @@
+"""The nearest approach of a motion to obstacles, and of links to each other, between nodes, too.
+
+The motion is sampled at a thousand poses a second, on geodesics from node to node. Spheres say at once how
+near a link can be at most; where that may be nearer than what has been found, coal computes the distance of
+the link's own shapes. At other poses these are not nearer by more than their points have moved until then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.obstacles.shape_distances import LinkPair, ShapeDistances
+from mbocp.robot.model import RobotModel
+from mbocp.robot.nodes import between
+
+__all__ = ["Approach", "clearances_along", "keeps_clear", "nearest_approach", "poses_between"]
+
+_RATE = 1000.0  # poses a second
+_MOST = 50_000  # poses
+_NEAR = 0.1  # [m]: farther spheres are only looked at where nothing is as near
+_ITERATED = 1e-6  # [m] by which distances of shapes may be wrong: the tolerance of coal's iterations
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Where two things come nearest, beyond what is to be kept between them.
+
+    Attributes
+    ----------
+    distance : float
+        Of their shapes [m]; how deep they are in each other where it is negative.
+    margin : float
+        What was to be kept [m].
+    link, other : str
+        Link, and obstacle or other link.
+    time : float
+        [s].
+    is_obstacle : bool
+        Whether `other` is an obstacle.
+    """
+
+    distance: float
+    margin: float
+    link: str
+    other: str
+    time: float
+    is_obstacle: bool
+
+    @property
+    def between(self) -> str:
+        """Both names."""
+        return f"{self.link} and {self.other}"
+
+    @property
+    def words(self) -> str:
+        """In a sentence."""
+        if self.distance < 0.0:
+            how = f"is {-1e3 * self.distance:.3g} mm inside {self.other}"
+        else:
+            how = f"is {1e3 * self.distance:.3g} mm from {self.other}"
+        return f"{self.link} {how} at t = {self.time:.4g} s"
+
+
+def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | None:
+    """Smallest distance beyond its margin of all pairs that are kept apart; None where there are none.
+
+    Parameters
+    ----------
+    clearance : Clearance
+    t : ndarray, shape (N + 1,)
+        Times of the nodes [s].
+    qs : ndarray, shape (N + 1, nq)
+    """
+    if not clearance.rows or not np.isfinite(qs).all():
+        return None
+    return _Search.of(clearance, t, qs, _NEAR).nearest()
+
+
+def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> bool:
+    """Whether no pair is nearer than its margin, or in each other, but for a tolerance [m].
+
+    It takes a part of the time of `nearest_approach`, and says the same. The parameters are those.
+    """
+    if not clearance.rows or not np.isfinite(qs).all():
+        return True
+    near = max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + 2.0 * max(_gaps(clearance))
+    search = _Search.of(clearance, t, qs, near)
+    lowered = np.maximum(search.margins, 0.0)
+    search.bounds += search.margins - lowered
+    search.margins = lowered
+    return search.nearest(-tolerance, is_any=True) is None
+
+
+def clearances_along(clearance: Clearance, qs: Array) -> Array:
+    """Smallest distance of all pairs that are kept apart, at each configuration, shape (n,) [m].
+
+    Infinite without pairs, negative where shapes are in each other.
+
+    Parameters
+    ----------
+    clearance : Clearance
+    qs : ndarray, shape (n, nq)
+    """
+    pairs = _pairs(clearance)
+    shapes = ShapeDistances(clearance, list(pairs))
+    found = np.full(len(qs), np.inf)
+    for n, q in enumerate(qs):
+        shapes.place(q)
+        found[n] = min((shapes.of(k) for k in range(len(pairs))), default=np.inf)
+    return found
+
+
+@dataclass(eq=False)
+class _Search:
+    """Pairs at the poses of a motion, by how near they may be.
+
+    Attributes
+    ----------
+    clearance : Clearance
+    times, qs : ndarray, shapes (n,) and (n, nq)
+    pairs : list of (int, int, bool)
+        A link, and an obstacle or another link.
+    bounds : ndarray, shape (n, pairs)
+        Distances beyond margins are not less, those that have not been looked at [m].
+    margins : ndarray, shape (pairs,)
+        [m].
+    """
+
+    clearance: Clearance
+    times: Array
+    qs: Array
+    pairs: list[LinkPair]
+    bounds: Array
+    margins: Array
+    _looked_at: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # of poses
+    _joints: Array = field(default_factory=lambda: np.zeros((0, 0, 3, 4)))  # placements there
+
+    @classmethod
+    def of(cls, clearance: Clearance, t: Array, qs: Array, near: float) -> _Search:
+        """Of a motion. Pairs farther than `near` [m] may be taken for any that are."""
+        times, sampled = poses_between(clearance.robot, t, qs)
+        return cls(clearance, times, sampled, *_bounds(clearance, sampled, near))
+
+    def nearest(self, most: float = np.inf, *, is_any: bool = False) -> Approach | None:
+        """The smallest distance beyond its margin below `most` [m]; with `is_any` the first that is found."""
+        shapes = ShapeDistances(self.clearance, self.pairs)
+        best: Approach | None = None
+        while True:
+            n, k = divmod(int(self.bounds.argmin()), len(self.pairs))
+            if self.bounds[n, k] >= most:
+                return best
+            shapes.place(self.qs[n])
+            distance = shapes.of(k)
+            if distance - self.margins[k] < most:
+                most = distance - float(self.margins[k])
+                names, is_obstacle = _names(self.clearance, self.pairs[k]), self.pairs[k][2]
+                best = Approach(distance, float(self.margins[k]), *names, float(self.times[n]), is_obstacle)
+                if is_any:
+                    return best
+            self.bounds[n, k] = np.inf
+            if distance > 0.0:  # else how deep shapes are in each other may jump
+                self._raise(n, k, distance, most, shapes)
+
+    def _raise(self, n: int, k: int, distance: float, most: float, shapes: ShapeDistances) -> None:
+        """Raise bounds of a pair around a pose in which its distance is known."""
+        if not self._looked_at.size:  # from now on they become fewer
+            self._looked_at = np.union1d(np.flatnonzero((self.bounds < most).any(axis=1)), [n])
+            self._joints = self.clearance.joint_placements(self.qs[self._looked_at])
+        others = np.flatnonzero(self.bounds[:, k] < most)
+        here, there = np.searchsorted(self._looked_at, n), np.searchsorted(self._looked_at, others)
+        moved = shapes.moved(k, self._joints[here], self._joints[there])
+        least = distance - moved - np.minimum(moved, _ITERATED)
+        least = np.where(least > 0.0, least - self.margins[k], -np.inf)
+        self.bounds[others, k] = np.maximum(self.bounds[others, k], least)
+
+
+def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]:
+    """Times and configurations between the nodes, a thousand a second, and the nodes."""
+    t = np.asarray(t, dtype=np.float64)
+    times = np.linspace(t[0], t[-1], min(int(np.ceil((t[-1] - t[0]) * _RATE)) + 1, _MOST))
+    times = np.union1d(times, t)
+    step = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
+    shares = (times - t[step]) / (t[step + 1] - t[step])
+    return times, between(robot, qs[step], qs[step + 1], shares)
+
+
+def _bounds(clearance: Clearance, qs: Array, near: float) -> tuple[list[LinkPair], Array, Array]:
+    """Pairs of a link and an obstacle or link; bounds of their distances beyond margins; their margins."""
+    gaps, columns = _gaps(clearance), _pairs(clearance)
+    values = clearance.pair_values(qs, near) - clearance.margins
+    pairs, order = list(columns), [row for rows in columns.values() for row in rows]
+    first = np.cumsum([0, *(len(rows) for rows in columns.values())])[:-1]
+    sticks = [gaps[a] + (0.0 if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
+    found = np.minimum.reduceat(values[:, order], first, axis=1) - _rounding(clearance) - sticks
+    return pairs, found, clearance.margins[np.array(order)[first]]
+
+
+def _pairs(clearance: Clearance) -> dict[LinkPair, list[int]]:
+    """Pairs of a link and an obstacle or link, with the rows of their spheres."""
+    columns: dict[LinkPair, list[int]] = {}
+    for row, (sphere, k) in enumerate(clearance.pairs):
+        columns.setdefault((clearance.spheres[sphere][0], k, True), []).append(row)
+    for row, (a, b) in enumerate(clearance.sphere_pairs, start=len(clearance.pairs)):
+        columns.setdefault((clearance.spheres[a][0], clearance.spheres[b][0], False), []).append(row)
+    return columns
+
+
+def _gaps(clearance: Clearance) -> list[float]:
+    """How far the shapes of each link are out of its spheres [m]."""
+    return [0.0 if np.isnan(link.gap) else link.gap for link in clearance.robot.collision_spheres]
+
+
+def _rounding(clearance: Clearance) -> float:
+    """By how much the spheres' clearances may be too large [m]."""
+    return max([o.smoothing for o in clearance.obstacles], default=0.0)
+
+
+def _names(clearance: Clearance, pair: LinkPair) -> tuple[str, str]:
+    links, (link, number, is_obstacle) = clearance.robot.collision_spheres, pair
+    return links[link].link, clearance.obstacles[number].name if is_obstacle else links[number].link

@@ -1,0 +1,371 @@
+"""Obstacles and self-collision of a problem as one path constraint."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.problem.obstacles.pair_clearances import PairClearances, WaySize
+from mbocp.robot import Label, LinkSpheres, Robot
+from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
+from mbocp.robot.collision.planes import Planes, planes_around
+from mbocp.robot.collision.self_pairs import SelfPairs
+from mbocp.terms import ClearanceRow, ClearanceTerm, HullSlots, Span, clearance_slots
+from mbocp.terms.distances import Core, core_of
+from mbocp.terms.hulls import MOST_PLANES, HullCore
+
+__all__ = ["Clearance", "SelfCollision"]
+
+_TOLD = 20  # obstacles of which the summary speaks each
+_OF_ALL_PAIRS = ("_frames", "_planes", "_hulls", "_every", "_pair_clearances", "margins")
+_IDLE = Label("nothing", "m")  # a row that is not needed
+_AWAY = 10.0  # [m]: its value
+_STILL_SLOTS, _MOVING_SLOTS = 64, 16  # of chosen pairs
+_HULL_SLOTS = 16  # the same, of hulls
+_TOLD_EXCESS = 1e-3  # of a file's volume
+_ROUNDING = 0.05  # of the largest distance that a row keeps: error of planes for a hull that is small enough
+
+
+@dataclass(frozen=True)
+class SelfCollision:
+    """That links keep away from each other.
+
+    Attributes
+    ----------
+    margin : float
+        Least distance of their spheres [m].
+    disabled : tuple of (str, str)
+        Pairs of links that need not.
+    srdf : Path, optional
+        Whose <disable_collisions> need not, either; by default one of the URDF's name beside it.
+    """
+
+    margin: float = 0.0
+    disabled: tuple[tuple[str, str], ...] = ()
+    srdf: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Distances of spheres from obstacles and from each other, see `mbocp.problem.PathConstraint`.
+
+    A pair is a sphere and an obstacle, or two spheres; rows are what solvers see of them.
+
+    Attributes
+    ----------
+    robot : Robot
+    obstacles : tuple of Obstacle
+    spheres : tuple of (int, int)
+        Link, by its place in `robot.collision_spheres`, and sphere of it, of all that take part.
+    pairs : tuple of (int, int)
+        Sphere, by its place in `spheres`, and obstacle.
+    sphere_pairs : tuple of (int, int)
+    self_margin : float
+        Least distance of spheres from each other [m].
+    left_out : mapping of str to mapping of str to int
+        How many spheres of an obstacle, by its name, are left out for which reason.
+    self_pairs : SelfPairs, optional
+    chosen : tuple of int, optional
+        Pairs that have rows; all where it is None.
+    reserve : ndarray, shape (num_pairs,), optional
+        What rows keep beyond the margins, for what happens between nodes [m]; nothing where it is None.
+    """
+
+    robot: Robot
+    obstacles: tuple[Obstacle, ...]
+    spheres: tuple[tuple[int, int], ...]
+    pairs: tuple[tuple[int, int], ...]
+    sphere_pairs: tuple[tuple[int, int], ...] = ()
+    self_margin: float = 0.0
+    left_out: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    self_pairs: SelfPairs | None = None
+    chosen: tuple[int, ...] | None = None
+    reserve: Array | None = None
+
+    name = "clearance"
+    span = Span()
+
+    @property
+    def _links(self) -> tuple[LinkSpheres, ...]:
+        return self.robot.collision_spheres
+
+    @property
+    def num_pairs(self) -> int:
+        """Of spheres and obstacles, then of spheres."""
+        return len(self.pairs) + len(self.sphere_pairs)
+
+    @property
+    def links_of_pairs(self) -> tuple[str, ...]:
+        """Both names of each pair, as `mbocp.problem.obstacles.approach.Approach` says them."""
+        links = [self._links[link].link for link, _ in self.spheres]
+        return (
+            *(f"{links[a]} and {self.obstacles[k].name}" for a, k in self.pairs),
+            *(f"{links[a]} and {links[b]}" for a, b in self.sphere_pairs),
+        )
+
+    @property
+    def reserves(self) -> Array:
+        """What rows keep beyond the margins, shape (num_pairs,) [m]."""
+        return np.zeros(self.num_pairs) if self.reserve is None else self.reserve
+
+    def of_pairs(self, chosen: Sequence[int] | None, reserve: Array | None = None) -> Clearance:
+        """The same with rows for some of the pairs alone, or for all, that keep a reserve."""
+        found = replace(self, chosen=None if chosen is None else tuple(sorted(chosen)), reserve=reserve)
+        for name in _OF_ALL_PAIRS:
+            found.__dict__[name] = getattr(self, name)
+        return found
+
+    @cached_property
+    def _frames(self) -> tuple[int, ...]:
+        """Frames that carry spheres, whether these take part or not, or obstacles."""
+        carriers = {self.robot.frame_id(o.frame) for o in self.obstacles if self._is_carried(o)}
+        return tuple(sorted({link.frame for link in self._links} | carriers))
+
+    def _is_carried(self, obstacle: Obstacle) -> bool:
+        return int(self.robot.model.frames[self.robot.frame_id(obstacle.frame)].parentJoint) > 0
+
+    @cached_property
+    def _every(self) -> tuple[tuple[ClearanceRow, ...], Array]:
+        """A row for each pair, and what is subtracted from its distance [m]."""
+        place = {frame: k for k, frame in enumerate(self._frames, start=1)}
+        spheres = [(self._links[link], number) for link, number in self.spheres]
+        point = core_of("sphere", (0.0,), SMOOTHING)
+        shapes: list[tuple[int, Array, Array, Core | HullCore]] = []
+        for number, obstacle in enumerate(self.obstacles):
+            core, middle = self._core(number)
+            at, other = obstacle.placement, 0
+            frame = self.robot.frame_id(obstacle.frame)
+            if self._is_carried(obstacle):
+                other = place[frame]
+            else:
+                at = self.robot.model.frames[frame].placement * at
+            shapes.append((other, at.act(middle), at.rotation, core))
+        rows, radii = [], []
+        for a, k in self.pairs:
+            link, number = spheres[a]
+            rows.append(ClearanceRow(place[link.frame], shapes[k][0], link.centers[number], *shapes[k][1:]))
+            radii.append(link.radii[number] + shapes[k][3].radius)
+        for a, b in self.sphere_pairs:
+            (one, number), (other_link, second) = spheres[a], spheres[b]
+            centers = one.centers[number], other_link.centers[second]
+            places = place[one.frame], place[other_link.frame]
+            rows.append(ClearanceRow(*places, *centers, np.eye(3), point))
+            radii.append(one.radii[number] + other_link.radii[second])
+        return tuple(rows), np.array(radii)
+
+    @cached_property
+    def _planes(self) -> dict[int, Planes]:
+        """Planes for the hulls among the obstacles, by their numbers."""
+        found = {}
+        for number, obstacle in enumerate(self.obstacles):
+            if obstacle.hull is None:
+                continue
+            spheres = [self.spheres[a] for a, k in self.pairs if k == number]
+            largest = max((float(self._links[link].radii[sphere]) for link, sphere in spheres), default=0.0)
+            reach = largest + max(obstacle.margin, 0.0)
+            tolerance = max(obstacle.smoothing, _ROUNDING * reach)
+            found[number] = planes_around(obstacle.hull, reach, tolerance, MOST_PLANES)
+        return found
+
+    @cached_property
+    def _hulls(self) -> dict[int, HullCore]:
+        """What rows see of these."""
+        return {
+            k: HullCore.of(planes.normals, planes.offsets, planes.slope, self.obstacles[k].smoothing)
+            for k, planes in self._planes.items()
+        }
+
+    def _core(self, number: int) -> tuple[Core | HullCore, Array]:
+        """Core of an obstacle, and its middle in the axes of the shape."""
+        obstacle = self.obstacles[number]
+        if obstacle.hull is not None:
+            return self._hulls[number], obstacle.hull.middle
+        core = core_of(obstacle.shape, obstacle.sizes, obstacle.smoothing)
+        return core, np.array([0.0, 0.0, core.middle])
+
+    @cached_property
+    def _pair_clearances(self) -> PairClearances:
+        return PairClearances.of(self.robot.model, self._frames, *self._every)
+
+    @cached_property
+    def margins(self) -> Array:
+        """Least clearance of each pair, shape (num_pairs,) [m]."""
+        of_obstacles = [self.obstacles[k].margin for _, k in self.pairs]
+        return np.array([*of_obstacles, *[self.self_margin] * len(self.sphere_pairs)], dtype=np.float64)
+
+    def pair_values(self, qs: Array, near: float = np.inf) -> Array:
+        """Clearance of each pair at each configuration, shape (n, num_pairs) [m].
+
+        What is larger than `near`, which takes most of the time, may be any number between `near` and it.
+        """
+        return self._pair_clearances.values(np.asarray(qs), near)
+
+    def joint_placements(self, qs: Array) -> Array:
+        """Rotation and origin of each joint at each configuration, shape (n, njoints, 3, 4) [m]."""
+        return self._pair_clearances.joint_placements(np.asarray(qs))
+
+    def least(self, qs: Array, most: float = np.inf) -> Array:
+        """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""
+        return self._pair_clearances.least(np.asarray(qs), self.margins, most)
+
+    def way(self, ends: Array, ranges: Array, reserve: float, seed: int, size: WaySize) -> Array | None:
+        """Corners of a way between two configurations that keeps a reserve beyond all margins, or None.
+
+        See `PairClearances.way`.
+        """
+        return self._pair_clearances.way(ends, self.margins, ranges, reserve, seed, size)
+
+    @cached_property
+    def _groups(self) -> tuple[tuple[int, ...], ...]:
+        """Pair of each row in each group of rows: about shapes that stand still, about others, about hulls.
+
+        -1: of none. There is room for as many rows of chosen pairs as all have who have few.
+        """
+        chosen = range(self.num_pairs) if self.chosen is None else self.chosen
+        kinds: tuple[list[int], ...] = ([], [], [])
+        for k in chosen:
+            row = self._every[0][k]
+            kinds[2 if isinstance(row.core, HullCore) else int(row.other > 0)].append(k)
+        least = (0, 0, 0)
+        if self.chosen is not None:
+            least = (_STILL_SLOTS, _MOVING_SLOTS, _HULL_SLOTS if self._hulls else 0)
+        slots = [clearance_slots(len(kind), room) for kind, room in zip(kinds, least, strict=True)]
+        return tuple((*kind, *[-1] * (n - len(kind))) for kind, n in zip(kinds, slots, strict=True))
+
+    @cached_property
+    def _order(self) -> tuple[int, ...]:
+        """Pair of each row."""
+        return tuple(chain(*self._groups))
+
+    @cached_property
+    def term(self) -> ClearanceTerm:
+        """Its structure, with its function."""
+        still, moving, of_hulls = map(len, self._groups)
+        slots = HullSlots.of(list(self._hulls.values()) if of_hulls else [], of_hulls)
+        return ClearanceTerm(self._frames, still, moving, slots)
+
+    def structure(self, rotations: str) -> ClearanceTerm:
+        """The same in all coordinates of attitudes."""
+        return self.term
+
+    @property
+    def rows(self) -> int:
+        """Number of rows, more than there are pairs: see `mbocp.terms.clearance`."""
+        return len(self._order)
+
+    @cached_property
+    def labels(self) -> tuple[Label, ...]:
+        """Name and unit of each row."""
+        return tuple(_IDLE if k < 0 else Label(f"distance of {self._words(k)}", "m") for k in self._order)
+
+    def _words(self, pair: int) -> str:
+        names = [f"{self._links[link].link}[{number}]" for link, number in self.spheres]
+        if pair < len(self.pairs):
+            a, k = self.pairs[pair]
+            return f"{names[a]} from {self.obstacles[k].name}"
+        a, b = self.sphere_pairs[pair - len(self.pairs)]
+        return f"{names[a]} from {names[b]}"
+
+    @cached_property
+    def lower(self) -> Array:
+        """Least clearances, shape (rows,) [m]."""
+        least = self.margins + self.reserves
+        return np.array([-np.inf if k < 0 else least[k] for k in self._order])
+
+    @cached_property
+    def upper(self) -> Array:
+        """None, shape (rows,)."""
+        return np.full(self.rows, np.inf)
+
+    @property
+    def inner_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the expression: of distances of centres from cores."""
+        radii = np.array([0.0 if k < 0 else self._every[1][k] for k in self._order])
+        return self.lower + radii, self.upper
+
+    @cached_property
+    def numbers(self) -> dict[str, Array]:
+        """Parameters by name."""
+        return self.term.numbers([ClearanceRow.idle() if k < 0 else self._every[0][k] for k in self._order])
+
+    def numbers_in(self, rotations: str) -> dict[str, Array]:
+        """The same where attitudes are in these coordinates."""
+        return self.numbers
+
+    def check_frames(self, robot: Robot) -> None:
+        """Frames have been found before."""
+
+    def values(self, robot: Robot, q: Array, v: Array) -> Array:
+        """Clearances at one state, shape (rows,) [m]."""
+        found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
+        return found
+
+    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
+        """Clearances at each of n states, shape (n, rows) [m], by the expression that solvers see."""
+        order = np.array(self._order, dtype=np.int64)
+        found = np.full((len(qs), self.rows), _AWAY)
+        found[:, order >= 0] = self.pair_values(qs)[:, order[order >= 0]]
+        return found
+
+    def slopes(self, values: Array) -> Array:
+        """Derivatives of the expression in the values."""
+        return np.ones_like(values)
+
+    def refusal(self, values: Array, where: str) -> str:
+        """Why a state of these clearances is refused, of what is worst; `where`: "start" or "goal"."""
+        row = int((values - self.lower).argmin())
+        pair = self._order[row]
+        if pair < len(self.pairs):
+            sphere, k = self.pairs[pair]
+            subject, other = f"obstacle {self.obstacles[k].name!r}", "it"
+        else:
+            sphere, second = self.sphere_pairs[pair - len(self.pairs)]
+            subject, other = "self_collision", self._links[self.spheres[second][0]].link
+        link, number = self.spheres[sphere]
+        name, size = self._links[link].link, f"{1e3 * abs(values[row]):.4g} mm"
+        how = f"{size} inside {other}" if values[row] < 0.0 else f"{size} from {other}"
+        margin = f", and the margin is {1e3 * self.lower[row]:.4g} mm" if self.lower[row] > 0.0 else ""
+        return (
+            f"{subject}: at the {where} {name} is {how} by its sphere {number}{margin}; move the {where} or "
+            f"the obstacle, or give links closer spheres (mbocp spheres {self.robot.name})"
+        )
+
+    def _words_of_hull(self, number: int) -> str:
+        """How planes stand for a hull, and the hull for its file."""
+        planes, excess = self._planes[number], self.obstacles[number].excess
+        size = f"{1e3 * planes.error:.2g} mm"
+        told = f"{len(planes.offsets)} planes stand for its hull and keep {size} more away at most"
+        if np.isnan(excess):
+            return f"{told}; the surface in its file is not closed"
+        more = f"; it has {100 * excess:.3g} % more volume than its file"
+        return told + (more if excess > _TOLD_EXCESS else "")
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is kept apart and what is left out, a line for each."""
+        lines, counts = [], Counter(k for _, k in self.pairs)
+        for k, obstacle in enumerate(self.obstacles[:_TOLD]):
+            count = counts[k]
+            told = [f"{n} {reason}" for reason, n in self.left_out.get(obstacle.name, {}).items()]
+            left = f"; left out {' and '.join(told)}" if told else ""
+            lines.append(f"{obstacle.name}: {count} {'sphere' if count == 1 else 'spheres'}{left}")
+            if k in self._planes:
+                lines[-1] += f"; {self._words_of_hull(k)}"
+        more = len(self.obstacles) - _TOLD
+        if more > 0:
+            count = sum(counts[k] for k in range(_TOLD, len(self.obstacles)))
+            lines.append(f"and {more} more obstacles: {count} spheres")
+        if self.self_pairs is not None:
+            found = self.self_pairs
+            told = [f"{len(pairs)} {reason}" for reason, pairs in found.left_out.items()]
+            left = f"; left out {', '.join(told)}" if told else ""
+            pairs = len(self.sphere_pairs)
+            lines.append(f"itself: {len(found.links)} pairs of links, {pairs} of spheres{left}")
+        return tuple(lines)

@@ -1,0 +1,146 @@
+"""Which spheres may meet which obstacles, and each other."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from functools import lru_cache
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
+from mbocp.problem._checks import check_frame
+from mbocp.problem.limits import Bounds
+from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
+from mbocp.robot import LinkSpheres, Robot
+from mbocp.robot.collision.obstacle import Obstacle
+from mbocp.robot.collision.reach import reach
+from mbocp.robot.collision.self_pairs import SelfPairs, disabled_by, find_srdf, self_pairs
+
+__all__ = ["clearance_of"]
+
+_STILL = "that stand still beside it"
+_FAR = "that cannot reach it"
+
+
+def clearance_of(
+    robot: Robot, obstacles: Sequence[Obstacle], own: SelfCollision | None, limits: Bounds
+) -> Clearance:
+    """The clearance of a problem with obstacles, or whose links keep away from each other.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has no collision geometry, or obstacles have the same name.
+    UnknownFrame
+        If the robot has no frame of an obstacle's `frame`.
+    """
+    what = "obstacle" if obstacles else "self_collision"
+    names = [obstacle.name for obstacle in obstacles]
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ProblemError(f"obstacle {name!r}: there are several of this name; give each its own")
+    links = robot.collision_spheres
+    if not links:
+        raise ProblemError(
+            f"{what}: robot {robot.name!r} has no collision geometry: its URDF has no <collision>; add it, "
+            "or give [[collision_sphere]] in its robot.toml"
+        )
+    every = [(i, j) for i, link in enumerate(links) for j in range(len(link.radii))]
+    reaches = [_reach(robot, links[i], j, limits) for i, j in every]
+    kept: list[tuple[tuple[int, int], int]] = []
+    left_out: dict[str, dict[str, int]] = {}
+    for k, obstacle in enumerate(obstacles):
+        told: dict[str, int] = {}
+        frame = robot.model.frames[check_frame(f"obstacle {obstacle.name!r}", robot, obstacle.frame)]
+        carrier, placed = int(frame.parentJoint), frame.placement * obstacle.placement
+        for sphere, ball in zip(every, reaches, strict=True):
+            reason = _never_meet(robot, links[sphere[0]].joint, carrier, obstacle, placed, ball)
+            if reason:
+                told[reason] = told.get(reason, 0) + 1
+            else:
+                kept.append((sphere, k))
+        left_out[obstacle.name] = told
+    found = None if own is None else _self_pairs(robot, own, limits)
+    between = () if found is None else found.spheres
+    used = sorted({sphere for sphere, _ in kept} | {s for pair in between for s in pair})
+    place = {sphere: n for n, sphere in enumerate(used)}
+    return Clearance(
+        robot=robot,
+        obstacles=tuple(obstacles),
+        spheres=tuple(used),
+        pairs=tuple((place[sphere], k) for sphere, k in kept),
+        sphere_pairs=tuple((place[a], place[b]) for a, b in between),
+        self_margin=0.0 if own is None else own.margin,
+        left_out=left_out,
+        self_pairs=found,
+    )
+
+
+def _reach(robot: Robot, link: LinkSpheres, number: int, limits: Bounds) -> tuple[Array, float]:
+    """Centre [m] and radius [m] of a ball that a sphere never leaves."""
+    center = robot.model.frames[link.frame].placement.act(np.array(link.centers[number]))
+    lower, upper = np.asarray(limits.q_lower), np.asarray(limits.q_upper)
+    at, radius = reach(robot.model, link.joint, center, lower, upper)
+    return at, radius + float(link.radii[number])
+
+
+def _never_meet(
+    robot: Robot, joint: int, carrier: int, obstacle: Obstacle, placed: pin.SE3, ball: tuple[Array, float]
+) -> str:
+    """Why a sphere on a joint never meets an obstacle on another; empty if it may."""
+    parents, (at, radius) = robot.model.parents, ball
+    if joint == carrier:
+        return _STILL
+    if carrier and (parents[joint] == carrier or parents[carrier] == joint):
+        return "on the link next to its own"
+    if carrier or obstacle.movable or not np.isfinite(radius):
+        return ""
+    if obstacle.margin >= 0.0 and np.linalg.norm(at - placed.translation) < radius:
+        return ""
+    return _FAR if _distance(obstacle, placed, at, radius) > obstacle.margin else ""
+
+
+def _distance(obstacle: Obstacle, placed: pin.SE3, center: Array, radius: float) -> float:
+    shape = coal.Transform3s(placed.rotation, placed.translation)
+    ball = coal.Transform3s(np.eye(3), np.array(center))
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return float(coal.distance(obstacle.geometry, shape, coal.Sphere(float(radius)), ball, request, result))
+
+
+def _self_pairs(robot: Robot, own: SelfCollision, limits: Bounds) -> SelfPairs:
+    disabled = {frozenset(pair) for pair in own.disabled}
+    known = {link.link for link in robot.collision_spheres}
+    for pair in own.disabled:
+        for name in pair:
+            if name not in known:
+                raise ProblemError(
+                    f"self_collision.disabled: {name!r} is no link with collision geometry; there are "
+                    f"{', '.join(sorted(known))}"
+                )
+    if own.srdf is not None:
+        disabled |= disabled_by(own.srdf)
+    else:
+        for source in robot.collision:
+            beside = find_srdf(source.urdf.path)
+            disabled |= set() if beside is None else disabled_by(beside, source.prefix)
+    ranges = (limits.q_lower, limits.q_upper)
+    return _found(robot, *(tuple(np.asarray(side).tolist()) for side in ranges), frozenset(disabled))
+
+
+@lru_cache(maxsize=16)
+def _found(
+    robot: Robot, q_lower: tuple[float, ...], q_upper: tuple[float, ...], disabled: frozenset[frozenset[str]]
+) -> SelfPairs:
+    """The same for all problems of a robot within the same limits."""
+    lower, upper = (
+        np.where(np.isfinite(mine), mine, theirs)
+        for mine, theirs in (
+            (np.array(q_lower), np.asarray(robot.model.lowerPositionLimit)),
+            (np.array(q_upper), np.asarray(robot.model.upperPositionLimit)),
+        )
+    )
+    return self_pairs(robot.model, robot.collision_spheres, robot.q0, (lower, upper), disabled)

@@ -1,0 +1,150 @@
+"""More rows, and more room at the nodes, for motions that touch something between nodes."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.problem.obstacles.approach import poses_between
+from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.obstacles.near_pairs import missing_pairs, rows_of, with_pairs
+from mbocp.robot.nodes import between
+
+if TYPE_CHECKING:
+    from mbocp.problem.problem import Problem
+
+__all__ = ["largest_reserve", "room_of", "with_first_reserve", "with_room", "with_rows_and_room"]
+
+_RESERVE = 1e-3  # [m] beyond what a motion lacks between nodes
+_MOST = 0.03  # [m]
+_FIRST = 5e-3  # [m] that is worth having before anything is known
+_CLOSER = 2.0  # times what a way cuts off: the motion comes nearer than that
+_EXACT = 1e-4  # [m]: spheres that stick out no farther are the links' shapes
+
+
+def with_first_reserve(problem: Problem, qs: Array) -> Problem:
+    """The problem with room for the corners that steps as long as those of a way cut off.
+
+    Only where spheres are the shapes of their links: others are larger than these, which is room enough.
+
+    Parameters
+    ----------
+    qs : ndarray, shape (n, nq)
+        Configurations of a way, one for each node.
+    """
+    rows = rows_of(problem)
+    if rows is None or not _is_exact(rows):
+        return problem
+    middles = between(problem.robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
+    values = rows.pair_values(qs)
+    cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles)
+    wanted = _CLOSER * np.maximum(cut.max(axis=0), 0.0) + _RESERVE
+    return _with(problem, rows, rows.chosen, np.minimum(wanted, _FIRST))
+
+
+def room_of(problem: Problem) -> Array:
+    """What the row of each pair keeps beyond its margin, shape (num_pairs,) [m]; -1: it has no row."""
+    rows = rows_of(problem)
+    if rows is None:
+        return np.zeros(0)
+    if rows.chosen is None:
+        return rows.reserves
+    found = np.full(rows.num_pairs, -1.0)
+    found[list(rows.chosen)] = rows.reserves[list(rows.chosen)]
+    return found
+
+
+def with_room(problem: Problem, room: Array, qs: Array) -> Problem:
+    """The problem with rows and room as `room_of` has them, and rows for what a motion touches beside."""
+    rows = rows_of(problem)
+    if rows is None:
+        return problem
+    has_all = bool((room >= 0.0).all())
+    chosen = None if has_all else tuple(np.flatnonzero(room >= 0.0).tolist())
+    found = _with(problem, rows, chosen, np.maximum(room, 0.0))
+    missing = missing_pairs(found, qs)
+    return with_pairs(found, {*(chosen or ()), *missing}) if missing else found
+
+
+def with_rows_and_room(
+    problem: Problem, t: Array, qs: Array, lacks: float, touching: str
+) -> tuple[Problem, bool] | None:
+    """The problem with rows for what a motion touches that had none, and room where it cuts corners.
+
+    Parameters
+    ----------
+    problem : Problem
+    t : ndarray, shape (N + 1,)
+        [s].
+    qs : ndarray, shape (N + 1, nq)
+    lacks : float
+        How deep the shapes of two things are in each other [m]; 0: they are not.
+    touching : str
+        Which, as `mbocp.problem.obstacles.approach.Approach` says it.
+
+    Returns
+    -------
+    tuple of (Problem, bool), optional
+        Whether there are more rows than before; None if nothing can be done, or needs to be.
+    """
+    rows = rows_of(problem)
+    if rows is None or not np.isfinite(qs).all():
+        return None
+    missing, reserve, chosen = set(missing_pairs(problem, qs)), rows.reserves, rows.chosen
+    if lacks > 0.0:
+        more = _lacking(rows, t, qs, lacks, touching)
+        missing |= set(np.flatnonzero(more).tolist())
+        if (reserve + more).max(initial=0.0) <= _MOST:  # else it jumps over something: that takes more steps
+            reserve = reserve + more
+    has_more_rows = chosen is not None and not missing <= set(chosen)
+    found = _with(problem, rows, None if chosen is None else tuple({*chosen, *missing}), reserve)
+    if not has_more_rows and np.allclose(_reserves(found), rows.reserves, rtol=0.0, atol=1e-9):
+        return None
+    return found, has_more_rows
+
+
+def _lacking(rows: Clearance, t: Array, qs: Array, lacks: float, touching: str) -> Array:
+    """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing."""
+    near = float(rows.margins.max(initial=0.0)) + _MOST
+    sampled = poses_between(rows.robot, t, qs)[1]
+    least = rows.pair_values(sampled, near).min(axis=0) - rows.margins
+    meant = np.array([words == touching for words in rows.links_of_pairs])
+    near = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
+    more = np.where(near, lacks + _RESERVE, 0.0)
+    if _is_exact(rows):
+        more = np.maximum(more, np.where(least < 0.0, _RESERVE - least, 0.0))
+    return np.asarray(more)
+
+
+def _reserves(problem: Problem) -> Array:
+    rows = rows_of(problem)
+    return np.zeros(0) if rows is None else rows.reserves
+
+
+def largest_reserve(problem: Problem) -> float:
+    """Of all pairs that have rows [m]."""
+    rows = rows_of(problem)
+    if rows is None:
+        return 0.0
+    kept = rows.reserves if rows.chosen is None else rows.reserves[list(rows.chosen)]
+    return float(kept.max(initial=0.0))
+
+
+def _is_exact(rows: Clearance) -> bool:
+    """Whether spheres are the shapes of the links."""
+    outside = np.array([link.sticks_out for link in rows.robot.collision_spheres])
+    return bool((np.isnan(outside) | (outside <= _EXACT)).all())
+
+
+def _with(problem: Problem, rows: Clearance, chosen: tuple[int, ...] | None, reserve: Array) -> Problem:
+    """The problem with these rows and room, but for what the goal has not; it is not checked again."""
+    room = rows.pair_values(np.asarray(problem.goal.q)[None])[0] - rows.margins
+    if problem.goal.q_active.all():
+        reserve = np.minimum(reserve, np.maximum(room - _RESERVE, 0.0))
+    larger = rows.of_pairs(chosen, reserve)
+    found = copy.copy(problem)
+    object.__setattr__(found, "path", tuple(larger if c is rows else c for c in problem.path))
+    return found

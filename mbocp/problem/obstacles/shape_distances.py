@@ -1,0 +1,120 @@
+"""Distances of links and obstacles by their own shapes, and how far their points move from pose to pose."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.robot.large import working_data
+
+__all__ = ["LinkPair", "ShapeDistances"]
+
+Shape = tuple[int, pin.SE3, coal.CollisionGeometry]  # a joint, where on it, and what
+LinkPair = tuple[int, int, bool]  # a link, and an obstacle or another link; whether it is an obstacle
+
+
+class ShapeDistances:
+    """Distances of links and obstacles by their own shapes, at one configuration after the other.
+
+    Parameters
+    ----------
+    clearance : Clearance
+    pairs : list of (int, int, bool)
+        A link, and an obstacle or another link.
+    """
+
+    def __init__(self, clearance: Clearance, pairs: list[LinkPair]) -> None:
+        self._clearance, self._pairs = clearance, pairs
+        self._model = clearance.robot.model
+        self._data = working_data(self._model)
+        self._geometry = pin.GeometryModel()
+        first = [0]  # of the shapes of each pair
+        numbers: dict[tuple[int, bool], list[int]] = {}
+        for link, number, is_obstacle in pairs:
+            for key in ((link, False), (number, is_obstacle)):
+                if key not in numbers:
+                    numbers[key] = [self._add(shape) for shape in _shapes(clearance, *key)]
+            for one in numbers[link, False]:
+                for other in numbers[number, is_obstacle]:
+                    self._geometry.addCollisionPair(pin.CollisionPair(one, other))
+            first.append(len(self._geometry.collisionPairs))
+        self._numbers = [range(*ends) for ends in pairwise(first)]
+        self._placed = pin.GeometryData(self._geometry)
+        self._ball = cache(lambda number, is_obstacle: _ball(_shapes(clearance, number, is_obstacle)))
+
+    def _add(self, shape: Shape) -> int:
+        joint, placement, geometry = shape
+        name = str(self._geometry.ngeoms)
+        return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, geometry)))
+
+    def place(self, q: Array) -> None:
+        """Take a configuration, shape (nq,)."""
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, q)
+
+    def of(self, pair: int) -> float:
+        """Of the nearest shapes of a pair, negative where they are in each other [m]."""
+        numbers = self._numbers[pair]
+        found = (pin.computeDistance(self._geometry, self._placed, k).min_distance for k in numbers)
+        return float(min(found, default=np.inf))
+
+    def moved(self, pair: int, here: Array, others: Array) -> Array:
+        """By how much the shapes of a pair may have come nearer to each other in other poses, shape (n,) [m].
+
+        Nothing on a link moves farther than the middle of a ball around it does, and by turning what is
+        farthest from there.
+
+        Parameters
+        ----------
+        pair : int
+        here, others : ndarray, shapes (njoints, 3, 4) and (n, njoints, 3, 4)
+            Placements of the joints, see `Clearance.joint_placements`.
+        """
+        link, number, is_obstacle = self._pairs[pair]
+        far = np.zeros(len(others))
+        for joint, center, radius in (self._ball(link, False), self._ball(number, is_obstacle)):
+            change = others[:, joint] - here[joint]
+            turn = np.sqrt((change[:, :, :3] ** 2).sum(axis=(1, 2)) / 2.0)  # of a point 1 m from its axis
+            far += np.linalg.norm(change[:, :, :3] @ center + change[:, :, 3], axis=1)
+            far[turn > 0.0] += radius * turn[turn > 0.0]  # a halfspace has no end
+        return far
+
+
+def _shapes(clearance: Clearance, number: int, is_obstacle: bool) -> list[Shape]:
+    return _obstacle(clearance, number) if is_obstacle else _link(clearance, number)
+
+
+def _ball(shapes: list[Shape]) -> tuple[int, Array, float]:
+    """Joint that carries shapes, middle of a ball around them, and its radius [m]."""
+    for _, _, geometry in shapes:
+        geometry.computeLocalAABB()
+    centers = np.array([placement.act(np.array(g.aabb_center)) for _, placement, g in shapes])
+    radii = np.array([g.aabb_radius for _, _, g in shapes])
+    if not np.isfinite(centers).all():
+        return shapes[0][0], np.zeros(3), np.inf
+    center = centers.mean(axis=0)
+    return shapes[0][0], center, float((np.linalg.norm(centers - center, axis=1) + radii).max())
+
+
+def _link(clearance: Clearance, number: int) -> list[Shape]:
+    """Shapes of a link; its spheres where it has no others."""
+    robot = clearance.robot
+    link = robot.collision_spheres[number]
+    shapes = [s for s in robot.collision_model.geometryObjects if s.parentFrame == link.frame]
+    if shapes:
+        return [(int(s.parentJoint), s.placement, s.geometry) for s in shapes]
+    frame = robot.model.frames[link.frame]
+    spheres = zip(link.centers, link.radii, strict=True)
+    placed = ((frame.placement * pin.SE3(np.eye(3), np.array(c)), coal.Sphere(float(r))) for c, r in spheres)
+    return [(link.joint, at, ball) for at, ball in placed]
+
+
+def _obstacle(clearance: Clearance, number: int) -> list[Shape]:
+    obstacle = clearance.obstacles[number]
+    frame = clearance.robot.model.frames[clearance.robot.frame_id(obstacle.frame)]
+    return [(int(frame.parentJoint), frame.placement * obstacle.placement, obstacle.geometry)]

@@ -1,0 +1,1 @@
+"""When what happens: phases, holds, via points, lengths of steps."""

@@ -1,0 +1,143 @@
+"""Steps of given lengths that differ, and an accuracy in place of their number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from mbocp._arrays import Array, frozen_array
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.problem._checks import check_finite, check_number
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.cost import Cost
+from mbocp.problem.path import PathConstraint
+from mbocp.problem.timeline.step_counts import Placed, base_counts
+
+__all__ = ["check_accuracy", "check_lengths", "check_takes_steps", "scaled_lengths"]
+
+_FINEST, _COARSEST = 1e-10, 0.1  # what flows are sure of; beyond, a motion is hardly one
+_ROUND_OFF = 1e-9  # relative: durations that are the same
+_WIDEST = 1e6  # ratio of the longest step and the shortest
+
+
+def check_accuracy(value: Any) -> float | None:
+    """Return the accuracy that is asked for, checked.
+
+    Raises
+    ------
+    InvalidValue
+    """
+    if value is None:
+        return None
+    number = check_number("horizon.accuracy", value)
+    if not _FINEST <= number <= _COARSEST:
+        expected = f"a number from {_FINEST:g} to {_COARSEST:g}: rad and m of a step, and a share of the cost"
+        raise InvalidValue("horizon.accuracy", number, expected)
+    return number
+
+
+def check_lengths(lengths: Any, num_steps: int, duration: float) -> Array | None:
+    """Return lengths of steps [s], checked, shape (N,).
+
+    Raises
+    ------
+    InvalidValue, ProblemError
+        If they are not positive, or not those of the steps and of the duration.
+    """
+    if lengths is None:
+        return None
+    found = np.array(lengths, dtype=np.float64)
+    if found.shape != (num_steps,):
+        raise ProblemError(
+            f"horizon.lengths: got shape {found.shape}, expected one number for each of {num_steps} steps"
+        )
+    check_finite("horizon.lengths", found)
+    if found.min() <= 0.0 or found.max() > _WIDEST * found.min():
+        worst = int(found.argmin())
+        expected = f"a positive number [s], and at least {1 / _WIDEST:g} of the longest"
+        raise InvalidValue(f"horizon.lengths[{worst}]", float(found[worst]), expected)
+    total = float(found.sum())
+    if abs(total - duration) > _ROUND_OFF * duration:
+        raise ProblemError(
+            f"horizon.lengths: they take {total:.12g} s in all, but horizon.duration is {duration:.12g} s; "
+            "leave one of them out"
+        )
+    return frozen_array(found)
+
+
+def scaled_lengths(lengths: Sequence[float] | Array, duration: float) -> Array:
+    """Lengths of which the sum is a duration [s], to round-off."""
+    found = np.array(lengths, dtype=np.float64)
+    scaled: Array = found * (duration / found.sum())
+    return scaled
+
+
+class Stepped(Placed, Protocol):
+    """What a problem says that steps of different lengths may not go with, see `mbocp.problem.Problem`."""
+
+    # fmt: off
+    @property
+    def accuracy(self) -> float | None: ...
+    @property
+    def lengths(self) -> Array | None: ...
+    @property
+    def has_free_duration(self) -> bool: ...
+    @property
+    def holds(self) -> Sequence[object]: ...
+    @property
+    def releases(self) -> Sequence[object]: ...
+    @property
+    def impacts(self) -> Sequence[int]: ...
+    @property
+    def coordinates(self) -> str: ...
+    @property
+    def frame_constraints(self) -> Sequence[PathConstraint]: ...
+    @property
+    def cost(self) -> Cost: ...
+    # fmt: on
+
+
+def check_takes_steps(problem: Stepped) -> None:
+    """Refuse what steps of different lengths, or steps that are found, do not go with.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if problem.accuracy is None and problem.lengths is None:
+        return
+    key = "horizon.accuracy" if problem.accuracy is not None else "horizon.lengths"
+    if problem.accuracy is not None and problem.lengths is not None:
+        raise ProblemError(f"{key}: horizon.lengths gives the steps; leave one of them out")
+    coordinates = COORDINATES[problem.coordinates]
+    switched = problem.holds or problem.releases or problem.impacts
+    refused: list[tuple[object, str]] = [(problem.cost.is_trajectory, "a target for each step")]
+    if problem.accuracy is not None and switched and not problem.phase:
+        raise ProblemError(
+            f"{key}: does not go with holds, releases and impacts that are given by numbers of steps; say "
+            "them in phases, as in [[phase.hold]], whose steps are found, or give horizon.steps in its place"
+        )
+    if problem.lengths is not None:
+        spans = [constraint.span for constraint in problem.frame_constraints]
+        spans += [term.span for term in problem.terms if term.role == "path"]
+        has_parts = any(span.since is not None or span.until is not None for span in spans)
+        kinds = [constraint.kind for constraint in problem.frame_constraints]
+        refused += [
+            (switched, "constraints that begin or end along the way, whose steps phases give"),
+            (
+                not coordinates.has_joint_states,
+                f'coordinates = "{problem.coordinates}", whose steps are as long as each other',
+            ),
+            (problem.phase, "[[phase]], of which each has a number of steps"),
+            (problem.has_free_duration, "a free horizon.duration, whose steps are as long as each other"),
+            (problem.via, "[[via]], which are at nodes of equal steps"),
+            (has_parts, "from and until of [[path]]"),
+            ("follow" in kinds, 'kind = "follow"'),
+        ]
+    for is_there, words in refused:
+        if is_there:
+            raise ProblemError(f"{key}: does not go with {words}; give horizon.steps in its place")
+    if problem.accuracy is not None:
+        base_counts(problem)

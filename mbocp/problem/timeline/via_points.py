@@ -1,0 +1,128 @@
+"""From via points to path constraints: configurations that are there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import MbocpError, OverdeterminedGoal, ProblemError, UnreachablePose
+from mbocp.mechanisms.completion import complete_goal
+from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
+from mbocp.problem.goals.consistency import check_goal_rate
+from mbocp.problem.goals.drives import check_driven_rate, without_driven_velocities
+from mbocp.problem.goals.frames import check_frames, with_configuration
+from mbocp.problem.goals.goal import Goal
+from mbocp.problem.limits import Bounds, check_end_limits
+from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.timeline.via_constraint import ViaConstraint
+from mbocp.robot import Robot
+
+__all__ = ["resolved_points", "via_constraints"]
+
+_EXACT = 1e-8  # [m, rad]
+
+
+def resolved_points(
+    robot: Robot, via: Sequence[ViaPoint], q_start: Array, limits: Bounds
+) -> tuple[ViaPoint, ...]:
+    """Via points in the order of the motion, each with the configuration nearest to the one before.
+
+    Raises
+    ------
+    UnreachablePose, UnreachableGoal
+        If no configuration is there.
+    InconsistentStart, ProblemError
+        If it asks for what the robot cannot have.
+    """
+    names = [point.name for point in via]
+    found, q = [], q_start
+    for point in via:
+        if names.count(point.name) > 1:
+            raise ProblemError(f"via {point.name!r}: there are several of this name; give each its own")
+        with _named(point.name):
+            there = _resolved(robot, point, q, limits)
+        found.append(there)
+        q = there.goal.q
+    return tuple(found)
+
+
+def via_constraints(
+    robot: Robot, via: Sequence[ViaPoint], nodes: Sequence[int], num_steps: int
+) -> tuple[ViaConstraint, ...]:
+    """Path constraints of points whose configurations are known; those of free times say their place.
+
+    Raises
+    ------
+    OverdeterminedGoal
+        If a point asks for more than the controls until there can meet.
+    """
+    found = []
+    for node, point in zip(nodes, via, strict=True):
+        there = replace(point, share=node / num_steps) if point.is_free else point
+        constraint = ViaConstraint(there, robot, node)
+        if constraint.num_equations > node * robot.nu:
+            raise OverdeterminedGoal(
+                f"via {point.name!r}: {constraint.num_equations} equations at node {node}, but the controls "
+                f"until there can meet at most {node * robot.nu}; give it later, or more steps"
+            )
+        found.append(constraint)
+    return tuple(found)
+
+
+def _resolved(robot: Robot, point: ViaPoint, q_before: Array, limits: Bounds) -> ViaPoint:
+    goal = point.goal
+    goal.check_dimensions(robot.nq, robot.nv)
+    base = np.array(q_before)
+    for joint in robot.joint_names:
+        if goal.q_active[robot.velocity_indices(joint)].any():
+            base[robot.configuration_indices(joint)] = goal.q[robot.configuration_indices(joint)]
+    goal = replace(goal, q=robot.normalise(base, name="goal.q"))
+    check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
+    check_size("goal.v", goal.value, robot.v_labels, MAX_RATE)
+    check_frames(robot, goal)
+    goal = without_driven_velocities(robot, _posed(robot, point, goal, q_before, limits))
+    goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, q_before))
+    check_goal_rate(robot, goal)
+    check_driven_rate(robot, goal)
+    check_end_limits(robot, limits, goal)
+    return replace(point, goal=goal)
+
+
+def _posed(robot: Robot, point: ViaPoint, goal: Goal, q_before: Array, limits: Bounds) -> Goal:
+    """With a configuration at the poses of the frames, or within their tolerances."""
+    try:
+        return with_configuration(robot, goal, q_before, limits)
+    except UnreachablePose as error:
+        nearest = replace(goal, q=error.q)
+        has_tolerance = any(frame.has_tolerance for frame in goal.frames)
+        if not (has_tolerance and _is_within(robot, point, nearest)):
+            raise
+        return nearest
+
+
+def _is_within(robot: Robot, point: ViaPoint, goal: Goal) -> bool:
+    """Whether every frame is within its tolerances at goal.q."""
+    constraint = ViaConstraint(replace(point, goal=goal), robot, 1)
+    lower, upper = constraint.lower - _EXACT, constraint.upper + _EXACT
+    values = constraint.values(robot, goal.q, np.zeros(robot.nv))
+    speaks_of_pose = np.ones(constraint.rows, dtype=np.bool_)
+    first = constraint.term.num_pose
+    speaks_of_pose[first : first + constraint.term.num_rate] = False
+    is_inside = (values >= lower) & (values <= upper)
+    return bool(is_inside[speaks_of_pose].all())
+
+
+@contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Name the via point in every error from the block, whose words are those of a goal."""
+    try:
+        yield
+    except MbocpError as error:
+        words = str(error).replace("goal.frame", f"via {name!r}").replace("goal.", f"via {name!r}: ")
+        words = words.replace("the goal", "it")
+        error.args = (words if words.startswith("via ") else f"via {name!r}: {words}",)
+        raise

@@ -1,0 +1,97 @@
+r"""How well a point satisfies the optimality conditions, whoever found it.
+
+An interior-point solver says that it has converged by a measure of its own: IPOPT divides stationarity by the
+mean multiplier, fatrop takes its own scales. Where multipliers are large, that may leave much. So its result
+counts as converged only where the residual that our own Newton's method goes by meets the tolerance. Where it
+does not, Newton's method goes on from there, with the multipliers that were found and the last barrier, and
+needs a few steps as a rule.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from mbocp.programme import StagewiseProgramme
+from mbocp.solvers.newton_method.limits import largest_product, resumed, why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.monolithic import GlobalisedNewton
+from mbocp.solvers.newton_method.newton import NewtonState
+from mbocp.solvers.newton_method.round_off import has_a_say, relative_residual
+from mbocp.solvers.records import IterationRecord
+from mbocp.solvers.strategies.iterating import SolverResult, StopTest
+
+__all__ = ["Judged", "can_be_polished", "meets", "polisher"]
+
+_STEPS = 30  # Newton steps: from near a solution it takes a few, or does not get there
+
+
+def can_be_polished(programme: StagewiseProgramme) -> bool:
+    """Whether our own Newton's method keeps all limits of the programme."""
+    return why_limits_cannot_be_kept(programme) is None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A result, with its residual by the measure of our own Newton's method.
+
+    Attributes
+    ----------
+    result : SolverResult
+    error : float
+        The residual; where round-off is above the tolerance, in units in which that is the tolerance, see
+        `mbocp.solvers.newton_method.round_off`.
+    """
+
+    result: SolverResult
+    error: float
+
+    @classmethod
+    def of(cls, result: SolverResult, programme: StagewiseProgramme, tolerance: float) -> Judged:
+        """Judge a result by its iterate, with the iterate's own multipliers."""
+        state = resumed(programme, result.iterate, tolerance, is_centred=False)
+        e = _by_largest_product(state, programme)
+        error = relative_residual(state.native, e, tolerance)
+        if error <= tolerance < e.residual and not has_a_say(state.native, e):
+            error = e.residual
+        record = replace(result.record, residual=e.residual, primal=e.primal, dual=e.dual)
+        return cls(replace(result, record=record), error)
+
+
+@dataclass(frozen=True)
+class _Residual:
+    """Norms of the optimality conditions."""
+
+    primal: float
+    dual: float
+
+    @property
+    def residual(self) -> float:
+        return math.hypot(self.primal, self.dual)
+
+
+def _by_largest_product(state: NewtonState, programme: StagewiseProgramme) -> _Residual:
+    """Residual with the largest product of a multiplier and its distance for all of them.
+
+    An interior-point method leaves the same product at every limit; their Euclidean norm would ask the more
+    of it the more limits there are.
+    """
+    e = state.evaluation
+    stationarity = math.sqrt(max(0.0, e.dual**2 - e.complementarity**2))
+    return _Residual(e.primal, math.hypot(stationarity, largest_product(state.native, programme)))
+
+
+def polisher(tolerance: float, control_weight: float, most: int) -> GlobalisedNewton:
+    """Newton's method from a point near a solution, of at most so many steps."""
+    return GlobalisedNewton(
+        tolerance, min(_STEPS, most), control_weight=control_weight, name="Newton", is_polish=True
+    )
+
+
+def meets(tolerance: float) -> StopTest:
+    """End a run as soon as its last residual meets the tolerance: increments need not."""
+
+    def is_there(history: Sequence[IterationRecord]) -> bool:
+        return history[-1].residual <= tolerance
+
+    return is_there

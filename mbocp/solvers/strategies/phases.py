@@ -1,0 +1,164 @@
+"""What the phases of a strategy share: where they start, how they are run in turn, what they come to."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import Iterate
+from mbocp.solvers.protocol import Solver
+from mbocp.solvers.records import IterationRecord, Phase, Status
+from mbocp.solvers.strategies.iterating import Callback, SolverResult, StopTest, run
+
+if TYPE_CHECKING:
+    from mbocp.solvers.nlp.interior_point import InteriorPoint
+
+__all__ = ["STOPPED", "Outcome", "Phases", "Start", "how_it_ended"]
+
+STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)  # by the user, at once or ahead
+
+
+@dataclass(frozen=True)
+class Start:
+    """What is solved, and from where.
+
+    Attributes
+    ----------
+    programme : StagewiseProgramme
+    iterate : Iterate
+        Guess.
+    callback : callable, optional
+        Sees every record.
+    first : int
+        Iterations before, where the records go on counting.
+    label : str
+        Put behind the phases' names.
+    """
+
+    programme: StagewiseProgramme
+    iterate: Iterate
+    callback: Callback | None = None
+    first: int = 0
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a strategy came to.
+
+    Attributes
+    ----------
+    result : SolverResult
+        Of the phase that gave the result, with the history of all phases.
+    phases : tuple of Phase
+        In the order of their runs.
+    solver : str
+        Name of the solver, or solvers, for output.
+    """
+
+    result: SolverResult
+    phases: tuple[Phase, ...]
+    solver: str
+
+    @property
+    def iterations(self) -> int:
+        """Of all phases."""
+        return sum(phase.iterations for phase in self.phases)
+
+
+class Phases:
+    """Runs the phases of a strategy, and collects what they leave."""
+
+    def __init__(self, start: Start, time_limit: float | None) -> None:
+        self.programme, self.callback, self.label = start.programme, start.callback, start.label
+        self._begun = start.first
+        self.deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
+        self.history: list[IterationRecord] = []
+        self.phases: list[Phase] = []
+        self.last: SolverResult | None = None
+
+    def on(self, programme: StagewiseProgramme, label: str = "") -> Phases:
+        """The same account for phases that solve another programme; `label` is put behind their names."""
+        other = copy(self)
+        other.programme, other.label = programme, label + self.label
+        return other
+
+    @property
+    def first(self) -> int:
+        """Iterations before the next phase, where its records go on counting."""
+        return self._begun + self.taken
+
+    @property
+    def taken(self) -> int:
+        """Iterations so far."""
+        return sum(phase.iterations for phase in self.phases)
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Of the phases so far."""
+        return [phase.name for phase in self.phases]
+
+    @property
+    def time_left(self) -> float | None:
+        """Until the time limit [s]; None: there is none."""
+        return None if math.isinf(self.deadline) else max(0.0, self.deadline - time.perf_counter())
+
+    def run(
+        self, solver: Solver[Any], name: str, iterate: Iterate, *, should_stop: StopTest | None = None
+    ) -> SolverResult:
+        """Run one phase; Ctrl-C before its first iterate ends it with what the phase before came to."""
+        clock = time.perf_counter()
+        try:
+            result = run(
+                solver,
+                self.programme,
+                iterate,
+                self.callback,
+                name + self.label,
+                first=self.first,
+                should_stop=should_stop,
+                deadline=self.deadline,
+            )
+        except KeyboardInterrupt:
+            if self.last is None:
+                raise
+            result = replace(self.last.interrupted(), history=())
+        return self._kept(result, name, clock)
+
+    def run_interior(self, solver: InteriorPoint, name: str, iterate: Iterate) -> SolverResult:
+        """Run an interior-point solver."""
+        clock = time.perf_counter()
+        result = solver.run(self.programme, iterate, self.callback, name + self.label, self.first)
+        return self._kept(result, name, clock)
+
+    def _kept(self, result: SolverResult, name: str, clock: float) -> SolverResult:
+        taken = sum(not record.is_guess for record in result.history)
+        self.history += result.history
+        self.phases.append(Phase(name + self.label, taken, time.perf_counter() - clock))
+        self.last = result
+        return result
+
+    def outcome(self, result: SolverResult, solver: str, told: str = "") -> Outcome:
+        """Result with the history of all phases."""
+        advice = f"{result.advice}; {told}" if told else result.advice
+        whole = replace(result, advice=advice, history=tuple(self.history))
+        return Outcome(whole, tuple(self.phases), solver)
+
+
+def how_it_ended(result: SolverResult) -> str:
+    """A phase's end in words, for the advice of a strategy."""
+    taken = sum(not record.is_guess for record in result.history)
+    after = f"after {taken} iteration{'' if taken == 1 else 's'} (residual {result.record.residual:.1e})"
+    words = {
+        Status.CONVERGED: "converged",
+        Status.SWITCHED: "handed over",
+        Status.INTERRUPTED: "was interrupted",
+        Status.TIME_LIMIT: "ran out of time",
+        Status.STAGNATED: "made no progress any more",
+    }
+    return f"{words.get(result.status, f'ended as {result.status}')} {after}"
