@@ -48,13 +48,13 @@ def problem_of(seed: int) -> mbocp.Problem:
 
 
 def _drone(rng: np.random.Generator, scheme: str, controls: str, steps: int) -> mbocp.Problem:
-    robot = mbocp.load_robot("hector", free_flyer=True)
+    robot = mbocp.load_robot("hector", actuated=["root_joint"])
     goal = robot.q0.copy()
     goal[:3] += rng.uniform(0.5, 2.0, 3)
     limit = float(rng.uniform(0.8, 2.0))
     duration = float(1.3 * (goal[:3] - robot.q0[:3]).max() / limit * rng.uniform(0.9, 1.5))
     sizes = np.array([limit, limit, limit, 3.0, 3.0, 3.0])
-    bounds = {"lower": (-sizes).tolist(), "upper": sizes.tolist()}
+    bounds = {label.name: float(size) for label, size in zip(robot.v_labels, sizes, strict=True)}
     return mbocp.Problem.create(
         robot,
         duration,
