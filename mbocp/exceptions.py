@@ -48,9 +48,10 @@ __all__ = [
 
 
 def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
-    """Return "did you mean ...?" for a near miss, else the (shortened) list of what is valid."""
+    """Return "did you mean ...?" for a near miss in whatever case, else the (shortened) valid names."""
     names = list(valid)
-    close = difflib.get_close_matches(name, names, n=3)
+    folded = {one.casefold(): one for one in reversed(names)}
+    close = [folded[one] for one in difflib.get_close_matches(name.casefold(), folded, n=3)]
     if close:
         return f"did you mean {' or '.join(repr(shortened(c)) for c in close)}?"
     shown = ", ".join(shortened(name) for name in names[:limit])
@@ -151,7 +152,8 @@ class UnknownFrame(RobotError):
 
     def __init__(self, name: str, robot: str, valid: Iterable[str]) -> None:
         self.name, self.robot, self.valid = name, robot, tuple(valid)
-        super().__init__(f"robot {robot!r} has no frame {shortened(name)!r}: {suggest(name, self.valid)}")
+        tips_first = suggest(name, reversed(self.valid))
+        super().__init__(f"robot {robot!r} has no frame {shortened(name)!r}: {tips_first}")
 
 
 class UnsupportedRobot(RobotError):

@@ -18,6 +18,7 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import build, formulate
 from mbocp.integrators import PAIRS
 from mbocp.problem import Problem
+from mbocp.problem.between_nodes import GROSS_EXCESS
 from mbocp.solution import Solution
 from tests.formulation.stages import check_derivatives
 from tests.integrators.conftest import interpreted_functions
@@ -177,16 +178,19 @@ def test_limits_hold_at_every_value(controls: str) -> None:
     free = solution_of(pendulum(controls))
     bound = 0.7 * np.abs(free.u_values).max()
     problem = pendulum(controls, limits={"effort": float(bound)})
-    held, other = solution_of(problem), solution_of(problem.with_(solver={"method": "ipopt"}))
+    held, other = (mbocp.solve(problem.with_(solver={"method": method})) for method in ("auto", "ipopt"))
+    assert held.is_stationary
     assert held.cost == pytest.approx(other.cost, rel=1e-6)
     assert np.abs(held.u_values).max() <= bound * (1.0 + 1e-6)
     assert np.abs(held.u_values).max() >= bound * (1.0 - 1e-4)
     assert held.limit_violation < 1e-6
     assert [limit.kind for limit in held.active_limits] == ["control"] * len(held.active_limits) != []
     assert np.abs(held.lam_us).max() > 0.0
-    fine = held.controls_at(np.linspace(0.0, held.duration, 500))
+    fine = np.abs(held.controls_at(np.linspace(0.0, held.duration, 5000))).max() / bound - 1.0
+    assert held.limit_excess == pytest.approx(max(fine, 0.0), abs=2e-3)
     if controls == "linear":
-        assert np.abs(fine).max() <= bound * (1.0 + 1e-6)
+        assert fine <= 1e-6
+    assert held.converged == (held.limit_excess <= GROSS_EXCESS)
 
 
 def test_linear_controls_are_continuous_and_have_rates() -> None:

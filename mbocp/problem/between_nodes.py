@@ -1,26 +1,25 @@
-r"""What a motion does to limits of positions and speeds between its nodes, where nothing keeps them.
+r"""What a motion does to limits between its nodes, where nothing keeps them.
 
-In a step of length h from (q_0, v_0) to (q_1, v_1), with the mean speed m = (q_1 - q_0) / h, the motion is
-taken to be the cubic that has these four:
-
-.. math:: v(s) = (1 - 4s + 3s^2)\, v_0 + (3s^2 - 2s)\, v_1 + 6s(1 - s)\, m, \qquad 0 \le s \le 1
-
-It is what `mbocp export` sends, and agrees with the flow of the robot to the third order in h. Configurations
-of schemes of first order are not that of the flow with their velocities: of these nothing is said.
+Positions, speeds and accelerations are those of the cubics through the nodes, see `StepCubics`. Limits of
+accelerations hold for the mean of a step, those of controls that vary within steps where these have values,
+and those of powers at the end of a step: what a step does elsewhere is looked at, too. Jerks and rates of
+controls are differences of steps by their definition, and have no value between nodes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from mbocp._arrays import Array, IntArray
-from mbocp.integrators import SCHEMES
+from mbocp.integrators import SCHEMES, control_basis
+from mbocp.mechanics.rates import powers
 from mbocp.problem.problem import Problem
-from mbocp.robot import Robot
+from mbocp.problem.step_cubics import StepCubics
+from mbocp.robot import Label
+from mbocp.terms import RATE_TERMS
 
 __all__ = ["GROSS_EXCESS", "LimitExcess", "is_followed", "largest_excess"]
 
@@ -28,6 +27,9 @@ GROSS_EXCESS = (
     0.05  # of a limit: what drives put up with for a moment; beyond, steps do not resolve the motion
 )
 _NONE = 1e-6  # part of a limit by which solvers may leave it
+_PLACES = 33  # in a step, at which polynomials of controls are looked at
+
+Sides = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -36,15 +38,15 @@ class LimitExcess:
 
     Attributes
     ----------
-    kind : {"speed", "position"}
+    kind : {"speed", "position", "acceleration", "effort", "power"}
     name : str
-        Of the joint's direction.
+        Of the joint's direction, or of the control.
     value, bound : float
         There, and the limit that is left [unit].
     time : float
         [s].
     ratio : float
-        Of the excess to the size of the limit: the larger side of a speed, the range of a position.
+        Of the excess to the size of the limit: the range of a position, the larger side of all others.
     unit : str
     """
 
@@ -75,8 +77,10 @@ def is_followed(problem: Problem) -> bool:
     return SCHEMES[problem.scheme].order > 1
 
 
-def largest_excess(problem: Problem, t: Array, qs: Array, vs: Array) -> LimitExcess | None:
-    """The largest excess of the limits of positions and speeds between nodes; None where none is known.
+def largest_excess(
+    problem: Problem, t: Array, qs: Array, vs: Array, us: Array, shares: tuple[float, ...] = ()
+) -> LimitExcess | None:
+    """The largest excess of the limits between nodes; None where none is known.
 
     Parameters
     ----------
@@ -84,117 +88,125 @@ def largest_excess(problem: Problem, t: Array, qs: Array, vs: Array) -> LimitExc
     t : ndarray, shape (N + 1,)
         Times of the nodes [s].
     qs, vs : ndarray, shapes (N + 1, nq) and (N + 1, nv)
+    us : ndarray, shape (N, nu) or (N, k, nu)
+        Controls, which are constant in each step, or vary within them.
+    shares : tuple of float, length k
+        Where in the steps these are, if they vary.
     """
-    limits, robot = problem.limits_along(), problem.robot
+    limits = {letter: sides for letter, sides in problem.limits_along().items() if _is_finite(sides)}
     steps = np.flatnonzero(np.diff(t) > 0.0)  # impacts take no time
-    has_limits = any(np.isfinite(side).any() for letter in "qv" for side in limits[letter])
-    if not (
-        is_followed(problem) and has_limits and steps.size and np.isfinite(qs).all() and np.isfinite(vs).all()
-    ):
+    if not (limits and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
         return None
-    lengths = np.diff(t)[steps, None]
-    means = _differences(robot, qs)[steps] / lengths
-    cubic = _Cubic(t[steps], lengths, vs[steps], vs[steps + 1], means)
-    found = list(_of_speeds(problem, cubic, _sides(limits["v"], steps)))
-    places = [(j.idx_q, j.idx_v) for j in robot.model.joints if j.nq == j.nv == 1]
-    if places and np.isfinite(limits["q"][0]).any() | np.isfinite(limits["q"][1]).any():
-        at_q, at_v = (list(numbers) for numbers in zip(*places, strict=True))
-        lower, upper = (side[:, at_q] for side in _sides(limits["q"], steps))
-        found += _of_positions(problem, cubic, qs[np.ix_(steps, at_q)], at_v, (lower, upper))
-    return max((one for one in found if one.ratio > _NONE), key=lambda one: one.ratio, default=None)
+    within = us[steps].reshape(steps.size, -1, us.shape[-1])
+    motion = _Steps(problem, _cubics(problem, steps, t, qs, vs), qs[steps], within, shares)
+    looks = motion.looks({letter: _within_steps(sides, steps) for letter, sides in limits.items()})
+    found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
+    return max(found, key=lambda one: one.ratio, default=None)
 
 
 @dataclass(frozen=True, eq=False)
-class _Cubic:
-    """Steps: begins [s], lengths, shape (n, 1) [s], speeds at both ends and their means, shape (n, nv)."""
+class _Look:
+    """Values of a kind at times, and their limits, all of the shape (n, columns)."""
 
+    kind: str
+    values: Array
+    times: Array
+    sides: Sides
+    labels: tuple[Label, ...]
+
+    def excesses(self) -> Iterator[LimitExcess]:
+        """The largest excess of either side."""
+        lower, upper = self.sides
+        largest = np.maximum(*(np.where(np.isfinite(side), np.abs(side), 0.0) for side in self.sides))
+        is_range = (self.kind == "position") & np.isfinite(upper - lower)
+        size = np.maximum(np.where(is_range, upper - lower, largest), 1e-9)
+        for bound, over in ((lower, lower - self.values), (upper, self.values - upper)):
+            ratios = np.where(np.isfinite(bound), over, -np.inf) / size
+            n, k = np.unravel_index(int(ratios.argmax()), ratios.shape)
+            if ratios[n, k] > 0.0:
+                numbers = (self.values[n, k], bound[n, k], self.times[n, k], ratios[n, k])
+                label = self.labels[k]
+                yield LimitExcess(self.kind, label.name, *map(float, numbers), label.unit)
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Steps of a motion: their cubics, configurations at their begins, and controls at shares of them."""
+
+    problem: Problem
+    cubics: StepCubics
     begins: Array
-    lengths: Array
-    v0: Array
-    v1: Array
-    means: Array
+    us: Array
+    shares: tuple[float, ...]
 
-    def speeds(self, s: Array) -> Array:
-        """At shares of the steps, shape (n, nv)."""
-        return (1 - 4 * s + 3 * s**2) * self.v0 + (3 * s**2 - 2 * s) * self.v1 + 6 * s * (1 - s) * self.means
+    def looks(self, limits: Mapping[str, Sides]) -> Iterator[_Look]:
+        """At each kind of limit that there is, by its letter."""
+        kinds = {"power": self._powers, "u": self._efforts}
+        if is_followed(self.problem):
+            kinds |= {"v": self._speeds, "q": self._positions, "a": self._accelerations}
+        for letter in kinds.keys() & limits.keys():
+            yield from kinds[letter](limits[letter])
 
-    def ways(self, s: Array) -> Array:
-        """From the begins of the steps, at shares of them, shape (n, nv)."""
-        weighed = (
-            (s - 2 * s**2 + s**3) * self.v0 + (s**3 - s**2) * self.v1 + (3 * s**2 - 2 * s**3) * self.means
-        )
-        return self.lengths * weighed
+    def _speeds(self, sides: Sides) -> Iterator[_Look]:
+        s = self.cubics.extremes_of_speeds()
+        yield _Look("speed", self.cubics.speeds(s), self.cubics.times(s), sides, self.problem.robot.v_labels)
 
-    def extremes_of_speeds(self) -> Array:
-        """Shares at which speeds are extreme, 0 where that is not within a step."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            s = (4 * self.v0 + 2 * self.v1 - 6 * self.means) / (6 * self.v0 + 6 * self.v1 - 12 * self.means)
-        return _within(s)
+    def _positions(self, sides: Sides) -> Iterator[_Look]:
+        robot = self.problem.robot
+        places = [(j.idx_q, j.idx_v) for j in robot.model.joints if j.nq == j.nv == 1]
+        at_q, at_v = (list(numbers) for numbers in zip(*places, strict=True)) if places else ([], [])
+        labels = tuple(robot.q_labels[i] for i in at_q)
+        within = sides[0][:, at_q], sides[1][:, at_q]
+        for s in self.cubics.extremes_of_ways() if places else ():
+            values = self.begins[:, at_q] + self.cubics.ways(s)[:, at_v]
+            yield _Look("position", values, self.cubics.times(s)[:, at_v], within, labels)
 
-    def extremes_of_ways(self) -> tuple[Array, Array]:
-        """Shares at which speeds are zero."""
-        a, c = 3 * self.v0 + 3 * self.v1 - 6 * self.means, self.v0
-        b = 6 * self.means - 4 * self.v0 - 2 * self.v1
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = np.sqrt(b**2 - 4 * a * c)
-            larger = -(b + np.where(b < 0.0, -1.0, 1.0) * root) / 2.0
-            return _within(larger / a), _within(c / larger)
+    def _accelerations(self, sides: Sides) -> Iterator[_Look]:
+        rates = RATE_TERMS["acceleration"]
+        labels = tuple(Label(label.name, rates.unit(label.unit)) for label in self.problem.robot.v_labels)
+        for s in (0.0, 1.0):
+            values = self.cubics.accelerations(s)
+            yield _Look("acceleration", values, self.cubics.times(np.full(values.shape, s)), sides, labels)
+
+    def _efforts(self, sides: Sides) -> Iterator[_Look]:
+        for s in np.linspace(0.0, 1.0, _PLACES) if self.shares else ():
+            values = self._controls(float(s))
+            times = self.cubics.times(np.full(values.shape, s))
+            yield _Look("effort", values, times, sides, self.problem.robot.u_labels)
+
+    def _powers(self, sides: Sides) -> Iterator[_Look]:
+        """At the begins of the steps: at their ends limits hold."""
+        robot, us = self.problem.robot, self._controls(0.0)
+        values = powers(robot, self.begins, self.cubics.v0, us)
+        rates = RATE_TERMS["power"]
+        labels = tuple(Label(label.name, rates.unit(label.unit)) for label in robot.u_labels)
+        yield _Look("power", values, self.cubics.times(np.zeros(values.shape)), sides, labels)
+
+    def _controls(self, s: float) -> Array:
+        """At a share of each step, shape (n, nu)."""
+        if not self.shares:
+            return self.us[:, 0]
+        found: Array = np.einsum("k,nku->nu", control_basis(self.shares, [s])[0], self.us)
+        return found
 
 
-def _within(s: Array) -> Array:
-    found: Array = np.where((s > 0.0) & (s < 1.0), s, 0.0)
-    return found
+def _is_finite(sides: Sides) -> bool:
+    return any(bool(np.isfinite(side).any()) for side in sides)
 
 
-def _differences(robot: Robot, qs: Array) -> Array:
-    """What leads from node to node, shape (N, nv)."""
+def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array) -> StepCubics:
+    """Of steps by their numbers."""
+    robot, lengths = problem.robot, np.diff(t)[steps, None]
     if robot.is_vector_space:
-        return np.diff(qs, axis=0)
-    return np.array([robot.difference(a, b) for a, b in pairwise(qs)])
+        ways = qs[steps + 1] - qs[steps]
+    else:
+        ways = np.array([robot.difference(qs[n], qs[n + 1]) for n in steps])
+    return StepCubics(t[steps, None], lengths, vs[steps], vs[steps + 1], ways / lengths)
 
 
-def _sides(limits: tuple[Array, Array], steps: IntArray) -> tuple[Array, Array]:
+def _within_steps(limits: Sides, steps: IntArray) -> Sides:
     """Limits within the steps, from those of the nodes 1..N: the wider ones of both ends."""
     count = int(steps[-1]) + 1
     lower, upper = (np.broadcast_to(side, (max(count, len(side)), side.shape[1])) for side in limits)
     before = np.maximum(steps - 1, 0)
     return np.minimum(lower[steps], lower[before]), np.maximum(upper[steps], upper[before])
-
-
-def _of_speeds(problem: Problem, cubic: _Cubic, sides: tuple[Array, Array]) -> Iterator[LimitExcess]:
-    s = cubic.extremes_of_speeds()
-    size = np.maximum(*(np.where(np.isfinite(side), np.abs(side), 0.0) for side in sides))
-    yield from _worst(problem, "speed", cubic.speeds(s), s, cubic, sides, size, range(problem.robot.nv))
-
-
-def _of_positions(
-    problem: Problem, cubic: _Cubic, begins: Array, at_v: list[int], sides: tuple[Array, Array]
-) -> Iterator[LimitExcess]:
-    widths = sides[1] - sides[0]
-    largest = np.maximum(*(np.where(np.isfinite(side), np.abs(side), 0.0) for side in sides))
-    size = np.where(np.isfinite(widths), widths, largest)
-    for s in cubic.extremes_of_ways():
-        values = begins + cubic.ways(s)[:, at_v]
-        yield from _worst(problem, "position", values, s[:, at_v], cubic, sides, size, at_v)
-
-
-def _worst(
-    problem: Problem,
-    kind: str,
-    values: Array,
-    s: Array,
-    cubic: _Cubic,
-    sides: tuple[Array, Array],
-    size: Array,
-    at_v: range | list[int],
-) -> Iterator[LimitExcess]:
-    """The largest excess of either side among values, shape (n, columns)."""
-    for bound, over in ((sides[0], sides[0] - values), (sides[1], values - sides[1])):
-        ratios = np.where(np.isfinite(bound), over, -np.inf) / np.maximum(size, 1e-9)
-        n, k = np.unravel_index(int(ratios.argmax()), ratios.shape)
-        if ratios[n, k] > 0.0:
-            label = problem.robot.v_labels[at_v[k]]
-            unit = label.unit if kind == "speed" else label.unit.removesuffix("/s")
-            time = float(cubic.begins[n] + s[n, k] * cubic.lengths[n, 0])
-            numbers = float(values[n, k]), float(bound[n, k]), time, float(ratios[n, k])
-            yield LimitExcess(kind, label.name, *numbers, unit)

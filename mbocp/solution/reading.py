@@ -80,8 +80,9 @@ def read_solution(
         told = left_out + _singular(problem.robot, motion.qs)
         status, advice = _resolution(formulation, result, replace(motion, dts=np.diff(t)))
         status, advice = _at_goal(formulation, motion, status, advice)
-        excess = largest_excess(problem, t, motion.qs, motion.vs)
-        status, advice = _within_limits(excess, status, advice)
+        us = motion.values if motion.shares else motion.us
+        excess = largest_excess(problem, t, motion.qs, motion.vs, us, motion.shares)
+        status, advice = _within_limits(excess, status, advice, varies=bool(motion.shares))
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
         with timed(phases, "gains"):
@@ -207,11 +208,13 @@ def _ratio_of(excess: LimitExcess | None, problem: Problem) -> float:
     return 0.0 if is_followed(problem) else math.nan
 
 
-def _within_limits(excess: LimitExcess | None, status: Status, advice: str) -> tuple[Status, str]:
+def _within_limits(
+    excess: LimitExcess | None, status: Status, advice: str, *, varies: bool
+) -> tuple[Status, str]:
     """Status and advice of a motion that leaves a limit between its nodes by more than drives put up with."""
     if excess is None or excess.ratio <= GROSS_EXCESS or status is not Status.CONVERGED:
         return status, advice
-    remedy = "take more steps, or controls that are constant in each"
+    remedy = "take more steps" + (", or controls that are constant in each" if varies else "")
     return Status.UNDER_RESOLVED, f"{excess.words}: {remedy}; the optimality conditions hold: {advice}"
 
 

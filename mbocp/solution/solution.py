@@ -111,9 +111,10 @@ class Solution(SolutionData):
     limit_violation : float
         By how much the motion leaves limits and path constraints at its nodes at most, in their own units.
     limit_excess, limit_excess_of, limit_excess_time : float, str, float
-        By which part of it the motion leaves a limit of speed or position between nodes at most, which one,
-        and when [s]; 0, "" and NaN where it leaves none, NaN, "" and NaN where nobody has looked: schemes of
-        first order say nothing of it. See `mbocp.problem.between_nodes`.
+        By which part of it the motion leaves a limit of speed, position, acceleration, effort or power
+        between nodes at most, which one, and when [s]; 0, "" and NaN where it leaves none, NaN, "" and NaN
+        where nobody has looked: schemes of first order say nothing of speeds. See
+        `mbocp.problem.between_nodes`.
     clearance, clearance_between, clearance_time : float, str, float
         Of a problem with obstacles or self-collision the smallest distance of shapes beyond its margin, at a
         thousand poses a second, of the pairs that are checked, which leaves out those that can never meet:

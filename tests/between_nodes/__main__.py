@@ -6,12 +6,13 @@ import argparse
 import json
 import sys
 from collections import defaultdict
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from pebble import ProcessPool
 
-from tests.between_nodes.cases import TOLERANCE, row_of
+from tests.between_nodes.cases import RATE, TOLERANCE, row_of
 
 
 def main() -> int:
@@ -19,6 +20,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.between_nodes", description=__doc__)
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--rate", type=float, default=RATE, help="samples a second")
     parser.add_argument(
         "-o", "--out", type=Path, default=Path("build/between_nodes.jsonl"), help="rows; resumed"
     )
@@ -28,7 +30,7 @@ def main() -> int:
     rows = [json.loads(line) for line in lines]
     left = sorted(set(range(options.count)) - {row["seed"] for row in rows})
     with options.out.open("a") as file, ProcessPool(max_workers=options.workers) as pool:
-        for row in pool.map(row_of, left, chunksize=1).result():
+        for row in pool.map(partial(row_of, rate=options.rate), left, chunksize=1).result():
             rows.append(row)
             file.write(json.dumps(row) + "\n")
             file.flush()

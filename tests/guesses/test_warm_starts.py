@@ -37,7 +37,7 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
     "se1": lambda: pendulum("se1"),
     "rk4 within limits": lambda: pendulum("rk4", limits={"effort": 1.2, "velocity": 1.6}),
     "gauss2": lambda: pendulum("gauss2"),
-    "gauss2, stages, limits": lambda: pendulum("gauss2", controls="stages", limits={"effort": 1.2}),
+    "gauss2, stages, limits": lambda: pendulum("gauss2", 64, controls="stages", limits={"effort": 1.2}),
     "gauss2, linear, limits": lambda: pendulum(
         "gauss2", controls="linear", limits={"effort": 1.2, "velocity": 1.6}
     ),

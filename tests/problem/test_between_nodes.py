@@ -14,16 +14,16 @@ from typer.testing import CliRunner
 import mbocp
 from mbocp.cli.app import app
 from mbocp.problem import Problem
-from mbocp.problem.between_nodes import GROSS_EXCESS, largest_excess
+from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, largest_excess
 from mbocp.solution import Status
-from tests.between_nodes.cases import TOLERANCE, row_of, true_excess
+from tests.between_nodes.cases import TOLERANCE, problem_of, row_of, true_excess
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
 LIMIT = 2.0
 
 
-def swing(controls: str, steps: int = 20, scheme: str = "gauss2") -> Problem:
+def swing(controls: str, steps: int = 20, scheme: str = "gauss2", **limits: float) -> Problem:
     """A double pendulum that has to hurry."""
     return Problem.create(
         mbocp.load_robot("double_pendulum", damping=False),
@@ -31,7 +31,7 @@ def swing(controls: str, steps: int = 20, scheme: str = "gauss2") -> Problem:
         steps,
         goal={"q": [1.5, -0.8], "v": 0},
         cost={},
-        limits={"velocity": LIMIT},
+        limits=limits or {"velocity": LIMIT},
         scheme=scheme,
         controls=controls,
     )
@@ -61,7 +61,7 @@ def test_it_is_the_largest_excess_of_the_cubics(seed: int) -> None:
         ratios.append(float((np.abs(v) - LIMIT).max() / LIMIT))
         widths = np.array([2.1, 1.8])
         ratios.append(float((np.maximum([-0.5, -0.9] - q, q - [1.6, 0.9]) / widths).max()))
-    found = largest_excess(problem, t, qs, vs)
+    found = largest_excess(problem, t, qs, vs, np.zeros((3, 2)))
     told = 0.0 if found is None else found.ratio
     assert told <= max(ratios) + 1e-4
     assert told == pytest.approx(max(ratios), abs=1e-4) or is_at_node(max(ratios), qs, vs)
@@ -87,6 +87,60 @@ def test_a_small_excess_is_told() -> None:
 
 def test_nothing_is_said_of_schemes_of_first_order() -> None:
     assert np.isnan(mbocp.solve(swing("constant", scheme="se1"), check=True).limit_excess)
+
+
+def excess_of(problem: Problem, us: np.ndarray, shares: tuple[float, ...] = ()) -> LimitExcess:
+    """In one step of half a second from rest to 2 and -1 rad/s, on the way of a constant acceleration."""
+    qs, vs = np.array([[0.0, 0.0], [0.5, -0.25]]), np.array([[0.0, 0.0], [2.0, -1.0]])
+    found = largest_excess(problem, np.array([0.0, 0.5]), qs, vs, us, shares)
+    assert found is not None
+    return found
+
+
+def test_efforts_are_looked_at_beside_their_stages() -> None:
+    """The line through (1/4, 1) and (3/4, -1) is 2 at the begin and -2 at the end of the step."""
+    problem = swing("stages", 2, effort=1.0)
+    found = excess_of(problem, np.array([[[1.0, 0.5], [-1.0, 0.5]]]), (0.25, 0.75))
+    assert (found.of, abs(found.value), found.ratio) == ("effort of joint1", 2.0, 1.0)
+    assert found.unit == "N m"
+
+
+def test_powers_are_looked_at_where_steps_begin() -> None:
+    problem = swing("constant", 2, power=3.0)
+    vs, qs = np.array([[2.0, 0.0], [1.0, 0.0]]), np.array([[0.0, 0.0], [0.75, 0.0]])
+    found = largest_excess(problem, np.array([0.0, 0.5]), qs, vs, np.array([[-3.0, 0.0]]))
+    assert found is not None
+    assert (found.of, found.value, found.time, found.unit) == ("power of joint1", -6.0, 0.0, "W")
+
+
+def test_accelerations_are_looked_at_where_they_are_extreme() -> None:
+    """A constant acceleration is its mean; one that grows from zero is twice its mean at the end."""
+    problem = swing("constant", 2, acceleration=4.0)
+    t, vs = np.array([0.0, 0.5]), np.array([[0.0, 0.0], [2.0, 0.0]])
+    constant, growing = np.array([[0.0, 0.0], [0.5, 0.0]]), np.array([[0.0, 0.0], [1.0 / 3.0, 0.0]])
+    us = np.zeros((1, 2))
+    assert largest_excess(problem, t, constant, vs, us) is None
+    found = largest_excess(problem, t, growing, vs, us)
+    assert found is not None
+    assert (found.of, found.time, found.unit) == ("acceleration of joint1", 0.5, "rad/s^2")
+    assert found.value == pytest.approx(8.0)
+    assert found.ratio == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("limits", [{"power": 0.1}, {"acceleration": 8.0}])
+def test_motions_that_leave_other_limits_have_not_converged(limits: dict[str, float]) -> None:
+    s = mbocp.solve(swing("constant", **limits))
+    assert s.limit_violation <= 1e-6
+    assert s.limit_excess > GROSS_EXCESS
+    assert s.limit_excess_of.startswith(next(iter(limits)))
+    assert s.status is Status.UNDER_RESOLVED
+    assert "take more steps; the optimality conditions hold" in s.advice
+
+
+@pytest.mark.filterwarnings("ignore::mbocp.problem.ProblemWarning")
+def test_random_problems_can_be_made() -> None:
+    names = {problem_of(seed).robot.name for seed in range(12)}
+    assert names == {"ur5", "panda", "double_pendulum", "hector"}
 
 
 def test_the_shell_tells_it(tmp_path: Path) -> None:

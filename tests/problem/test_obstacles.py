@@ -14,7 +14,7 @@ import pytest
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics
-from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot, load_robot
 from mbocp.solution.problem_text import obstacles_of
@@ -49,6 +49,13 @@ def problem(made: Robot, **words: Any) -> Problem:
 
 def box(**words: Any) -> dict[str, Any]:
     return {"name": "box", "shape": "box", "size": [0.1, 0.1, 0.1], "position": [0.9, -0.6, 0.0], **words}
+
+
+def test_an_obstacle_in_other_units_is_warned_of(planar):
+    """Some metres away nothing is said, four hundred metres away for an arm of two metres it is."""
+    problem(planar, obstacle=[{**box(), "position": [5.0, 0, 0]}])
+    with pytest.warns(ProblemWarning, match=r"beyond all that robot .* reaches.*lengths are in metres"):
+        problem(planar, obstacle=[{**box(), "size": [100.0] * 3, "position": [400.0, 0, 0]}])
 
 
 def test_rows_are_clearances_of_spheres(planar):

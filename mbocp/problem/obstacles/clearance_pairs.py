@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
-from mbocp.problem._checks import check_frame
+from mbocp.problem._checks import ProblemWarning, check_frame
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.robot import LinkSpheres, Robot
@@ -24,6 +25,7 @@ __all__ = ["clearance_of"]
 
 _STILL = "that stand still beside it"
 _FAR = "that cannot reach it"
+_ASTRAY = 20.0  # times the reach: no room is as large
 
 
 def clearance_of(
@@ -64,6 +66,8 @@ def clearance_of(
             else:
                 kept.append((sphere, k))
         left_out[obstacle.name] = told
+        if told.get(_FAR) and sum(told.values()) == len(every):
+            _warn_if_astray(robot, obstacle, placed, reaches)
     found = None if own is None else _self_pairs(robot, own, limits)
     between = () if found is None else found.spheres
     used = sorted({sphere for sphere, _ in kept} | {s for pair in between for s in pair})
@@ -102,6 +106,20 @@ def _never_meet(
     if obstacle.margin >= 0.0 and np.linalg.norm(at - placed.translation) < radius:
         return ""
     return _FAR if _distance(obstacle, placed, at, radius) > obstacle.margin else ""
+
+
+def _warn_if_astray(
+    robot: Robot, obstacle: Obstacle, placed: pin.SE3, reaches: Sequence[tuple[Array, float]]
+) -> None:
+    """Warn of an obstacle that is many times as far away as the robot reaches."""
+    gap = min(_distance(obstacle, placed, *ball) for ball in reaches)
+    size = max(radius for _, radius in reaches)
+    if gap > _ASTRAY * size:
+        warn_caller(
+            f"obstacle {obstacle.name!r}: {gap:.4g} m beyond all that robot {robot.name!r} reaches, whose "
+            f"parts stay within balls of {size:.3g} m; lengths are in metres",
+            ProblemWarning,
+        )
 
 
 def _distance(obstacle: Obstacle, placed: pin.SE3, center: Array, radius: float) -> float:

@@ -23,13 +23,17 @@ _MIN_SHARE = 1e-3  # share of the null vector from which a joint is named
 class SingularMassMatrix(UnsupportedRobot):
     """Joints that move nothing with mass or inertia; `joints` has their names."""
 
-    def __init__(self, robot: str, joints: list[str], eigenvalue: float) -> None:
+    def __init__(self, robot: str, joints: list[str], eigenvalue: float, *, are_all: bool = False) -> None:
         self.robot, self.joints, self.eigenvalue = robot, tuple(joints), eigenvalue
         named, them = (", ".join(map(repr, joints)), "them") if len(joints) > 1 else (repr(joints[0]), "it")
+        if are_all:
+            named, remedy = "any joint", "Give its links masses and inertias: <inertial> in a URDF"
+        else:
+            lock = f"lock {them}: lock = {json.dumps(joints)}"
+            remedy = f"Give the links beyond a mass and an inertia, or {lock}"
         super().__init__(
             f"robot {robot!r}: the mass matrix is singular (scaled eigenvalue {eigenvalue:.1e}), because "
-            f"nothing with mass or inertia moves with {named}. Give the links beyond a mass and an inertia, "
-            f"or lock {them}: lock = {json.dumps(joints)}"
+            f"nothing with mass or inertia moves with {named}. {remedy}"
         )
 
 
@@ -103,4 +107,5 @@ def _singular(robot: Robot, mass: Array, free: list[int]) -> SingularMassMatrix:
     weight = np.zeros(robot.nv)
     weight[free] = np.linalg.norm(null, axis=1)
     guilty = [n for n in robot.joint_names if weight[robot.velocity_indices(n)].max(initial=0.0) > _MIN_SHARE]
-    return SingularMassMatrix(robot.name, guilty, float(values[0]))
+    are_all = len(guilty) == len(robot.joint_names)
+    return SingularMassMatrix(robot.name, guilty, float(values[0]), are_all=are_all)

@@ -140,6 +140,7 @@ def _parse(path: Path) -> Urdf:
         text = read_text(path, expected="a URDF", limit=_MAX_BYTES)
     except Unreadable as error:
         raise RobotFileError(path, error.reason) from error
+    text = _declared_first(text)
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
@@ -153,6 +154,15 @@ def _parse(path: Path) -> Urdf:
             path, "has xacro macros in it: expand them first (`xacro in.urdf.xacro > out.urdf`)"
         )
     return Urdf(path, text, root)
+
+
+def _declared_first(text: str) -> str:
+    """Put blank lines before an XML declaration behind it, where they may be; lines keep their numbers."""
+    rest = text.lstrip()
+    declaration, end, behind = rest.partition("?>")
+    if rest == text or not rest.startswith("<?xml") or not end:
+        return text
+    return declaration + end + text[: len(text) - len(rest)] + behind
 
 
 def _check_depth(path: Path, root: ElementTree.Element) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mbocp.exceptions import RobotError, RobotFileError, UnknownRobot
+from mbocp.exceptions import RobotError, RobotFileError, UnknownFrame, UnknownRobot
 from mbocp.robot import list_robots, load_robot, robot_from_spec
 from mbocp.robot.loading import sources
 from tests.robot import urdfs
@@ -102,6 +102,24 @@ def test_unknown_name() -> None:
     ) as unknown:
         load_robot("rigid_pendulun")
     assert "panda" in unknown.value.valid
+    with pytest.raises(UnknownRobot, match=r"robot 'UR5': did you mean 'ur5'"):
+        load_robot("UR5")
+
+
+def test_frames_are_listed_from_the_tips() -> None:
+    robot = load_robot("ur5")
+    with pytest.raises(UnknownFrame, match=r"valid names: tool0, .*wrist_3_link") as unknown:
+        robot.frame_id("gripper")
+    assert unknown.value.valid[-1] == "tool0"
+
+
+def test_blank_lines_before_an_xml_declaration_are_forgiven(tmp_path: Path) -> None:
+    text = urdfs.chain("revolute")
+    (tmp_path / "blank.urdf").write_text("\n \n" + text)
+    assert load_robot(tmp_path / "blank.urdf").joint_names == ("j1",)
+    (tmp_path / "broken.urdf").write_text("\n \n" + text.replace("</robot>", "</robots>"))
+    with pytest.raises(RobotFileError, match=r"malformed XML: .*line 4"):
+        load_robot(tmp_path / "broken.urdf")
 
 
 @pytest.mark.parametrize(
