@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import Robot
 
-__all__ = ["powers", "rates_along", "spacings"]
+__all__ = ["accelerations", "powers", "rates_along", "spacings"]
 
 
 def rates_along(
@@ -70,6 +71,17 @@ def rates_along(
 def spacings(dts: Array) -> Array:
     """Times [s] between the middles of neighbouring steps, shape (N,); of the first step its length."""
     found: Array = np.append(dts[:1], (dts[:-1] + dts[1:]) / 2.0)
+    return found
+
+
+def accelerations(robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
+    """Accelerations of a robot without constraints and drives under forces, shape (n, nv), row by row."""
+    model, data, constant = robot.model, robot.model.createData(), robot.actuation.is_constant
+    matrix = robot.actuation_matrix(robot.q0)
+    found = np.empty_like(vs)
+    for n, (q, v, u) in enumerate(zip(qs, vs, us, strict=True)):
+        force = (matrix if constant else robot.actuation_matrix(q)) @ u + robot.force_elements(q, v)
+        found[n] = pin.aba(model, data, q, v, force)
     return found
 
 

@@ -1,6 +1,7 @@
 r"""What a motion does to limits between its nodes, where nothing keeps them.
 
-Positions, speeds and accelerations are those of the cubics through the nodes, see `StepCubics`. Limits of
+Positions, speeds and accelerations are those of the cubics through the nodes, see `StepCubics`; for schemes of
+order two, of open chains, accelerations at the nodes take part. Limits of
 accelerations hold for the mean of a step, those of controls that vary within steps where these have values,
 and those of powers at the end of a step: what a step does elsewhere is looked at, too. Jerks and rates of
 controls are differences of steps by their definition, and have no value between nodes.
@@ -15,7 +16,7 @@ import numpy as np
 
 from mbocp._arrays import Array, IntArray
 from mbocp.integrators import SCHEMES, control_basis
-from mbocp.mechanics.rates import powers
+from mbocp.mechanics.rates import accelerations, powers
 from mbocp.problem.problem import Problem
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label
@@ -25,6 +26,9 @@ __all__ = ["GROSS_EXCESS", "LimitExcess", "is_followed", "largest_excess"]
 
 GROSS_EXCESS = (
     0.05  # of a limit: what drives put up with for a moment; beyond, steps do not resolve the motion
+)
+_GROSS_ACCELERATION = (
+    0.5  # limits hold for the mean of a step: beyond, it varies within the step by as much as its limit
 )
 _NONE = 1e-6  # part of a limit by which solvers may leave it
 _PLACES = 33  # in a step, at which polynomials of controls are looked at
@@ -59,6 +63,11 @@ class LimitExcess:
     unit: str
 
     @property
+    def is_gross(self) -> bool:
+        """Whether it is more than drives put up with for a moment."""
+        return self.ratio > (_GROSS_ACCELERATION if self.kind == "acceleration" else GROSS_EXCESS)
+
+    @property
     def of(self) -> str:
         """Which limit."""
         return f"{self.kind} of {self.name}"
@@ -80,7 +89,7 @@ def is_followed(problem: Problem) -> bool:
 def largest_excess(
     problem: Problem, t: Array, qs: Array, vs: Array, us: Array, shares: tuple[float, ...] = ()
 ) -> LimitExcess | None:
-    """The largest excess of the limits between nodes; None where none is known.
+    """The largest excess of the limits between nodes, a gross one before others; None where none is known.
 
     Parameters
     ----------
@@ -98,10 +107,10 @@ def largest_excess(
     if not (limits and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
         return None
     within = us[steps].reshape(steps.size, -1, us.shape[-1])
-    motion = _Steps(problem, _cubics(problem, steps, t, qs, vs), qs[steps], within, shares)
+    motion = _Steps(problem, _cubics(problem, steps, t, qs, vs, within), qs[steps], within, shares)
     looks = motion.looks({letter: _within_steps(sides, steps) for letter, sides in limits.items()})
     found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
-    return max(found, key=lambda one: one.ratio, default=None)
+    return max(found, key=lambda one: (one.is_gross, one.ratio), default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +135,8 @@ class _Look:
             if ratios[n, k] > 0.0:
                 numbers = (self.values[n, k], bound[n, k], self.times[n, k], ratios[n, k])
                 label = self.labels[k]
-                yield LimitExcess(self.kind, label.name, *map(float, numbers), label.unit)
+                value, limit, time, ratio = map(float, numbers)
+                yield LimitExcess(self.kind, label.name, value, limit, time, ratio, label.unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,14 +204,24 @@ def _is_finite(sides: Sides) -> bool:
     return any(bool(np.isfinite(side).any()) for side in sides)
 
 
-def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array) -> StepCubics:
-    """Of steps by their numbers."""
+def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, us: Array) -> StepCubics:
+    """Of steps by their numbers.
+
+    What configurations of schemes of order two are wrong by is as large as what speeds leave between nodes;
+    the midpoint's means are those of both velocities. Means are then those of the cubics through velocities
+    and accelerations at both ends: (v_0 + v_1) / 2 + h (a_0 - a_1) / 12.
+    """
     robot, lengths = problem.robot, np.diff(t)[steps, None]
     if robot.is_vector_space:
         ways = qs[steps + 1] - qs[steps]
     else:
         ways = np.array([robot.difference(qs[n], qs[n + 1]) for n in steps])
-    return StepCubics(t[steps, None], lengths, vs[steps], vs[steps + 1], ways / lengths)
+    means = ways / lengths
+    is_open = not (robot.nc or robot.drives or problem.switches)
+    if SCHEMES[problem.scheme].order == 2 and is_open:
+        ends = [accelerations(robot, qs[n], vs[n], us[:, 0]) for n in (steps, steps + 1)]
+        means = (vs[steps] + vs[steps + 1]) / 2.0 + lengths * (ends[0] - ends[1]) / 12.0
+    return StepCubics(t[steps, None], lengths, vs[steps], vs[steps + 1], means)
 
 
 def _within_steps(limits: Sides, steps: IntArray) -> Sides:

@@ -24,7 +24,7 @@ from mbocp.formulation.resolution import unresolved
 from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
-from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, is_followed, largest_excess
+from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_approach
 from mbocp.programme import Iterate
@@ -212,7 +212,7 @@ def _within_limits(
     excess: LimitExcess | None, status: Status, advice: str, *, varies: bool
 ) -> tuple[Status, str]:
     """Status and advice of a motion that leaves a limit between its nodes by more than drives put up with."""
-    if excess is None or excess.ratio <= GROSS_EXCESS or status is not Status.CONVERGED:
+    if excess is None or not excess.is_gross or status is not Status.CONVERGED:
         return status, advice
     remedy = "take more steps" + (", or controls that are constant in each" if varies else "")
     return Status.UNDER_RESOLVED, f"{excess.words}: {remedy}; the optimality conditions hold: {advice}"

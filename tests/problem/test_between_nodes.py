@@ -85,6 +85,13 @@ def test_a_small_excess_is_told() -> None:
     assert finer.limit_excess < s.limit_excess / 8.0  # of second order
 
 
+def test_steps_that_move_by_the_mean_of_both_velocities_are_looked_at() -> None:
+    s = mbocp.solve(swing("constant", scheme="midpoint"))
+    true = true_excess(s.load_problem(), s, 1000.0)
+    assert true > TOLERANCE
+    assert s.limit_excess == pytest.approx(true, abs=TOLERANCE)
+
+
 def test_nothing_is_said_of_schemes_of_first_order() -> None:
     assert np.isnan(mbocp.solve(swing("constant", scheme="se1"), check=True).limit_excess)
 
