@@ -1,7 +1,7 @@
 r"""What a motion does to limits between its nodes, where nothing keeps them.
 
-Positions, speeds and accelerations are those of the cubics through the nodes, see `StepCubics`; for schemes of
-order two, of open chains, accelerations at the nodes take part. Limits of
+Positions, speeds and accelerations are those of the cubics through the nodes, see `StepCubics`; for open
+chains and schemes of order two accelerations at the nodes take part. Limits of
 accelerations hold for the mean of a step, those of controls that vary within steps where these have values,
 and those of powers at the end of a step: what a step does elsewhere is looked at, too. Jerks and rates of
 controls are differences of steps by their definition, and have no value between nodes.
