@@ -26,6 +26,7 @@ from mbocp.solution.records import StartRecord
 from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.records import timed
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
+from mbocp.solvers.strategies.strategy import Strategy
 
 __all__ = ["solve_from_starts"]
 
@@ -240,11 +241,12 @@ class _Batch:
             task = self.tasks[number]
             settings, programme = task.settings(self.deadline), task.formulation.programme
             try:
-                found = process.run(settings, programme, task.guess.iterate, _label(number))
+                found = process.run(Strategy(settings, programme, task.guess.iterate, _label(number)))
             except ElsewhereError:
                 self._waiting.append(number)
                 return
-            self._brought[number] = found
+            if isinstance(found, Outcome):
+                self._brought[number] = found
 
 
 def _is_interrupted(outcome: Outcome) -> bool:

@@ -107,6 +107,38 @@ def test_a_signal_in_the_solver_keeps_the_best_iterate(tmp_path: Path, name: str
     assert Solution.load(result).status is Status.INTERRUPTED
 
 
+ENDLESS = """
+robot = "double_pendulum"
+horizon = { duration = 1.0, steps = 10 }
+goal = { q = [1.0, 0.5], v = 0 }
+cost = { effort = 1e-9, velocity = 0.1 }
+solver = { method = "fatrop" }
+limits = { power = 1e-300 }
+"""
+LATE = """
+import os, signal, sys, threading
+import mbocp
+from mbocp.cli import main
+real = mbocp.solve
+def solve(problem, callback, accuracy):
+    def press_later(record):
+        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    return real(problem, callback=press_later)
+mbocp.solve = solve
+main()
+"""
+
+
+def test_sigterm_ends_a_solver_that_asks_for_nothing(tmp_path: Path) -> None:
+    (tmp_path / "endless.toml").write_text(ENDLESS)
+    process = _start("solve", "endless.toml", "-o", "a.h5", program=("-c", LATE), cwd=tmp_path)
+    out, errors = process.communicate(timeout=100)
+    assert process.returncode == 128 + signal.SIGTERM, errors
+    assert "Traceback" not in errors
+    assert "interrupted after 0 iterations" in " ".join(out.split())
+    assert Solution.load(tmp_path / "a.h5").status is Status.INTERRUPTED
+
+
 def test_interrupted_is_130_with_a_result(folder: Path, run: Run, solver: FakeSolver) -> None:
     solver.status = Status.INTERRUPTED
     assert run("solve", "arm.toml", "-o", "a.h5").exit_code == 130

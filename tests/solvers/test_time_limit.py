@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def wait_at(number: int, seconds: float) -> Callable[[IterationRecord], None]:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_ends_with_what_it_has(method: str) -> None:
-    mbocp.solve(pendulum("solver.max_iterations=1"), solver=method)  # whatever has to be built is there
+    mbocp.solve(pendulum(), solver=method)  # whatever has to be built is there
     s = mbocp.solve(pendulum("solver.time_limit=0.25"), solver=method, callback=wait_at(2, 0.5))
     assert s.status is Status.TIME_LIMIT
     assert not s.converged
@@ -57,7 +58,7 @@ def test_other_guesses_get_what_is_left(method: str) -> None:
         EXAMPLES / "arms" / "ur5_reach.toml",
         ["integrator.scheme=se1", "horizon.steps=20", "solver.max_iterations=3", "solver.time_limit=0.4"],
     )
-    build(problem)
+    mbocp.solve(problem.with_(solver=replace(problem.solver, time_limit=None)), solver=method)
     s = mbocp.solve(problem, solver=method, callback=wait_at(3, 0.6))
     assert not s.converged
     guesses = {r.phase for r in s.history}

@@ -12,7 +12,7 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -22,9 +22,9 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._linear import norm
-from mbocp.exceptions import ProblemError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
+from mbocp.solvers.nlp.bounds import bounds_of, check_fatrop_takes, kinds_of_bounds, missed, tightened
 from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, calm_or_none, parameters
 from mbocp.solvers.nlp.iteration_callback import IterationCallback
 from mbocp.solvers.nlp.layout import NlpLayout
@@ -33,9 +33,10 @@ from mbocp.solvers.nlp.status_messages import advice_of, status_of
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.strategies.iterating import Callback, SolverResult
 
-__all__ = ["InteriorPoint"]
+__all__ = ["InteriorPoint", "Watch", "unpacked"]
 
-_FATROP_RELAXES = 1e-8  # relative to a bound, absolute below one
+Watch = Callable[[IterationRecord, Array | None], object]
+
 _THROWN = "exception was raised in the solver"
 _ALONE = threading.RLock()  # solvers kept in memory and the stream that they print to are there once
 _MAX_SOLVERS = 12  # solvers of different shapes kept in memory; a study with every formulation has six
@@ -81,30 +82,52 @@ class InteriorPoint:
         Raises
         ------
         ProblemError
-            If there are more equations at the last node than fatrop takes.
+            If there is what fatrop does not take, see `check_fatrop_takes`.
         """
+        watch = None if callback is None else lambda record, _: callback(record)
+        return self.watched(programme, iterate, watch, phase, first)
+
+    def watched(
+        self,
+        programme: StagewiseProgramme,
+        iterate: Iterate,
+        watch: Watch | None,
+        phase: str = "",
+        first: int = 0,
+        begin: Callable[[IterationRecord], object] | None = None,
+    ) -> SolverResult:
+        """Do the same; `watch` sees the unknowns of every iteration, too, and `begin` where it begins."""
         with _ALONE:
-            return self._run(programme, iterate, callback, phase, first)
+            return self._run(programme, iterate, watch, phase, first, begin)
 
     def _run(
         self,
         programme: StagewiseProgramme,
         iterate: Iterate,
-        callback: Callback | None,
+        watch: Watch | None,
         phase: str,
         first: int,
+        begin: Callable[[IterationRecord], object] | None,
     ) -> SolverResult:
+        clock = time.perf_counter()
         if self.name == "fatrop":
-            _check_end(programme)
+            check_fatrop_takes(programme)
         compiled = _compiled(_Key.of(self, programme))
         lay, iteration_callback = compiled.layout, compiled.iteration_callback
+
+        def callback(record: IterationRecord) -> None:
+            if watch is not None:
+                watch(record, iteration_callback.last)
+
         log = IterationLog(phase or self.name, first, callback)
-        bounds = _bounds(programme, lay)
-        inner = _tightened(bounds) if self.name == "fatrop" else bounds
-        clock = time.perf_counter()
-        iteration_callback.start(self.time_limit)
+        bounds = bounds_of(programme, lay)
+        inner = tightened(bounds) if self.name == "fatrop" else bounds
+        iteration_callback.start(self.time_limit and clock + self.time_limit - time.perf_counter())
         p = parameters(programme)
         w0, solver = _packed(iterate, lay), compiled.solver()
+        if begin is not None:
+            begun = compiled.record(w0, p, np.zeros(lay.num_rows), bounds)[0]
+            begin(replace(begun, iteration=first, phase=phase or self.name))
         printed = contextlib.redirect_stdout(OfThread(log))
         with _interruptible(iteration_callback, log), printed, whole_lines():
             try:
@@ -145,7 +168,7 @@ class InteriorPoint:
             status = Status.DIVERGED
         violations = compiled.violations(w, p, bounds)
         words = advice_of(status, stats, programme, lay, violations, taken, record.residual)
-        return SolverResult(status, words, _unpacked(w, lam_g, lam_x, lay), record, history or (record,))
+        return SolverResult(status, words, unpacked(w, lam_g, lam_x, lay), record, history or (record,))
 
 
 @dataclass(frozen=True)
@@ -184,7 +207,7 @@ class _Key:
             self.layout,
             self.programme.theta_weights.tobytes(),
             self.programme.terminal_weights.tobytes(),
-            _kinds_of_bounds(self.programme),
+            kinds_of_bounds(self.programme),
         )
 
     def __hash__(self) -> int:
@@ -257,8 +280,8 @@ class _Compiled:
         left = np.abs(slopes) * np.minimum(1.0, np.abs(distance))
         row_distance = np.where(lam_g < 0.0, g - bounds["lbg"], bounds["ubg"] - g)
         unused = np.abs(lam_g) * np.minimum(1.0, np.abs(row_distance))
-        missed = np.concatenate([_missed(w, bounds, "x"), _missed(g, bounds, "g")])
-        primal, dual = norm(missed), norm(np.concatenate([left, unused]))
+        beyond = np.concatenate([missed(w, bounds, "x"), missed(g, bounds, "g")])
+        primal, dual = norm(beyond), norm(np.concatenate([left, unused]))
         record = IterationRecord(
             iteration=0,
             residual=math.hypot(primal, dual),
@@ -270,25 +293,7 @@ class _Compiled:
 
     def violations(self, w: Array, p: Array, bounds: dict[str, Array]) -> Array:
         """By how much each row misses its bounds, shape (num_rows,)."""
-        return _missed(np.array(self.functions.g(w, p)).ravel(), bounds, "g")
-
-
-def _check_end(programme: StagewiseProgramme) -> None:
-    """Refuse more equations than unknowns at the last node, which has no controls."""
-    bounds, nx = programme.bounds, programme.kinds[0].nx
-    of_path = int(np.count_nonzero(bounds.path_lower[-1] == bounds.path_upper[-1]))
-    ng = programme.ng
-    if ng + of_path > nx:
-        raise ProblemError(
-            f'solver.method: "fatrop" takes at most {nx} equations at the last node, got {ng} of the '
-            f'goal and {of_path} of path constraints; end these before it, or take "monolithic" or "ipopt"'
-        )
-
-
-def _missed(values: Array, bounds: dict[str, Array], letter: str) -> Array:
-    lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
-    missed: Array = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
-    return missed
+        return missed(np.array(self.functions.g(w, p)).ravel(), bounds, "g")
 
 
 @lru_cache(maxsize=_MAX_SOLVERS)
@@ -333,35 +338,6 @@ def _fatrop_options(key: _Key) -> dict[str, Any]:
     }
 
 
-def _kinds_of_bounds(programme: StagewiseProgramme) -> bytes:
-    bounds = programme.bounds
-    is_equation = bounds.lower == bounds.upper
-    return b"".join(kinds.tobytes() for kinds in (bounds.lower > -np.inf, bounds.upper < np.inf, is_equation))
-
-
-def _bounds(programme: StagewiseProgramme, lay: NlpLayout) -> dict[str, Array]:
-    given = programme.bounds
-    lbx, ubx = np.full(lay.num_unknowns, -np.inf), np.full(lay.num_unknowns, np.inf)
-    lbx[lay.xs[1:]], ubx[lay.xs[1:]] = given.x_lower, given.x_upper
-    lbx[lay.us], ubx[lay.us] = given.u_lower, given.u_upper
-    lbg, ubg = np.zeros(lay.num_rows), np.zeros(lay.num_rows)
-    lbg[lay.path], ubg[lay.path] = given.path_lower, given.path_upper
-    ubg[lay.guards] = np.inf
-    return {"lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
-
-
-def _tightened(bounds: dict[str, Array]) -> dict[str, Array]:
-    """Bounds less the part by which fatrop relaxes them, so that those given are kept."""
-    found = {}
-    for letter in "xg":
-        lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
-        for side, bound, sign in (("lb", lower, 1.0), ("ub", upper, -1.0)):
-            is_relaxed = np.isfinite(bound) & (lower < upper)
-            by = np.where(is_relaxed, _FATROP_RELAXES * np.maximum(1.0, np.abs(bound)), 0.0)
-            found[side + letter] = bound + sign * by
-    return found
-
-
 def _packed(iterate: Iterate, lay: NlpLayout) -> Array:
     w = np.zeros(lay.num_unknowns)
     w[lay.xs], w[lay.us], w[lay.ys] = iterate.xs, iterate.us, iterate.ys
@@ -369,7 +345,8 @@ def _packed(iterate: Iterate, lay: NlpLayout) -> Array:
     return w
 
 
-def _unpacked(w: Array, lam_g: Array, lam_x: Array, lay: NlpLayout) -> Iterate:
+def unpacked(w: Array, lam_g: Array, lam_x: Array, lay: NlpLayout) -> Iterate:
+    """Return unknowns and multipliers as an iterate."""
     lam_xs = lam_x[lay.xs]
     return Iterate(
         xs=w[lay.xs],

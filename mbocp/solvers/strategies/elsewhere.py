@@ -1,42 +1,98 @@
-"""A process that solves for another one: a programme and an iterate go there, an outcome comes back.
+"""A process that works for another one: a task goes there, an answer comes back, and words on the way.
 
 The process knows solvers and no robot, and starts no script of the user again. It ends with its parent.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
+import queue
 import struct
 import subprocess
+import threading
+import time
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
 from types import TracebackType
-from typing import IO
+from typing import IO, Protocol
 
 from mbocp._processes import python_command
-from mbocp.programme.iterate import Iterate
-from mbocp.programme.stagewise import StagewiseProgramme
-from mbocp.solvers.settings import SolverSettings
-from mbocp.solvers.strategies.phases import Outcome
 
-__all__ = ["Elsewhere", "ElsewhereError", "receive", "send"]
+__all__ = [
+    "Answer",
+    "Elsewhere",
+    "ElsewhereEnded",
+    "ElsewhereError",
+    "Failure",
+    "Task",
+    "Told",
+    "receive",
+    "send",
+]
 
 _START = "from mbocp.solvers.strategies.child import main\nmain()\n"
 _LENGTH = struct.Struct("<Q")  # bytes that follow
+_GRACE = 0.5  # [s] for a task that is to stop in the midst of an iteration
+
+
+class Task(Protocol):
+    """Work for a process; it is pickled."""
+
+    def run(self, tell: Callable[[object], None]) -> object:
+        """Do the work; `tell` returns once the parent has heard, and raises `KeyboardInterrupt` to stop."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a task tells before its answer."""
+
+    value: object
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a task comes to."""
+
+    value: object
+
+
+@dataclass(frozen=True)
+class Failure:
+    """The exception of a task, in words."""
+
+    words: str
+
+
+class _End(Enum):
+    GONE = "the process has ended"
+    SILENT = "the process did not answer in its time"
 
 
 class ElsewhereError(Exception):
     """The process could not do it; its parent can."""
 
 
+class ElsewhereEnded(Exception):
+    """The process was ended without an answer, by Ctrl-C or since its time was over."""
+
+    def __init__(self, *, is_interrupted: bool) -> None:
+        super().__init__()
+        self.is_interrupted = is_interrupted
+
+
 class Elsewhere:
     """One process; it begins with the first task.
 
-    The output of foreign solvers goes nowhere. Ctrl-C does not reach it: its parent closes it.
+    The output of foreign solvers goes nowhere. Ctrl-C does not reach it: its parent ends it.
     """
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
+        self._inbox: queue.Queue[object] = queue.Queue()
 
     def __enter__(self) -> Elsewhere:
         return self
@@ -46,28 +102,57 @@ class Elsewhere:
     ) -> None:
         self.close()
 
+    @property
+    def is_over(self) -> bool:
+        """Whether it has been closed, or has died."""
+        return self._process is not None and self._process.poll() is not None
+
     def run(
-        self, settings: SolverSettings, programme: StagewiseProgramme, iterate: Iterate, label: str
-    ) -> Outcome:
-        """What `run_strategy` gives, without callbacks.
+        self, task: Task, hear: Callable[[object], object] | None = None, until: float = math.inf
+    ) -> object:
+        """Return what a task comes to.
+
+        Parameters
+        ----------
+        task : Task
+        hear : callable, optional
+            Gets what the task tells, which waits meanwhile. An exception of it, and Ctrl-C, stop the task;
+            after Ctrl-C what it comes to is returned, any other exception is raised.
+        until : float
+            Time of `time.perf_counter` after which a task that says nothing is ended with its process.
 
         Raises
         ------
         ElsewhereError
             If the process cannot be started, or dies, or the task raises an exception.
+        ElsewhereEnded
+            If it was ended.
         """
-        try:
-            process = self._process = self._process or _started()
-            if process.stdin is None or process.stdout is None:
-                raise OSError("no pipes")
-            send(process.stdin, (settings, programme, iterate, label))
-            answer = receive(process.stdout)
-        except (OSError, EOFError, pickle.PickleError, AttributeError, TypeError, ValueError) as error:
+        self._say(task)
+        failure: BaseException | None = None
+        message: object = None
+        while not isinstance(message, (Answer, Failure, _End)):
+            message = None
+            try:
+                message = _next(self._inbox, until)
+                if isinstance(message, Told) and hear is not None and failure is None:
+                    hear(message.value)
+            except BaseException as error:  # the task has to hear of it before others do
+                if failure is not None:  # Ctrl-C again
+                    message = _End.SILENT
+                failure, until = failure or error, -math.inf
+            until = max(until, time.perf_counter() + _GRACE) if message is not _End.SILENT else until
+            if isinstance(message, Told):
+                self._say(failure is None)
+        if isinstance(message, _End):
             self.close()
-            raise ElsewhereError(f"a process to solve in: {error}") from error
-        if isinstance(answer, Outcome):
-            return answer
-        raise ElsewhereError(str(answer))
+        if failure is not None and not isinstance(failure, KeyboardInterrupt):
+            raise failure
+        if isinstance(message, Answer):
+            return message.value
+        if message is _End.SILENT:
+            raise ElsewhereEnded(is_interrupted=failure is not None)
+        raise ElsewhereError(message.words if isinstance(message, Failure) else _End.GONE.value)
 
     def close(self) -> None:
         """End the process, whatever it does; it may be called from another thread."""
@@ -80,6 +165,21 @@ class Elsewhere:
                     with suppress(OSError):
                         stream.close()
 
+    def _say(self, value: object) -> None:
+        """Send a value, to a process that is started for the first one."""
+        try:
+            if self._process is None:
+                self._process = _started()
+                threading.Thread(
+                    target=_listen, args=(self._process.stdout, self._inbox), daemon=True
+                ).start()
+            if self._process.stdin is None:
+                raise OSError("no pipes")
+            send(self._process.stdin, value)
+        except (OSError, pickle.PickleError, AttributeError, TypeError, ValueError) as error:
+            self.close()
+            raise ElsewhereError(f"a process to solve in: {error}") from error
+
 
 def _started() -> subprocess.Popen[bytes]:
     return subprocess.Popen(
@@ -90,6 +190,22 @@ def _started() -> subprocess.Popen[bytes]:
         env=dict(os.environ),
         start_new_session=True,
     )
+
+
+def _listen(stream: IO[bytes], inbox: queue.Queue[object]) -> None:
+    """Take in what a process sends, until it ends."""
+    with suppress(OSError, EOFError, ValueError, pickle.PickleError):
+        while True:
+            inbox.put(receive(stream))
+    inbox.put(_End.GONE)
+
+
+def _next(inbox: queue.Queue[object], until: float) -> object:
+    """Wait for a message."""
+    try:
+        return inbox.get(timeout=min(max(0.0, until - time.perf_counter()), threading.TIMEOUT_MAX))
+    except queue.Empty:
+        return _End.SILENT
 
 
 def send(stream: IO[bytes], value: object) -> None:

@@ -131,9 +131,12 @@ class Phases:
         return self._kept(result, name, clock)
 
     def run_interior(self, solver: InteriorPoint, name: str, iterate: Iterate) -> SolverResult:
-        """Run an interior-point solver."""
+        """Run an interior-point solver; fatrop, which does not always hear Ctrl-C, where it can be ended."""
+        from mbocp.solvers.strategies.apart import run_apart
+
         clock = time.perf_counter()
-        result = solver.run(self.programme, iterate, self.callback, name + self.label, self.first)
+        arguments = (self.programme, iterate, self.callback, name + self.label, self.first)
+        result = run_apart(solver, *arguments) if name == "fatrop" else solver.run(*arguments)
         return self._kept(result, name, clock)
 
     def _kept(self, result: SolverResult, name: str, clock: float) -> SolverResult:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
+from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.units import Units
 from mbocp.solvers.protocol import Solver
@@ -18,7 +19,21 @@ from mbocp.solvers.strategies.phases import STOPPED, Outcome, Phases, Start, how
 from mbocp.solvers.strategies.registry import INTERIOR_POINT, make_solver
 from mbocp.solvers.strategies.units import run_in
 
-__all__ = ["run_strategy"]
+__all__ = ["Strategy", "run_strategy"]
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """A solve as a task for another process."""
+
+    settings: SolverSettings
+    programme: StagewiseProgramme
+    iterate: Iterate
+    label: str
+
+    def run(self, tell: Callable[[object], None]) -> Outcome:
+        """Solve, and tell nothing on the way."""
+        return run_strategy(self.settings, Start(self.programme, self.iterate, label=self.label))
 
 
 def run_strategy(settings: SolverSettings, start: Start) -> Outcome:

@@ -1,0 +1,151 @@
+"""fatrop in a process of its own, which can be ended.
+
+It looks at the clock, and hears Ctrl-C, when it asks for a Jacobian; and there are loops over ever larger
+shifts in which it never asks again. So it tells each iteration; when it has nothing to tell any more, the
+process is ended, and what was told last counts. The process is kept for the next run.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import cast
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import CompilationTimeout
+from mbocp.programme import StagewiseProgramme
+from mbocp.programme.iterate import Iterate
+from mbocp.solvers.nlp.interior_point import InteriorPoint, unpacked
+from mbocp.solvers.nlp.layout import NlpLayout
+from mbocp.solvers.records import IterationRecord, Status
+from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereEnded, ElsewhereError
+from mbocp.solvers.strategies.iterating import Callback, SolverResult
+
+__all__ = ["run_apart"]
+
+_GRACE = 1.0  # [s] beyond a time limit: for the process to begin, and for an iteration that is under way
+_ALONE = threading.RLock()
+
+
+@dataclass(frozen=True, eq=False)
+class _Iteration:
+    """A record, and the unknowns that it is of."""
+
+    record: IterationRecord
+    w: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A run of an interior-point solver, which tells records and unknowns of iterations."""
+
+    solver: InteriorPoint
+    programme: StagewiseProgramme
+    iterate: Iterate
+    phase: str
+    first: int
+
+    def run(self, tell: Callable[[object], None]) -> SolverResult:
+        """Solve, in the process."""
+
+        def watch(record: IterationRecord, w: Array | None) -> None:
+            tell(_Iteration(record, w))
+
+        return self.solver.watched(self.programme, self.iterate, watch, self.phase, self.first, tell)
+
+
+def run_apart(
+    solver: InteriorPoint,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    callback: Callback | None,
+    phase: str,
+    first: int,
+) -> SolverResult:
+    """Run an interior-point solver as `InteriorPoint.run` does; one at a time.
+
+    Without a process, as where no more can be started, it is run in this one.
+
+    Raises
+    ------
+    ProblemError
+        If there is what fatrop does not take.
+    CompilationTimeout
+        If the time limit passed before the solver began.
+    """
+    records: list[IterationRecord] = []
+    begun: list[IterationRecord] = []
+    known: list[Array] = []
+
+    def hear(told: object) -> None:
+        if isinstance(told, IterationRecord):
+            begun.append(told)
+        elif isinstance(told, _Iteration):
+            records.append(told.record)
+            if told.w is not None:
+                known[:] = [told.w]
+            if callback is not None:
+                callback(told.record)
+
+    until = math.inf if solver.time_limit is None else time.perf_counter() + solver.time_limit + _GRACE
+    with _ALONE:
+        try:
+            answer = _process().run(_Run(solver, programme, iterate, phase, first), hear, until)
+        except ElsewhereError:
+            if not begun:
+                return solver.run(programme, iterate, callback, phase, first)
+            status = Status.DIVERGED  # it has crashed, and would do so here
+        except ElsewhereEnded as ended:
+            status = Status.INTERRUPTED if ended.is_interrupted else Status.TIME_LIMIT
+            if not begun:
+                raise _without_result(solver.title, status) from None
+        else:
+            result = cast("SolverResult", answer)
+            return replace(result, history=tuple(records) or result.history)  # those the callback has seen
+    at = _unpacked(known[0], programme) if known else iterate
+    history = tuple(records or begun)
+    return SolverResult(status, _advice(solver.title, status, history), at, history[-1], history)
+
+
+def _without_result(title: str, status: Status) -> BaseException:
+    """What ends a solve of which nothing is known."""
+    if status is Status.INTERRUPTED:
+        return KeyboardInterrupt()
+    return CompilationTimeout(f"{title} was to begin")
+
+
+def _process() -> Elsewhere:
+    """The process of this one; another one where that has ended, or this one has forked."""
+    if _kept(os.getpid()).is_over:
+        _kept.cache_clear()
+    return _kept(os.getpid())
+
+
+@lru_cache(maxsize=1)
+def _kept(pid: int) -> Elsewhere:
+    return Elsewhere()
+
+
+def _unpacked(w: Array, programme: StagewiseProgramme) -> Iterate:
+    """An iterate without multipliers, which are not known."""
+    lay = NlpLayout.of(programme, wants_gaps=True)
+    return unpacked(w, np.zeros(lay.num_rows), np.zeros(lay.num_unknowns), lay)
+
+
+def _advice(title: str, status: Status, records: Sequence[IterationRecord]) -> str:
+    """What the end of a run without an answer means: the iterate told last, by the solver's own numbers."""
+    taken = sum(not record.is_guess for record in records)
+    after = f"after {taken} iteration{'' if taken == 1 else 's'}"
+    silent = f"{title} did not answer any more, and was ended"
+    if status is Status.INTERRUPTED:
+        return f"interrupted {after}; the last iterate; {silent}"
+    if status is Status.TIME_LIMIT:
+        return f"not converged within solver.time_limit, {after}; {silent}; take another solver.method"
+    return f"{title} crashed {after}; the last iterate; take another solver.method"

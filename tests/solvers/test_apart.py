@@ -1,0 +1,78 @@
+"""fatrop, where it asks for nothing any more, is ended: by the time limit, by Ctrl-C, by a callback."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.exceptions import ProblemError
+from mbocp.problem import Problem
+from mbocp.solution import IterationRecord, Solution, Status
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+
+def endless(power: float = 1e-300, **solver: object) -> Problem:
+    """Joints that no power may drive: fatrop's loop over ever larger shifts does not end."""
+    return Problem.create(
+        "double_pendulum",
+        1.0,
+        10,
+        goal={"q": [1.0, 0.5], "v": 0},
+        cost={"effort": 1e-9, "velocity": 0.1},
+        limits={"power": power},
+        solver={"method": "fatrop", **solver},
+    )
+
+
+def check_last_told(s: Solution) -> None:
+    assert "did not answer any more" in s.advice
+    assert s.history
+    assert s.residual == s.history[-1].residual
+    assert math.isfinite(s.cost)
+    assert all(np.isfinite(values).all() for values in (s.qs, s.vs, s.us))
+
+
+def test_the_time_limit_ends_it() -> None:
+    assert mbocp.solve(endless(power=10.0)).converged  # the process has begun
+    s = mbocp.solve(endless(time_limit=3.0))
+    assert s.status is Status.TIME_LIMIT
+    check_last_told(s)
+    after = mbocp.solve(endless(power=10.0, time_limit=60.0))
+    assert after.converged  # in another process
+
+
+def test_ctrl_c_ends_it() -> None:
+    def press_later(record: IterationRecord) -> None:
+        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    s = mbocp.solve(endless(), callback=press_later)
+    assert s.status is Status.INTERRUPTED
+    check_last_told(s)
+
+
+def test_what_a_callback_raises_ends_it() -> None:
+    def fail(record: IterationRecord) -> None:
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        mbocp.solve(endless(), callback=fail)
+
+
+def test_a_range_narrower_than_what_fatrop_relaxes_is_refused() -> None:
+    narrow = Problem.create(
+        "double_pendulum",
+        1.0,
+        10,
+        goal={"q": [1.0, 0.5], "v": 0},
+        limits={"effort": {"joint1": 1e-9}},
+        solver={"method": "fatrop"},
+    )
+    with pytest.raises(ProblemError, match=r"relaxes limits by 1e-08, and control 0 may vary by 2e-09 alone"):
+        mbocp.solve(narrow)
