@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import gc
 import os
 import sys
@@ -15,6 +16,7 @@ _COLLECT = (400_000, 20, 100)
 # What NumPy and pydantic read when they are imported, unless the user says otherwise. Matrices are small,
 # and other threads of BLAS cost a processor while they wait; looking for plugins reads about every package.
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
+_STREAMS = ("stdin", "stdout", "stderr")  # by their numbers
 
 
 def script() -> None:
@@ -26,6 +28,9 @@ def script() -> None:
     gc.set_threshold(*_COLLECT)
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
+    os.environ["MPLBACKEND"] = (
+        "agg"  # pictures go into files, and a backend that is none ends matplotlib's import
+    )
     atexit.register(_end, status)  # the first to be registered is the last to be called
     try:
         main()
@@ -50,11 +55,34 @@ def _end(status: list[int]) -> None:
 
 def main() -> None:
     """Run the command line, and raise `SystemExit`."""
+    _open_streams()
     try:
         _run()
     except KeyboardInterrupt:  # in the moment before handlers stand
         sys.stderr.write("interrupted: stopped before there was a result\n")
         sys.exit(130)
+    except OSError as error:  # of what is printed beside commands, as help is
+        from mbocp.cli.report import BAD_INPUT, forget_output
+
+        with contextlib.suppress(OSError):
+            sys.stderr.write(f"error: {error.strerror}\n")
+        forget_output()
+        sys.exit(BAD_INPUT)
+
+
+def _open_streams() -> None:
+    """Put streams that lead nowhere in the place of those that are closed.
+
+    Else the next files to be opened would get their numbers, and what libraries print.
+    """
+    for number, name in enumerate(_STREAMS):
+        if getattr(sys, name) is None:
+            mode = os.O_WRONLY if number else os.O_RDONLY
+            opened = os.open(os.devnull, mode)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+            setattr(sys, name, open(number, "w" if number else "r"))  # noqa: SIM115, PTH123
 
 
 def _run() -> None:

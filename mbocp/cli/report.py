@@ -23,7 +23,7 @@ from mbocp._text import MAX_MESSAGE, shortened
 from mbocp.cli import signals
 from mbocp.exceptions import MbocpError
 
-__all__ = ["BAD_INPUT", "BUG", "INTERRUPTED", "reporting", "shown_warnings"]
+__all__ = ["BAD_INPUT", "BUG", "INTERRUPTED", "forget_output", "reporting", "shown_warnings"]
 
 BAD_INPUT = 2
 BUG = 70  # EX_SOFTWARE: 1 is "not converged", and a bug must not look like it
@@ -80,7 +80,7 @@ def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
         except (typer.Exit, typer.Abort):
             raise
         except BrokenPipeError:  # somebody reads only the head of the output
-            _forget_output()
+            forget_output()
             raise typer.Exit(CLOSED_PIPE) from None
         except BaseException as error:
             meaning = _meaning(error)
@@ -89,6 +89,8 @@ def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
             if kwargs.get("as_json"):
                 _print_json(error, meaning)
             _say(meaning.word, meaning.message, meaning.color)
+            if isinstance(error, OSError):
+                forget_output()  # if that is what cannot be written
             raise typer.Exit(meaning.status) from None
 
     return wrapped
@@ -122,7 +124,7 @@ def _flushed() -> Iterator[None]:
         sys.stdout.flush()
 
 
-def _forget_output() -> None:
+def forget_output() -> None:
     """Let nobody try to write the rest of the output to a closed pipe."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
@@ -159,7 +161,7 @@ def _print_json(error: BaseException, meaning: _Meaning) -> None:
         "message": shortened(meaning.message, MAX_MESSAGE),
         "exit_status": meaning.status,
     }
-    with contextlib.suppress(BrokenPipeError):
+    with contextlib.suppress(OSError):  # which may be what happened
         typer.echo(json.dumps(facts, indent=2))
 
 
@@ -167,5 +169,5 @@ def _say(word: str, message: str, color: str) -> None:
     """Print ``word: message`` on stderr, the word in colour if that is a terminal."""
     first, *rest = shortened(message, MAX_MESSAGE).splitlines() or [""]
     lines = [f"{typer.style(word, fg=color, bold=True)}: {first}", *(f"  {line}" for line in rest)]
-    with contextlib.suppress(BrokenPipeError):  # nobody reads it; the exit status tells
+    with contextlib.suppress(OSError):  # nobody reads it; the exit status tells
         typer.echo("\n".join(lines), err=True, color=None if sys.stderr.isatty() else False)
