@@ -23,6 +23,7 @@ from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solving import solve
 from mbocp.view.live.scene import LiveScene, viser_module
+from mbocp.view.live.server import page_server
 from mbocp.view.marks import marks_of
 from mbocp.view.motion import Motion, sample_motion
 
@@ -109,15 +110,13 @@ class Live:
         rate: float = 20.0,
         time_limit: float = 2.0,
     ) -> None:
-        viser = viser_module()
         self._asked, self._lock = problem, threading.RLock()
         self.answer = Answer(
             Wish(), problem, solution, solution.wall_time_s, "" if solution.converged else solution.advice
         )
         self._problem, self._solution, self._wish = problem, solution, Wish()
         self._q_goal = np.array(problem.goal.q if problem.goal.says_where else solution.qs[-1])
-        with contextlib.redirect_stdout(io.StringIO()):  # it announces itself there
-            self._server = viser.ViserServer(host=host, port=port, label=problem.name, verbose=False)
+        self._server = page_server(host, port, problem.name)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         self._scene = LiveScene(
             self._server, problem.robot, self._motion(), goals=_fixed_goals(problem), marks=marks_of(problem)

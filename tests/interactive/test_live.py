@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,11 +14,14 @@ from mbocp.exceptions import ReplayError
 from mbocp.problem import Problem
 from mbocp.robot import load_robot
 from mbocp.view.live import scene as live_scene
+from mbocp.view.live.server import is_own_page
 from tests.view.pages import angles, write_arm
 
 viser = pytest.importorskip("viser", reason="viser is not installed: pip install 'mbocp[live]'")
 msgspec = pytest.importorskip("msgspec")
 websockets = pytest.importorskip("websockets.sync.client")
+
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
 import mbocp  # noqa: E402
 from mbocp.interactive import Live, Wish  # noqa: E402
@@ -260,3 +265,46 @@ def test_drawn_triangles_are_those_of_the_shapes():
         assert piece.opacity == 0.5
         a, b, c = (piece.vertices[piece.faces[:, k]] for k in range(3))
         assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0.0  # faces look outwards
+
+
+@pytest.mark.parametrize(
+    ("asked", "origin", "is_own"),
+    [
+        ("127.0.0.1:8080", None, True),  # no browser
+        ("127.0.0.1:8080", "http://127.0.0.1:8080", True),
+        ("localhost:9999", "http://localhost:9999", True),  # through a tunnel
+        ("[::1]:8080", "http://[::1]:8080", True),
+        ("robots.example:8080", "http://robots.example:8080", True),  # as --host says
+        ("127.0.0.1:8080", "http://evil.example", False),
+        ("127.0.0.1:8080", "http://127.0.0.1:80", False),
+        ("127.0.0.1:8080", "null", False),
+        ("127.0.0.1:8080", "", False),
+        ("evil.example:8080", "http://evil.example:8080", False),  # a name that was made to stand for us
+        ("evil.example:8080", None, False),
+        ("[:8080", None, False),
+        ("", None, False),
+    ],
+)
+def test_own_pages(asked, origin, is_own):
+    assert is_own_page(asked, origin, "robots.example") == is_own
+
+
+def test_other_pages_are_refused(page):
+    address, protocols = page.url.replace("http", "ws", 1), [f"viser-v{viser.__version__}"]
+    for origin in ("http://evil.example", "null"):
+        with pytest.raises(InvalidStatus, match="403"):
+            websockets.connect(address, subprotocols=protocols, origin=origin)
+    with websockets.connect(address, subprotocols=protocols, origin=page.url, max_size=None) as own:
+        assert own.recv(timeout=WAIT)
+
+
+def test_garbled_frames_end_their_connection_without_a_word(page, capfd):
+    address, protocols = page.url.replace("http", "ws", 1), [f"viser-v{viser.__version__}"]
+    for frame in (b"\xff\xff\xff", b"", "text", b"\x93\x01", b"\x81\xa4type\xa5nosuc"):
+        with websockets.connect(address, subprotocols=protocols, max_size=None) as socket:
+            socket.send(frame)
+            with pytest.raises(ConnectionClosed):
+                deque(iter(partial(socket.recv, timeout=WAIT), None))
+    with Browser(page):
+        pass
+    assert capfd.readouterr() == ("", "")

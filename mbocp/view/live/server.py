@@ -1,0 +1,106 @@
+"""viser's server, for its own page alone.
+
+A browser lets any page open a WebSocket to this machine. viser takes them all, and has no option for it, so
+that what it asks of `websockets` is completed while it starts: who comes from another page, or by a name that
+may stand for any machine, is refused. Frames in the wrong form end their connection without a word.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http
+import io
+import ipaddress
+import logging
+import socket
+from collections.abc import Callable, Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+from mbocp.exceptions import ReplayError
+from mbocp.view.live.scene import viser_module
+
+__all__ = ["is_own_page", "page_server"]
+
+_FOREIGN = "This page is for the browser that opened it.\n"
+
+
+def page_server(host: str, port: int, label: str) -> Any:
+    """Start viser's server at an address, and the first free port from one on.
+
+    Raises
+    ------
+    ReplayError
+        If it does not start as viser 1 does, and would take pages of others.
+    """
+    viser = viser_module()
+    with contextlib.redirect_stdout(io.StringIO()), _guarded(host) as guards:  # it announces itself there
+        server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
+    if not guards:
+        server.stop()
+        raise ReplayError("live view: this version of viser is not known: pip install 'mbocp[live]'")
+    return server
+
+
+def is_own_page(asked: str, origin: str | None, host: str = "localhost") -> bool:
+    """Whether a request comes from the page that it goes to.
+
+    Parameters
+    ----------
+    asked : str
+        Name, or address, and port to which it goes.
+    origin : str, optional
+        Page from which it comes, where a browser sends it.
+    host : str
+        A further name of this machine. Names beside it, "localhost" and the machine's own may be made to
+        stand for it by those who own them.
+    """
+    try:
+        name = urlsplit(f"//{asked}").hostname or ""
+        page = None if origin is None else urlsplit(origin).netloc
+    except ValueError:
+        return False
+    if not (_is_address(name) or name in ("localhost", socket.gethostname().lower(), host.lower())):
+        return False
+    return page is None or page.lower() == asked.lower()
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def _guarded(name: str) -> Iterator[list[Callable[..., Any]]]:
+    """Let servers of `websockets` that are started meanwhile look at requests; those that do so."""
+    import websockets.asyncio.server as module
+
+    serve, guards = module.serve, list[Callable[..., Any]]()
+
+    def guarded_serve(*args: Any, process_request: Any = None, **options: Any) -> Any:
+        def guard(connection: Any, request: Any) -> Any:
+            host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
+            if not is_own_page(host, origin, name):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, _FOREIGN)
+            return process_request(connection, request) if process_request is not None else None
+
+        guards.append(guard)
+        return serve(*args, process_request=guard, **{"logger": _silent(), **options})
+
+    module.serve = guarded_serve  # type: ignore[misc,assignment]
+    try:
+        yield guards
+    finally:
+        module.serve = serve  # type: ignore[misc]
+
+
+def _silent() -> logging.Logger:
+    """A logger that prints nothing unless somebody listens to it."""
+    logger = logging.getLogger("mbocp.live")
+    if not logger.handlers:
+        logger.addHandler(logging.NullHandler())
+    logger.propagate = False
+    return logger
