@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, RobotFileError
+from mbocp.robot.loading.sources import Kind
 from mbocp.robot.loading.unpacked import LIST, PREFIX
 
 __all__ = ["RobotFiles", "StoredFile", "digest_of"]
@@ -34,11 +35,21 @@ class _Row(BaseModel):
 
 
 def _within(path: str) -> str:
-    """Refuse what would be written outside of the folder."""
+    """Refuse what would be written outside of the folder, or cannot be the name of a file."""
     parts = PurePosixPath(path).parts
-    if not parts or path.startswith("/") or "\\" in path or "\0" in path or {"..", "."} & set(parts):
+    is_odd = path.startswith("/") or "\\" in path or "\0" in path or not _is_name(path)
+    if not parts or is_odd or {"..", "."} & set(parts):
         raise ValueError(f"got {shown(path)}, expected a path within the folder")
     return path
+
+
+def _is_name(path: str) -> bool:
+    """Whether files can be called so: a half of a character of two, as JSON may have, is no name."""
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 class StoredFile(_Row):
@@ -72,7 +83,7 @@ class _Example(_Row):
 class _Source(_Row):
     asked: str
     within: str
-    kind: str
+    kind: Kind
     name: str
     address: str
     path: str

@@ -286,12 +286,20 @@ def test_the_folder_lives_as_long_as_the_robot(place: Path) -> None:
     assert not folder.exists()
 
 
-@pytest.mark.parametrize("path", ["../out.stl", "/tmp/out.stl", "files/../../out", "", "a\\b"])
+@pytest.mark.parametrize("path", ["../out.stl", "/tmp/out.stl", "files/../../out", "", "a\\b", "\ud800"])
 def test_nothing_is_written_outside_of_the_folder(place: Path, path: str) -> None:
     files = gather(load_robot(place / "robots").spec)
     listed = json.loads(json.dumps(files.listed))
     listed["files"][0]["path"] = path
     with pytest.raises(InvalidValue, match="path within the folder"):
+        RobotFiles(listed, files.contents)
+
+
+def test_a_source_of_no_kind_is_refused(place: Path) -> None:
+    files = gather(load_robot(place / "robots").spec)
+    listed = json.loads(json.dumps(files.listed))
+    listed["sources"][0]["kind"] = "\ud800"
+    with pytest.raises(InvalidValue, match="kind"):
         RobotFiles(listed, files.contents)
 
 

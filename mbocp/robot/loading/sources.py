@@ -27,15 +27,15 @@ from mbocp.robot.loading import chain, examples
 from mbocp.robot.loading.schema import read_robot_toml
 from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
-__all__ = ["RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
+__all__ = ["Kind", "RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
 
 TOML = "robot.toml"
 YAML = "robot.yaml"
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"
 _FILE_ENDINGS = (".urdf", ".xml", ".toml", ".yaml", ".xacro")
 
-_Kind: TypeAlias = Literal["toml", "yaml", "urdf", "chain", "example"]
-_FILES: dict[_Kind, str] = {"toml": TOML, "yaml": YAML}  # the first of them in a folder
+Kind: TypeAlias = Literal["toml", "yaml", "urdf", "chain", "example"]
+_FILES: dict[Kind, str] = {"toml": TOML, "yaml": YAML}  # the first of them in a folder
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Source:
     example-robot-data says of it, where that was stored.
     """
 
-    kind: _Kind
+    kind: Kind
     name: str
     address: str
     path: Path
