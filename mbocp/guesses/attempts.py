@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import chain
 
-from mbocp.exceptions import ProblemError
+from mbocp.exceptions import CompilationTimeout, ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
 from mbocp.guesses.kinds import none_made
@@ -61,10 +61,14 @@ def solve_from_guesses(
     for attempt, (kind, make) in enumerate(chain(in_turn, last)):
         try:
             with timed(phases, "guess"):
-                iterate, words = make()
+                iterate, words = make(deadline)
         except ProblemError as error:
             failed[kind] = error  # no reason to give up on the others
             continue
+        except CompilationTimeout:
+            if best is None:
+                raise
+            break
         except KeyboardInterrupt:
             if best is None:
                 raise  # there is nothing to return yet

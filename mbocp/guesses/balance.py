@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.mechanisms.closed_path import constraint_jacobians
 from mbocp.problem.timeline.switches import SwitchTable
+from mbocp.programme.compiler import check_deadline
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
 
 __all__ = ["balance", "balances", "required_force"]
+
+_T = TypeVar("_T")
 
 
 def required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
@@ -21,13 +28,23 @@ def required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
 
 def balances(
-    robot: Robot, qs: Array, vs: Array, accelerations: Array, table: SwitchTable | None = None
+    robot: Robot,
+    qs: Array,
+    vs: Array,
+    accelerations: Array,
+    table: SwitchTable | None = None,
+    deadline: float = math.inf,
 ) -> tuple[Array, Array]:
     """Controls and multipliers that balance the inverse dynamics best along a motion.
 
     With a table the multipliers of what is held follow those of the robot; those of impacts are zero.
+
+    Raises
+    ------
+    CompilationTimeout
+        If the deadline, a time of `time.perf_counter`, passes.
     """
-    motion = zip(qs, vs, accelerations, strict=True)
+    motion = _in_time(zip(qs, vs, accelerations, strict=True), deadline)
     if table is not None:
         rows = table.along(qs, constraint_jacobians(robot, qs)) * ~table.is_impact[:, None, None]
         balanced = [balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
@@ -40,6 +57,13 @@ def balances(
     forces = np.array([pin.rnea(robot.model, data, *at).copy() for at in motion])
     us: Array = np.linalg.lstsq(columns, forces.T, rcond=None)[0].T
     return np.ascontiguousarray(us), np.zeros((len(qs), 0))
+
+
+def _in_time(values: Iterable[_T], deadline: float) -> Iterator[_T]:
+    """Values one by one, while there is time: long horizons have many."""
+    for value in values:
+        check_deadline(deadline, "the guess was made")
+        yield value
 
 
 def balance(robot: Robot, q: Array, v: Array, a: Array, dPhi_dq: Array) -> tuple[Array, Array]:

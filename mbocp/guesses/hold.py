@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mbocp.formulation import Formulation, Motion, given_lengths
@@ -25,9 +27,9 @@ def can_hold(problem: Problem) -> bool:
     return bool(np.abs(left).max(initial=0.0) <= _EQUILIBRIUM * (1.0 + np.abs(wanted).max(initial=0.0)))
 
 
-def hold(formulation: Formulation) -> Iterate:
+def hold(formulation: Formulation, deadline: float = math.inf) -> Iterate:
     """Stay at the start, with the controls and multipliers that come nearest to balancing it."""
     problem, N = formulation.problem, formulation.problem.num_steps
     qs, vs = np.tile(problem.q_start, (N + 1, 1)), np.zeros((N + 1, problem.robot.nv))
-    us, lams = balances(problem.robot, qs[1:], vs[1:], vs[1:], problem.switches)
+    us, lams = balances(problem.robot, qs[1:], vs[1:], vs[1:], problem.switches, deadline)
     return formulation.iterate_of(Motion(qs, vs, us, given_lengths(problem)), lams)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -47,13 +48,15 @@ def kinds_in_turn(problem: Problem) -> Iterator[str]:
     yield "control"
 
 
-def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
+def plain_guess(kind: str, formulation: Formulation, deadline: float = math.inf) -> tuple[Iterate, str]:
     """Iterate of "control", "line", "way", "at_rest" or "hold", and words that say what was taken.
 
     Raises
     ------
     ProblemError
         If the forward simulation with a constant control fails.
+    CompilationTimeout
+        If the deadline, a time of `time.perf_counter`, passes.
     """
     problem = formulation.problem
     if kind == "control":
@@ -63,14 +66,14 @@ def plain_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
         return at_rest(formulation), "straight line in the configuration space, nothing moves"
     if kind == "hold":
         how = "" if can_hold(problem) else " as far as the controls can"
-        return hold(formulation), f"hold the start, gravity compensated{how}"
+        return hold(formulation, deadline), f"hold the start, gravity compensated{how}"
     given = given_way(problem)
     way = given or around(problem)
     words = "straight line in the configuration space" if way is None else "a way around obstacles"
     words = words if given is None else "straight lines through the configurations of guess.q"
     if problem.robot.drives:
         return driven_line(formulation, way), words
-    return line(formulation, way), f"{words}, inverse dynamics"
+    return line(formulation, way, deadline), f"{words}, inverse dynamics"
 
 
 def none_made(failed: Mapping[str, ProblemError]) -> ProblemError:

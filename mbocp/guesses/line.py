@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -52,14 +53,14 @@ def _allowed(problem: Problem) -> Array:
     return null_space(table.in_step(problem.goal.q, table.last_timed), RANK_TOLERANCE)
 
 
-def line(formulation: Formulation, way: Way | None = None) -> Iterate:
+def line(formulation: Formulation, way: Way | None = None, deadline: float = math.inf) -> Iterate:
     """Straight line from start to goal, or another way, with the controls that this takes."""
     problem = formulation.problem
     qs, vs = _line_states(formulation, way)
     dts = given_lengths(problem)
     accelerations = np.diff(vs, axis=0) / filled_lengths(problem, dts)[:, None]
     points = formulation.evaluation_points(qs, vs, dts)
-    us, lams = balances(problem.robot, *points, accelerations, problem.switches)
+    us, lams = balances(problem.robot, *points, accelerations, problem.switches, deadline)
     return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
 
 

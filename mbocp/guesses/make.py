@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
 from mbocp.formulation import Formulation
 from mbocp.guesses.kinds import plain_guess
@@ -11,13 +13,15 @@ from mbocp.solution import Solution
 __all__ = ["make_guess"]
 
 
-def make_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
+def make_guess(kind: str, formulation: Formulation, deadline: float = math.inf) -> tuple[Iterate, str]:
     """Iterate of the given kind, and words that say what was taken.
 
     Raises
     ------
     ProblemError
         If the forward simulation with a constant control fails, or a saved solution does not fit.
+    CompilationTimeout
+        If the deadline, a time of `time.perf_counter`, passes.
     """
     if kind == "joint":
         from mbocp.guesses.from_joints import from_joints  # solves another problem first
@@ -25,7 +29,7 @@ def make_guess(kind: str, formulation: Formulation) -> tuple[Iterate, str]:
         return from_joints(formulation)
     if kind == "solution":
         return _from_file(formulation)
-    return plain_guess(kind, formulation)
+    return plain_guess(kind, formulation, deadline)
 
 
 def _from_file(formulation: Formulation) -> tuple[Iterate, str]:

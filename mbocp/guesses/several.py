@@ -56,7 +56,7 @@ def solve_from_starts(
         tasks = [
             _Task(formulation, guess, place)
             for place, formulation in members
-            for guess in start_guesses(formulation, warm_start)
+            for guess in start_guesses(formulation, warm_start, deadline)
         ]
     clock = time.perf_counter()
     threads = members[0][1].problem.solver.num_threads

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -38,7 +39,7 @@ _MAX_AROUND = 3  # other ways around obstacles, where one start alone fails
 _MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried
 
 Warm: TypeAlias = Solution | Rest | Carried | None  # where to start; None: from the guess
-_Maker = Callable[[], tuple[Iterate, str]]
+_Maker = Callable[[float], tuple[Iterate, str]]  # of a deadline
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ class StartGuess:
     iterate: Iterate
 
 
-def start_guesses(formulation: Formulation, warm_start: Warm) -> list[StartGuess]:
+def start_guesses(formulation: Formulation, warm_start: Warm, deadline: float = math.inf) -> list[StartGuess]:
     """As many guesses as the problem asks for, `solver.starts`, or as can be made.
 
     First the warm start or the problem's own guess, then lines to other configurations with frames at the
@@ -75,7 +76,7 @@ def start_guesses(formulation: Formulation, warm_start: Warm) -> list[StartGuess
     failed: dict[str, ProblemError] = {}
     for kind, make in _makers(formulation, warm_start):
         try:
-            iterate, words = make()
+            iterate, words = make(deadline)
         except ProblemError as error:
             if formulation.problem.guess.kind == kind:
                 raise
@@ -145,7 +146,7 @@ def _makers(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _
         yield "", partial(_along, formulation, words, way)
 
 
-def _warm(formulation: Formulation, start: Solution | Rest | Carried) -> tuple[Iterate, str]:
+def _warm(formulation: Formulation, start: Solution | Rest | Carried, deadline: float) -> tuple[Iterate, str]:
     if isinstance(start, Carried):
         return start.into(formulation.programme), "what came before"
     solution, at = (start.solution, start.at) if isinstance(start, Rest) else (start, None)
@@ -176,6 +177,7 @@ def _random_ways(formulation: Formulation) -> Iterator[tuple[str, Way]]:
         yield f"line through random configuration {number}", random_way(problem, rng)
 
 
-def _along(formulation: Formulation, words: str, way: Way) -> tuple[Iterate, str]:
-    make = driven_line if formulation.problem.robot.drives else line
-    return make(formulation, way), words
+def _along(formulation: Formulation, words: str, way: Way, deadline: float) -> tuple[Iterate, str]:
+    if formulation.problem.robot.drives:
+        return driven_line(formulation, way), words
+    return line(formulation, way, deadline), words

@@ -36,7 +36,7 @@ def test_where_no_guess_can_be_made_the_robot_stays_at_its_start() -> None:
 
 
 def test_an_error_says_why_each_guess_failed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(kind: str, _: object) -> None:
+    def fail(kind: str, *_: object) -> None:
         raise ProblemError(f"guess: no {kind} here")
 
     monkeypatch.setattr(starts, "make_guess", fail)

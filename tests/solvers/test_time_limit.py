@@ -13,7 +13,9 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import CompilationTimeout
-from mbocp.formulation import transcribe
+from mbocp.formulation import formulate, transcribe
+from mbocp.guesses import attempts
+from mbocp.guesses.make import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Status
 
@@ -53,7 +55,7 @@ def test_every_method_ends_with_what_it_has(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["monolithic", "ipopt"])
 def test_other_guesses_get_what_is_left(method: str) -> None:
-    """The first guess runs into its limit of iterations; the second has no time."""
+    """The first guess runs into its limit of iterations; the second is not made any more."""
     problem = mbocp.load_problem(
         EXAMPLES / "arms" / "ur5_reach.toml",
         ["integrator.scheme=se1", "horizon.steps=20", "solver.max_iterations=3", "solver.time_limit=0.4"],
@@ -61,9 +63,8 @@ def test_other_guesses_get_what_is_left(method: str) -> None:
     mbocp.solve(problem.with_(solver=replace(problem.solver, time_limit=None)), solver=method)
     s = mbocp.solve(problem, solver=method, callback=wait_at(3, 0.6))
     assert not s.converged
-    guesses = {r.phase for r in s.history}
-    assert len(guesses) == 2
-    assert s.iterations == 3  # and none from the second
+    assert {r.phase for r in s.history} == {method}
+    assert s.iterations == 3  # and none from another
 
 
 def test_phases_share_it() -> None:
@@ -91,6 +92,30 @@ def test_compiling_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(CompilationTimeout, match="time_limit passed while the C compiler ran"):
         mbocp.solve(pendulum("solver.time_limit=1"))
     assert time.perf_counter() - clock < 30
+
+
+def test_a_guess_of_many_steps_looks_at_the_clock() -> None:
+    """A horizon of 20,000 steps takes seconds for it."""
+    formulation = formulate(pendulum())
+    for kind in ("line", "hold"):
+        assert make_guess(kind, formulation, time.perf_counter() + 60.0)
+        with pytest.raises(CompilationTimeout, match="passed while the guess was made"):
+            make_guess(kind, formulation, time.perf_counter() - 1.0)
+
+
+def test_a_later_guess_without_time_does_not_lose_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    def late(*_: object) -> None:
+        raise CompilationTimeout("the guess was made")
+
+    problem = mbocp.load_problem(
+        EXAMPLES / "arms" / "ur5_reach.toml",
+        ["integrator.scheme=se1", "horizon.steps=20", "solver.max_iterations=3", "solver.method=monolithic"],
+    )
+    real = attempts.guesses_in_turn
+    monkeypatch.setattr(attempts, "guesses_in_turn", lambda *given: [next(real(*given)), ("late", late)])
+    s = mbocp.solve(problem)
+    assert s.status is Status.MAX_ITERATIONS
+    assert s.iterations == 3
 
 
 def test_a_long_compilation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
