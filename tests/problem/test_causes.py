@@ -189,3 +189,83 @@ def test_what_is_damped_or_pushed_keeps_no_momentum(tmp_path, damping, actuated,
     assert any(cause.kind == "momentum" for cause in causes) is is_kept
     if is_kept:
         assert "nothing pushes cart along x" in causes[-1].words
+
+
+FLOATER = """<robot name="floater">
+  <link name="body"><inertial><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0.25 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="continuous"><parent link="body"/><child link="arm"/>
+    <origin xyz="0.1 0 0"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+def floats(folder, **words):
+    """A body with one link, which floats and falls."""
+    file = folder / "floater.urdf"
+    file.write_text(FLOATER)
+    return load_robot(str(file), free_flyer=True, **words)
+
+
+def test_a_goal_of_the_base_alone_is_out_of_reach_of_a_fall(tmp_path):
+    """By what the rest of the robot cannot make up for: its mass is at most 0.35 m / 3 from the base."""
+    there = {"q": {"root_joint": [1, 0, 0, 0, 0, 0, 1]}}
+    weightless = floats(tmp_path, gravity=[0, 0, 0])
+    (cause,) = causes_of(Problem.create(weightless, 1.0, 40, goal=there))
+    assert (cause.kind, cause.where, cause.is_certain) == ("fall", "root_joint", True)
+    c0 = 0.35 / 3.0
+    assert f"at least {1.0 - c0 - c0:.3g} m from where the goal has it" in cause.words
+    near = {"q": {"root_joint": [0.9 * 2.0 * c0, 0, 0, 0, 0, 0, 1]}}
+    assert causes_of(Problem.create(weightless, 1.0, 40, goal=near)) == ()
+
+
+@pytest.mark.parametrize("duration", [{}, {"duration": {"min": 0.5, "max": 2.0}}], ids=["given", "free"])
+def test_what_falls_is_not_at_rest(tmp_path, duration):
+    rest = {"q": {"shoulder": 1.0}, "v": 0}
+    words = {"duration": 1.0, "num_steps": 40} | duration
+    (cause, *_) = causes_of(Problem.create(floats(tmp_path), goal=rest, **words))
+    assert (cause.kind, cause.is_certain) == ("fall", True)
+    least = 9.81 * (0.5 if duration else 1.0)
+    assert f"at {least:.3g} m/s" in cause.words
+    thrown = {"start": {"v": [0, 0, 9.81, 0, 0, 0, 0]}}  # is at rest in place after a second
+    causes = causes_of(Problem.create(floats(tmp_path), 1.0, 40, goal=rest, **thrown))
+    assert not any(cause.kind == "fall" for cause in causes)
+
+
+TUG = """urdf = "floater.urdf"
+free_flyer = true
+lock = ["shoulder"]
+""" + "".join(
+    f"""[[actuator]]
+type = "thruster"
+frame = "body"
+name = "r{i}"
+position = [{x}, {y}, 0]
+torque_ratio = {0.02 * x * y}
+"""
+    for i, (x, y) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)])
+)
+
+
+@pytest.mark.parametrize(("load", "is_kept"), [("ball", True), ("floater", False)])
+def test_nothing_turns_a_ball_on_a_rod_that_ends_in_its_middle(tmp_path, load, is_kept):
+    """And the rod does turn a body that it holds beside its centre of mass."""
+    (tmp_path / "floater.urdf").write_text(FLOATER)
+    (tmp_path / "tug.toml").write_text(TUG)
+    what = {"mass": 0.3, "sphere": 0.06} if load == "ball" else {"robot": "tug.toml"}
+    rod = {"name": "cable", "type": "rod", "frames": ["tug/body", "load/body"], "length": 0.8}
+    places = {"tug": [0, 0, 1.5, 0, 0, 0, 1], "load": [0, 0, 0.7, 0, 0, 0, 1]}
+    world = {
+        "part": [{"name": "tug", "robot": "tug.toml"}, {"name": "load", **what}],
+        "constraint": [rod],
+        "initial": {"q": places},
+    }
+    problem = Problem.create(
+        world, 2.0, 20, start={"q": places}, goal={"v": {"tug": 0, "load": 0}}, folder=tmp_path
+    )
+    found = [cause.words for cause in causes_of(problem) if cause.kind == "momentum"]
+    assert bool(found) is is_kept
+    if is_kept:
+        assert found[0].startswith("nothing turns load about x, about y and about z")
+        assert "load/root_joint.wx, load/root_joint.wy and load/root_joint.wz out of goal.v" in found[0]

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.problem.first_motion import holding_controls
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
+from mbocp.problem.reasons.fall_causes import fall_causes
 from mbocp.problem.reasons.least_time import least_time
 from mbocp.problem.reasons.momentum_causes import momentum_causes
 from mbocp.problem.reasons.place_causes import place_causes
@@ -64,7 +64,7 @@ def causes_of(problem: Problem) -> tuple[Cause, ...]:
     """
     member = problem.members[0][1]
     found = [cause for leg in _legs(member) for cause in _of_leg(member, leg)]
-    found += [*_weights(member), *_falls(member), *momentum_causes(member), *place_causes(member)]
+    found += [*_weights(member), *fall_causes(member), *momentum_causes(member), *place_causes(member)]
     worst: dict[tuple[str, str], Cause] = {}
     for cause in sorted(found, key=lambda c: (not c.is_certain, -c.excess)):
         worst.setdefault((cause.kind, cause.where), cause)
@@ -218,35 +218,6 @@ def _weights(problem: Problem) -> Iterator[Cause]:
                 f"{max(has, 0.0):.4g} {label.unit}"
             )
             yield Cause("weight", label.name, line, False, float(over[i]))
-
-
-def _falls(problem: Problem) -> Iterator[Cause]:
-    """A floating robot that nothing holds or pushes: its centre of mass flies on a parabola."""
-    robot, goal = problem.robot, problem.goal
-    roots = [j for j in range(1, robot.model.njoints) if robot.model.parents[j] == 0]
-    if len(roots) != 1 or joint_kind(robot.model, roots[0]).word != "floating" or problem.duration_range:
-        return
-    own = robot.model.joints[roots[0]]
-    where = slice(own.idx_v, own.idx_v + own.nv)
-    is_pushed = robot.actuation.frame_actuators or robot.actuation.selection[where].any()
-    is_held = robot.nc or robot.forces or robot.drives or problem.switches is not None or problem.phase
-    if is_pushed or is_held or not (goal.is_exact and goal.q_active.all()) or problem.start_free is not None:
-        return
-    T, data = problem.duration, robot.model.createData()
-    pin.centerOfMass(robot.model, data, np.array(problem.q_start), np.array(problem.v_start))
-    c0, rate = data.com[0].copy(), data.vcom[0].copy()
-    c1 = pin.centerOfMass(robot.model, data, np.array(goal.q)).copy()
-    flown = c0 + rate * T + 0.5 * np.array(robot.model.gravity.linear) * T**2
-    # Steps of first order miss the parabola by half a step.
-    slack = float(np.linalg.norm(robot.model.gravity.linear)) * T * problem.dt + 1e-6
-    missed = float(np.linalg.norm(c1 - flown))
-    if missed > slack:
-        root = robot.model.names[roots[0]]
-        line = (
-            f"nothing pushes the base of {robot.name} ({root} has no motor): its centre of mass flies on its "
-            f"own, and is {missed:.3g} m from where the goal has it after {T:.4g} s"
-        )
-        yield Cause("fall", robot.model.names[roots[0]], line, True, 1.0 + missed)
 
 
 def _steps(problem: Problem, leg: _Leg) -> Iterator[Cause]:

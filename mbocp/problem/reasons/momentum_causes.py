@@ -4,7 +4,8 @@ A symmetry X(q) of a robot, see `mbocp.mechanics.symmetries`, along which neithe
 losses of joints act has a constant momentum :math:`P = X(q)^T M(q)\,v`: that of a passive base that slides
 and turns on a plane, for one. So a goal at rest contradicts a momentum at the start; or it asks for what
 holds by itself, and its rows depend on those of the steps, which leaves the equations singular. A centre of
-mass whose momentum stays goes where that takes it.
+mass whose momentum stays goes where that takes it. Floating bodies keep their spins about their own centres
+of mass, too, where nothing turns them, see `mbocp.mechanics.symmetries.spins`.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.mechanics.symmetries.fields import Symmetry
+from mbocp.mechanics.symmetries.spins import Spin, spins_of
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
 from mbocp.robot import Robot
@@ -32,9 +34,9 @@ _SLACK, _SHARE = 1e-3, 0.01  # [m], and of the way: what steps of first order mi
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """A symmetry whose momentum stays what it is at the start."""
+    """A symmetry or a spin whose momentum stays what it is at the start."""
 
-    symmetry: Symmetry
+    symmetry: Symmetry | Spin
     momentum: float
 
     @property
@@ -44,8 +46,15 @@ class _Kept:
     @property
     def words(self) -> str:
         """Along or about which axis."""
+        if isinstance(self.symmetry, Spin):
+            return f"about {self.symmetry.axis}"
         name: str = self.symmetry.name
         return name.removeprefix("translation ").removeprefix("rotation ")
+
+    def nothing_moves(self, robot: Robot) -> str:
+        """The beginning of a sentence, before the axis."""
+        is_spin = isinstance(self.symmetry, Spin)
+        return f"nothing turns {self.symmetry.owner}" if is_spin else f"nothing pushes {robot.name}"
 
     @property
     def unit(self) -> str:
@@ -65,14 +74,14 @@ def momentum_causes(problem: Problem) -> Iterator[Cause]:
     for one in asked:
         if abs(one.momentum) > _ZERO * scale:
             line = (
-                f"nothing pushes {robot.name} {one.words}: its momentum of {one.momentum:.3g} {one.unit} "
+                f"{one.nothing_moves(robot)} {one.words}: its momentum of {one.momentum:.3g} {one.unit} "
                 "stays, and the goal has it at rest"
             )
             yield Cause("momentum", one.symmetry.name, line, True, 1.0 + abs(one.momentum) / scale)
     yield from _misplaced(problem, kept)
     still = [one for one in asked if abs(one.momentum) <= _ZERO * scale]
-    if still:
-        yield _asked_twice(problem, still)
+    for beginning in dict.fromkeys(one.nothing_moves(robot) for one in still):
+        yield _asked_twice(problem, [one for one in still if one.nothing_moves(robot) == beginning])
 
 
 def _asked_twice(problem: Problem, still: Sequence[_Kept]) -> Cause:
@@ -80,16 +89,26 @@ def _asked_twice(problem: Problem, still: Sequence[_Kept]) -> Cause:
     robot, rate = problem.robot, problem.goal.rate
     moved = np.max([np.abs(one.symmetry.generator(_poses(problem))).max(axis=0) for one in still], axis=0)
     driven = np.abs(robot.actuation_matrix(problem.q_start)).max(axis=1) > 0.0
-    passive = (moved > 0.0) & ~driven
-    joints_moved = [j for j in list(robot.model.joints)[1:] if passive[j.idx_v : j.idx_v + j.nv].any()]
-    names = [robot.model.names[joint.id] for joint in joints_moved]
-    axes, joints = _listed([one.words for one in still]), _listed(names)
+    passive = (moved > _ZERO * moved.max()) & ~driven
+    axes, moved_names = _listed([one.words for one in still]), _listed(_names(robot, passive))
     line = (
-        f"nothing pushes {robot.name} {axes}: its momentum stays zero there, so that rest at the end holds "
-        f"by itself, and a goal.{rate} that asks for it makes the equations singular; leave {joints} out of "
-        f"goal.{rate}"
+        f"{still[0].nothing_moves(robot)} {axes}: its momentum stays zero there, so that rest at the end "
+        f"holds by itself, and a goal.{rate} that asks for it makes the equations singular; leave "
+        f"{moved_names} out of goal.{rate}"
     )
-    return Cause("momentum", joints, line, False, 1.0)
+    return Cause("momentum", moved_names, line, False, 1.0)
+
+
+def _names(robot: Robot, moved: BoolArray) -> list[str]:
+    """Joints, and of those that are moved in part their velocities."""
+    names: list[str] = []
+    for joint in list(robot.model.joints)[1:]:
+        own = slice(joint.idx_v, joint.idx_v + joint.nv)
+        if moved[own].all():
+            names.append(robot.model.names[joint.id])
+        else:
+            names += [robot.v_labels[i].name for i in range(own.start, own.stop) if moved[i]]
+    return names
 
 
 def _misplaced(problem: Problem, kept: Sequence[_Kept]) -> Iterator[Cause]:
@@ -123,23 +142,27 @@ def _kept(problem: Problem) -> Iterator[_Kept]:
     losses = np.zeros(robot.nv, dtype=np.bool_)
     for resistance in robot.resistances:
         losses[resistance.dof] |= resistance.damping > 0.0 or resistance.friction > 0.0
-    for symmetry in find_symmetries(robot):
+    known = set()
+    for symmetry in (*find_symmetries(robot), *spins_of(robot)):
+        turns = tuple(symmetry.twist[3:]), symmetry.joints
         fields = symmetry.generator(qs)
-        if (fields[:, losses] != 0.0).any() or any(
-            _acts(robot, q, field) for q, field in zip(qs, fields, strict=True)
-        ):
+        if (isinstance(symmetry, Spin) and turns in known) or (fields[:, losses] != 0.0).any():
             continue
+        if any(_acts(robot, q, field) for q, field in zip(qs, fields, strict=True)):
+            continue
+        known.add(turns)
         first = fields[0] @ robot.mass_matrix(problem.q_start) @ problem.v_start
         yield _Kept(symmetry, float(first))
 
 
 def _acts(robot: Robot, q: Array, field: Array) -> bool:
-    """Whether controls or gravity act along a field of velocities."""
-    controls = robot.actuation_matrix(q)
-    gravity = pin.computeGeneralizedGravity(robot.model, working_data(robot.model), q)
-    along = [np.abs(field @ controls).max(initial=0.0), abs(float(field @ gravity))]
-    sizes = [np.abs(controls).max(initial=1.0), np.abs(gravity).max(initial=1.0)]
-    return any(a > _ZERO * size for a, size in zip(along, sizes, strict=True))
+    """Whether controls, gravity or constraints act along a field of velocities."""
+    forces = (
+        robot.actuation_matrix(q).T,
+        pin.computeGeneralizedGravity(robot.model, working_data(robot.model), q),
+        robot.closure_jacobian(q),
+    )
+    return any(np.abs(f @ field).max(initial=0.0) > _ZERO * np.abs(f).max(initial=1.0) for f in forces)
 
 
 def _asks_for_rest(problem: Problem, one: _Kept) -> bool:
