@@ -11,11 +11,16 @@ import pytest
 
 import mbocp
 from mbocp._linear import norm
-from mbocp.formulation import formulate
+from mbocp.formulation import Formulation, formulate
 from mbocp.guesses import make_guess
-from mbocp.solvers import GlobalisedNewton, NewtonState
+from mbocp.solvers import GlobalisedNewton, NewtonState, Status
 from mbocp.solvers.newton_method.newton import is_resolved
-from mbocp.solvers.newton_method.round_off import relative_increment, relative_residual, round_off
+from mbocp.solvers.newton_method.round_off import (
+    relative_increment,
+    relative_residual,
+    round_off,
+    round_off_of_terms,
+)
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -24,14 +29,20 @@ PAPER = Path(__file__).parents[2] / "examples" / "paper"
 
 def solved(name: str, settings: dict[str, Any]) -> tuple[mbocp.Problem, NewtonState]:
     problem = mbocp.load_problem(PAPER / f"{name}.toml", settings)
-    formulation = formulate(problem)
+    state, _ = newton(formulate(problem), problem.guess.kind if problem.guess.kind != "auto" else "line")
+    return problem, state
+
+
+def newton(formulation: Formulation, guess: str) -> tuple[NewtonState, list[float]]:
+    """Where Newton's method ends, and the costs on its way."""
     programme = formulation.programme
-    iterate, _ = make_guess(problem.guess.kind if problem.guess.kind != "auto" else "line", formulation)
+    iterate, _ = make_guess(guess, formulation)
     solver = GlobalisedNewton(control_weight=programme.control_weight)
-    state = solver.init(programme, iterate)
+    state, costs = solver.init(programme, iterate), []
     while solver.terminate(state) is None:
         state = solver.step(state)
-    return problem, state
+        costs.append(state.evaluation.cost)
+    return state, costs
 
 
 def test_a_problem_of_large_numbers_is_solved_to_round_off() -> None:
@@ -123,6 +134,34 @@ def test_residuals_above_the_tolerance_are_never_at_rest() -> None:
     assert GlobalisedNewton().terminate(state) is None
 
 
+def chain(links: int, length: float, mass: float) -> str:
+    """Links on hinges about one axis, as a URDF."""
+    own = mass * length**2 / 12.0
+    text = '<robot name="chain"><link name="base"/>'
+    for i in range(links):
+        before, down = ("base", 0.0) if i == 0 else (f"l{i - 1}", -length)
+        text += f"""<link name="l{i}"><inertial><origin xyz="0 0 {-length / 2}"/><mass value="{mass}"/>
+          <inertia ixx="{own}" iyy="{own}" izz="{own}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+          <joint name="j{i}" type="continuous"><parent link="{before}"/><child link="l{i}"/>
+          <origin xyz="0 0 {down}"/><axis xyz="0 1 0"/></joint>"""
+    return text + "</robot>"
+
+
+def test_a_chain_ends_where_its_terms_leave_round_off(tmp_path: Path) -> None:
+    """Its terms are many times its multipliers: the residual stays above the tolerance, the motion rests."""
+    (tmp_path / "chain.urdf").write_text(chain(16, 0.2, 1.0))
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, 16)
+    goal = {"q": list(q), "v": 0}
+    problem = mbocp.Problem.create(str(tmp_path / "chain.urdf"), 1.0, 20, goal=goal, scheme="gauss2")
+    state, costs = newton(formulate(problem), "line")
+    native, e = state.native, state.evaluation
+    assert GlobalisedNewton().terminate(state) is Status.CONVERGED
+    assert state.iteration <= 12
+    assert np.ptp(costs[-3:]) < 1e-12 * costs[-1]
+    assert e.residual > max(1e-9, *round_off(native))
+    assert e.residual < max(round_off_of_terms(native, e)) < 1e-10 * np.linalg.norm(native.m)
+
+
 def stub(size: float, step: float) -> Any:
     """What a kernel programme shows, with multipliers of one size and a last step of another."""
     unit = np.array([1.0, 0.0])
@@ -138,6 +177,10 @@ def stub(size: float, step: float) -> Any:
         dy=np.zeros(0),
         dm=step * unit,
         deta=np.zeros(1),
+        slack=np.zeros(0),
+        z_lower=np.zeros(0),
+        z_upper=np.zeros(0),
+        evaluate=lambda: SimpleNamespace(primal=0.0, dual=0.0),
     )
 
 

@@ -71,8 +71,8 @@ from mbocp.solvers.newton_method.shift import MAX_SHIFT, bold, careful
 from mbocp.solvers.newton_method.stopping import (
     STILL,
     has_arrived,
-    is_round_off,
     is_within_round_off,
+    leads_no_farther,
     stillness,
 )
 from mbocp.solvers.records import Status
@@ -223,7 +223,7 @@ class GlobalisedNewton:
                     break
                 if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
                     return state._replace(increment=direction.increment)  # round-off hides any decrease
-                if shift == 0.0 and is_round_off(state, direction.increment, self.tolerance):
+                if shift == 0.0 and leads_no_farther(state, direction.increment, self.tolerance):
                     return state._replace(increment=direction.increment, still=STILL)
             attempts += 1
             if is_indefinite:

@@ -248,13 +248,17 @@ def next_state(
     )
 
 
-def is_resolved(state: NewtonState, tolerance: float) -> bool:
-    """Whether round-off is above the tolerance, and residual and increment are no more than that allows."""
+def is_resolved(state: NewtonState, tolerance: float, allowed: tuple[float, float] | None = None) -> bool:
+    """Whether round-off is above the tolerance, and residual and increment are no more than that allows.
+
+    `allowed`: what round-off may leave of the residual's parts; None: as the unknowns' sizes have it.
+    """
     native = state.native
+    allowed = allowed or round_off(native)
     return (
         math.isfinite(state.increment)
-        and max(round_off(native)) > tolerance
-        and relative_residual(native, state.evaluation, tolerance) <= tolerance
+        and max(allowed) > tolerance
+        and relative_residual(allowed, state.evaluation, tolerance) <= tolerance
         and relative_increment(native) <= tolerance
     )
 

@@ -17,7 +17,7 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.newton_method.limits import largest_product, resumed, why_limits_cannot_be_kept
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton
 from mbocp.solvers.newton_method.newton import NewtonState
-from mbocp.solvers.newton_method.round_off import has_a_say, relative_residual
+from mbocp.solvers.newton_method.round_off import has_a_say, relative_residual, round_off
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.strategies.iterating import SolverResult, StopTest
 
@@ -51,7 +51,7 @@ class Judged:
         """Judge a result by its iterate, with the iterate's own multipliers."""
         state = resumed(programme, result.iterate, tolerance, is_centred=False)
         e = _by_largest_product(state, programme)
-        error = relative_residual(state.native, e, tolerance)
+        error = relative_residual(round_off(state.native), e, tolerance)
         if error <= tolerance < e.residual and not has_a_say(state.native, e):
             error = e.residual
         record = replace(result.record, residual=e.residual, primal=e.primal, dual=e.dual)

@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING
 
 from mbocp._linear import norm
 from mbocp.solvers.newton_method.newton import NewtonState, is_resolved
-from mbocp.solvers.newton_method.round_off import has_a_say, relative_increment, round_off
+from mbocp.solvers.newton_method.round_off import (
+    has_a_say,
+    relative_increment,
+    round_off,
+    round_off_of_terms,
+)
 
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation
 
-__all__ = ["STILL", "has_arrived", "is_round_off", "is_within_round_off", "stillness"]
+__all__ = ["STILL", "has_arrived", "is_within_round_off", "leads_no_farther", "stillness"]
 
 _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
 _STALL_WITHIN_LIMITS = 0.05  # the same of increments there, which vary more where they are round-off
@@ -47,12 +52,12 @@ def _is_noise(state: NewtonState, tolerance: float) -> bool:
     native, is_still = state.native, state.still >= STILL
     if not math.isfinite(state.increment):  # before the first step
         return False
-    if not (is_still or state.barrier > 0.0) or not is_round_off(state, state.increment, tolerance):
+    if not (is_still or state.barrier > 0.0) or not _is_round_off(state, state.increment, tolerance):
         return False
     return is_still or (norm(native.dx) <= tolerance and norm(native.du) <= tolerance)
 
 
-def is_round_off(state: NewtonState, increment: float, tolerance: float) -> bool:
+def _is_round_off(state: NewtonState, increment: float, tolerance: float) -> bool:
     """Whether the residual is far below the tolerance, or about round-off, and an increment may be that, too.
 
     The longer the horizon, the larger the norms of residual, increment and unknowns. With limits the barrier
@@ -62,9 +67,22 @@ def is_round_off(state: NewtonState, increment: float, tolerance: float) -> bool
     left = evaluation.barrier_error if state.barrier else evaluation.residual
     return (
         evaluation.residual <= tolerance
-        and (left <= _RESOLVED * tolerance or left <= max(round_off(native)))
         and (increment <= _NOISE * tolerance or relative_increment(native) <= tolerance)
+        and (left <= _RESOLVED * tolerance or left <= max(_allowed(state)))
     )
+
+
+def leads_no_farther(state: NewtonState, increment: float, tolerance: float) -> bool:
+    """Whether a full step of Newton's method that is refused is one among round-off."""
+    stuck = state._replace(increment=increment, still=STILL)
+    return _is_round_off(stuck, increment, tolerance) or is_within_round_off(stuck, tolerance)
+
+
+def _allowed(state: NewtonState) -> tuple[float, float]:
+    """What round-off may leave of the residual: by the terms themselves where steps have led no farther."""
+    if state.still < STILL:
+        return round_off(state.native)
+    return round_off_of_terms(state.native, state.evaluation)
 
 
 def _is_at_rest(state: NewtonState, tolerance: float) -> bool:
@@ -95,7 +113,9 @@ def _is_centred(state: NewtonState, tolerance: float) -> bool:
 
 def is_within_round_off(state: NewtonState, tolerance: float) -> bool:
     """Whether round-off is above the tolerance, has a say in the residual, and leaves no more to gain."""
-    return is_resolved(state, tolerance) and has_a_say(state.native, state.evaluation)
+    if relative_increment(state.native) > tolerance:
+        return False
+    return is_resolved(state, tolerance, _allowed(state)) and has_a_say(state.native, state.evaluation)
 
 
 def stillness(state: NewtonState, evaluation: Evaluation, increment: float) -> int:
