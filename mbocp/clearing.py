@@ -33,6 +33,7 @@ from mbocp.solution.later import is_there, retold
 from mbocp.solution.records import StartRecord
 from mbocp.solution.rest import Rest
 from mbocp.solvers import IterationRecord, Outcome, Phase, Status
+from mbocp.solvers.strategies.patience import Patience
 
 __all__ = ["Attempt", "solve_clear"]
 
@@ -93,6 +94,7 @@ def solve_clear(
     attempt: Try,
     read: Read,
     deadline: float,
+    patience: Patience,
     callback: Callback | None = None,
 ) -> Solution:
     """Solution of a problem; one that touches nothing, if that can be had.
@@ -110,20 +112,28 @@ def solve_clear(
         Makes a solution of what `attempt` returns.
     deadline : float
         Time of `time.perf_counter` after which nothing is solved again.
+    patience : Patience
+        Of the attempts: where it is over, nothing else is tried.
     callback : callable, optional
         Called with every record.
     """
     if warm_start is None:
-        return _from_guess(problem, attempt, read, deadline, callback)
+        return _from_guess(problem, attempt, read, deadline, patience, callback)
     if not _has_a_guess_left(problem):
-        return _solved(problem, warm_start, attempt, read, deadline)
-    solution = _solved(problem, warm_start, partial(attempt, is_brief=True), read, deadline)
-    if solution.is_stationary or solution.status in _STOPPED:
+        return _solved(problem, warm_start, attempt, read, deadline, patience)
+    solution = _solved(problem, warm_start, partial(attempt, is_brief=True), read, deadline, patience)
+    if _is_final(solution, patience):
         return solution
-    again = _from_guess(problem, attempt, read, deadline, callback)
-    if not (again.is_stationary or again.status in _STOPPED):
-        again = _later(again, _solved(problem, warm_start, attempt, read, deadline), "from the guess")
+    again = _from_guess(problem, attempt, read, deadline, patience, callback)
+    if not _is_final(again, patience):
+        at_length = _solved(problem, warm_start, attempt, read, deadline, patience)
+        again = _later(again, at_length, "from the guess")
     return _later(solution, again, "from the warm start")
+
+
+def _is_final(solution: Solution, patience: Patience) -> bool:
+    """Whether nothing else is to be tried after a solution."""
+    return solution.is_stationary or solution.status in _STOPPED or patience.is_over
 
 
 def _has_a_guess_left(problem: Problem) -> bool:
@@ -149,17 +159,22 @@ def _later(first: Solution, second: Solution, name: str) -> Solution:
 
 
 def _from_guess(
-    problem: Problem, attempt: Try, read: Read, deadline: float, callback: Callback | None
+    problem: Problem,
+    attempt: Try,
+    read: Read,
+    deadline: float,
+    patience: Patience,
+    callback: Callback | None,
 ) -> Solution:
     """Solution from the problem's own guess; if that leads to none, from other ways around obstacles."""
-    solution = _solved(problem, None, attempt, read, deadline)
-    if solution.converged or solution.status in _STOPPED:
+    solution = _solved(problem, None, attempt, read, deadline, patience)
+    if solution.converged or solution.status in _STOPPED or patience.is_over:
         return solution
     if has_no_way(problem):
         return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")
     if not _may_be_on_the_wrong_side(problem):
         return solution
-    return _by_other_ways(problem, solution, attempt, read, deadline, callback)
+    return _by_other_ways(problem, solution, attempt, read, deadline, patience, callback)
 
 
 def _by_other_ways(
@@ -168,6 +183,7 @@ def _by_other_ways(
     attempt: Try,
     read: Read,
     deadline: float,
+    patience: Patience,
     callback: Callback | None,
 ) -> Solution:
     """Solution on the first other way that leads to one, or the known one; ways side by side."""
@@ -176,9 +192,9 @@ def _by_other_ways(
 
     def work(place: int, watch: Watch) -> Solution | None:
         other = _on_way(problem, seeds[place], replace(problem.solver, threads=threads // len(seeds) or 1))
-        if other is None or time.perf_counter() > deadline:
+        if other is None or time.perf_counter() > deadline or patience.is_over:
             return None
-        return _solved(other, None, partial(attempt, callback=watch), read, deadline)
+        return _solved(other, None, partial(attempt, callback=watch), read, deadline, patience)
 
     def ends(found: Solution | None) -> bool:
         return found is None or found.converged or found.status in _STOPPED
@@ -218,7 +234,12 @@ def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | Non
 
 
 def _solved(
-    problem: Problem, warm_start: Solution | Rest | None, attempt: Try, read: Read, deadline: float
+    problem: Problem,
+    warm_start: Solution | Rest | None,
+    attempt: Try,
+    read: Read,
+    deadline: float,
+    patience: Patience,
 ) -> Solution:
     """Solution from one guess, with the rows and the room that it asks for."""
     near = _near(problem, warm_start)
@@ -227,7 +248,7 @@ def _solved(
         near = _roughly(near, attempt, before, deadline)
     start = before[-1].carried if before and before[-1].is_converged else warm_start
     found = attempt(near, start)
-    if before and start is not None and not found.is_converged:
+    if before and start is not None and not (found.is_converged or patience.is_over):
         before.append(found)
         found = attempt(near, None)
     solution = _after(before, read(found))

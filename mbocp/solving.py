@@ -20,15 +20,18 @@ from mbocp.guesses.attempts import solve_from_guesses
 from mbocp.guesses.end_rates import with_rates_at_end
 from mbocp.guesses.starts import Warm
 from mbocp.problem import Problem
+from mbocp.problem.reasons.causes import why_in_vain
 from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
+from mbocp.solution.later import retold
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord
 from mbocp.solution.rest import Rest, place_at
 from mbocp.solvers import IterationRecord, Phase
 from mbocp.solvers.reachability import dependent_end_rows
 from mbocp.solvers.records import timed
+from mbocp.solvers.strategies.patience import Patience
 
 __all__ = ["formulated", "solve"]
 
@@ -145,7 +148,12 @@ def _worked(
     """Solve with the steps of a problem; where an accuracy asked for them, the result says so."""
     asked = problem if accuracy is None else problem.with_(accuracy=accuracy)
     own = partial(read, asked=asked)
-    return solve_clear(problem, warm_start, attempt=attempt, read=own, deadline=deadline, callback=callback)
+    patience = Patience(is_limited=math.isinf(deadline), why_in_vain=partial(why_in_vain, problem))
+    patient = partial(attempt, patience=patience)
+    solution = solve_clear(problem, warm_start, patient, own, deadline, patience, callback)
+    if solution.is_stationary or not patience.words:
+        return solution
+    return retold(solution, advice=f"{solution.advice}; {patience.words}")
 
 
 def _attempted(
@@ -156,6 +164,7 @@ def _attempted(
     is_brief: bool = False,
     callback: Callable[[IterationRecord], object] | None,
     deadline: float,
+    patience: Patience,
 ) -> Attempt:
     """What a solver comes to."""
     begun = time.perf_counter()
@@ -169,7 +178,7 @@ def _attempted(
     starts: tuple[StartRecord, ...] = ()
     if rough or isinstance(start, Carried) or (problem.solver.starts == 1 and not problem.goals):
         outcome, guess_used = solve_from_guesses(
-            formulation, start, callback, phases, deadline, rough, is_brief=is_brief
+            formulation, start, callback, phases, deadline, rough, is_brief=is_brief, patience=patience
         )
     else:
         from mbocp.guesses.several import solve_from_starts
@@ -183,7 +192,9 @@ def _attempted(
         formulation, outcome = with_rates_at_end(
             formulation,
             outcome,
-            lambda moved, start: solve_from_guesses(moved, start, callback, phases, deadline)[0],
+            lambda moved, start: solve_from_guesses(
+                moved, start, callback, phases, deadline, patience=patience
+            )[0],
         )
     return Attempt(formulation, outcome, tuple(phases), guess_used, left_out, begun, starts)
 

@@ -25,6 +25,7 @@ from mbocp.solvers import (
 )
 from mbocp.solvers.newton_method.polish import can_be_polished
 from mbocp.solvers.records import timed
+from mbocp.solvers.strategies.patience import Patience
 
 __all__ = ["interrupted", "solve_from_guesses"]
 
@@ -40,11 +41,13 @@ def solve_from_guesses(
     rough: float = 0.0,
     *,
     is_brief: bool = False,
+    patience: Patience | None = None,
 ) -> tuple[Outcome, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails.
 
     `rough`: residual with which Newton's method may end; the first guess is the only one then. `is_brief`:
-    whether a few iterations of Newton's method have to do, where the method is left to mbocp.
+    whether a few iterations of Newton's method have to do, where the method is left to mbocp. `patience`: of
+    all attempts at the problem; None: of these alone.
     """
     problem, programme = formulation.problem, formulation.programme
     threads, is_bounded = problem.solver.num_threads, problem.is_bounded
@@ -53,6 +56,7 @@ def solve_from_guesses(
     if is_brief and settings.options.method == "auto" and can_be_polished(programme):
         brief = replace(settings.options, method="monolithic", max_iterations=_BRIEF)
         settings = replace(settings, options=brief)
+    patience = patience or Patience(is_limited=math.isinf(deadline))
     best: tuple[Outcome, str] | None = None
     history: list[IterationRecord] = []
     failed: dict[str, ProblemError] = {}
@@ -81,15 +85,19 @@ def solve_from_guesses(
             callback,
             first=sum(not record.is_guess for record in history),
             label="" if attempt == 0 else f" (guess: {kind})",
+            patience=patience,
         )
         limited = replace(settings, time_limit=_time_left(deadline), is_doubtful=is_doubtful)
         outcome = run_strategy(limited, start)
         if rough:
             phases += outcome.phases
             return outcome, words
-        if attempt == 0 and kind not in GIVEN_SOLUTIONS:
-            remaining = replace(limited, time_limit=_time_left(deadline))
+        has_failed = outcome.result.status is not Status.CONVERGED
+        if attempt == 0 and kind not in GIVEN_SOLUTIONS and not (has_failed and patience.is_over):
+            until = min(deadline, time.perf_counter() + patience.left) if has_failed else deadline
+            remaining, before = replace(limited, time_limit=_time_left(until)), time.perf_counter()
             outcome = better_of_eased(formulation, remaining, start, outcome)
+            patience.spend(time.perf_counter() - before)
         outcome = with_end(formulation, outcome)
         history += outcome.result.history
         phases += outcome.phases
@@ -98,7 +106,7 @@ def solve_from_guesses(
             best = (outcome, words)
         elif result.status is Status.INTERRUPTED:
             best = (interrupted(best[0]), best[1])
-        if result.status in (Status.CONVERGED, Status.INTERRUPTED, Status.TIME_LIMIT):
+        if patience.is_over or result.status in (Status.CONVERGED, Status.INTERRUPTED, Status.TIME_LIMIT):
             break
     if best is None:
         raise none_made(failed)

@@ -223,7 +223,7 @@ def test_a_goal_of_the_base_alone_is_out_of_reach_of_a_fall(tmp_path):
 @pytest.mark.parametrize("duration", [{}, {"duration": {"min": 0.5, "max": 2.0}}], ids=["given", "free"])
 def test_what_falls_is_not_at_rest(tmp_path, duration):
     rest = {"q": {"shoulder": 1.0}, "v": 0}
-    words = {"duration": 1.0, "num_steps": 40} | duration
+    words = {"duration": 1.0, "steps": 40} | duration
     (cause, *_) = causes_of(Problem.create(floats(tmp_path), goal=rest, **words))
     assert (cause.kind, cause.is_certain) == ("fall", True)
     least = 9.81 * (0.5 if duration else 1.0)

@@ -147,6 +147,7 @@ def chain(links: int, length: float, mass: float) -> str:
     return text + "</robot>"
 
 
+@pytest.mark.slow
 def test_a_chain_ends_where_its_terms_leave_round_off(tmp_path: Path) -> None:
     """Its terms are many times its multipliers: the residual stays above the tolerance, the motion rests."""
     (tmp_path / "chain.urdf").write_text(chain(16, 0.2, 1.0))
@@ -199,7 +200,7 @@ def test_each_part_of_the_residual_has_its_own_round_off() -> None:
     assert not is_resolved(state(1e-10, 3e-6), 1e-9)
     assert not is_resolved(state(1e-8, 1e-7), 1e-9)
     assert not is_resolved(state(1e-10, 1e-6, step=2.0), 1e-9)
-    assert relative_residual(native, SimpleNamespace(primal=3e-3, dual=0.0), 1e-9) == 3e-3
+    assert relative_residual(round_off(native), SimpleNamespace(primal=3e-3, dual=0.0), 1e-9) == 3e-3
     assert relative_increment(native) == pytest.approx(0.5e-9)
 
 

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp.integrators import TABLEAUX
 from mbocp.problem.first_motion import holding_controls
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
@@ -26,7 +27,7 @@ from mbocp.problem.timeline.phases import node_times
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
-__all__ = ["Cause", "causes_of"]
+__all__ = ["Cause", "causes_of", "why_in_vain"]
 
 _MARGIN = 1e-6  # relative: what differs by less is the same
 _SURE = 2.0  # of an estimate, before it is told
@@ -69,6 +70,26 @@ def causes_of(problem: Problem) -> tuple[Cause, ...]:
     for cause in sorted(found, key=lambda c: (not c.is_certain, -c.excess)):
         worst.setdefault((cause.kind, cause.where), cause)
     return tuple(worst.values())
+
+
+def why_in_vain(problem: Problem, status: str) -> str:
+    """Say why no guess and no strategy can solve a problem; "" where nothing says so.
+
+    Parameters
+    ----------
+    problem : Problem
+        With several goals another one may be met.
+    status : str
+        How a solve has ended. Conditions that hold by themselves are why where that is "singular"; and
+        whatever it is, as round-off has it, unless explicit schemes leave them out.
+    """
+    if problem.goals:
+        return ""
+    is_why = status == "singular" or problem.scheme not in TABLEAUX
+    for cause in causes_of(problem):
+        if cause.is_certain or (cause.kind == "momentum" and is_why):
+            return cause.words
+    return ""
 
 
 def _of_leg(problem: Problem, leg: _Leg) -> Iterator[Cause]:

@@ -53,8 +53,9 @@ class _Kept:
 
     def nothing_moves(self, robot: Robot) -> str:
         """The beginning of a sentence, before the axis."""
-        is_spin = isinstance(self.symmetry, Spin)
-        return f"nothing turns {self.symmetry.owner}" if is_spin else f"nothing pushes {robot.name}"
+        if isinstance(self.symmetry, Spin):
+            return f"nothing turns {self.symmetry.owner}"
+        return f"nothing pushes {robot.name}"
 
     @property
     def unit(self) -> str:
@@ -142,8 +143,8 @@ def _kept(problem: Problem) -> Iterator[_Kept]:
     losses = np.zeros(robot.nv, dtype=np.bool_)
     for resistance in robot.resistances:
         losses[resistance.dof] |= resistance.damping > 0.0 or resistance.friction > 0.0
-    known = set()
-    for symmetry in (*find_symmetries(robot), *spins_of(robot)):
+    known, found = set(), list[Symmetry | Spin]([*find_symmetries(robot), *spins_of(robot)])
+    for symmetry in found:
         turns = tuple(symmetry.twist[3:]), symmetry.joints
         fields = symmetry.generator(qs)
         if (isinstance(symmetry, Spin) and turns in known) or (fields[:, losses] != 0.0).any():

@@ -43,7 +43,7 @@ def _solve_freely(settings: SolverSettings, iterate: Iterate, phases: Phases) ->
     tried: list[tuple[str, Solver[Any]]] = []
 
     def is_over() -> bool:
-        is_spent = settings.is_spent(phases.taken)
+        is_spent = settings.is_spent(phases.taken) or phases.is_in_vain
         return bool(results) and (is_spent or results[-1].status in (Status.CONVERGED, *STOPPED))
 
     def attempt(name: str, start: Iterate, *, is_last: bool = False) -> None:

@@ -62,12 +62,13 @@ def run(
     first: int = 0,
     should_stop: StopTest | None = None,
     deadline: float = math.inf,
+    allowance: float = math.inf,
 ) -> SolverResult:
     """Iterate until the solver ends or somebody presses Ctrl-C; the callback sees every record.
 
     `first` is the number of iterations before this run, where the records go on counting. `should_stop` gets
     the records so far; a run that it stops has stagnated. `deadline` is the time of
-    `time.perf_counter` at which no further iteration begins.
+    `time.perf_counter` at which no further iteration begins; `allowance` a time from the first one on [s].
 
     Without convergence the iterate with the smallest residual is returned, unless the last one is it.
     """
@@ -75,6 +76,7 @@ def run(
     state = solver.init(programme, iterate)
     history = [_record(state, phase, first, time.perf_counter() - clock)]
     best, best_record = iterate, history[0]
+    deadline = min(deadline, time.perf_counter() + allowance)
     status: Status | None = None
     try:
         if callback:

@@ -14,6 +14,7 @@ from mbocp.programme.iterate import Iterate
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.solvers.strategies.iterating import Callback, SolverResult, StopTest, run
+from mbocp.solvers.strategies.patience import Patience
 
 if TYPE_CHECKING:
     from mbocp.solvers.nlp.interior_point import InteriorPoint
@@ -38,6 +39,8 @@ class Start:
         Iterations before, where the records go on counting.
     label : str
         Put behind the phases' names.
+    patience : Patience, optional
+        Of the attempts of which this is one; None: it is the only one.
     """
 
     programme: StagewiseProgramme
@@ -45,6 +48,7 @@ class Start:
     callback: Callback | None = None
     first: int = 0
     label: str = ""
+    patience: Patience | None = None
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,7 @@ class Phases:
         self.programme, self.callback, self.label = start.programme, start.callback, start.label
         self._begun = start.first
         self.deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
+        self.patience = start.patience or Patience(is_limited=time_limit is None)
         self.history: list[IterationRecord] = []
         self.phases: list[Phase] = []
         self.last: SolverResult | None = None
@@ -105,8 +110,14 @@ class Phases:
 
     @property
     def time_left(self) -> float | None:
-        """Until the time limit [s]; None: there is none."""
-        return None if math.isinf(self.deadline) else max(0.0, self.deadline - time.perf_counter())
+        """Until the time limit, or the end of patience [s]; None: there is neither."""
+        left = min(self.deadline - time.perf_counter(), self.patience.left)
+        return None if math.isinf(left) else max(0.0, left)
+
+    @property
+    def is_in_vain(self) -> bool:
+        """Whether no further phase is to begin, as the last one has failed."""
+        return self.patience.is_over
 
     def run(
         self, solver: Solver[Any], name: str, iterate: Iterate, *, should_stop: StopTest | None = None
@@ -123,6 +134,7 @@ class Phases:
                 first=self.first,
                 should_stop=should_stop,
                 deadline=self.deadline,
+                allowance=self.patience.left,
             )
         except KeyboardInterrupt:
             if self.last is None:
@@ -143,6 +155,10 @@ class Phases:
         taken = sum(not record.is_guess for record in result.history)
         self.history += result.history
         self.phases.append(Phase(name + self.label, taken, time.perf_counter() - clock))
+        if result.status is Status.TIME_LIMIT and time.perf_counter() < self.deadline:
+            result = replace(result, status=Status.STAGNATED)  # patience has ended, not the user's time
+            self.patience.end()
+        self.patience.count(result)
         self.last = result
         return result
 

@@ -57,7 +57,7 @@ def solve_within_limits(
     if may_leave_out and not is_nearly_feasible(begun.history):
         free = _newton(settings, phases.on(without_limits(programme), _WITHOUT), iterate)
         last = _at_once(settings, phases, free)
-        if last is not None or settings.is_spent(phases.taken):
+        if last is not None or settings.is_spent(phases.taken) or phases.is_in_vain:
             return phases.outcome(_of_all_limits(last, begun), _title(phases), told)
     found, title = begun, f"auto: {solver.name}"
     if not settings.is_doubtful:
@@ -69,7 +69,7 @@ def solve_within_limits(
             found, told = begun, f"{told}, ipopt {how_it_ended(found)}"
         if _is_over(settings, phases, found):
             return phases.outcome(found, title, told)
-    if may_leave_out:
+    if may_leave_out and not phases.is_in_vain:
         last = _by_parts(settings, phases, iterate, free, solve_freely)
         if last is not None:
             found, title = _of_all_limits(last, found), _title(phases)
@@ -107,7 +107,7 @@ def _by_parts(
         return None
 
     def solve(wanted: StagewiseProgramme, start: Iterate) -> SolverResult | None:
-        if settings.is_spent(phases.taken):
+        if settings.is_spent(phases.taken) or phases.is_in_vain:
             return None
         account = phases if wanted is programme else phases.on(wanted, _WIDER)
         return _newton(settings, account, start)
@@ -122,7 +122,8 @@ def _newton(settings: SolverSettings, phases: Phases, iterate: Iterate) -> Solve
 
 
 def _is_over(settings: SolverSettings, phases: Phases, found: SolverResult) -> bool:
-    return settings.is_spent(phases.taken) or found.status in (Status.CONVERGED, *STOPPED)
+    is_spent = settings.is_spent(phases.taken) or phases.is_in_vain
+    return is_spent or found.status in (Status.CONVERGED, *STOPPED)
 
 
 def _of_all_limits(found: SolverResult | None, before: SolverResult) -> SolverResult:
