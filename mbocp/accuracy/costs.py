@@ -12,9 +12,10 @@ the order s of the scheme, with which the errors of the motion fall,
 Where q is s, an order that is seen to be higher than s + 1 is no order, but a difference that happens to be
 small: half of s is taken for the second term then. Where it is not, the controls tell of the lower order.
 
-In the formulations whose errors are known to cancel two orders have to be seen. Where they are not alike, the
-error is taken to be the larger of the last two differences, of order one of twice the last: errors of two
-orders that cancel in one of them do not in the other.
+In the formulations whose errors are known to cancel, and where controls that vary within steps keep a
+velocity or a position at its limit, two orders have to be seen. Where they are not alike, the error is taken
+to be the larger of the last two differences, of order one of twice the last: errors of two orders that cancel
+in one of them do not in the other.
 
 What costs tend to, :math:`J_K + (J_K - J_{K-1}) / (2^q - 1)`, is known better than the error of the last of
 them is small: by as much as the limits of the last two pairs differ, over :math:`2^q - 1`, and by a

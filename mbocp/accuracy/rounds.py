@@ -6,6 +6,9 @@ ramps of the controls say, see `mbocp.accuracy.mesh`: differences of costs may c
 within steps, steps have shares in it as in what their local errors, weighed with the adjoints, change the
 cost by.
 
+Where such controls keep a velocity or a position at its limit, costs are taken to be of order one, and the
+last of them is what is known best.
+
 The error is a part of the cost. Where the least cost is zero there is no such part, and what is left of it is
 the square of round-off: nothing is asked of it.
 """
@@ -34,6 +37,7 @@ from mbocp.solvers.strategies.cost_unit import is_no_cost
 __all__ = ["Round", "asked_of", "is_rough", "shares_of", "step_errors_of"]
 
 _AIM_STEP, _AIM_COST = 0.5, 0.6  # of what is asked: errors of the next round are not known exactly
+_OF_STATES = ("position", "velocity")
 _SURE = 1.2  # what the estimate of the cost's error may be wrong by
 _CALIBRATED = 20.0  # times what the shares say, where differences of costs say more
 
@@ -94,12 +98,14 @@ class Round:
 
     def _judged(self) -> Round:
         """With what its costs say of the error, and its controls."""
-        order = _sure_order(self.problem)
-        highest, is_smooth = SCHEMES[self.problem.scheme].order, not is_rough(self.problem)
-        error = cost_error(self.costs, order, highest=highest, is_smooth=is_smooth)
+        has_corners = _has_corners(self.problem, self.solution)
+        order = 1 if has_corners else _sure_order(self.problem)
+        is_smooth = not (has_corners or is_rough(self.problem))
+        error = cost_error(self.costs, order, highest=SCHEMES[self.problem.scheme].order, is_smooth=is_smooth)
         if _sums_up(self.problem):
             error = max(error, float(shares_of(self.problem, self.solved, self.solution, self.errors).sum()))
-        return replace(self, error=error, limit=cost_limit(self.costs, order, error))
+        limit = CostLimit(self.costs[-1], error) if has_corners else cost_limit(self.costs, order, error)
+        return replace(self, error=error, limit=limit)
 
     @property
     def cost_error(self) -> float:
@@ -193,6 +199,17 @@ def _sure_order(problem: Problem) -> int:
     """Order of which the cost can be sure: one where controls leap at times that are found."""
     leaps = problem.has_free_lengths and problem.widest_limits.any_finite
     return 1 if leaps else _cost_order(problem)
+
+
+def _has_corners(problem: Problem, solution: Solution) -> bool:
+    """Whether a velocity or position is at its limit while controls vary within steps.
+
+    The motion comes to its limit within some step, early or late as steps happen to lie. Differences of costs
+    then have any size and sign: no order is seen in them, and no limit that they tend to.
+    """
+    if problem.controls == "constant":
+        return False
+    return any(limit.kind in _OF_STATES for limit in solution.active_limits)
 
 
 def _sums_up(problem: Problem) -> bool:
