@@ -71,6 +71,7 @@ def test_a_budget_ends_an_attempt_on_its_way(monkeypatch: pytest.MonkeyPatch) ->
     assert len(names(s)) == 2
     assert s.status not in (Status.CONVERGED, Status.TIME_LIMIT)
     assert "further attempts ended after 1e-06 s" in s.advice
+    assert "within solver.time_limit" not in s.advice
 
 
 def test_a_limit_of_the_users_stands_for_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:

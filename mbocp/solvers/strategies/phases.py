@@ -155,8 +155,9 @@ class Phases:
         taken = sum(not record.is_guess for record in result.history)
         self.history += result.history
         self.phases.append(Phase(name + self.label, taken, time.perf_counter() - clock))
-        if result.status is Status.TIME_LIMIT and time.perf_counter() < self.deadline:
-            result = replace(result, status=Status.STAGNATED)  # patience has ended, not the user's time
+        if result.status is Status.TIME_LIMIT and math.isinf(self.deadline):
+            advice = f"broken off after {taken} iterations (residual {result.record.residual:.1e})"
+            result = replace(result, status=Status.STAGNATED, advice=advice)
             self.patience.end()
         self.patience.count(result)
         self.last = result
