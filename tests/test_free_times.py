@@ -397,7 +397,7 @@ def test_a_start_that_fits_one_step_length_alone_is_refused() -> None:
     words: dict[str, Any] = {"start": {"v": 0.1 * across}, "via": via, "solver": {"method": "auto"}}
     with pytest.raises(InconsistentStart, match=r"which horizon.duration or via.time leaves free"):
         formulate(rod.with_(integrator={"scheme": "se2"}, **words))
-    assert formulate(rod.with_(integrator={"scheme": "se1"}, **words)).layout.nt == 1
+    assert "t" in formulate(rod.with_(integrator={"scheme": "se1"}, **words)).layout.states
 
 
 def test_closed_loops_take_them() -> None:

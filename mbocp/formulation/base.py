@@ -9,16 +9,14 @@ method of theirs, so that nothing else has to ask which one it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
-
-import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.build import Pieces
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
-from mbocp.integrators import control_basis, control_powers
+from mbocp.formulation.motion import Motion
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation
@@ -27,50 +25,6 @@ from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.robot import Label
 
 __all__ = ["Duals", "Formulation", "Motion"]
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A motion of the joints.
-
-    Attributes
-    ----------
-    qs : ndarray, shape (N + 1, nq)
-        Configurations [m, rad, unit quaternion xyzw].
-    vs : ndarray, shape (N + 1, nv)
-        Velocities [m/s, rad/s].
-    us : ndarray, shape (N, nu)
-        Controls [N, N m, and the units of drives]; where they vary within steps their means.
-    dts : ndarray, shape (N,)
-        Lengths of the steps [s].
-    values : ndarray, shape (N, k, nu)
-        Controls at `shares` of each step; of shape (0, 0, 0) where they are constant.
-    shares : tuple of float
-        See `mbocp.integrators.controls`.
-    """
-
-    qs: Array
-    vs: Array
-    us: Array
-    dts: Array
-    values: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
-    shares: tuple[float, ...] = ()
-
-    @property
-    def us_at_ends(self) -> Array:
-        """Controls at the ends of the steps, shape (N, nu)."""
-        if not self.shares:
-            return self.us
-        found: Array = np.einsum("k,nku->nu", control_basis(self.shares, [1.0])[0], self.values)
-        return found
-
-    @property
-    def us_in_powers(self) -> Array:
-        """Coefficients of 1, s, s^2, ... in the share s of a step that has passed, shape (N, k nu)."""
-        if not self.shares:
-            return self.us
-        found: Array = np.einsum("pk,nku->npu", control_powers(self.shares), self.values)
-        return found.reshape(len(self.us), -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
-from mbocp.formulation.features.control_values import spread_limits
-from mbocp.formulation.features.moved_start import move_bounds
-from mbocp.formulation.features.progress import pace_bounds
-from mbocp.formulation.features.step_lengths import length_bounds
+from mbocp.formulation.features.feature import Feature, unbounded
 from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
@@ -26,6 +23,7 @@ __all__ = ["free_speed_bounds", "path_nodes", "sides_of_path", "state_bounds"]
 def state_bounds(
     problem: Problem,
     space: ConfigurationSpace | NaturalSpace,
+    features: Sequence[Feature],
     at: StateLayout,
     speeds: tuple[Array, Array],
 ) -> StateBounds:
@@ -37,8 +35,8 @@ def state_bounds(
         Lower and upper bounds of the speeds.
     """
     N, along = problem.num_steps, problem.limits_along()
-    rows = N if problem.has_limits_of_phases or at.nh else 1
-    lower, upper = np.full((rows, at.nx), -np.inf), np.full((rows, at.nx), np.inf)
+    of_blocks = {name: sides for f in features for name, sides in f.state_bounds(problem).items()}
+    lower, upper = unbounded(N if problem.has_limits_of_phases or of_blocks else 1, at.nx)
     for part in space.parts:
         plain = part.at_q.stop - part.at_q.start if part.group.is_vector else 0
         plain = 3 if part.group.nv == 6 else 2 if (part.group.nz, part.group.nv) == (4, 3) else plain
@@ -46,43 +44,30 @@ def state_bounds(
         target = slice(part.at_z.start, part.at_z.start + plain)
         lower[:, target], upper[:, target] = along["q"][0][:, source], along["q"][1][:, source]
     lower[:, at.s], upper[:, at.s] = speeds
-    free, paces = np.full(at.nh, np.inf), pace_bounds(problem)
-    moves, own = move_bounds(problem, at), spread_limits(at, *along["u"], N)
+    for name, sides in of_blocks.items():
+        lower[:, at.states[name]], upper[:, at.states[name]] = sides
+    u_lower, u_upper = _control_bounds(problem, features)
     path_lower, path_upper = _path_bounds(problem)
     return StateBounds(
-        x_lower=np.broadcast_to(_of_states(lower, problem, at, ("h_lower", "t_lower")), (N, at.nx)),
-        x_upper=np.broadcast_to(_of_states(upper, problem, at, ("h_upper", "t_upper")), (N, at.nx)),
-        u_lower=_of_controls(own[0], paces[0], moves[0], -free),
-        u_upper=_of_controls(own[1], paces[1], moves[1], free),
+        x_lower=np.broadcast_to(lower, (N, at.nx)),
+        x_upper=np.broadcast_to(upper, (N, at.nx)),
+        u_lower=u_lower,
+        u_upper=u_upper,
         path_lower=path_lower,
         path_upper=path_upper,
     )
 
 
-def _of_controls(own: Array, paces: Array, moves: Array, lengths: Array) -> Array:
-    """Bounds of all controls, shape (N, nu); those of the robot have the shape (N, n) or (1, n)."""
-    num_steps = len(moves)
-    if not moves.shape[1]:
-        rows = np.hstack([own, StateBounds.everywhere(np.concatenate([paces, lengths]), len(own))])
-        return np.broadcast_to(rows, (num_steps, rows.shape[1]))
-    blocks = (
-        own,
-        StateBounds.everywhere(paces, num_steps),
-        moves,
-        StateBounds.everywhere(lengths, num_steps),
+def _control_bounds(problem: Problem, features: Sequence[Feature]) -> tuple[Array, Array]:
+    """Bounds of all controls, shapes (N, any)."""
+    found = [sides for feature in features for sides in feature.control_bounds(problem).values()]
+    rows = max(len(lower) for lower, _ in found)  # one where they are the same in all steps
+    lower, upper = (
+        np.hstack([np.broadcast_to(side, (rows, side.shape[1])) for side in sides])
+        for sides in zip(*found, strict=True)
     )
-    return np.hstack([np.broadcast_to(block, (num_steps, block.shape[1])) for block in blocks])
-
-
-def _of_states(rows: Array, problem: Problem, at: StateLayout, sides: tuple[str, str]) -> Array:
-    """With bounds of lengths at the first nodes of phases, and of times at their last, shape (N, nx)."""
-    if not at.nh:
-        return rows
-    bounds = length_bounds(problem)
-    rows[:, at.h] = getattr(bounds, sides[0])[:, None]
-    if at.nt:
-        rows[:, at.t] = getattr(bounds, sides[1])[:, None]
-    return rows
+    shape = problem.num_steps, lower.shape[1]
+    return np.broadcast_to(lower, shape), np.broadcast_to(upper, shape)
 
 
 def _path_bounds(problem: Problem) -> tuple[Array, Array]:

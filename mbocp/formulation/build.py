@@ -14,41 +14,29 @@ from mbocp._arrays import Array
 from mbocp.formulation.bounds import state_bounds
 from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.features.easing import eased_terms, easing_weights
-from mbocp.formulation.features.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
-from mbocp.formulation.features.memory import HAS_BEFORE, MEMORY, unit_of
-from mbocp.formulation.features.moved_start import free_directions, start_ends
-from mbocp.formulation.features.pace_terms import ADVANCES
-from mbocp.formulation.features.progress import advances
-from mbocp.formulation.features.remembered import memory_units
-from mbocp.formulation.features.step_lengths import begins_phase, given_lengths, phase_starts, spacings
-from mbocp.formulation.features.switches import (
-    evaluation_times,
-    filled_lengths,
-    has_step_before,
-    switch_numbers,
-    switches_of,
-)
+from mbocp.formulation.features.feature import Asked
+from mbocp.formulation.features.kinds import features_of
+from mbocp.formulation.features.memory import memory_units
+from mbocp.formulation.features.moved_start import start_ends
+from mbocp.formulation.features.switches import has_step_before
 from mbocp.formulation.goal import EndRows, EndTarget, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
     NUMBERS,
-    TIME,
     ParameterLayout,
     Sizes,
     concatenated,
     mask,
     parameter_layout,
     path_parameters,
-    share_of,
 )
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import AT_EVERY_STEP, LATER, build_first_functions, build_functions
-from mbocp.formulation.steps import Steps
+from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.units import units_of
-from mbocp.integrators import shares_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
@@ -138,9 +126,7 @@ def check_size(
         If the horizon has more steps than there is memory for.
     """
     check_operations(problem.robot.name, layout.nv, signature)
-    per_step = (
-        2 * layout.ndx + num_algebraic + problem.robot.nu * layout.num_values + layout.num_more_controls
-    )
+    per_step = 2 * layout.ndx + num_algebraic + layout.num_controls
     check_horizon(problem.num_steps, per_step, by_others=problem.solver.is_interior_point)
 
 
@@ -163,7 +149,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     problem, signature, at = pieces.problem, pieces.signature, pieces.layout
     robot, space, layout = problem.robot, pieces.space, pieces.parameters
     theta, rho, rho_terminal = _parameters(pieces, layout)
-    bounds = state_bounds(problem, space, at, pieces.speed_bounds)
+    bounds = state_bounds(problem, space, signature.features, at, pieces.speed_bounds)
     return StagewiseProgramme(
         num_steps=problem.num_steps,
         kinds=(_kind(pieces, sum(layout.stage.values())),),
@@ -187,10 +173,12 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         rows_are_gaps=signature.steps.rows_are_gaps,
         dt=problem.dt,
         control_weight=_control_weight(problem),
-        describe_row=row_describer(problem, space, at, pieces.end_rows, pieces.labels, bounds),
+        describe_row=row_describer(
+            problem, space, signature.features, at, pieces.end_rows, pieces.labels, bounds
+        ),
         units=units_of(problem, signature, at, pieces.algebraic, layout),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
-        has_free_lengths=signature.has_free_lengths,
+        has_free_lengths=problem.has_free_lengths,
         easing=_easing(problem, signature, layout),
     )
 
@@ -220,17 +208,17 @@ def _later(signature: FunctionSignature, robot: Robot, deadline: float) -> Later
 
 def _kind(pieces: Pieces, nr: int) -> StageKind:
     at, own = pieces.layout, pieces.algebraic
-    nu, dt, T = pieces.problem.robot.nu * at.num_values, pieces.problem.dt, pieces.problem.duration
+    dt, T = pieces.problem.dt, pieces.problem.duration
     return StageKind(
         nx=at.nx,
         ndx=at.ndx,
         ny=own.size,
-        nu=nu + at.num_more_controls,
+        nu=at.num_controls,
         nr=nr,
         scale_c=np.concatenate([np.ones(at.ndx), own.scale_c]),
         scale_y=own.scale_y,
         scale_m=np.concatenate([np.ones(at.ndx), own.scale_m]),
-        scale_ru=np.concatenate([np.full(nu, 1 / dt), np.full(at.num_more_controls, 1 / T)]),
+        scale_ru=np.concatenate([np.full(at.num_own, 1 / dt), np.full(at.num_more_controls, 1 / T)]),
         turning=pieces.turning,
         groups=pieces.groups,
     )
@@ -283,30 +271,24 @@ def signature_of(
     cost, robot = problem.heaviest_cost, problem.robot
     given = TermNumbers(cost, robot, joints, problem.num_steps, problem.terms)
     terms = eased_terms(problem, running_terms(given))
-    known = {name for term in terms for name in term.weights}
+    path = _structures(problem, _of_joints(joints))
+    ends = (
+        *frame_ends(problem, rows),
+        *own_ends(given),
+        *_acceleration_end(problem),
+        *start_ends(problem, joints),
+    )
     return FunctionSignature(
         robot=robot.shape_fingerprint if steps.takes_numbers else robot.fingerprint,
         steps=steps,
         goal=ExactGoal(goal.rate, len(rows.D_q), len(rows.D_rate)),
         cost=terms,
         terminal=TerminalCost.of(problem.cost, joints, nv, goal.rate, has_joint_goal=has_joint_goal),
-        path=_structures(problem, _of_joints(joints)),
-        ends=(
-            *frame_ends(problem, rows),
-            *own_ends(given),
-            *_acceleration_end(problem),
-            *start_ends(problem, joints),
-        ),
+        path=path,
+        ends=ends,
         is_flat=is_flat,
         guarded=guarded,
-        has_free_lengths=problem.has_free_lengths,
-        has_clock=len(problem.phases) > 1,
-        switches=switches_of(problem),
-        has_unequal_lengths=problem.has_unequal_lengths,
-        varying=tuple(name for name in problem.weight_shares if name in known),
-        moves=free_directions(problem),
-        shares=shares_of(problem.controls, problem.scheme),
-        has_linear_controls=problem.controls == "linear",
+        features=features_of(problem, Asked(terms, path, ends, steps.tau)),
         num_numbers=len(robot.varying) if steps.takes_numbers else 0,
     )
 
@@ -339,18 +321,19 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "force": np.ones(1),
-        STEP_SHARE: np.array([1.0 / problem.num_timed_steps]),
         NUMBERS: robot.varying_values,
         "gains": np.array([rates.gamma_quaternion, rates.gamma_dcm, rates.gamma_constraint]),
     }
-    rows = _rows_of_stages(pieces) if layout.stage else {}
+    rows: dict[str, Array] = {}
+    if HAS_BEFORE in layout.stage:
+        rows[HAS_BEFORE] = has_step_before(problem)[:, None]
     for term in pieces.signature.cost:
         named |= term.numbers(given)
         rows |= term.stage_numbers(given)
-    units = memory_units(problem)
-    named |= {
-        unit_of(name): np.array([units[name]]) for name in pieces.signature.memory if MEMORY[name].has_unit
-    }
+    for feature in pieces.signature.features:
+        named |= feature.numbers(problem)
+        named |= {unit_of(name): np.array([unit]) for name, unit in feature.units(problem).items()}
+        rows |= feature.stage_numbers(problem)
     for k, constraint in enumerate(problem.inequalities):
         values = constraint.numbers_in(_of_joints(joints))
         named |= {path_parameters(k, name): value for name, value in values.items()}
@@ -368,19 +351,3 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     for end_term in pieces.signature.ends:
         at_end |= end_term.numbers()
     return concatenated(named, layout.theta), np.ascontiguousarray(rho), concatenated(at_end, layout.terminal)
-
-
-def _rows_of_stages(pieces: Pieces) -> dict[str, Array]:
-    """Parameters of the stages that are no numbers of cost terms, shapes (N, any), by name."""
-    problem = pieces.problem
-    lengths = filled_lengths(problem, given_lengths(problem))
-    return {
-        HAS_BEFORE: has_step_before(problem)[:, None],
-        ADVANCES: advances(problem),
-        BEGINS_PHASE: begins_phase(problem.num_steps, phase_starts(problem))[:, None],
-        TIME: evaluation_times(problem, pieces.signature.steps.tau)[:, None],
-        **switch_numbers(problem),
-        STRETCH: (lengths / problem.dt)[:, None],
-        SPACING: (spacings(lengths) / problem.dt)[:, None],
-        **{share_of(name): shares for name, shares in problem.weight_shares.items()},
-    }

@@ -29,7 +29,7 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
     moved = x if at.is_flat else space.retract(x, d)
     goal = pieces(rho, layout)
     q, s = moved[at.z], moved[at.s]
-    remembered = {name: moved[where] for name, where in at.remembered.items()}  # in units of their own
+    remembered = {name: moved[where] for name, where in at.states.items()}  # in units of their own
     point = Point(mechanics, q, mechanics.velocity(q, s, ca.SX.zeros(mechanics.nu)), remembered=remembered)
     g = signature.goal.expression(point, goal)
     psi = (

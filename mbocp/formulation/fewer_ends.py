@@ -13,7 +13,8 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.build import Pieces, load_end_functions
 from mbocp.formulation.goal import EndTarget
-from mbocp.formulation.parameters import concatenated, places
+from mbocp.formulation.layout import places
+from mbocp.formulation.parameters import concatenated
 from mbocp.formulation.rows import row_describer
 from mbocp.formulation.units import units_of_end
 from mbocp.programme import StagewiseProgramme
@@ -78,7 +79,13 @@ def _with_end_of(
         rho_terminal=concatenated(numbers, layout.terminal),
         terminal_weights=layout.weighing(layout.terminal),
         describe_row=row_describer(
-            problem, pieces.space, pieces.layout, pieces.end_rows, pieces.labels, programme.bounds
+            problem,
+            pieces.space,
+            signature.features,
+            pieces.layout,
+            pieces.end_rows,
+            pieces.labels,
+            programme.bounds,
         ),
         units=replace(programme.units, terminal=of_force, end_rows=force_rows),
     )

@@ -8,6 +8,7 @@ needs, and active limits are equations (see `mbocp.solvers.newton_method.held`).
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,23 +68,25 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     kinds = [formulation.programme.kinds[k] for k in formulation.programme.stage_kind]
     ends = np.cumsum([kind.nu * kind.ndx for kind in kinds])
     rows = np.split(native.gains(), ends[:-1])
+    is_continuous = formulation.pieces.signature.control_values.is_continuous
     blocks = [row.reshape(kind.nu, kind.ndx) for row, kind in zip(rows, kinds, strict=True)]
-    gains = np.array([_answers(layout, block, n) for n, block in enumerate(blocks)])
+    of_step = partial(_answers, layout, robot.nu, is_continuous)
+    gains = np.array([of_step(block, n) for n, block in enumerate(blocks)])
     nx = formulation.programme.kinds[0].nx
     gains[held[:, nx : nx + layout.num_own]] = 0.0
     return gains
 
 
-def _answers(layout: StateLayout, block: Array, step: int) -> Array:
+def _answers(layout: StateLayout, nu: int, is_continuous: bool, block: Array, step: int) -> Array:
     """Rows of the values of the controls, in the columns of (q, v), and of continuous controls."""
     rows = block[: layout.num_own]
     of_state = rows[:, : layout.nw + layout.ns]
-    if not layout.is_continuous:
+    if not is_continuous:
         return of_state
-    found = np.hstack([of_state, rows[:, layout.remembered_rows["control"]]])
+    found = np.hstack([of_state, rows[:, layout.rows["control"]]])
     if step:  # the first value is the last of the step before
-        found[: layout.nu] = 0.0
-        found[: layout.nu, -layout.nu :] = np.eye(layout.nu)
+        found[:nu] = 0.0
+        found[:nu, -nu:] = np.eye(nu)
     return found
 
 

@@ -12,8 +12,6 @@ from mbocp.formulation.base import Formulation, Motion
 from mbocp.formulation.bounds import sides_of_path
 from mbocp.formulation.features.progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
-from mbocp.formulation.features.step_lengths import without_lengths
-from mbocp.formulation.layout import StateLayout
 from mbocp.mechanics.rates import rates_along
 from mbocp.problem import ContactBounds, PathConstraint, Problem
 from mbocp.programme import Iterate
@@ -112,17 +110,9 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
         c.slopes(values) for c, values in zip(problem.inequalities, _columns(problem, path), strict=True)
     ]
     slopes = np.hstack(factors) if factors else np.ones_like(path)
-    lam_us = _summed(formulation.layout, bounds.us)
+    own = bounds.us[:, : formulation.layout.num_own]
+    lam_us = formulation.pieces.signature.control_values.summed(own)
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
-
-
-def _summed(at: StateLayout, multipliers: Array) -> Array:
-    """Multipliers of limits of the robot's controls, shape (N, nu): those of all values in a step."""
-    own = without_lengths(at, multipliers)
-    if not at.shares:
-        return own
-    found: Array = own.reshape(len(own), at.num_values, at.nu).sum(axis=1)
-    return found
 
 
 def _columns(problem: Problem, path: Array) -> list[Array]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.step_lengths import solved_lengths
+from mbocp.formulation.features.step_lengths import lengths_of_states
 from mbocp.formulation.layout import StateLayout
 from mbocp.problem.obstacles.reserves import room_of
 from mbocp.programme import Iterate
@@ -46,13 +46,13 @@ def restored(carried: Carried, dts: Array, motion: Iterate, formulation: Formula
     first = len(dts) - problem.num_steps
     if first < 0 or carried.meaning != _meaning(formulation):
         return None
-    rest, lengths = carried.rest(first), solved_lengths(problem, at, motion)
+    rest, lengths = carried.rest(first), lengths_of_states(problem, at, motion.xs)
     if not (rest.fits(programme) and np.allclose(lengths, dts[first:], rtol=_SAME, atol=_SAME * problem.dt)):
         return None
     iterate = rest.into(programme)
     if not _is_of(iterate, motion, at):
         return None
-    unit = problem.dt * iterate.xs[1, at.h] / dts[first] if at.nh else np.ones(0)
+    unit = problem.dt * iterate.xs[1, at.states["h"]] / dts[first] if "h" in at.states else np.ones(0)
     is_whole = first == 0 and np.allclose(unit, 1.0, rtol=_SAME, atol=0.0)
     xs = np.vstack([programme.x_start, iterate.xs[1:]]) if is_whole else motion.xs
     us = iterate.us if is_whole else motion.us
@@ -73,17 +73,15 @@ def _is_near(one: Array, other: Array) -> bool:
 
 def _in_units(iterate: Iterate, at: StateLayout, unit: Array, steps: int) -> Iterate:
     """The iterate with multipliers for a unit of lengths that is so many times the one it had."""
-    if not at.nh:
-        return iterate
-    ms, of_clock = np.array(iterate.ms), unit * len(iterate.ms) / steps
-    ms[:, at.dh] *= unit
-    ms[:, at.dt] *= of_clock
-    if iterate.bounds is None:
-        return replace(iterate, ms=ms)
-    lam_xs = np.array(iterate.bounds.xs)
-    lam_xs[:, at.h] *= unit
-    lam_xs[:, at.t] *= of_clock
-    return replace(iterate, ms=ms, bounds=replace(iterate.bounds, xs=lam_xs))
+    units = {"h": unit, "t": unit * len(iterate.ms) / steps}
+    ms, bounds = np.array(iterate.ms), iterate.bounds
+    for name in units.keys() & at.states.keys():
+        ms[:, at.rows[name]] *= units[name]
+        if bounds is not None:
+            lam_xs = np.array(bounds.xs)
+            lam_xs[:, at.states[name]] *= units[name]
+            bounds = replace(bounds, xs=lam_xs)
+    return replace(iterate, ms=ms, bounds=bounds)
 
 
 def _meaning(formulation: Formulation) -> str:

@@ -1,19 +1,51 @@
-"""Where the pieces of a state are: coordinates of the configuration, speeds, memory, length, time."""
+"""Where the pieces of a state are: coordinates of the configuration, speeds, and what features add."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 
 from mbocp.mechanics import Mechanics
 
-__all__ = ["StateLayout", "StateSpace", "start_move"]
+__all__ = ["Block", "StateLayout", "StateSpace", "places"]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Entries that a feature adds to a state; they begin with zero where the feature says nothing else.
+
+    Attributes
+    ----------
+    name : str
+    size : int
+    is_remembered : bool
+        Whether it follows from the step that led to the state, see `Feature.following`; others have rows of
+        their own.
+    has_unit : bool
+        Whether it counts in a unit of its own, which is a parameter.
+    counts_as_control : bool
+        Whether it counts in the units of the controls.
+    adds_up : bool
+        Whether its rule adds something to what was before.
+    has_impacts : bool
+        Whether impacts, steps of no duration, have a value, too; else they leave what is remembered.
+    """
+
+    name: str
+    size: int
+    is_remembered: bool = True
+    has_unit: bool = False
+    counts_as_control: bool = False
+    adds_up: bool = False
+    has_impacts: bool = False
 
 
 @dataclass(frozen=True)
 class StateLayout:
-    """Pieces of a state x = (z, s, r, h, t) and of its tangent dx = (dq, ds, dr, dh, dt).
+    """Pieces of a state x = (z, s, blocks) and of its tangent dx = (dq, ds, blocks), and of the controls.
 
     Attributes
     ----------
@@ -23,93 +55,66 @@ class StateLayout:
         Tangent directions of the configuration.
     ns : int
         Speeds: the velocities v, unless controls prescribe some of them.
-    memory : tuple of (str, int)
-        Names and sizes of what it remembers of the step that led to it, see `memory`.
     is_flat : bool
         Whether the state is taken as a plain vector, although its configurations may form a group: what a
         general nonlinear programming solver and integrators that leave the group need.
-    nh : int
-        1 where the length of the steps is free: h, in units of its guess; else 0. See `step_lengths`.
-    nt : int
-        1 where there are several such lengths: the time, in units of the guessed duration; else 0.
-    moves : tuple of int
-        Directions of (q, v) in which the start is free; see `moved_start`.
-    nu : int
-        Controls of the robot.
-    shares : tuple of float
-        Where in a step they have values; empty where they are constant. See `control_values`.
-    is_continuous : bool
-        Whether the first value of a step is the last of the step before, which states remember.
+    blocks : tuple of Block
+        What features add to states: first all that is remembered of the step before.
+    control_sizes : tuple of (str, int)
+        Names and sizes of the programme's controls: "own", those of the robot, and what features add.
     """
 
     nz: int
     nv: int
     ns: int
     is_flat: bool
-    memory: tuple[tuple[str, int], ...] = ()
-    nh: int = 0
-    nt: int = 0
-    moves: tuple[int, ...] = ()
-    nu: int = 0
-    shares: tuple[float, ...] = ()
-    is_continuous: bool = False
+    blocks: tuple[Block, ...] = ()
+    control_sizes: tuple[tuple[str, int], ...] = ()
+
+    @cached_property
+    def states(self) -> dict[str, slice]:
+        """Places of the blocks in a state, by name."""
+        return places({block.name: block.size for block in self.blocks}, self.nz + self.ns)
+
+    @cached_property
+    def rows(self) -> dict[str, slice]:
+        """Places of the blocks in a tangent, and in the rows of a step, by name."""
+        return places({block.name: block.size for block in self.blocks}, self.nw + self.ns)
+
+    @cached_property
+    def controls(self) -> dict[str, slice]:
+        """Places of the controls, by name."""
+        return places(dict(self.control_sizes))
 
     @property
-    def num_values(self) -> int:
-        """Values of each control in a step."""
-        return max(len(self.shares), 1)
+    def num_controls(self) -> int:
+        """Controls of the programme."""
+        return sum(size for _, size in self.control_sizes)
 
     @property
     def num_own(self) -> int:
         """Controls of the programme that are values of those of the robot; they come first."""
-        return self.nu * self.num_values
-
-    @property
-    def nr(self) -> int:
-        """Entries of what is remembered."""
-        return sum(size for _, size in self.memory)
-
-    @property
-    def num_paces(self) -> int:
-        """Controls of the progress along paths that frames follow; the first beyond those of the robot."""
-        return dict(self.memory).get("progress", 0)
-
-    @property
-    def num_moves(self) -> int:
-        """Controls that move the start; between those of paths and those of lengths."""
-        return len(self.moves)
-
-    def of_moves(self, num_controls: int) -> slice:
-        """Places of the moves among all controls of the programme."""
-        stop = num_controls - self.nh
-        return slice(stop - self.num_moves, stop)
+        return dict(self.control_sizes).get("own", 0)
 
     @property
     def num_more_controls(self) -> int:
         """Controls of the programme beyond those of the robot."""
-        return self.num_paces + self.num_moves + self.nh
+        return self.num_controls - self.num_own
 
     @property
-    def remembered(self) -> dict[str, slice]:
-        """Places of the blocks in a state, by name."""
-        return self._blocks(self.nz + self.ns)
+    def num_more_states(self) -> int:
+        """Entries of all blocks."""
+        return sum(block.size for block in self.blocks)
 
     @property
-    def remembered_rows(self) -> dict[str, slice]:
-        """Places of the blocks in a tangent, and in the rows of a step, by name."""
-        return self._blocks(self.nw + self.ns)
-
-    def _blocks(self, start: int) -> dict[str, slice]:
-        found = {}
-        for name, size in self.memory:
-            found[name] = slice(start, start + size)
-            start += size
-        return found
+    def nr(self) -> int:
+        """Entries of what is remembered."""
+        return sum(block.size for block in self.blocks if block.is_remembered)
 
     @property
     def nx(self) -> int:
         """Length of a state."""
-        return self.nz + self.ns + self.nr + self.nh + self.nt
+        return self.nz + self.ns + self.num_more_states
 
     @property
     def nw(self) -> int:
@@ -119,7 +124,7 @@ class StateLayout:
     @property
     def ndx(self) -> int:
         """Length of a state's tangent."""
-        return self.nw + self.ns + self.nr + self.nh + self.nt
+        return self.nw + self.ns + self.num_more_states
 
     @property
     def z(self) -> slice:
@@ -137,16 +142,6 @@ class StateLayout:
         return slice(self.nz + self.ns, self.nz + self.ns + self.nr)
 
     @property
-    def h(self) -> slice:
-        """Step length in a state."""
-        return slice(self.nx - self.nt - self.nh, self.nx - self.nt)
-
-    @property
-    def t(self) -> slice:
-        """Time in a state."""
-        return slice(self.nx - self.nt, self.nx)
-
-    @property
     def ds(self) -> slice:
         """Speeds in a tangent, and in the rows of a step."""
         return slice(self.nw, self.nw + self.ns)
@@ -156,23 +151,14 @@ class StateLayout:
         """All that is remembered in a tangent, and in the rows of a step."""
         return slice(self.nw + self.ns, self.nw + self.ns + self.nr)
 
-    @property
-    def dh(self) -> slice:
-        """Step length in a tangent, and in the rows of a step."""
-        return slice(self.ndx - self.nt - self.nh, self.ndx - self.nt)
 
-    @property
-    def dt(self) -> slice:
-        """Time in a tangent, and in the rows of a step."""
-        return slice(self.ndx - self.nt, self.ndx)
-
-
-def start_move(at: StateLayout, e: ca.SX, w: ca.SX) -> ca.SX:
-    """Move e E w of the start in (q, v), shape (2 nv,)."""
-    move = ca.SX.zeros(2 * at.nv)
-    for k, i in enumerate(at.moves):
-        move[i] = e * w[k]
-    return move
+def places(sizes: Mapping[str, int], start: int = 0) -> dict[str, slice]:
+    """Return where each piece of a vector is, by name, the first at `start`."""
+    found = {}
+    for name, size in sizes.items():
+        found[name] = slice(start, start + size)
+        start += size
+    return found
 
 
 @dataclass(frozen=True)

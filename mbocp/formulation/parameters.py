@@ -11,29 +11,24 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
-from mbocp.formulation.features.length_terms import BEGINS_PHASE, SPACING, STEP_SHARE, STRETCH
-from mbocp.formulation.features.memory import HAS_BEFORE, MEMORY, unit_of
-from mbocp.formulation.features.pace_terms import ADVANCES
+from mbocp.formulation.layout import places
 from mbocp.formulation.signature import FunctionSignature
+from mbocp.formulation.steps import HAS_BEFORE, unit_of
 from mbocp.terms import Sizes
 
 __all__ = [
     "NUMBERS",
-    "TIME",
     "ParameterLayout",
     "Sizes",
     "concatenated",
     "parameter_layout",
     "path_parameters",
     "pieces",
-    "places",
-    "share_of",
     "symbols_for",
 ]
 
 S = TypeVar("S", ca.SX, ca.MX)
 
-TIME = "t"  # at which a step is evaluated [s]
 NUMBERS = "robot"  # what varies of the robot
 
 
@@ -58,15 +53,6 @@ class ParameterLayout:
         return mask(sizes, self.weights)
 
 
-def places(sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Where each piece of a vector is, by name."""
-    found, start = {}, 0
-    for name, size in sizes.items():
-        found[name] = slice(start, start + size)
-        start += size
-    return found
-
-
 def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLayout:
     """Parameters that the stage functions of `signature` take."""
     theta: dict[str, int] = {"dt": 1, "force": 1}
@@ -76,21 +62,12 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
         _add(stage, term.stage_parameters(sizes))
     if signature.asks_for_first:
         stage[HAS_BEFORE] = 1
-    if signature.uses_time and not signature.has_clock:
-        stage[TIME] = 1
-    if signature.has_unequal_lengths:
-        stage |= {STRETCH: 1, SPACING: 1}
-    for name in signature.varying:
-        stage[share_of(name)] = theta[name]
-    if signature.num_paths:
-        stage[ADVANCES] = signature.num_paths
-    if signature.has_free_lengths:
-        stage[BEGINS_PHASE] = 1
-    _add(stage, signature.switches.stage_parameters)
-    if signature.has_clock:
-        theta[STEP_SHARE] = 1
+    for feature in signature.features:
+        _add(stage, feature.stage_parameters)
+        _add(theta, feature.parameters)
     _add(theta, signature.steps.parameters)
-    _add(theta, {unit_of(name): 1 for name in signature.memory if MEMORY[name].has_unit})
+    blocks = (block for feature in signature.features for block in feature.blocks(0, 0))
+    _add(theta, {unit_of(block.name): 1 for block in blocks if block.has_unit})
     for k, constraint in enumerate(signature.path):
         _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})
     if signature.num_numbers:
@@ -106,11 +83,6 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     if signature.num_numbers:
         terminal[NUMBERS] = signature.num_numbers
     return ParameterLayout(theta, stage, terminal, frozenset(weights))
-
-
-def share_of(name: str) -> str:
-    """Name of the share of a weight that counts in a step."""
-    return f"{name}.share"
 
 
 def path_parameters(k: int, name: str) -> str:

@@ -10,11 +10,10 @@ import casadi as ca
 import numpy as np
 
 from mbocp.formulation.features.accelerations import driven_acceleration
-from mbocp.formulation.features.memory import MEMORY, unit_of
-from mbocp.formulation.features.reaction_terms import among_all
+from mbocp.formulation.layout import Block
 from mbocp.formulation.parameters import NUMBERS, Sizes, parameter_layout, path_parameters, pieces
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.steps import StepSymbols
+from mbocp.formulation.steps import StepSymbols, unit_of
 from mbocp.terms import ClearanceTerm, Point
 
 __all__ = ["build_path", "build_path_values"]
@@ -113,9 +112,11 @@ def _expressions(at: StepSymbols, signature: FunctionSignature, chosen: Sequence
     mechanics, layout, rows = at.mechanics, at.space.layout, []
     q, s = at.x1[layout.z], at.x1[layout.s]
     node = Point(mechanics, q, mechanics.velocity(q, s, at.controls))
-    remembered = {name: _unit(at, name) * at.x1[where] for name, where in layout.remembered.items()}
-    if "reaction" in remembered:
-        remembered["reaction"] = among_all(remembered["reaction"], signature.reactions)
+    remembered = {
+        block.name: feature.shown(block.name, _unit(at, block) * at.x1[layout.states[block.name]])
+        for feature in signature.features
+        for block in feature.blocks(layout.ns, mechanics.nu)
+    }
     node = replace(node, remembered=remembered)
     if "control" in remembered:
         u = remembered["control"]
@@ -127,8 +128,8 @@ def _expressions(at: StepSymbols, signature: FunctionSignature, chosen: Sequence
     return ca.densify(ca.vertcat(ca.SX.zeros(0, 1), *rows))
 
 
-def _unit(at: StepSymbols, name: str) -> ca.SX:
-    """What a block of what is remembered is multiplied by."""
-    if MEMORY[name].has_unit:
-        return at.given[unit_of(name)]
-    return at.units_of_u if MEMORY[name].of == "u" else ca.SX(1)
+def _unit(at: StepSymbols, block: Block) -> ca.SX:
+    """What a block is multiplied by."""
+    if block.has_unit:
+        return at.given[unit_of(block.name)]
+    return at.units_of_u if block.counts_as_control else ca.SX(1)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 
-from mbocp.formulation.features.memory import MEMORY
-from mbocp.formulation.features.moved_start import move_names, start_ends
-from mbocp.formulation.features.progress import followed, pace_names
-from mbocp.formulation.features.reactions import reaction_rows
-from mbocp.formulation.features.switches import labels_of
+from mbocp.formulation.features.feature import Feature
+from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.goal import EndRows, acceleration_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
@@ -24,16 +21,6 @@ from mbocp.robot import Label
 from mbocp.terms import PeriodicEnd
 
 __all__ = ["RowLabels", "row_describer"]
-
-_REMEMBERED = {
-    "control": "previous control",
-    "control_rate": "rate of control",
-    "acceleration": "acceleration of",
-    "jerk": "jerk of",
-    "progress": "progress along",
-    "reaction": "force of",
-    "start": "memory of the",
-}
 
 
 @dataclass(frozen=True)
@@ -89,7 +76,7 @@ class _RowWords:
     of_end: tuple[str, ...]
     bounds: StateBounds
     limits: tuple[str, ...]
-    memory: tuple[str, ...]
+    blocks: tuple[str, ...]
 
     def __call__(self, stage: int, row: int) -> str:
         at, labels = self.at, self.labels
@@ -108,10 +95,8 @@ class _RowWords:
             return f"kinematics of {name} {when}"
         if row < at.nw + at.ns:
             return f"{labels.balance} of {labels.speeds[row - at.nw].name} {when}"
-        if row < at.dh.start:
-            return f"{self.memory[row - at.nw - at.ns]} {when}"
         if row < at.ndx:
-            return f"length {when}" if row < at.dt.start else f"time {when}"
+            return f"{self.blocks[row - at.nw - at.ns]} {when}"
         if row < at.ndx + of_stages:
             return f"{labels.of_stages[row - at.ndx]} {when}"
         return f"constraint {labels.constraints[row - at.ndx - of_stages].name} {when}"
@@ -141,18 +126,20 @@ def _as_they_are(words: _RowWords) -> _RowWords:
 def row_describer(
     problem: Problem,
     space: ConfigurationSpace | NaturalSpace,
+    features: Sequence[Feature],
     at: StateLayout,
     rows: EndRows,
     labels: RowLabels,
     bounds: StateBounds,
 ) -> Callable[[int, int], str]:
     """(stage, row) -> words, see `StagewiseProgramme.describe_row`."""
-    return _WordsLater(partial(_row_words, problem, space, at, rows, labels, bounds))
+    return _WordsLater(partial(_row_words, problem, space, features, at, rows, labels, bounds))
 
 
 def _row_words(
     problem: Problem,
     space: ConfigurationSpace | NaturalSpace,
+    features: Sequence[Feature],
     at: StateLayout,
     rows: EndRows,
     labels: RowLabels,
@@ -176,8 +163,8 @@ def _row_words(
         times,
         of_end,
         bounds,
-        limits=tuple(_limits(problem, space, at, labels.speeds)),
-        memory=tuple(_memory(problem, at, labels.speeds)),
+        limits=tuple(_limits(problem, space, features, at, labels.speeds)),
+        blocks=tuple(word for f in features for word in f.row_words(problem, labels.speeds)),
     )
 
 
@@ -199,6 +186,7 @@ def _start_words(problem: Problem, space: ConfigurationSpace | NaturalSpace) -> 
 def _limits(
     problem: Problem,
     space: ConfigurationSpace | NaturalSpace,
+    features: Sequence[Feature],
     at: StateLayout,
     speeds: tuple[Label, ...],
 ) -> list[str]:
@@ -209,39 +197,11 @@ def _limits(
         for i in range(min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)):
             label = robot.q_labels[part.at_q.start + i]
             names[part.at_z.start + i] = f"position limit of {label.name}"
-    of_length = "least length of a phase" if at.nt else "bound of horizon.duration"
-    names |= {at.h.start + i: of_length for i in range(at.nh)}
-    names |= {at.t.start + i: "bound of via.time or horizon.duration" for i in range(at.nt)}
+    words = {name: word for feature in features for name, word in feature.state_words(problem).items()}
+    for name in words.keys() & at.states.keys():
+        where = at.states[name]
+        names |= dict.fromkeys(range(where.start, where.stop), words[name])
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
     path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
-    of_controls = [
-        f"limit of control {label.name}{where}" for where in _places(at) for label in robot.u_labels
-    ]
-    of_controls += [f"limit of the {name}" for name in pace_names(problem)]
-    of_controls += [f"bound of the {name}" for name in move_names(problem)]
-    of_controls += ["limit of a length"] * at.nh
+    of_controls = [word for feature in features for word in feature.control_words(problem)]
     return [*(names.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
-
-
-def _places(at: StateLayout) -> tuple[str, ...]:
-    """Where in a step the values of controls are."""
-    return tuple(f" at {share:.3g} of the step" for share in at.shares) or ("",)
-
-
-def _memory(problem: Problem, at: StateLayout, speeds: tuple[Label, ...]) -> list[str]:
-    """What the rows of what is remembered are."""
-    paths = tuple(Label(constraint.name, "") for constraint in followed(problem))
-    of_constraints = tuple(labels_of(problem)[i] for i in reaction_rows(problem))
-    moves = tuple(Label(name, "") for name in move_names(problem))
-    labels = {
-        "s": speeds,
-        "u": problem.robot.u_labels,
-        "path": paths,
-        "reaction": of_constraints,
-        "start": moves,
-    }
-    return [
-        f"{_REMEMBERED.get(name, name)} {label.name}"
-        for name, _ in at.memory
-        for label in labels[MEMORY[name].of]
-    ]

@@ -7,11 +7,12 @@ step length are parameters.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mbocp.formulation.features.memory import MEMORY, ordered
-from mbocp.formulation.features.switch_terms import NO_SWITCHES, Switches
+from mbocp.formulation.features.control_values import ControlValues
+from mbocp.formulation.features.feature import Feature
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
@@ -61,22 +62,8 @@ class FunctionSignature:
         See `StateLayout`.
     guarded : tuple of int
         Parts of the configuration space, by index, whose end condition is guarded.
-    has_free_lengths : bool
-        Whether states hold the length of the steps.
-    has_clock : bool
-        Whether they hold the time, too, as they do where there are several lengths.
-    switches : Switches
-        Constraints that begin and end along the way, and impacts.
-    has_unequal_lengths : bool
-        Whether lengths of steps are given, and differ: each step takes its own as a parameter.
-    varying : tuple of str
-        Weights that differ from step to step: each step takes its share of them as a parameter.
-    moves : tuple of int
-        See `StateLayout`.
-    shares : tuple of float
-        Where in a step controls have values, see `StateLayout`.
-    has_linear_controls : bool
-        Whether they are continuous and linear in each step.
+    features : tuple of Feature
+        What the problem adds to a plain formulation, in the order of `features.kinds`.
     num_numbers : int
         How many numbers of the robot the functions take as parameters, see `Robot.varying`.
     """
@@ -93,44 +80,19 @@ class FunctionSignature:
     ends: tuple[FrameEnd | OwnEnd | AccelerationEnd | PeriodicEnd | StartEnd, ...] = ()
     is_flat: bool = False
     guarded: tuple[int, ...] = ()
-    has_free_lengths: bool = False
-    has_clock: bool = False
-    switches: Switches = NO_SWITCHES
-    has_unequal_lengths: bool = False
-    varying: tuple[str, ...] = ()
-    moves: tuple[int, ...] = ()
-    shares: tuple[float, ...] = ()
-    has_linear_controls: bool = False
+    features: tuple[Feature, ...] = (ControlValues(),)
     num_numbers: int = 0
 
     @property
-    def couples_steps(self) -> bool:
-        """Whether the cost weighs the change from one step to the next."""
-        return any(term.couples_steps for term in self.cost)
-
-    @property
-    def memory(self) -> tuple[str, ...]:
-        """Names of what a state remembers of the step that led to it, see `memory`."""
-        of_cost = {"control"} if self.couples_steps or self.has_linear_controls else set()
-        return ordered(of_cost.union(*(term.remembers for term in (*self.path, *self.ends))))
-
-    @property
-    def num_paths(self) -> int:
-        """Number of paths that frames follow."""
-        return sum("progress" in term.remembers for term in self.path)
-
-    @property
-    def reactions(self) -> tuple[int, ...]:
-        """Rows of the robot's constraints whose forces states remember, in rising order."""
-        contacts = (term for term in self.path if isinstance(term, ContactTerm))
-        return tuple(sorted({row for term in contacts for row in term.of_rows}))
+    def control_values(self) -> ControlValues:
+        """Where in a step controls have values."""
+        return next(feature for feature in self.features if isinstance(feature, ControlValues))
 
     @property
     def asks_for_first(self) -> bool:
         """Whether functions of a step ask whether it is the first."""
-        asks = any(MEMORY[name].asks_for_first for name in self.memory)
-        moves = bool(self.moves) or self.has_linear_controls
-        return self.couples_steps or asks or moves or (self.has_clock and "jerk" in self.memory)
+        couples_steps = any(term.couples_steps for term in self.cost)
+        return couples_steps or any(feature.asks_for_first for feature in self.features)
 
     @property
     def uses_time(self) -> bool:
@@ -143,25 +105,10 @@ class FunctionSignature:
         return self.goal.rows + sum(term.rows for term in self.ends)
 
     def state_layout(self, nz: int, nv: int, ns: int, nu: int) -> StateLayout:
-        """Pieces of a state, for configurations of `nz` coordinates and `nv` directions."""
-        sizes = {"u": nu, "s": ns, "path": self.num_paths, "reaction": len(self.reactions)}
-        sizes["start"] = len(self.moves)
-        memory = tuple((name, sizes[MEMORY[name].of]) for name in self.memory)
-        nh = int(self.has_free_lengths)
-        nt = int(self.has_clock)
-        return StateLayout(
-            nz=nz,
-            nv=nv,
-            ns=ns,
-            memory=memory,
-            is_flat=self.is_flat,
-            nh=nh,
-            nt=nt,
-            moves=self.moves,
-            nu=nu,
-            shares=self.shares,
-            is_continuous=self.has_linear_controls,
-        )
+        """Pieces of states and controls, for configurations of `nz` coordinates and `nv` directions."""
+        blocks = tuple(block for feature in self.features for block in feature.blocks(ns, nu))
+        controls = tuple(item for feature in self.features for item in feature.controls(nu).items())
+        return StateLayout(nz, nv, ns, self.is_flat, blocks, controls)
 
     @property
     def stage_text(self) -> str:
@@ -170,12 +117,10 @@ class FunctionSignature:
             {
                 **self._state,
                 **self.steps.stage_key,
-                **({"switches": self.switches.signature} if self.switches else {}),
+                **_joined(feature.unknowns_key for feature in self.features),
+                **_joined(feature.stage_key for feature in self.features),
                 "cost": [term.signature for term in self.cost],
                 "path": [term.signature for term in self.path],
-                **({"has_unequal_lengths": True} if self.has_unequal_lengths else {}),
-                **({"varying": self.varying} if self.varying else {}),
-                **({"shares": self.shares} if self.shares else {}),
             }
         )
 
@@ -200,8 +145,9 @@ class FunctionSignature:
             **self._state,
             **self.steps.stage_key,
             **self.steps.end_key,
-            "switches": self.switches.signature if self.switches else None,
-            "shares": self.shares,
+            "switches": None,
+            "shares": (),
+            **_joined(feature.unknowns_key for feature in self.features),
             "goal": self.goal.signature,
             "own": [term.signature for term in self.ends],
             "guarded": self.guarded,
@@ -215,13 +161,13 @@ class FunctionSignature:
             "robot": self.robot,
             **self.steps.state_key,
             "is_flat": self.is_flat,
-            "memory": self.memory,
-            **({"num_paths": self.num_paths} if self.num_paths else {}),
-            **({"reactions": self.reactions} if self.reactions else {}),
-            **({"has_free_lengths": True} if self.has_free_lengths else {}),  # given ones keep their key
-            **({"has_clock": True} if self.has_clock else {}),
-            **({"moves": self.moves} if self.moves else {}),
+            "memory": [b.name for f in self.features for b in f.blocks(0, 0) if b.is_remembered],
+            **_joined(feature.state_key for feature in self.features),
         }
+
+
+def _joined(keys: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    return {name: value for key in keys for name, value in key.items()}
 
 
 def _text(material: dict[str, Any]) -> str:

@@ -1,11 +1,9 @@
 """Stage functions of a problem's signature, with exact first and second derivatives.
 
-A state is x = (z, s, r, h, t): coordinates of the configuration, speeds, what it remembers of the step before
-for terms that ask for it, the length of the steps where it is free, and the time where there are several.
-Derivatives are taken along the retraction x -> (z exp(dq), s + ds, r + dr, h + dh, t + dt) at dx = 0, so that
-every Newton update stays on the joints' Lie group; or, where the signature is flat, in the coordinates
-themselves. Where the start is free, the first state is moved first, see
-`mbocp.formulation.features.moved_start`.
+A state is x = (z, s, b): coordinates of the configuration, speeds, and the blocks that features add, such as
+what it remembers of the step before, see `mbocp.formulation.features.feature`. Derivatives are taken along
+the retraction x -> (z exp(dq), s + ds, b + db) at dx = 0, so that every Newton update stays on the joints'
+Lie group; or, where the signature is flat, in the coordinates themselves.
 
 Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 
@@ -21,7 +19,7 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 A solve by Newton's method asks for none of `gradient`, `jacobian` and `lengthening`, but for a few first
 derivatives, which `complete` has as well: so these are compiled when a solver asks for them.
 
-The rows of c are kinematics, momentum balance (or speeds), memory, step length, constraints. Which
+The rows of c are kinematics, momentum balance (or speeds), those of the blocks, constraints. Which
 equations these are is for the formulation's `Steps` to say. Controls that are forces, y and the momentum
 balance count in a unit of force that is one of the parameters, see `Units`.
 """
@@ -30,34 +28,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import casadi as ca
 
-from mbocp.formulation.features.length_terms import (
-    BEGINS_PHASE,
-    SPACING,
-    STEP_SHARE,
-    STRETCH,
-    idle_cost,
-    spacing,
-)
-from mbocp.formulation.features.memory import HAS_BEFORE
-from mbocp.formulation.features.pace_terms import ADVANCES, resting_cost
-from mbocp.formulation.features.reaction_terms import reaction_places
-from mbocp.formulation.features.switch_terms import IS_IMPACT, idle_impact
-from mbocp.formulation.layout import StateLayout, StateSpace, start_move
-from mbocp.formulation.parameters import (
-    TIME,
-    Sizes,
-    parameter_layout,
-    pieces,
-    share_of,
-    symbols_for,
-)
+from mbocp.formulation.features.feature import Feature
+from mbocp.formulation.features.passage import Passage
+from mbocp.formulation.layout import StateSpace
+from mbocp.formulation.parameters import Sizes, parameter_layout, pieces, symbols_for
 from mbocp.formulation.path import build_path, build_path_values
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.steps import StepDerivatives, StepSymbols, within
+from mbocp.formulation.steps import HAS_BEFORE, StepDerivatives, StepSymbols
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point
 
@@ -122,8 +103,8 @@ def build_first_functions(mechanics: Mechanics, signature: FunctionSignature) ->
 
 
 def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
-    mechanics, at = space.configurations, space.layout
-    ny = signature.steps.num_algebraic(mechanics) + signature.switches.num_held
+    mechanics, at, features = space.configurations, space.layout, signature.features
+    ny = signature.steps.num_algebraic(mechanics) + sum(feature.num_algebraic for feature in features)
     layout = parameter_layout(signature, Sizes.of(mechanics))
     theta = symbols_for("theta", layout.theta, mechanics.numbers)
     rho = ca.SX.sym("rho", sum(layout.stage.values()))
@@ -132,40 +113,10 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     if not at.is_flat:
         d0, d1 = ca.SX.sym("d0", at.ndx), ca.SX.sym("d1", at.ndx)
         at0, at1 = space.retract(x0, d0), space.retract(x1, d1)
-    sizes = {"u": at.num_own, "w": at.nh, "paces": at.num_paces, "moves": at.num_moves}
-    own, w, paces, moves = (ca.SX.sym(n, k) for n, k in sizes.items())
+    inputs = {name: ca.SX.sym(name, size) for name, size in at.control_sizes}
     given = {**pieces(theta, layout.theta), **pieces(rho, layout.stage)}
-    given |= {name: given[name] * given[share_of(name)] for name in signature.varying}
-    values = _values(at, own, at0, given)
-    u = within(at.shares, values, 1.0) if at.shares else own
-    if at.num_moves:
-        along = ca.SX.zeros(at.ndx) if at.is_flat else d0
-        at0 = space.moved(x0, along, start_move(at, 1 - given[HAS_BEFORE], moves))
     num_drives = len(mechanics.robot.drives)  # at the end of u; what they prescribe is no force
-    units_of_u = ca.vertcat(ca.repmat(given["force"], mechanics.nu - num_drives), ca.SX.ones(num_drives))
-    # As a linear row of the step makes it equal to h1 it could be that, but explicit steps know h0 alone.
-    stretched = at0[at.h] + given[BEGINS_PHASE] * w if at.nh else ca.SX(1)
-    moment = given.get(TIME)
-    moment = None if moment is None else stretched * moment
-    stretched = given.get(STRETCH, stretched)
-    dt = stretched * given["dt"]
-    between = given[SPACING] * given["dt"] if signature.has_unequal_lengths else dt
-    if at.nt:
-        moment = at0[at.t] * given["dt"] / given[STEP_SHARE] + signature.steps.tau * dt
-        between = spacing(at0[at.h], stretched, given.get(HAS_BEFORE, ca.SX(1))) * given["dt"]
-    controls = units_of_u * u
-    before = at.remembered.get("control")
-    begins = values[0] if at.is_continuous or before is None else at0[before]
-    change = None if before is None else units_of_u * (u - begins)
-    node = partial(Point, mechanics, u=controls, change=change)
-    idle = idle_cost(given[BEGINS_PHASE], w) if at.nh else ca.SX(0)
-    idle += resting_cost(given[ADVANCES], paces) if at.num_paces else ca.SX(0)
-    leap = given.get(IS_IMPACT, ca.SX(0))
-    idle += idle_impact(leap, u) if signature.switches.has_impacts else ca.SX(0)
-    idle += given[HAS_BEFORE] * ca.sumsqr(own[: at.nu]) / 2.0 if at.is_continuous else ca.SX(0)
-    y = ca.SX.sym("y", ny)
-    idle += given[HAS_BEFORE] * ca.sumsqr(moves) / 2.0 if at.num_moves else ca.SX(0)
-    return StepSymbols(
+    symbols = StepSymbols(
         mechanics=mechanics,
         space=space,
         x0=x0,
@@ -174,33 +125,37 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         d1=d1,
         at0=at0,
         at1=at1,
-        y=y,
-        u=u,
-        values=values,
-        own=own,
-        paces=paces,
-        moves=moves,
-        w=w,
-        dt=dt,
-        spacing=between,
+        y=ca.SX.sym("y", ny),
+        named_inputs=inputs,
+        u=inputs["own"],
+        dt=given["dt"],
+        spacing=given["dt"],
         m=ca.SX.sym("m", at.ndx + ny),
-        units_of_u=units_of_u,
+        units_of_u=ca.vertcat(ca.repmat(given["force"], mechanics.nu - num_drives), ca.SX.ones(num_drives)),
         theta=theta,
         rho=rho,
         given=given,
-        reactions=given["force"] * y[reaction_places(mechanics, signature.reactions)] / dt,
-        running_cost=_RunningCost(signature, node, given, dt, between, idle, leap, moment),
-        switches=signature.switches,
+        tau=signature.steps.tau,
+        follow=partial(_follow, _rules(signature, at.ns, mechanics.nu)),
+    )
+    for feature in features:
+        symbols = feature.enter(symbols)
+    own_rows = [row for feature in features for row in feature.own_rows(symbols)]
+    return replace(
+        symbols,
+        own_rows=ca.vertcat(ca.SX.zeros(0, 1), *own_rows),
+        running_cost=_RunningCost(signature, symbols),
     )
 
 
-def _values(at: StateLayout, own: ca.SX, at0: ca.SX, given: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
-    """Values of the robot's controls in the step, see `control_values`."""
-    values = [own[i * at.nu : (i + 1) * at.nu] for i in range(at.num_values)]
-    if at.is_continuous:
-        has_before = given[HAS_BEFORE]
-        values[0] = (1 - has_before) * values[0] + has_before * at0[at.remembered["control"]]
-    return tuple(values)
+def _rules(signature: FunctionSignature, ns: int, nu: int) -> dict[str, Feature]:
+    """By the name of each remembered block the feature that knows its rule."""
+    pairs = ((block, feature) for feature in signature.features for block in feature.blocks(ns, nu))
+    return {block.name: feature for block, feature in pairs if block.is_remembered}
+
+
+def _follow(rules: Mapping[str, Feature], step: Passage) -> dict[str, ca.SX]:
+    return {name: feature.following(name, step) for name, feature in rules.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,13 +163,22 @@ class _RunningCost:
     """Eq. (8) times the step length, eq. (18), and what couples steps, Eq. (33) of [Manara2017]_."""
 
     signature: FunctionSignature
-    node: Callable[..., Point]
-    given: Mapping[str, ca.SX]
-    dt: ca.SX
-    spacing: ca.SX
-    idle: ca.SX  # cost of a control that does nothing
-    is_impact: ca.SX
-    moment: ca.SX | None  # at which a step is evaluated, at its share tau [s]
+    step: StepSymbols
+
+    @cached_property
+    def _node(self) -> Callable[..., Point]:
+        step = self.step
+        before = step.space.layout.states.get("control")
+        change = None
+        if before is not None:
+            change = step.units_of_u * (step.u - (step.at0[before] if step.begin is None else step.begin))
+        return partial(Point, step.mechanics, u=step.controls, change=change)
+
+    @cached_property
+    def _idle(self) -> ca.SX:
+        """Cost of controls that do nothing."""
+        costs = (feature.idle_cost(self.step) for feature in self.signature.features)
+        return sum(costs, start=ca.SX(0))
 
     def __call__(
         self,
@@ -224,25 +188,27 @@ class _RunningCost:
         share: float | None = None,
         control: ca.SX | None = None,
     ) -> ca.SX:
-        dt, moment = self.dt, self.moment
+        step = self.step
+        dt, moment = step.dt, step.moment
         if moment is not None and share is not None:
-            moment += (share - self.signature.steps.tau) * dt
-        at = self.node(q, v, acceleration=acceleration, moment=moment)
+            moment += (share - step.tau) * dt
+        at = self._node(q, v, acceleration=acceleration, moment=moment)
         at = at if control is None else replace(at, u=control)
         cost = between = ca.SX(0)
         for term in self.signature.cost:
-            for addend in term.addends(at, self.given):
+            for addend in term.addends(at, step.given):
                 if term.couples_steps:
                     between += self._between(addend)
                 else:
                     cost += addend
-        return (1 - self.is_impact) * (dt * cost + between) + self.idle
+        return (1 - step.is_impact) * (dt * cost + between) + self._idle
 
     def _between(self, addend: ca.SX) -> ca.SX:
         """What couples steps; where controls are linear it is the rate within one."""
-        if self.signature.has_linear_controls:
-            return addend / self.dt
-        return self.given[HAS_BEFORE] * addend / self.spacing
+        step = self.step
+        if step.begin is not None:
+            return addend / step.dt
+        return step.given[HAS_BEFORE] * addend / step.spacing
 
 
 def _makers(at: StepSymbols, step: StepDerivatives) -> dict[str, Callable[[], ca.Function]]:

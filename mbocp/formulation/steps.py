@@ -7,24 +7,37 @@ the folder asks that value, and never which one it is.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 
-from mbocp.formulation.features.length_terms import BEGINS_PHASE, STEP_SHARE
-from mbocp.formulation.features.memory import HAS_BEFORE, MEMORY, Passage, unit_of
-from mbocp.formulation.features.pace_terms import ADVANCES
-from mbocp.formulation.features.switch_terms import NO_SWITCHES, Switches
+from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import StateSpace
 from mbocp.integrators import control_basis
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
-__all__ = ["EquationSteps", "RunningCost", "StepDerivatives", "StepSymbols", "Steps", "within"]
+__all__ = [
+    "HAS_BEFORE",
+    "EquationSteps",
+    "RunningCost",
+    "StepDerivatives",
+    "StepSymbols",
+    "Steps",
+    "unit_of",
+    "within",
+]
+
+HAS_BEFORE = "has_before"  # the stage parameter: 1 in steps that have one before them, else 0
 
 _ROUND_OFF = 1e-14  # of a weight that is zero
+
+
+def unit_of(name: str) -> str:
+    """Return the name of the parameter that holds the unit of a block."""
+    return f"unit.{name}"
 
 
 def within(shares: Sequence[float], values: Sequence[ca.SX], share: float) -> ca.SX:
@@ -49,6 +62,16 @@ class RunningCost(Protocol):
 
         `control`: that of the share, in the user's units; None: the one of the step.
         """
+
+
+def _free_of_cost(
+    q: ca.SX,
+    v: ca.SX,
+    acceleration: Callable[[], ca.SX],
+    share: float | None = None,
+    control: ca.SX | None = None,
+) -> ca.SX:
+    return ca.SX(0)
 
 
 class StepDerivatives(NamedTuple):
@@ -80,18 +103,10 @@ class StepSymbols:
         The states moved along the tangents; of the first step, that before it by the moves, too.
     y : casadi.SX, shape (ny,)
         Impulses of constraints, in the unit of force.
+    named_inputs : mapping of str to casadi.SX
+        All controls of the programme, by name.
     u : casadi.SX, shape (nu,)
         Controls of the robot at the end of the step, forces among them in the unit of force.
-    values : tuple of casadi.SX, shapes (nu,)
-        Their values in the step, see `control_values`; u alone where they are constant.
-    own : casadi.SX, shape (k nu,)
-        The controls of the programme that they come from.
-    paces : casadi.SX, shape (paths,)
-        Controls of the progress along paths, see `progress`.
-    moves : casadi.SX, shape (moves,)
-        Controls that move the start, see `moved_start`.
-    w : casadi.SX, shape (nh,)
-        Control of the step length, see `step_lengths`.
     dt : casadi.SX
         Length of the step [s].
     spacing : casadi.SX
@@ -104,11 +119,24 @@ class StepSymbols:
         Parameters of the horizon and of the step.
     given : mapping of str to casadi.SX
         Pieces of theta and rho, by name.
-    reactions : casadi.SX, shape (rows,)
-        Forces of the constraints' rows that states remember [N, N m].
+    tau : float
+        Where in the step its cost is evaluated.
+    values : tuple of casadi.SX, shapes (nu,)
+        Controls of the robot at `shares` of the step; empty where they are constant.
+    shares : tuple of float
+    begin : casadi.SX, shape (nu,), or None
+        Controls at the begin of the step, where they are linear in it.
+    moment : casadi.SX or None
+        Time at which the step is evaluated, where somebody asks for it [s].
+    start_move : callable or None
+        Controls that move the start -> move of (q, v), shape (2 nv,), where it is free.
+    switched : Switched or None
+        What acts in the step, where constraints begin and end along the way.
+    follow : callable
+        The step -> what states remember after it, by name.
+    own_rows : casadi.SX
+        Rows of the blocks that are not remembered.
     running_cost : RunningCost
-    switches : Switches
-        Constraints that begin and end along the way, and impacts.
     """
 
     mechanics: Mechanics
@@ -120,12 +148,8 @@ class StepSymbols:
     at0: ca.SX
     at1: ca.SX
     y: ca.SX
+    named_inputs: Mapping[str, ca.SX]
     u: ca.SX
-    values: tuple[ca.SX, ...]
-    own: ca.SX
-    paces: ca.SX
-    moves: ca.SX
-    w: ca.SX
     dt: ca.SX
     spacing: ca.SX
     m: ca.SX
@@ -133,54 +157,54 @@ class StepSymbols:
     theta: ca.SX
     rho: ca.SX
     given: Mapping[str, ca.SX]
-    reactions: ca.SX
-    running_cost: RunningCost
-    switches: Switches = NO_SWITCHES
+    tau: float
+    values: tuple[ca.SX, ...] = ()
+    shares: tuple[float, ...] = ()
+    begin: ca.SX | None = None
+    moment: ca.SX | None = None
+    start_move: Callable[[ca.SX], ca.SX] | None = None
+    switched: Switched | None = None
+    follow: Callable[[Passage], Mapping[str, ca.SX]] = lambda _: {}
+    own_rows: ca.SX = field(default_factory=lambda: ca.SX.zeros(0, 1))
+    running_cost: RunningCost = _free_of_cost
 
     @property
-    def switched(self) -> Switched:
-        """What acts in the step."""
-        return self.switches.in_symbols(self.mechanics.nc, self.given)
+    def has_before(self) -> ca.SX:
+        """1 where a step has one before it, else 0."""
+        return self.given.get(HAS_BEFORE, ca.SX(1))
+
+    @property
+    def is_impact(self) -> ca.SX:
+        """1 in an impact, else 0."""
+        return ca.SX(0) if self.switched is None else self.switched.is_impact
 
     @property
     def inputs(self) -> ca.SX:
-        """All controls of the programme, shape (k nu + paths + moves + nh,)."""
-        return ca.vertcat(self.own, self.paces, self.moves, self.w)
+        """All controls of the programme, one after the other."""
+        return ca.vertcat(*self.named_inputs.values())
 
     def remembering(self, s0: ca.SX, s1: ca.SX, before: Mapping[str, ca.SX]) -> Passage:
-        """The step as the rules of what is remembered see it, with these speeds and memories."""
-        units = {name: self.given[unit_of(name)] for name in before if MEMORY[name].has_unit}
-        has_before = self.given.get(HAS_BEFORE, ca.SX(1))
-        advances = self.given.get(ADVANCES, ca.SX.zeros(0, 1))
-        own = (self.units_of_u, self.dt, self.spacing, has_before, before, units, self.paces, advances)
-        begin = self.values[0] if self.space.layout.is_continuous else None
-        return Passage(s0, s1, self.u, *own, self.reactions, self.moves, begin)
+        """Return the step as the rules of what is remembered see it, with these speeds and memories."""
+        units = {name: self.given[unit_of(name)] for name in before if unit_of(name) in self.given}
+        own = (self.units_of_u, self.dt, self.spacing, self.has_before, before, units)
+        return Passage(s0, s1, self.u, *own, self.named_inputs, self.given, self._forces, self.begin)
+
+    def _forces(self, rows: Sequence[int]) -> ca.SX:
+        """Forces of rows of the robot's constraints; those of bodies and joints come before them [N, N m]."""
+        first = self.mechanics.nc - self.mechanics.robot.nc
+        return self.given["force"] * self.y[[first + row for row in rows]] / self.dt
 
     @property
     def memory_rows(self) -> ca.SX:
         """What the state after the step has to remember, less what it does, shape (nr,)."""
-        at = self.space.layout
-        before = {name: self.at0[where] for name, where in at.remembered.items()}
-        passage, leap = self.remembering(self.at0[at.s], self.at1[at.s], before), self.switched.is_impact
-        after = {name: MEMORY[name].following(passage) for name in before}
-        if self.switches.has_impacts:  # they take no time, and leave it
-            left = [name for name in before if not MEMORY[name].has_impacts]
+        at, leap = self.space.layout, self.is_impact
+        before = {name: self.at0[where] for name, where in at.states.items()}
+        after = dict(self.follow(self.remembering(self.at0[at.s], self.at1[at.s], before)))
+        if not leap.is_zero():  # impacts take no time, and leave what they have no value of
+            left = [block.name for block in at.blocks if block.is_remembered and not block.has_impacts]
             after |= {name: (1 - leap) * after[name] + leap * before[name] for name in left}
-        rows = [after[name] - self.at1[where] for name, where in at.remembered.items()]
+        rows = [value - self.at1[at.states[name]] for name, value in after.items()]
         return ca.vertcat(ca.SX.zeros(0, 1), *rows)
-
-    @property
-    def length_rows(self) -> ca.SX:
-        """h0 + e w - h1 and t0 + (h0 + e w)/N - t1, shape (nh + nt,): how long steps are from here on."""
-        at = self.space.layout
-        if not at.nh:
-            return ca.SX.zeros(0, 1)
-        length = self.at0[at.h] + self.given[BEGINS_PHASE] * self.w
-        rows = length - self.at1[at.h]
-        if not at.nt:
-            return rows
-        passed = (1 - self.switched.is_impact) * self.given[STEP_SHARE] * length
-        return ca.vertcat(rows, self.at0[at.t] + passed - self.at1[at.t])
 
     @property
     def controls(self) -> ca.SX:
@@ -189,8 +213,9 @@ class StepSymbols:
 
     def controls_at(self, share: float) -> ca.SX:
         """Controls at a share of the step, as the equations of motion and the cost count them."""
-        shares = self.space.layout.shares
-        return self.units_of_u * within(shares, self.values, share) if shares else self.controls
+        if not self.shares:
+            return self.controls
+        return self.units_of_u * within(self.shares, self.values, share)
 
 
 class Steps(Protocol):

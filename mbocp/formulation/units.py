@@ -37,9 +37,11 @@ def units_of(
     robot = problem.robot
     is_force = np.arange(robot.nu) < robot.nu - len(robot.drives)
     x, rows = np.zeros(at.nx, dtype=bool), np.append(np.zeros(at.ndx, dtype=bool), algebraic.is_balance)
-    if "control" in at.remembered:
-        x[at.remembered["control"]] = rows[at.remembered_rows["control"]] = is_force
-    is_force_u = np.append(np.tile(is_force, at.num_values), np.zeros(at.num_more_controls, dtype=bool))
+    for block in at.blocks:
+        if block.counts_as_control:
+            x[at.states[block.name]] = rows[at.rows[block.name]] = is_force
+    u = np.zeros(at.num_controls, dtype=bool)
+    u[: at.num_own] = np.tile(is_force, signature.control_values.count)
     rows[at.ds] = not signature.steps.rows_are_gaps
     force, cost = ordinary_units(problem)
     terminal, end_rows = units_of_end(signature, parameters)
@@ -48,7 +50,7 @@ def units_of(
         cost=cost,
         theta=mask(parameters.theta, ("force",)),
         x=x,
-        u=is_force_u,
+        u=u,
         y=algebraic.is_force,
         rows=rows,
         terminal=terminal,

@@ -13,8 +13,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.memory import HAS_BEFORE
-from mbocp.formulation.parameters import NUMBERS, places
+from mbocp.formulation.layout import places
+from mbocp.formulation.parameters import NUMBERS
+from mbocp.formulation.steps import HAS_BEFORE
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
 from mbocp.terms import FrameEnd, TerminalCost, TermNumbers, running_terms

@@ -51,7 +51,7 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     """
     problem, programme = formulation.problem, formulation.programme
     robot, N, layout = problem.robot, problem.num_steps, formulation.layout
-    shares = layout.shares
+    shares = formulation.pieces.signature.control_values.shares
     known = COORDINATES.get(saved.coordinates)
     has_multipliers = known is None or known.has_robot_multipliers
     has_own = has_multipliers and COORDINATES[problem.coordinates].has_robot_multipliers
@@ -90,9 +90,7 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     mus = _row_multipliers(saved, formulation, left, share)
     return replace(
         iterate,
-        ms=np.hstack(
-            [mus, np.zeros((N, layout.nr + layout.nh + layout.nt)), scales**2 * saved.zetas[middle]]
-        ),
+        ms=np.hstack([mus, np.zeros((N, layout.num_more_states)), scales**2 * saved.zetas[middle]]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
         bounds=_bound_multipliers(saved, formulation, left, share, middle),
     )
@@ -183,7 +181,7 @@ def _bound_multipliers(
     lam_xs = _between(np.hstack([saved.lam_qs, saved.lam_vs]), left, share)
     N, at = programme.num_steps, formulation.layout
     return BoundMultipliers(
-        xs=np.hstack([lam_xs, np.zeros((N + 1, at.nr + at.nh + at.nt))]),
+        xs=np.hstack([lam_xs, np.zeros((N + 1, at.num_more_states))]),
         us=np.hstack([saved.lam_us[middle], np.zeros((N, at.num_more_controls))]),
         path=np.zeros((N, programme.bounds.nh)),
         guard=np.zeros(programme.num_guards),

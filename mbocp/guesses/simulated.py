@@ -6,8 +6,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
-from mbocp.formulation import Formulation
-from mbocp.formulation.features.control_values import constant_values
+from mbocp.formulation import Formulation, given_lengths
 from mbocp.formulation.features.step_lengths import length_controls
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
@@ -38,9 +37,12 @@ def simulated(
     problem, programme = formulation.problem, formulation.programme
     native = kernel_programme(programme, sweeps=True)
     at = formulation.layout
-    none = np.zeros((problem.num_steps, at.num_more_controls - at.nh))
-    us = constant_values(at, np.tile(u, (problem.num_steps, 1)))
-    native.u = np.hstack([us, none, length_controls(problem, at)]).ravel()
+    values = formulation.pieces.signature.control_values
+    us = np.zeros((problem.num_steps, at.num_controls))
+    us[:, : at.num_own] = values.constant(np.tile(u, (problem.num_steps, 1)))
+    if "lengths" in at.controls:
+        us[:, at.controls["lengths"]] = length_controls(problem, given_lengths(problem))
+    native.u = us.ravel()
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
     native.x = xs.ravel()

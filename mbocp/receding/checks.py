@@ -68,5 +68,5 @@ def check_functions(formulation: Formulation) -> None:
         )
     if signature.uses_time:
         raise ProblemError("receding horizon: cost: a term depends on the time itself; write it without t")
-    if signature.num_paths:
+    if "progress" in formulation.layout.states:
         raise ProblemError("receding horizon: path: frames follow paths; give goals that move in their place")

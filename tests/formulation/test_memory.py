@@ -12,8 +12,7 @@ import pytest
 from mbocp import Problem, load_problem
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.memory import MEMORY, ordered
-from mbocp.formulation.features.remembered import memory_units
+from mbocp.formulation.features.memory import RULES, memory_units, ordered
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics.rates import rates_along
 
@@ -71,8 +70,10 @@ def test_derivatives_of_steps(problem: Problem, stage: int) -> None:
     rho = programme.rho.reshape(N, -1)[stage]
     absent = set() if has_forces(problem, {"scheme": problem.scheme}) else {"reaction"}
     absent |= set() if problem.robot.nc else {"start"}
-    assert at.num_moves == 2 * problem.robot.nv
-    assert list(at.remembered) == [name for name in MEMORY if name not in absent]
+    moves = at.controls["moves"]
+    assert moves.stop - moves.start == 2 * problem.robot.nv
+    names = [*RULES, "progress", "reaction", "start", "h"]
+    assert list(at.states) == [name for name in names if name not in absent]
     values, complete = (programme.functions.function(name) for name in ("values", "complete"))
     _, _, dc, dl, upper = (np.array(o.full()) for o in complete(*point, m, programme.theta, rho))
     hessian = np.triu(upper) + np.triu(upper, 1).T
@@ -147,12 +148,9 @@ def test_blocks_come_with_those_that_they_need() -> None:
 
 def test_units_are_those_of_the_limits() -> None:
     problem = limited("loops/four_bar", {"scheme": "se1"})
-    assert memory_units(problem) == {
-        "control_rate": 64.0,
-        "acceleration": 32.0,
-        "jerk": 256.0,
-        "reaction": 32.0,
-    }
+    features = formulate(problem).pieces.signature.features
+    units = {name: unit for feature in features for name, unit in feature.units(problem).items()}
+    assert units == {"control_rate": 64.0, "acceleration": 32.0, "jerk": 256.0, "reaction": 32.0}
     assert {limit.key: limit.scale for limit in problem.rate_limits}["power"] == 16.0
     goal = {"q": problem.goal.q, "v": 0}
     alone = Problem.create(problem.robot, 2.0, N, goal=goal, limits={"jerk": 300.0}, scheme="se1")
@@ -171,4 +169,4 @@ def test_only_what_is_asked_for_is_remembered() -> None:
         fresh = Problem.create(
             problem.robot, 1.0, N, goal={"q": problem.goal.q, "v": 0}, limits=limits, scheme="se1"
         )
-        assert list(formulate(fresh).layout.remembered) == names
+        assert list(formulate(fresh).layout.states) == names

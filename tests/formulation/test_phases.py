@@ -72,10 +72,12 @@ def test_a_step_is_the_one_of_given_length_and_time(case: tuple[str, dict[str, A
     problem = free(*case, has_rates=False)
     formulation = formulate(problem)
     programme, at, nu = formulation.programme, formulation.layout, problem.robot.nu
-    assert (at.nh, at.nt) == (1, 1)
+    assert list(at.states) == ["h", "t"]
     point, _ = near(formulation)
     e, (w,) = begins_phase(N, (0, BEGINS))[stage], point.u[nu:]
-    (h0,), (h1,), (t0,), (t1,) = (x[piece] for piece in (at.h, at.t) for x in (point.x0, point.x1))
+    (h0,), (h1,), (t0,), (t1,) = (
+        x[piece] for piece in (at.states["h"], at.states["t"]) for x in (point.x0, point.x1)
+    )
     length, T = h0 + e * w, problem.duration
     rho = programme.rho.reshape(N, -1)[stage]
     assert rho[-1] == e
@@ -87,10 +89,10 @@ def test_a_step_is_the_one_of_given_length_and_time(case: tuple[str, dict[str, A
     assert rho_given[-1] == pytest.approx((stage + tau) * T / N * length)  # the time of equal steps
     rho_given[-1] = t0 * T + tau * T / N * length
     c, cost = programme.functions.function("values")(*point, programme.theta, rho)
-    same = (point.x0[: at.h.start], point.x1[: at.h.start], point.y, point.u[:nu])
+    same = (point.x0[: at.states["h"].start], point.x1[: at.states["h"].start], point.y, point.u[:nu])
     c_given, cost_given = given.functions.function("values")(*same, given.theta, rho_given)
     c, c_given = np.asarray(c).ravel(), np.asarray(c_given).ravel()
-    rows = [at.dh.start, at.dt.start]
+    rows = [at.rows["h"].start, at.rows["t"].start]
     assert np.allclose(np.delete(c, rows), c_given, rtol=1e-12, atol=1e-12 * np.abs(c_given).max())
     assert c[rows] == pytest.approx([length - h1, t0 + length / N - t1], abs=1e-15)
     assert float(cost) == pytest.approx(float(cost_given) + (1 - e) * w**2 / 2, rel=1e-12)
@@ -109,7 +111,9 @@ def problem_tau(formulation: Formulation) -> float:
 def test_derivatives(case: tuple[str, dict[str, Any]], stage: int) -> None:
     """Length and time of the step are among the unknowns that are looked at alone."""
     formulation = formulate(free(*case, has_rates=True))
-    check_derivatives(formulation, stage, [formulation.layout.dh.start, formulation.layout.dt.start])
+    check_derivatives(
+        formulation, stage, [formulation.layout.rows["h"].start, formulation.layout.rows["t"].start]
+    )
 
 
 def test_motions_keep_the_lengths_of_their_phases() -> None:
@@ -129,7 +133,9 @@ def test_motions_keep_the_lengths_of_their_phases() -> None:
     for name in ("qs", "vs", "us", "dts"):
         assert np.allclose(getattr(found, name), getattr(motion, name), atol=1e-14)
     at = formulation.layout
-    assert iterate.xs[:, at.t].ravel() == pytest.approx(np.append(0.0, np.cumsum(dts)) / problem.duration)
+    assert iterate.xs[:, at.states["t"]].ravel() == pytest.approx(
+        np.append(0.0, np.cumsum(dts)) / problem.duration
+    )
     uneven = Motion(motion.qs, motion.vs, motion.us, dts * np.tile([0.5, 1.5], N // 2))
     evened = formulation.motion_of(formulation.iterate_of(uneven, np.zeros((N, robot.nc))))
     assert evened.dts == pytest.approx(dts)

@@ -54,7 +54,12 @@ def test_a_step_is_the_one_of_given_length(problem: Problem, stage: int) -> None
     formulation = formulate(problem)
     programme, at, nu = formulation.programme, formulation.layout, problem.robot.nu
     point, _ = near(formulation)
-    e, (w,), (h0,), (h1,) = begins_phase(N)[stage], point.u[nu:], point.x0[at.h], point.x1[at.h]
+    e, (w,), (h0,), (h1,) = (
+        begins_phase(N)[stage],
+        point.u[nu:],
+        point.x0[at.states["h"]],
+        point.x1[at.states["h"]],
+    )
     limits = {"effort": 1e6}  # a reason for states to be plain vectors
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ProblemWarning)  # cost.time adds a constant, which is meant
@@ -65,7 +70,7 @@ def test_a_step_is_the_one_of_given_length(problem: Problem, stage: int) -> None
     same = (point.x0[:-1], point.x1[:-1], point.y, point.u[:nu])
     c_given, cost_given = given.functions.function("values")(*same, given.theta, rho_given)
     c, c_given = np.asarray(c).ravel(), np.asarray(c_given).ravel()
-    row = at.dh.start
+    row = at.rows["h"].start
     assert np.allclose(np.delete(c, row), c_given, rtol=1e-12, atol=1e-12 * np.abs(c_given).max())
     assert c[row] == pytest.approx(h0 + e * w - h1, abs=1e-15)
     assert float(cost) == pytest.approx(float(cost_given) + (1 - e) * w**2 / 2, rel=1e-12)
@@ -75,7 +80,7 @@ def test_a_step_is_the_one_of_given_length(problem: Problem, stage: int) -> None
 def test_derivatives(problem: Problem, stage: int) -> None:
     """The step length is among the unknowns that are looked at alone."""
     formulation = formulate(problem)
-    check_derivatives(formulation, stage, [formulation.layout.dh.start])
+    check_derivatives(formulation, stage, [formulation.layout.rows["h"].start])
 
 
 def test_phases_begin_where_their_first_steps_are() -> None:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from mbocp._arrays import Array
+from mbocp.formulation.features.control_values import ControlValues
+from mbocp.formulation.features.memory import Memory
 from mbocp.formulation.parameters import Sizes, parameter_layout, pieces
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.signature import FunctionSignature
@@ -185,6 +187,7 @@ def signature_of(
         goal=ExactGoal("v", 0, 0),
         cost=cost + ((ControlRate(),) if robot.nu else ()),
         is_flat=is_flat or robot.is_vector_space,
+        features=(ControlValues(), *((Memory(("control",)),) if robot.nu else ())),
     )
 
 

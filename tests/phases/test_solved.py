@@ -42,7 +42,7 @@ def test_phases_in_which_nothing_differs_are_one_horizon(coordinates: str) -> No
 
 def test_steps_of_given_lengths_that_differ_are_no_unknowns() -> None:
     problem = in_phases({"duration": 0.3}, {"duration": 0.7})
-    assert formulate(problem).layout.nh == 0
+    assert "h" not in formulate(problem).layout.states
     found = optimum(problem)
     fixed = optimum(
         in_phases({"duration": {"min": 0.3, "max": 0.3001}}, {"duration": {"min": 0.7, "max": 0.7001}})

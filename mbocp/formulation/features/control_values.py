@@ -13,102 +13,147 @@ its square is added to the cost, which is zero at the optimum.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import StateLayout
-from mbocp.integrators import control_basis, control_means
+from mbocp.formulation.motion import Motion
+from mbocp.formulation.steps import HAS_BEFORE, StepSymbols, within
+from mbocp.integrators import control_means, shares_of
+from mbocp.problem import Problem
 
-__all__ = [
-    "constant_values",
-    "ends_of",
-    "filled_values",
-    "means_of",
-    "slopes_of",
-    "spread_limits",
-    "values_of",
-    "with_values",
-]
+__all__ = ["ControlValues"]
 
 
-def values_of(at: StateLayout, us: Array) -> Array:
-    """Values among the controls (N, any) of a programme, shape (N, k, nu); shape (0, 0, 0) if constant."""
-    if not at.shares:
-        return np.zeros((0, 0, 0))
-    values = np.array(us[:, : at.num_own].reshape(len(us), at.num_values, at.nu))
-    if at.is_continuous:
-        values[1:, 0] = values[:-1, -1]
-    return values
+@dataclass(frozen=True)
+class ControlValues(Feature):
+    """Controls of the robot; every problem has them.
 
-
-def means_of(at: StateLayout, us: Array) -> Array:
-    """Means over the steps of the controls (N, any) of a programme, shape (N, nu)."""
-    if not at.shares:
-        return us[:, : us.shape[1] - at.num_more_controls]
-    means: Array = np.einsum("k,nku->nu", control_means(at.shares), values_of(at, us))
-    return means
-
-
-def ends_of(at: StateLayout, us: Array) -> Array:
-    """Controls at the ends of the steps from those (N, any) of a programme, shape (N, nu)."""
-    if not at.shares:
-        return us[:, : at.nu]
-    ends: Array = np.einsum("k,nku->nu", control_basis(at.shares, [1.0])[0], values_of(at, us))
-    return ends
-
-
-def slopes_of(at: StateLayout, us: Array, dts: Array) -> Array | None:
-    """Rates of linear controls in the steps [1/s], shape (N, nu); None where controls leap between steps."""
-    if not at.is_continuous:
-        return None
-    values = values_of(at, us)
-    slopes: Array = (values[:, 1] - values[:, 0]) / dts[:, None]
-    return slopes
-
-
-def constant_values(at: StateLayout, us: Array) -> Array:
-    """Controls of the programme with which all values in a step are those of `us`, shape (N, k nu)."""
-    values = np.repeat(us[:, None], at.num_values, axis=1)
-    return with_values(at, us, values, np.ones(len(us)))
-
-
-def filled_values(at: StateLayout, means: Array, dts: Array) -> Array:
-    """Values (N, k, nu) of a guess: its means (N, nu), interpolated between the middles of the steps."""
-    ends = np.cumsum(dts)
-    middles = ends - dts / 2.0
-    times = (ends - dts)[:, None] + np.outer(dts, at.shares)
-    columns = [np.interp(times.ravel(), middles, mean) for mean in means.T]
-    return np.reshape(np.column_stack(columns), (len(dts), at.num_values, at.nu))
-
-
-def with_values(at: StateLayout, us: Array, values: Array, dts: Array) -> Array:
-    """Controls of the programme that controls (N, nu) with values within the steps stand for, shape (N, any).
-
-    `values`, shape (N, k, nu), are filled in where there are none of this layout.
+    Attributes
+    ----------
+    shares : tuple of float
+        Where in a step they have values; empty where they are constant.
+    is_continuous : bool
+        Whether the first value of a step is the last of the step before, which states remember.
     """
-    if not at.shares:
-        return us
-    found = np.array(values if values.shape[1] == at.num_values else filled_values(at, us, dts))
-    if at.is_continuous:
-        found[1:, 0] = 0.0
-    return found.reshape(len(us), at.num_own)
 
+    shares: tuple[float, ...] = ()
+    is_continuous: bool = False
 
-def spread_limits(at: StateLayout, lower: Array, upper: Array, num_steps: int) -> tuple[Array, Array]:
-    """Bounds of all values, shapes (N, k nu), from those of the controls, shapes (N, nu) or (1, nu).
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> ControlValues:
+        """Return those of the scheme and of what a problem says of its controls."""
+        return cls(shares_of(problem.controls, problem.scheme), problem.controls == "linear")
 
-    The end of a step is the begin of the next one where controls are continuous: both their limits hold.
-    """
-    if not at.shares:
-        return lower, upper
-    sides = []
-    for bounds, free, narrower in ((lower, -np.inf, np.maximum), (upper, np.inf, np.minimum)):
-        rows = np.array(np.broadcast_to(bounds, (num_steps, at.nu)))
-        blocks = [rows] * at.num_values
-        if at.is_continuous:
-            ends, begins = rows.copy(), np.full_like(rows, free)
-            ends[:-1] = narrower(rows[:-1], rows[1:])
-            begins[0] = rows[0]
-            blocks = [begins, ends]
-        sides.append(np.hstack(blocks))
-    return sides[0], sides[1]
+    @property
+    def count(self) -> int:
+        """Values of each control in a step."""
+        return max(len(self.shares), 1)
+
+    def controls(self, nu: int) -> Mapping[str, int]:
+        """All values, one block after the other."""
+        return {"own": nu * self.count}
+
+    @property
+    def asks_for_first(self) -> bool:
+        """Whether the first step begins otherwise."""
+        return self.is_continuous
+
+    @property
+    def unknowns_key(self) -> Mapping[str, Any]:
+        """Where values are; linear controls are remembered, too."""
+        return {"shares": self.shares} if self.shares else {}
+
+    def enter(self, at: StepSymbols) -> StepSymbols:
+        """Make controls of the robot of the values."""
+        if not self.shares:
+            return at
+        own, nu = at.named_inputs["own"], at.mechanics.nu
+        values = [own[i * nu : (i + 1) * nu] for i in range(self.count)]
+        if self.is_continuous:
+            before = at.at0[at.space.layout.states["control"]]
+            values[0] = (1 - at.has_before) * values[0] + at.has_before * before
+        begin = values[0] if self.is_continuous else None
+        u = within(self.shares, values, 1.0)
+        return replace(at, u=u, values=tuple(values), shares=self.shares, begin=begin)
+
+    def idle_cost(self, at: StepSymbols) -> ca.SX:
+        """Half the square of a first value that is that of the step before."""
+        if not self.is_continuous:
+            return ca.SX(0)
+        return at.given[HAS_BEFORE] * ca.sumsqr(at.named_inputs["own"][: at.mechanics.nu]) / 2.0
+
+    def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
+        """Bounds of all values.
+
+        The end of a step is the begin of the next one where controls are continuous: both their limits hold.
+        """
+        lower, upper = problem.limits_along()["u"]
+        if not self.shares:
+            return {"own": (lower, upper)}
+        sides = []
+        for bounds, free, narrower in ((lower, -np.inf, np.maximum), (upper, np.inf, np.minimum)):
+            rows = np.array(np.broadcast_to(bounds, (problem.num_steps, bounds.shape[1])))
+            blocks = [rows] * self.count
+            if self.is_continuous:
+                ends, begins = rows.copy(), np.full_like(rows, free)
+                ends[:-1] = narrower(rows[:-1], rows[1:])
+                begins[0] = rows[0]
+                blocks = [begins, ends]
+            sides.append(np.hstack(blocks))
+        return {"own": (sides[0], sides[1])}
+
+    def control_words(self, problem: Problem) -> Sequence[str]:
+        """Names of the robot's controls, and where in a step they are limited."""
+        places = tuple(f" at {share:.3g} of the step" for share in self.shares) or ("",)
+        labels = problem.robot.u_labels
+        return [f"limit of control {label.name}{place}" for place in places for label in labels]
+
+    def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
+        """Values within the steps, which are filled in where a motion has none of this kind."""
+        if not self.shares:
+            return {"own": motion.us}
+        values = motion.values
+        found = np.array(values if values.shape[1] == self.count else self._filled(motion))
+        if self.is_continuous:
+            found[1:, 0] = 0.0
+        return {"own": found.reshape(len(found), -1)}
+
+    def _filled(self, motion: Motion) -> Array:
+        """Values (N, k, nu) of a guess: its means, interpolated between the middles of the steps."""
+        ends = np.cumsum(motion.dts)
+        middles = ends - motion.dts / 2.0
+        times = (ends - motion.dts)[:, None] + np.outer(motion.dts, self.shares)
+        columns = [np.interp(times.ravel(), middles, mean) for mean in motion.us.T]
+        return np.reshape(np.column_stack(columns), (len(ends), self.count, motion.us.shape[1]))
+
+    def constant(self, us: Array) -> Array:
+        """Return controls of the programme with which all values in a step are those of `us`, (N, k nu)."""
+        values = np.tile(us, (1, self.count))
+        if self.is_continuous:
+            values[1:, : us.shape[1]] = 0.0
+        return values
+
+    def read(self, problem: Problem, at: StateLayout, xs: Array, us: Array, motion: Motion) -> Motion:
+        """Means over the steps, and the values."""
+        own = us[:, : at.num_own]
+        if not self.shares:
+            return replace(motion, us=own)
+        values = np.array(own.reshape(len(us), self.count, -1))
+        if self.is_continuous:
+            values[1:, 0] = values[:-1, -1]
+        means: Array = np.einsum("k,nku->nu", control_means(self.shares), values)
+        return replace(motion, us=means, values=values, shares=self.shares)
+
+    def summed(self, multipliers: Array) -> Array:
+        """Return multipliers of limits of the robot's controls, (N, nu), from those of all values."""
+        if not self.shares:
+            return multipliers
+        found: Array = multipliers.reshape(len(multipliers), self.count, -1).sum(axis=1)
+        return found

@@ -1,4 +1,4 @@
-r"""What a state remembers of the step that led to it: named blocks r, each with the rule of its next value.
+r"""Controls, accelerations and their rates that a state remembers of the step that led to it.
 
 A function of two steps, such as a rate, is a function of one state that remembers. With s the speeds, u the
 controls and dt the length of the step from one state to the next, the blocks and their next values are
@@ -7,124 +7,59 @@ controls and dt the length of the step from one state to the next, the blocks an
     \text{control} \quad & u, &
     \text{control\_rate} \quad & (u - u^-) / \delta t, \\
     \text{acceleration} \quad & a = (s_1 - s_0) / \Delta t, &
-    \text{jerk} \quad & (a - a^-) / \delta t, &
-    \text{progress} \quad & s^- + e\, w, &
-    \text{reaction} \quad & \lambda, &
-    \text{start} \quad & r^- + e\, w
+    \text{jerk} \quad & (a - a^-) / \delta t
 
-where lambda are forces of constraints in the step, a minus means what was remembered before, and delta t is
-the time from the middle of the step before to that of this one: dt where steps are as long as each other. All
-begin with zero, but for the acceleration before the start where a problem gives one; the control of the
-first step has no rate. Rates
-count in units of the size of their limits, so that the numbers that solvers see are of ordinary size.
-
-The rules are plain arithmetic: they take symbols of one step, and arrays of all steps at once.
+where a minus means what was remembered before, and delta t is the time from the middle of the step before to
+that of this one: dt where steps are as long as each other. All begin with zero, but for the acceleration
+before the start where a problem gives one; the control of the first step has no rate. Rates count in units of
+the size of their limits, so that the numbers that solvers see are of ordinary size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
-import numpy as np
+from mbocp._arrays import Array
+from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.passage import Passage
+from mbocp.formulation.layout import Block
+from mbocp.problem import Problem
+from mbocp.robot import Label
 
-from mbocp._arrays import Array, BoolArray
-from mbocp.mechanics.rates import spacings
+__all__ = ["RULES", "Memory", "Rule", "memory_units", "ordered"]
 
-__all__ = ["HAS_BEFORE", "MEMORY", "Block", "Passage", "memory_along", "ordered", "unit_of"]
-
-HAS_BEFORE = "has_before"  # the stage parameter: 1 in steps that have one before them, else 0
-
-
-@dataclass(frozen=True, eq=False)
-class Passage:
-    """A step as the rules see it: symbols of one, or arrays with a row for each.
-
-    Attributes
-    ----------
-    s0, s1 : casadi.SX, shape (ns,), or ndarray, shape (N, ns)
-        Speeds before and after it.
-    u : casadi.SX, shape (nu,), or ndarray, shape (N, nu)
-        Controls as the state counts them.
-    units_of_u : casadi.SX, shape (nu,), or float
-        From there to the user's.
-    dt : casadi.SX, or ndarray, shape (N, 1)
-        Its length [s].
-    spacing : casadi.SX, or ndarray, shape (N, 1)
-        Time from the middle of the step before to its own [s]; in the first step its length.
-    has_before : casadi.SX, or ndarray, shape (N, 1)
-        0 in the first step, 1 in all others.
-    before : mapping of str
-        What was remembered before it, by name.
-    units : mapping of str
-        Units of the blocks, by name.
-    paces, advances : casadi.SX, shape (paths,), or ndarray, shape (N, paths)
-        Controls of the progress along followed paths, and what they are multiplied by; see `progress`.
-    reactions : casadi.SX, shape (rows,), or ndarray, shape (N, rows)
-        Forces of constraints in the step, of the rows that are asked for; see `reactions`.
-    moves : casadi.SX, shape (moves,), or ndarray, shape (N, moves)
-        Controls that move the start, in the first step; see `moved_start`.
-    begin : casadi.SX, shape (nu,), or ndarray, shape (N, nu), or None
-        Controls at the begin of the step where they are linear in it; u is at its end.
-    """
-
-    s0: Any
-    s1: Any
-    u: Any
-    units_of_u: Any
-    dt: Any
-    spacing: Any
-    has_before: Any
-    before: Mapping[str, Any]
-    units: Mapping[str, Any]
-    paces: Any = 0.0
-    advances: Any = 0.0
-    reactions: Any = 0.0
-    moves: Any = 0.0
-    begin: Any = None
-
-    @property
-    def acceleration(self) -> Any:
-        """Mean acceleration."""
-        return (self.s1 - self.s0) / self.dt
+_RISE = 8.0  # part of the duration over which the greatest jerk makes a typical acceleration
 
 
 @dataclass(frozen=True)
-class Block:
-    """A block of what is remembered.
+class Rule:
+    """How a block follows from a step.
 
     Attributes
     ----------
-    of : {"u", "s", "path", "reaction", "start"}
-        Whether it has an entry for each control, each speed, each path that a frame follows, each row of
-        constraints whose force is asked for, or each free direction of the start.
+    of : {"u", "s"}
+        Whether it has an entry for each control or for each speed.
+    words : str
+        What its rows are called, before the name of a control or speed.
     following : callable
         `Passage` -> the value after the step.
     has_unit : bool
-        Whether it counts in a unit of its own.
+        Whether it counts in a unit of its own; else in those of the controls.
     needs : tuple of str
-        Blocks that its rule looks at.
+        Blocks that it looks at.
     asks_for_first : bool
-        Whether its rule looks at `Passage.has_before`.
-    adds_up : bool
-        Whether its rule adds something to what was before.
-    has_impacts : bool
-        Whether impacts, steps of no duration, have a value, too; else they leave what is remembered.
+        Whether it looks at `Passage.has_before`.
     """
 
-    of: str
+    of: Literal["u", "s"]
+    words: str
     following: Callable[[Passage], Any]
     has_unit: bool = True
     needs: tuple[str, ...] = ()
     asks_for_first: bool = False
-    adds_up: bool = False
-    has_impacts: bool = False
-
-
-def _control(at: Passage) -> Any:
-    return at.u
 
 
 def _control_rate(at: Passage) -> Any:
@@ -134,109 +69,83 @@ def _control_rate(at: Passage) -> Any:
     return at.has_before * change / (at.spacing * at.units["control_rate"])
 
 
-def _acceleration(at: Passage) -> Any:
-    return at.acceleration / at.units["acceleration"]
-
-
 def _jerk(at: Passage) -> Any:
     change = at.acceleration - at.units["acceleration"] * at.before["acceleration"]
     return change / (at.spacing * at.units["jerk"])
 
 
-def _progress(at: Passage) -> Any:
-    return at.before["progress"] + at.advances * at.paces
-
-
-def _reaction(at: Passage) -> Any:
-    return at.reactions / at.units["reaction"]
-
-
-def _start(at: Passage) -> Any:
-    return at.before["start"] + (1.0 - at.has_before) * at.moves
-
-
-MEMORY: Mapping[str, Block] = MappingProxyType(
+RULES: Mapping[str, Rule] = MappingProxyType(
     {
-        "control": Block("u", _control, has_unit=False),
-        "control_rate": Block("u", _control_rate, needs=("control",), asks_for_first=True),
-        "acceleration": Block("s", _acceleration),
-        "jerk": Block("s", _jerk, needs=("acceleration",)),
-        "progress": Block("path", _progress, has_unit=False, adds_up=True),
-        "reaction": Block("reaction", _reaction, has_impacts=True),
-        "start": Block("start", _start, has_unit=False, asks_for_first=True, adds_up=True),
+        "control": Rule("u", "previous control", lambda at: at.u, has_unit=False),
+        "control_rate": Rule("u", "rate of control", _control_rate, needs=("control",), asks_for_first=True),
+        "acceleration": Rule("s", "acceleration of", lambda at: at.acceleration / at.units["acceleration"]),
+        "jerk": Rule("s", "jerk of", _jerk, needs=("acceleration",)),
     }
 )
 
 
 def ordered(names: set[str]) -> tuple[str, ...]:
-    """Names of blocks and of those that they need, in the order in which states have them."""
-    wanted = names | {need for name in names for need in MEMORY[name].needs}
-    return tuple(name for name in MEMORY if name in wanted)
+    """Return names of blocks and of those that they need, in the order in which states have them."""
+    wanted = names | {need for name in names & RULES.keys() for need in RULES[name].needs}
+    return tuple(name for name in RULES if name in wanted)
 
 
-def unit_of(name: str) -> str:
-    """Name of the parameter that holds the unit of a block."""
-    return f"unit.{name}"
+@dataclass(frozen=True)
+class Memory(Feature):
+    """Names of what is remembered; functions of two steps, such as rates, are functions of one state then."""
+
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> Memory | None:
+        """Return what the cost, the path constraints, the end, and linear controls look at."""
+        of_cost = {"control"} if asked.couples_steps or problem.controls == "linear" else set()
+        names = ordered(of_cost | asked.remembers)
+        return cls(names) if names else None
+
+    def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
+        """One for each name."""
+        sizes, rules = {"u": nu, "s": ns}, {name: RULES[name] for name in self.names}
+        return tuple(
+            Block(name, sizes[rule.of], has_unit=rule.has_unit, counts_as_control=not rule.has_unit)
+            for name, rule in rules.items()
+        )
+
+    @property
+    def asks_for_first(self) -> bool:
+        """Whether a rule does."""
+        return any(RULES[name].asks_for_first for name in self.names)
+
+    def following(self, name: str, step: Passage) -> Any:
+        """By the rule of the block."""
+        return RULES[name].following(step)
+
+    def units(self, problem: Problem) -> Mapping[str, float]:
+        """Those of the limits."""
+        return memory_units(problem)
+
+    def first(self, problem: Problem) -> Mapping[str, Array]:
+        """The acceleration before the start."""
+        if "acceleration" not in self.names or not problem.a_start.any():
+            return {}
+        return {"acceleration": problem.a_start / memory_units(problem)["acceleration"]}
+
+    def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
+        """Which control or speed they are of."""
+        labels = {"u": problem.robot.u_labels, "s": speeds}
+        rules = [RULES[name] for name in self.names]
+        return [f"{rule.words} {label.name}" for rule in rules for label in labels[rule.of]]
 
 
-def memory_along(
-    names: tuple[str, ...],
-    speeds: Array,
-    us: Array,
-    dts: Array,
-    units: Mapping[str, float],
-    paces: tuple[Array, Array] | None = None,
-    is_impact: BoolArray | None = None,
-    reactions: Array | None = None,
-    moves: Array | None = None,
-    begins: Array | None = None,
-    first: Mapping[str, Array] = MappingProxyType({}),
-) -> dict[str, Array]:
-    """What the nodes of a motion remember, by name, shapes (N + 1, size).
+def memory_units(problem: Problem) -> dict[str, float]:
+    """Return units of the blocks that have one [m/s^2, rad/s^2 and the like], by name.
 
-    Parameters
-    ----------
-    names : tuple of str
-    speeds : ndarray, shape (N + 1, ns)
-    us : ndarray, shape (N, nu)
-    dts : ndarray, shape (N,)
-        Lengths of the steps [s].
-    units : mapping of str to float
-    paces : tuple of ndarray, shapes (N, paths), optional
-        Paces, and what they are multiplied by.
-    is_impact : ndarray of bool, shape (N,), optional
-        Steps that take no time, and leave what is remembered, but for reactions; their lengths are not looked
-        at.
-    reactions : ndarray, shape (N, rows), optional
-        Forces of constraints; of impacts their impulses by the length of a step.
-    moves : ndarray, shape (N, moves), optional
-        Moves of the start.
-    begins : ndarray, shape (N, nu), optional
-        Controls at the begins of the steps, where they are linear in them; `us` are at the ends.
-    first : mapping of str to ndarray
-        What the first node remembers, by name, where it is not zero.
+    Those of the limits. Where the jerk alone is limited, accelerations are of the size that it makes.
     """
-    none = np.zeros((len(us), 0))
-    w, e = (none, none) if paces is None else paces
-    forces, moved = (none if given is None else given for given in (reactions, moves))
-    of_all = np.vstack([np.zeros(forces.shape[1]), forces])
-    timed = np.ones(len(us), dtype=np.bool_) if is_impact is None else ~is_impact
-    nodes = np.cumsum(np.append(0, timed))  # for each its place among those after steps that take time
-    starts, speeds = speeds[:-1][timed], speeds[1:][timed]
-    us, dts, w, e, forces, moved = (values[timed] for values in (us, dts, w, e, forces, moved))
-    begin = None if begins is None else begins[timed]
-    has_before = (np.arange(len(us)) > 0).astype(np.float64)[:, None]
-    between = spacings(dts)[:, None]
-    found: dict[str, Array] = {}
-    for name in names:
-        before = {known: values[:-1] for known, values in found.items()} | {"progress": 0.0, "start": 0.0}
-        own = (dts[:, None], between, has_before, before, units, w, e, forces, moved)
-        at = Passage(starts, speeds, us, 1.0, *own, begin)
-        after = MEMORY[name].following(at)
-        after = np.cumsum(after, axis=0) if MEMORY[name].adds_up else after
-        found[name] = np.vstack([first.get(name, np.zeros(after.shape[1])), after])
-    at_nodes = {name: values[nodes] for name, values in found.items()}
-    return {
-        name: of_all / units[name] if MEMORY[name].has_impacts else values
-        for name, values in at_nodes.items()
-    }
+    units = {name: 1.0 for name, rule in RULES.items() if rule.has_unit}
+    limits = problem.rate_limits
+    units |= {name: c.scale for c in limits for name in c.term.remembers[-1:] if name in units}
+    keys = {limit.key for limit in limits}
+    if "jerk" in keys and "acceleration" not in keys:
+        units["acceleration"] = units["jerk"] * problem.duration / _RISE
+    return units

@@ -16,59 +16,132 @@ condition is a function of the last state alone. On groups r is in the tangent s
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp.formulation.features.feature import Asked, Feature, unbounded
+from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.goal import independent_rows
-from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.layout import Block, StateLayout
+from mbocp.formulation.motion import Motion
+from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.goals.free_start import kept_at_start, start_bounds
 from mbocp.problem.goals.periodic import Periodic, impact_axes, numbers_of
 from mbocp.problem.timeline.seam import compared
+from mbocp.robot import Label
 from mbocp.terms import KeptRows, PeriodicEnd, Sizes, StartEnd, StartState
 
-__all__ = ["free_directions", "move_bounds", "move_names", "moved_start", "start_ends", "with_moves"]
+__all__ = ["MovedStart", "start_ends"]
 
 
-def free_directions(problem: Problem) -> tuple[int, ...]:
-    """Free directions of (q, v) at the start."""
-    return problem.start_free.directions if problem.start_free is not None else ()
+@dataclass(frozen=True)
+class MovedStart(Feature):
+    """A free start.
 
+    Attributes
+    ----------
+    directions : tuple of int
+        Free directions of (q, v).
+    is_remembered : bool
+        Whether the end looks at the start.
+    """
 
-def move_names(problem: Problem) -> tuple[str, ...]:
-    """What the moves are called."""
-    robot = problem.robot
-    names = [f"{part} of {label.name}" for part in ("position", "velocity") for label in robot.v_labels]
-    return tuple(f"start {names[i]}" for i in free_directions(problem))
+    directions: tuple[int, ...]
+    is_remembered: bool = False
 
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> MovedStart | None:
+        """Return it where some directions are free."""
+        directions = _free_directions(problem)
+        return cls(directions, "start" in asked.remembers) if directions else None
 
-def with_moves(problem: Problem, at: StateLayout, us: Array, q: Array, v: Array) -> Array:
-    """Controls (N, any) with the move from the given start to (q, v) on their right."""
-    if not at.num_moves:
-        return us
-    robot = problem.robot
-    away = np.concatenate([robot.difference(problem.q_start, q), v - problem.v_start])
-    moves = np.zeros((len(us), at.num_moves))
-    moves[0] = np.clip(away[list(at.moves)], *_sides(problem))
-    return np.hstack([us, moves])
+    def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
+        """The move, where the end looks at it."""
+        return (Block("start", len(self.directions), adds_up=True),) if self.is_remembered else ()
 
+    def controls(self, nu: int) -> Mapping[str, int]:
+        """The move."""
+        return {"moves": len(self.directions)}
 
-def moved_start(problem: Problem, at: StateLayout, us: Array) -> tuple[Array, Array]:
-    """Configuration and velocity at which the motion of controls (N, any) starts."""
-    robot, move = problem.robot, np.zeros(2 * problem.robot.nv)
-    move[list(at.moves)] = us[0, at.of_moves(us.shape[1])]
-    return robot.integrate(problem.q_start, move[: robot.nv]), problem.v_start + move[robot.nv :]
+    @property
+    def asks_for_first(self) -> bool:
+        """It moves the first step alone."""
+        return True
 
+    @property
+    def state_key(self) -> Mapping[str, Any]:
+        """Which directions are free."""
+        return {"moves": self.directions}
 
-def move_bounds(problem: Problem, at: StateLayout) -> tuple[Array, Array]:
-    """Lower and upper bounds of the moves in every step, shapes (N, moves); none after the first."""
-    shape = (problem.num_steps, at.num_moves)
-    lower, upper = np.full(shape, -np.inf), np.full(shape, np.inf)
-    if at.num_moves:
+    def enter(self, at: StepSymbols) -> StepSymbols:
+        """Let the first step begin elsewhere."""
+        has_before, size = at.given[HAS_BEFORE], 2 * at.space.layout.nv
+
+        def start_move(w: ca.SX) -> ca.SX:
+            move = ca.SX.zeros(size)
+            for k, i in enumerate(self.directions):
+                move[i] = (1 - has_before) * w[k]
+            return move
+
+        along = ca.SX.zeros(at.space.layout.ndx) if at.space.layout.is_flat else at.d0
+        at0 = at.space.moved(at.x0, along, start_move(at.named_inputs["moves"]))
+        return replace(at, at0=at0, start_move=start_move)
+
+    def following(self, name: str, step: Passage) -> Any:
+        """What was before, and e w."""
+        return step.before[name] + (1.0 - step.has_before) * step.controls["moves"]
+
+    def idle_cost(self, at: StepSymbols) -> ca.SX:
+        """Half the square of moves after the first step."""
+        return at.given[HAS_BEFORE] * ca.sumsqr(at.named_inputs["moves"]) / 2.0
+
+    def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
+        """Those of the start in the first step, and none after it."""
+        lower, upper = unbounded(problem.num_steps, len(self.directions))
         lower[0], upper[0] = _sides(problem)
-    return lower, upper
+        return {"moves": (lower, upper)}
+
+    def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
+        """Of which entry of the start."""
+        return [f"memory of the {name}" for name in self._names(problem)] if self.is_remembered else ()
+
+    def control_words(self, problem: Problem) -> Sequence[str]:
+        """Of which entry of the start."""
+        return [f"bound of the {name}" for name in self._names(problem)]
+
+    def _names(self, problem: Problem) -> list[str]:
+        robot = problem.robot
+        names = [f"{part} of {label.name}" for part in ("position", "velocity") for label in robot.v_labels]
+        return [f"start {names[i]}" for i in self.directions]
+
+    def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
+        """The move from the given start to that of the motion."""
+        robot = problem.robot
+        away = [robot.difference(problem.q_start, motion.qs[0]), motion.vs[0] - problem.v_start]
+        moves = np.zeros((problem.num_steps, len(self.directions)))
+        moves[0] = np.clip(np.concatenate(away)[list(self.directions)], *_sides(problem))
+        return {"moves": moves}
+
+    def read(self, problem: Problem, at: StateLayout, xs: Array, us: Array, motion: Motion) -> Motion:
+        """Where the motion starts."""
+        robot, move = problem.robot, np.zeros(2 * problem.robot.nv)
+        move[list(self.directions)] = us[0, at.controls["moves"]]
+        qs, vs = np.array(motion.qs), np.array(motion.vs)
+        qs[0] = robot.integrate(problem.q_start, move[: robot.nv])
+        vs[0] = problem.v_start + move[robot.nv :]
+        return replace(motion, qs=qs, vs=vs)
+
+
+def _free_directions(problem: Problem) -> tuple[int, ...]:
+    return problem.start_free.directions if problem.start_free is not None else ()
 
 
 def _sides(problem: Problem) -> tuple[Array, Array]:
@@ -79,11 +152,11 @@ def _sides(problem: Problem) -> tuple[Array, Array]:
 
 
 def start_ends(problem: Problem, space: ConfigurationSpace) -> tuple[PeriodicEnd | StartEnd, ...]:
-    """Conditions on the start: that the end is its image, and that it keeps the robot's constraints."""
+    """Return conditions on the start: that the end is its image, that it keeps the robot's constraints."""
     robot = problem.robot
     start = StartState(
         sizes=Sizes(space.nz, robot.nv, robot.nu, space.nz, robot.nv),
-        free=free_directions(problem),
+        free=_free_directions(problem),
         z=space.coordinates(np.asarray(problem.q_start)[None])[0],
         v=np.asarray(problem.v_start),
     )

@@ -13,21 +13,94 @@ where a path is closed or crosses itself, its progress leaping over a loop in on
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.features.switches import impacts_of
-from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.layout import Block
+from mbocp.formulation.motion import Motion
+from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import PathConstraint, Problem
+from mbocp.robot import Label
 
-__all__ = ["advances", "followed", "pace_bounds", "pace_names", "progress_along", "with_paces"]
+__all__ = ["Progress", "advances", "progress_along"]
 
+_ADVANCES = "advances"  # the stage parameters e
 _LEAST, _MOST = -1e-2, 8.0  # paces
 _MOST_OF_PATH = 1.0 / 3.0  # in one step, where steps are few
 _ROOM = 3.0  # times the mean pace, at least
 
 
-def followed(problem: Problem) -> tuple[PathConstraint, ...]:
+@dataclass(frozen=True)
+class Progress(Feature):
+    """How many paths are followed."""
+
+    num_paths: int
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> Progress | None:
+        """Return those of the path constraints."""
+        count = sum("progress" in term.remembers for term in asked.path)
+        return cls(count) if count else None
+
+    def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
+        """Progress along each path."""
+        return (Block("progress", self.num_paths, adds_up=True),)
+
+    def controls(self, nu: int) -> Mapping[str, int]:
+        """A pace for each."""
+        return {"paces": self.num_paths}
+
+    @property
+    def stage_parameters(self) -> Mapping[str, int]:
+        """How much a pace counts in a step."""
+        return {_ADVANCES: self.num_paths}
+
+    @property
+    def state_key(self) -> Mapping[str, Any]:
+        """How many there are."""
+        return {"num_paths": self.num_paths}
+
+    def following(self, name: str, step: Passage) -> Any:
+        """What was before, and e w."""
+        return step.before[name] + step.given[_ADVANCES] * step.controls["paces"]
+
+    def idle_cost(self, at: StepSymbols) -> ca.SX:
+        """Half the square of paces that nothing depends on."""
+        return ca.dot(at.given[_ADVANCES] == 0, at.named_inputs["paces"] ** 2) / 2.0
+
+    def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
+        """Parameter e of every step and path."""
+        return {_ADVANCES: advances(problem)}
+
+    def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
+        """Forwards, and no leap."""
+        steps = (advances(problem) > 0.0).sum(axis=0)[None]
+        return {"paces": (np.full(steps.shape, _LEAST), np.clip(_MOST_OF_PATH * steps, _ROOM, _MOST))}
+
+    def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
+        """Along which path."""
+        return [f"progress along {constraint.name}" for constraint in _followed(problem)]
+
+    def control_words(self, problem: Problem) -> Sequence[str]:
+        """Of which path."""
+        return [f"limit of the pace of {constraint.name}" for constraint in _followed(problem)]
+
+    def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
+        """Paces that the configurations have."""
+        e = advances(problem)
+        gained = np.diff(progress_along(problem, motion.qs), axis=0)
+        return {"paces": np.divide(gained, e, out=np.zeros_like(e), where=e > 0.0)}
+
+
+def _followed(problem: Problem) -> tuple[PathConstraint, ...]:
     """The path constraints whose frames follow a path."""
     return tuple(c for c in problem.frame_constraints if "progress" in c.term.remembers)
 
@@ -35,7 +108,7 @@ def followed(problem: Problem) -> tuple[PathConstraint, ...]:
 def advances(problem: Problem) -> Array:
     """Parameter e of every step and path, shape (N, paths)."""
     columns = []
-    for constraint in followed(problem):
+    for constraint in _followed(problem):
         on_path = constraint.span.nodes(problem.num_steps, problem.dt)
         if not constraint.span.has_start:
             on_path = on_path & np.append(False, on_path[:-1])  # the step to its first node leads to the path
@@ -46,30 +119,10 @@ def advances(problem: Problem) -> Array:
 
 def progress_along(problem: Problem, qs: Array) -> Array:
     """How far frames are along their paths at the nodes of a motion, shape (N + 1, paths), from 0 to 1."""
-    moves = np.vstack([np.zeros(len(followed(problem))), advances(problem)]) > 0.0
+    moves = np.vstack([np.zeros(len(_followed(problem))), advances(problem)]) > 0.0
     found = np.zeros(moves.shape)
-    for k, constraint in enumerate(followed(problem)):
+    for k, constraint in enumerate(_followed(problem)):
         on_path = np.flatnonzero(moves[:, k])
         found[on_path, k] = constraint.progress(problem.robot, qs[on_path])
         found[on_path[-1] + 1 :, k] = found[on_path[-1], k]
     return found
-
-
-def with_paces(problem: Problem, at: StateLayout, us: Array, qs: Array) -> Array:
-    """Controls (N, nu) of the robot with the paces that configurations (N + 1, nq) have, on their right."""
-    if not at.num_paces:
-        return us
-    e = advances(problem)
-    gained = np.diff(progress_along(problem, qs), axis=0)
-    return np.hstack([us, np.divide(gained, e, out=np.zeros_like(e), where=e > 0.0)])
-
-
-def pace_bounds(problem: Problem) -> tuple[Array, Array]:
-    """Lower and upper bounds of the paces, shapes (paths,)."""
-    steps = (advances(problem) > 0.0).sum(axis=0)
-    return np.full(len(steps), _LEAST), np.clip(_MOST_OF_PATH * steps, _ROOM, _MOST)
-
-
-def pace_names(problem: Problem) -> tuple[str, ...]:
-    """What paces are called."""
-    return tuple(f"pace of {constraint.name}" for constraint in followed(problem))

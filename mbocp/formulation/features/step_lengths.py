@@ -19,44 +19,178 @@ given. Where all lengths are given and differ, they are parameters of the stages
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.switches import impacts_of
-from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.layout import Block, StateLayout
+from mbocp.formulation.motion import Motion
+from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
 from mbocp.problem.timeline.phases import step_lengths
-from mbocp.programme import Iterate
+from mbocp.robot import Label
 
 __all__ = [
     "LengthBounds",
+    "StepLengths",
     "begins_phase",
     "given_lengths",
     "length_bounds",
     "length_controls",
     "lengths_of_states",
-    "phase_starts",
-    "solved_lengths",
-    "spacings",
-    "start_of_lengths",
-    "with_lengths",
-    "without_lengths",
 ]
+
+_BEGINS_PHASE = "begins_phase"  # the stage parameter e
+_STEP_SHARE = "step_share"  # the parameter 1/N
+
+
+@dataclass(frozen=True)
+class StepLengths(Feature):
+    """Lengths of steps that are found with the motion.
+
+    Attributes
+    ----------
+    has_clock : bool
+        Whether states hold the time, too, as they do where there are several lengths.
+    has_jerks : bool
+        Whether something looks at the length of the step before.
+    """
+
+    has_clock: bool = False
+    has_jerks: bool = False
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> StepLengths | None:
+        """Return it where lengths are free."""
+        if not problem.has_free_lengths:
+            return None
+        return cls(len(problem.phases) > 1, "jerk" in asked.remembers)
+
+    def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
+        """Length, and time."""
+        names = ("h", "t") if self.has_clock else ("h",)
+        return tuple(Block(name, 1, is_remembered=False) for name in names)
+
+    def controls(self, nu: int) -> Mapping[str, int]:
+        """The change of the length."""
+        return {"lengths": 1}
+
+    @property
+    def parameters(self) -> Mapping[str, int]:
+        """The share of a step in the duration."""
+        return {_STEP_SHARE: 1} if self.has_clock else {}
+
+    @property
+    def stage_parameters(self) -> Mapping[str, int]:
+        """Whether a step begins a phase."""
+        return {_BEGINS_PHASE: 1}
+
+    @property
+    def asks_for_first(self) -> bool:
+        """Whether it has to know which step has no spacing."""
+        return self.has_clock and self.has_jerks
+
+    @property
+    def state_key(self) -> Mapping[str, Any]:
+        """That lengths are free, and whether there is a clock; given ones keep their key."""
+        return {"has_free_lengths": True, **({"has_clock": True} if self.has_clock else {})}
+
+    def enter(self, at: StepSymbols) -> StepSymbols:
+        """Take length and time of the step from the state before it."""
+        dt, h0, stretched = at.given["dt"], self._before(at, "h"), self._stretched(at)
+        length = stretched * dt
+        if not self.has_clock:
+            moment = None if at.moment is None else stretched * at.moment
+            return replace(at, dt=length, spacing=length, moment=moment)
+        moment = self._before(at, "t") * dt / at.given[_STEP_SHARE] + at.tau * length
+        # From the middle of the step before to the middle of this one; the length of the first step itself.
+        between = at.has_before * (h0 + stretched) / 2.0 + (1.0 - at.has_before) * stretched
+        return replace(at, dt=length, spacing=between * dt, moment=moment)
+
+    def _before(self, at: StepSymbols, name: str) -> ca.SX:
+        return at.at0[at.space.layout.states[name]]
+
+    def _stretched(self, at: StepSymbols) -> ca.SX:
+        """h0 + e w; a row of the step makes it equal to h1, but explicit steps know h0 alone."""
+        return self._before(at, "h") + at.given[_BEGINS_PHASE] * at.named_inputs["lengths"]
+
+    def own_rows(self, at: StepSymbols) -> Sequence[ca.SX]:
+        """h0 + e w - h1 and t0 + (h0 + e w)/N - t1: how long steps are from here on."""
+        length, places = self._stretched(at), at.space.layout.states
+        rows = [length - at.at1[places["h"]]]
+        if self.has_clock:
+            passed = (1 - at.is_impact) * at.given[_STEP_SHARE] * length
+            rows.append(self._before(at, "t") + passed - at.at1[places["t"]])
+        return rows
+
+    def idle_cost(self, at: StepSymbols) -> ca.SX:
+        """Half the square of changes within a phase."""
+        return (1.0 - at.given[_BEGINS_PHASE]) * at.named_inputs["lengths"] ** 2 / 2.0
+
+    def numbers(self, problem: Problem) -> Mapping[str, Array]:
+        """1/N."""
+        return {_STEP_SHARE: np.array([1.0 / problem.num_timed_steps])}
+
+    def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
+        """Which steps begin a phase."""
+        starts = [phase.first for phase in problem.phases]
+        return {_BEGINS_PHASE: begins_phase(problem.num_steps, starts)[:, None]}
+
+    def first(self, problem: Problem) -> Mapping[str, Array]:
+        """The guessed length; the time is zero."""
+        return {"h": np.ones(1)}
+
+    def state_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
+        """Of lengths at the first nodes of phases, and of times at their last."""
+        found = length_bounds(problem)
+        lengths = {"h": (found.h_lower[:, None], found.h_upper[:, None])}
+        times = {"t": (found.t_lower[:, None], found.t_upper[:, None])}
+        return lengths | times if self.has_clock else lengths
+
+    def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
+        """None."""
+        return {"lengths": (np.full((1, 1), -np.inf), np.full((1, 1), np.inf))}
+
+    def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
+        """What they say."""
+        return ("length", "time") if self.has_clock else ("length",)
+
+    def state_words(self, problem: Problem) -> Mapping[str, str]:
+        """Keys of the problem that bound them."""
+        of_length = "least length of a phase" if self.has_clock else "bound of horizon.duration"
+        return {"h": of_length, "t": "bound of via.time or horizon.duration"}
+
+    def control_words(self, problem: Problem) -> Sequence[str]:
+        """What it does."""
+        return ("limit of a length",)
+
+    def states_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
+        """Lengths of the motion's phases, taken into their bounds, and times."""
+        h = _phase_lengths(problem, motion.dts)
+        goes = ~impacts_of(problem)
+        times = np.append(0.0, np.cumsum(goes * h[1:]) / problem.num_timed_steps)
+        return {"h": h[:, None], **({"t": times[:, None]} if self.has_clock else {})}
+
+    def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
+        """Changes of the length from phase to phase."""
+        return {"lengths": length_controls(problem, motion.dts)}
+
+    def read(self, problem: Problem, at: StateLayout, xs: Array, us: Array, motion: Motion) -> Motion:
+        """Lengths of the steps."""
+        return replace(motion, dts=lengths_of_states(problem, at, xs))
 
 
 def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:
-    """Parameter e of every step, shape (N,), from the first steps of the phases."""
+    """Return parameter e of every step, shape (N,), from the first steps of the phases."""
     e = np.zeros(num_steps)
     e[list(starts)] = 1.0
     return e
-
-
-def phase_starts(problem: Problem) -> tuple[int, ...]:
-    """First steps of the phases of a problem; the first one where lengths are given."""
-    return tuple(phase.first for phase in problem.phases) or (0,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +212,7 @@ class LengthBounds:
 
 
 def length_bounds(problem: Problem) -> LengthBounds:
-    """Bounds of the lengths of steps and of the times of nodes."""
+    """Return bounds of the lengths of steps and of the times of nodes."""
     N, dt, T = problem.num_steps, problem.dt, problem.duration
     none = np.full(N, np.inf)
     found = LengthBounds(-none, none.copy(), -none, none.copy())
@@ -93,50 +227,20 @@ def length_bounds(problem: Problem) -> LengthBounds:
 
 
 def given_lengths(problem: Problem) -> Array:
-    """Step lengths [s] of a problem, or their guess, shape (N,)."""
+    """Return step lengths [s] of a problem, or their guess, shape (N,)."""
     return step_lengths(problem)
 
 
-def spacings(lengths: Array) -> Array:
-    """From the middle of the step before to that of each step [s], shape (N,); of the first its length."""
-    return np.append(lengths[:1], (lengths[:-1] + lengths[1:]) / 2.0)
-
-
-def solved_lengths(problem: Problem, at: StateLayout, iterate: Iterate) -> Array:
-    """Step lengths [s] of an iterate, shape (N,)."""
-    return lengths_of_states(problem, at, iterate.xs)
-
-
 def lengths_of_states(problem: Problem, at: StateLayout, xs: Array) -> Array:
-    """Step lengths [s] that states (N + 1, nx) say, shape (N,)."""
-    if not at.nh:
+    """Return step lengths [s] that states (N + 1, nx) say, shape (N,)."""
+    if "h" not in at.states:
         return given_lengths(problem)
-    return np.where(impacts_of(problem), 0.0, problem.dt * xs[1:, at.h][:, 0])
+    return np.where(impacts_of(problem), 0.0, problem.dt * xs[1:, at.states["h"]][:, 0])
 
 
-def start_of_lengths(at: StateLayout) -> Array:
-    """Length and time with which states begin, shape (nh + nt,)."""
-    return np.concatenate([np.ones(at.nh), np.zeros(at.nt)])
-
-
-def with_lengths(problem: Problem, at: StateLayout, xs: Array, us: Array, dts: Array) -> tuple[Array, Array]:
-    """States and controls with those of the step lengths [s], which are taken into their bounds."""
-    if not at.nh:
-        return xs, us
-    h = _phase_lengths(problem, dts)
-    filled = np.array(xs)
-    filled[:, at.h] = h[:, None]
-    if at.nt:
-        goes = ~impacts_of(problem)
-        filled[:, at.t] = np.append(0.0, np.cumsum(goes * h[1:]) / problem.num_timed_steps)[:, None]
-    return filled, np.column_stack([us, np.diff(h)])
-
-
-def length_controls(problem: Problem, at: StateLayout) -> Array:
-    """Controls w with which steps have the lengths that were guessed, shape (N, nh)."""
-    if not at.nh:
-        return np.zeros((problem.num_steps, 0))
-    return np.diff(_phase_lengths(problem, given_lengths(problem)))[:, None]
+def length_controls(problem: Problem, dts: Array) -> Array:
+    """Return controls w with which steps have lengths [s], shape (N, 1)."""
+    return np.diff(_phase_lengths(problem, dts))[:, None]
 
 
 def _phase_lengths(problem: Problem, dts: Array) -> Array:
@@ -149,8 +253,3 @@ def _phase_lengths(problem: Problem, dts: Array) -> Array:
         durations *= min(max(whole, phases[-1].earliest), phases[-1].latest) / whole
     lengths = np.clip(durations / (counts * dt), bounds.h_lower[starts], bounds.h_upper[starts])
     return np.append(1.0, np.repeat(lengths, [p.last - p.first for p in phases]))
-
-
-def without_lengths(at: StateLayout, us: Array) -> Array:
-    """Controls of the robot among those of the programme."""
-    return us[:, : us.shape[1] - at.num_more_controls]

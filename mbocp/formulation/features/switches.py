@@ -1,18 +1,27 @@
-"""Numbers of constraints that begin and end along the way, and what a motion makes of them."""
+"""Constraints that begin and end along the way, and impacts, see `mbocp.integrators.switched`."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.formulation.features.switch_terms import ACTIVE, IS_IMPACT, NO_SWITCHES, Switches
+from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.steps import StepSymbols
+from mbocp.integrators.switched import Switched
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
+from mbocp.mechanics.held import HeldFrame, held_labels
 from mbocp.problem import Problem
 from mbocp.problem.timeline.phases import node_times, step_lengths
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label
 
 __all__ = [
+    "Switches",
     "acting",
     "breaks_symmetries",
     "evaluation_times",
@@ -22,33 +31,78 @@ __all__ = [
     "impacts_of",
     "labels_of",
     "repeated",
-    "switch_numbers",
     "switched_violation",
-    "switches_of",
     "ties_at_end",
     "with_held",
     "worse_of",
 ]
 
-
-def switches_of(problem: Problem) -> Switches:
-    """What of a problem's constraints can be switched."""
-    table = problem.switches
-    if table is None:
-        return NO_SWITCHES
-    return Switches(table.held, problem.robot.nc if table.has_releases else 0, bool(problem.impacts))
+_ACTIVE = "active"  # the stage parameters e
+_IS_IMPACT = "is_impact"  # the stage parameter k
 
 
-def switch_numbers(problem: Problem) -> dict[str, Array]:
-    """Parameters of every step by name, shapes (N, any)."""
-    table, switches = problem.switches, switches_of(problem)
-    if table is None:
-        return {}
-    own = table.own if switches.num_own else table.own[:, :0]
-    return {
-        ACTIVE: np.hstack([own, table.rows]).astype(np.float64),
-        IS_IMPACT: table.is_impact.astype(np.float64)[:, None],
-    }
+@dataclass(frozen=True)
+class Switches(Feature):
+    """What of the constraints can be switched, without the steps in which it is.
+
+    Attributes
+    ----------
+    held : tuple of HeldFrame
+    num_own : int
+        Rows of the robot's own constraints where these can be released; else 0.
+    has_impacts : bool
+    """
+
+    held: tuple[HeldFrame, ...] = ()
+    num_own: int = 0
+    has_impacts: bool = False
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> Switches | None:
+        """Return them where there are some."""
+        table = problem.switches
+        if table is None:
+            return None
+        found = cls(table.held, problem.robot.nc if table.has_releases else 0, bool(problem.impacts))
+        return found if found.held or found.num_own or found.has_impacts else None
+
+    @property
+    def num_algebraic(self) -> int:
+        """Rows of the held frames."""
+        return len(held_labels(self.held))
+
+    @property
+    def stage_parameters(self) -> Mapping[str, int]:
+        """Which rows act, and whether a step is an impact."""
+        rows = self.num_own + self.num_algebraic
+        return {**({_ACTIVE: rows} if rows else {}), **({_IS_IMPACT: 1} if self.has_impacts else {})}
+
+    @property
+    def unknowns_key(self) -> Mapping[str, Any]:
+        """What is held, and whether there are releases and impacts."""
+        held = [frame.signature for frame in self.held]
+        return {"switches": {"held": held, "num_own": self.num_own, "has_impacts": self.has_impacts}}
+
+    def enter(self, at: StepSymbols) -> StepSymbols:
+        """Say what acts in the step."""
+        always = ca.SX.ones(at.mechanics.nc - self.num_own)
+        active = ca.vertcat(always, at.given.get(_ACTIVE, ca.SX.zeros(0, 1)))
+        return replace(at, switched=Switched(self.held, active, at.given.get(_IS_IMPACT, ca.SX(0))))
+
+    def idle_cost(self, at: StepSymbols) -> ca.SX:
+        """Half the square of the controls of impacts, on which nothing depends."""
+        return at.is_impact * ca.dot(at.u, at.u) / 2.0 if self.has_impacts else ca.SX(0)
+
+    def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
+        """What acts where."""
+        table = problem.switches
+        if table is None:
+            return {}
+        own = table.own if self.num_own else table.own[:, :0]
+        return {
+            _ACTIVE: np.hstack([own, table.rows]).astype(np.float64),
+            _IS_IMPACT: table.is_impact.astype(np.float64)[:, None],
+        }
 
 
 def impacts_of(problem: Problem) -> BoolArray:

@@ -14,50 +14,36 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.bounds import free_speed_bounds
 from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
-from mbocp.formulation.features.remembered import memory_at_start, with_memory
-from mbocp.formulation.features.step_lengths import start_of_lengths
-from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows, guarded_parts
-from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.goal import EndTarget, end_condition_rows, guarded_parts
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.schemes.joint import (
+    JointFormulation,
     boundary_duals,
-    largest_defects,
-    momenta_of_symmetries,
     stage_costs,
     tangent_duals,
 )
-from mbocp.formulation.schemes.joint_states import positions_and_speeds, states_and_controls
+from mbocp.formulation.states import first_state
 from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
-from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
-from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
-from mbocp.robot import Label
+from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 
 __all__ = ["ExplicitFormulation"]
 
 
 @dataclass(frozen=True, eq=False)
-class ExplicitFormulation:
+class ExplicitFormulation(JointFormulation):
     """States are coordinates and speeds; a step gives the next state. Schemes may leave the groups.
 
     Speeds s are the velocities v, unless controls prescribe some of them: v = V(q) s + U(q) u then.
     """
 
-    problem: Problem
-    programme: StagewiseProgramme
-    layout: StateLayout
-    space: ConfigurationSpace
-    end_rows: EndRows
-    pieces: Pieces
-
     end_rows_may_depend = True
-    counts_turns = True
     keeps_adjoints = False
     tau = force_tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
 
@@ -81,12 +67,6 @@ class ExplicitFormulation:
         at = signature.state_layout(space.nz, space.nv, robot.num_speeds, robot.nu)
         check_size(problem, signature, at, 0)
         q, v = problem.q_start, problem.v_start
-        start = [
-            space.coordinates(q[None])[0],
-            robot.speeds(q, v),
-            memory_at_start(problem, at),
-            start_of_lengths(at),
-        ]
         pieces = Pieces(
             problem=problem,
             joints=space,
@@ -98,26 +78,13 @@ class ExplicitFormulation:
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
             turning=turning_factors(robot.turns, space, at),
-            x_start=np.concatenate(start),
+            x_start=first_state(
+                problem, signature.features, at, space.coordinates(q[None])[0], robot.speeds(q, v)
+            ),
             speed_bounds=free_speed_bounds(problem),
             labels=RowLabels(robot.v_labels, "rate", robot.speed_labels),
         )
         return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
-
-    @property
-    def constraint_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each holonomic constraint."""
-        return self.problem.robot.constraint_labels
-
-    @property
-    def can_drift(self) -> bool:
-        """Whether configurations can leave their group."""
-        return not self.space.is_vector
-
-    @property
-    def start_velocity(self) -> Array:
-        """Velocity of the joints with which the steps begin, shape (nv,)."""
-        return self.problem.v_start
 
     def start_state(self, q: Array, v: Array) -> Array:
         """First state of the programme at a state of the robot, without what it remembers."""
@@ -129,21 +96,16 @@ class ExplicitFormulation:
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Where speeds are fewer than velocities, those nearest to them; multipliers are no unknowns."""
-        at, robot, speeds = self.layout, self.problem.robot, motion.vs
+        robot, speeds = self.problem.robot, motion.vs
         if robot.drives:
             # The columns of V are unit vectors on different components: V' takes the nearest speeds.
             speeds = np.einsum("nij,ni->nj", speed_maps(robot, motion.qs), motion.vs)
-        start = self.programme.x_start
-        xs, us = states_and_controls(self.problem, at, self.space, motion, speeds, start)
-        xs = with_memory(self.problem, at, xs, us)
+        xs, us = self.states_and_controls(motion, speeds)
         return zero_multipliers(self.programme, xs, np.zeros((len(us), 0)), us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
-        robot, motion = (
-            self.problem.robot,
-            positions_and_speeds(self.problem, self.layout, self.space, iterate),
-        )
+        robot, motion = self.problem.robot, super().motion_of(iterate)
         if not robot.drives:
             return motion
         # Velocities that a control prescribes are the ones after the node.
@@ -194,20 +156,6 @@ class ExplicitFormulation:
         rows = tangent_duals(self.space, at, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])
         values: Array = np.einsum("ni,ni->n", rows, moved) / dts
         return values + stage_costs(self.programme, iterate) / dts
-
-    def control_momenta(
-        self, iterate: Iterate, motion: Motion, duals: Duals
-    ) -> tuple[Array, tuple[str, ...]]:
-        """Control momenta of the problem's symmetries, and their names."""
-        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
-
-    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
-        """Largest violation of the robot's constraints."""
-        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
-
-    def drifts(self, xs: Array) -> Array:
-        """Largest defect of the configurations of states, shape (k,)."""
-        return largest_defects(self.space, xs[:, self.layout.z])
 
     def velocity_multipliers(self, multipliers: Array) -> Array:
         """Those of the velocities that no control prescribes; they come first among the speeds."""

@@ -9,8 +9,7 @@ from functools import partial
 import casadi as ca
 
 from mbocp.formulation.features.accelerations import rate_of_speeds
-from mbocp.formulation.features.memory import HAS_BEFORE, MEMORY
-from mbocp.formulation.layout import StateLayout, start_move
+from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.steps import StepDerivatives, StepSymbols
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
@@ -94,7 +93,7 @@ class ExplicitSteps:
         mechanics = symbols.mechanics
         if not isinstance(mechanics, ForwardMechanics):
             raise TypeError("an explicit scheme needs ForwardMechanics")
-        is_free = bool(symbols.space.layout.nh)
+        is_free = "h" in symbols.space.layout.states
         step = ExplicitStep(mechanics, self.scheme, self.lie, self.substeps, is_free=is_free)
         return _explicit_derivatives(mechanics, step, symbols)
 
@@ -106,16 +105,16 @@ def _explicit_derivatives(
     space, layout, gains = at.space, at.space.layout, at.given["gains"]
     unknowns = ca.vertcat(at.d1, at.d0, at.inputs)
     chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.inputs))
-    root, of_u = chain.root(), slice(2 * layout.ndx, 2 * layout.ndx + at.u.numel())
-    paces = root[of_u.stop : of_u.stop + layout.num_paces]
-    moves = root[of_u.stop + layout.num_paces : of_u.stop + layout.num_paces + layout.num_moves]
-    d1, d0, u = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[of_u]
-    before = _state(chain, mechanics, layout, _from_start(chain, at, d0, moves), at.x0)
+    root = chain.root()
+    d1, d0, inputs = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[2 * layout.ndx :]
+    controls = {name: inputs[where] for name, where in layout.controls.items()}
+    u = controls["own"]
+    before = _state(chain, mechanics, layout, _from_start(chain, at, d0, controls), at.x0)
     after = _state(chain, mechanics, layout, d1, at.x1)
     units = ca.diag(at.units_of_u)
     pushed = Affine(units @ u.value, {k: units @ matrix for k, matrix in u.parts.items()})
     dt, between = (
-        Affine(length, {0: ca.jacobian(length, unknowns)}) if layout.nh else length
+        Affine(length, {0: ca.jacobian(length, unknowns)}) if "h" in layout.states else length
         for length in (at.dt, at.spacing)
     )
     reached = step(chain, before, pushed, dt, Gains(gains[0], gains[1], gains[2]))
@@ -126,11 +125,11 @@ def _explicit_derivatives(
     pieces = [kinematic, reached.s - after.s]
     if layout.nr:
         kept = d1[layout.dr]
-        moving = (before.s, reached.s, u, d0[layout.dr], paces, moves)
-        following = _remembered(chain, at, moving, (dt, between))
+        moving = (before.s, reached.s, d0[layout.dr])
+        following = _remembered(chain, at, moving, controls, (dt, between))
         pieces.append(following - (kept if layout.is_flat else kept + at.x1[layout.r]))
-    if layout.nh:
-        pieces.append(Affine(at.length_rows, {0: ca.jacobian(at.length_rows, unknowns)}))
+    if at.own_rows.numel():
+        pieces.append(Affine(at.own_rows, {0: ca.jacobian(at.own_rows, unknowns)}))
     c = Affine.join(pieces)
     q, s = at.at0[layout.z], at.at0[layout.s]
     acceleration = partial(rate_of_speeds, mechanics, q, s, at.controls, gains[2])
@@ -152,14 +151,14 @@ def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca
     return State(z, d[at.ds] + x[at.s])
 
 
-def _from_start(chain: Chain, at: StepSymbols, d: Affine, moves: Affine) -> Affine:
+def _from_start(chain: Chain, at: StepSymbols, d: Affine, controls: Mapping[str, Affine]) -> Affine:
     """The tangent d, or the state d where states are flat, with the move of the start in the first step."""
     layout = at.space.layout
-    if not layout.num_moves:
+    if at.start_move is None:
         return d
-    x, w = ca.SX.sym("x", layout.ndx), ca.SX.sym("w", layout.num_moves)
-    has_before = at.given[HAS_BEFORE]
-    move = start_move(layout, 1 - has_before, w)
+    moves = controls["moves"]
+    x, w = ca.SX.sym("x", layout.ndx), ca.SX.sym("w", moves.value.numel())
+    move = at.start_move(w)
     if not layout.is_flat:
         moved = x + ca.vertcat(move, ca.SX.zeros(layout.ndx - move.numel()))
     else:
@@ -171,27 +170,36 @@ def _from_start(chain: Chain, at: StepSymbols, d: Affine, moves: Affine) -> Affi
 def _remembered(
     chain: Chain,
     at: StepSymbols,
-    moving: tuple[Affine, ...],
+    moving: tuple[Affine, Affine, Affine],
+    controls: Mapping[str, Affine],
     lengths: tuple[Affine | ca.SX, Affine | ca.SX],
 ) -> Affine:
     """What the state after the step has to remember.
 
-    `moving`: speeds before and after, controls of the robot, what is remembered, paces, moves of the start.
+    `moving`: speeds before and after, and what is remembered.
     """
     layout = at.space.layout
-    s0, s1, u, d, paces, moves = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
+    s0, s1, d = (ca.SX.sym("of", piece.value.numel()) for piece in moving)
+    inputs = {name: ca.SX.sym(name, piece.value.numel()) for name, piece in controls.items()}
     r = d if layout.is_flat else d + at.x0[layout.r]
     step, between, start = ca.SX.sym("dt"), ca.SX.sym("spacing"), layout.r.start
-    before = {name: r[at_x.start - start : at_x.stop - start] for name, at_x in layout.remembered.items()}
-    passage = replace(at.remembering(s0, s1, before), u=u, dt=step, spacing=between, paces=paces, moves=moves)
-    rows = ca.vertcat(*[MEMORY[name].following(passage) for name in before])
-    given = [at.x0, at.theta, at.rho]
-    function = ca.Function(
-        "remembered", [s0, s1, u, d, paces, moves, step, between, *given], [ca.densify(rows)]
+    remembered = [block.name for block in layout.blocks if block.is_remembered]
+    places = {name: layout.states[name] for name in remembered}
+    before = {name: r[where.start - start : where.stop - start] for name, where in places.items()}
+    passage = replace(
+        at.remembering(s0, s1, before), u=inputs["own"], dt=step, spacing=between, controls=inputs
     )
+    rows = ca.vertcat(*at.follow(passage).values())
+    given = [at.x0, at.theta, at.rho]
+    own, *more = inputs.values()
+    symbols = [s0, s1, own, d, *more, step, between]
+    function = ca.Function("remembered", [*symbols, *given], [ca.densify(rows)])
     of_unknowns = [length for length in lengths if isinstance(length, Affine)]
     numbers = [length for length in lengths if not isinstance(length, Affine)]
-    return chain.apply(function, [*moving, *of_unknowns], [*numbers, *given])[0]
+    own_value, *more_values = controls.values()
+    speeds, memory = moving[:2], moving[2]
+    arguments = [*speeds, own_value, memory, *more_values, *of_unknowns]
+    return chain.apply(function, arguments, [*numbers, *given])[0]
 
 
 def _retraction(mechanics: Mechanics) -> ca.Function:

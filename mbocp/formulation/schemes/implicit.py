@@ -10,8 +10,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
-from mbocp.formulation.features.remembered import memory_at_start, with_memory
-from mbocp.formulation.features.step_lengths import start_of_lengths
 from mbocp.formulation.features.switches import (
     acting,
     filled_impulses,
@@ -19,50 +17,37 @@ from mbocp.formulation.features.switches import (
     impacts_of,
     labels_of,
     repeated,
-    switched_violation,
     ties_at_end,
     with_held,
 )
-from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
-from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.goal import EndTarget, end_condition_rows
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.schemes.joint import (
+    JointFormulation,
     boundary_duals,
-    largest_defects,
-    momenta_of_symmetries,
     stage_costs,
     tangent_duals,
 )
-from mbocp.formulation.schemes.joint_states import positions_and_speeds, states_and_controls
 from mbocp.formulation.start import consistent_velocity
+from mbocp.formulation.states import first_state
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import dual_of_momentum, duals_of_momenta
-from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
 from mbocp.problem import Problem
-from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
-from mbocp.robot import Label
+from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot.kinematics import momenta_of
 
 __all__ = ["ImplicitFormulation"]
 
 
 @dataclass(frozen=True, eq=False)
-class ImplicitFormulation:
+class ImplicitFormulation(JointFormulation):
     """States are (q, v) of the joints; steps are equations that hold between two of them."""
 
-    problem: Problem
-    programme: StagewiseProgramme
-    layout: StateLayout
-    space: ConfigurationSpace
-    end_rows: EndRows
-    pieces: Pieces
-
     end_rows_may_depend = False
-    counts_turns = True
 
     @classmethod
     def of(cls, problem: Problem, *, deadline: float = math.inf) -> ImplicitFormulation:
@@ -75,12 +60,6 @@ class ImplicitFormulation:
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
         labels = labels_of(problem)
         check_size(problem, signature, at, len(labels))
-        start = [
-            problem.q_start,
-            consistent_velocity(problem),
-            memory_at_start(problem, at),
-            start_of_lengths(at),
-        ]
         pieces = Pieces(
             problem=problem,
             joints=space,
@@ -92,26 +71,18 @@ class ImplicitFormulation:
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
             turning=turning_factors(robot.turns, space, at),
-            x_start=np.concatenate(start),
+            x_start=first_state(
+                problem, signature.features, at, problem.q_start, consistent_velocity(problem)
+            ),
             speed_bounds=problem.limits_along()["v"],
             labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels),
         )
         return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
 
     @property
-    def constraint_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each holonomic constraint."""
-        return labels_of(self.problem)
-
-    @property
     def keeps_adjoints(self) -> bool:
         """Whether rows are in tangent spaces, as a solution's adjoints are."""
         return not self.layout.is_flat or self.problem.robot.is_vector_space
-
-    @property
-    def can_drift(self) -> bool:
-        """Whether configurations can leave their group."""
-        return not self.space.is_vector
 
     @property
     def start_velocity(self) -> Array:
@@ -128,26 +99,20 @@ class ImplicitFormulation:
         """Where in a step its forces are taken."""
         return TAU[self.problem.scheme]
 
-    def start_state(self, q: Array, v: Array) -> Array:
-        """First state of the programme at a state of the robot, without what it remembers."""
-        return np.concatenate([self.space.coordinates(q[None])[0], v])
-
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
         return evaluation_points(self.problem.robot, self.force_tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion; adjoints are zero."""
-        at, start = self.layout, self.programme.x_start
-        xs, us = states_and_controls(self.problem, at, self.space, motion, motion.vs, start)
         held = with_held(self.problem, lams)
-        xs = with_memory(self.problem, at, xs, us, held)
+        xs, us = self.states_and_controls(motion, motion.vs, held)
         dts = filled_impulses(self.problem, motion.dts)
         return zero_multipliers(self.programme, xs, dts * held, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
-        motion = positions_and_speeds(self.problem, self.layout, self.space, iterate)
+        motion = super().motion_of(iterate)
         return replace(motion, us=repeated(motion.us, impacts_of(self.problem)))
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
@@ -202,24 +167,3 @@ class ImplicitFormulation:
             residuals = np.array([robot.constraint_residual(q) for q in motion.qs[1:]])
             hamiltonians += np.einsum("ni,ni->n", duals.zetas[:, : robot.nc], residuals)
         return repeated(hamiltonians, impacts_of(self.problem))
-
-    def control_momenta(
-        self, iterate: Iterate, motion: Motion, duals: Duals
-    ) -> tuple[Array, tuple[str, ...]]:
-        """Control momenta of the problem's symmetries, and their names."""
-        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
-
-    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
-        """Largest violation of the robot's constraints."""
-        table = self.problem.switches
-        if table is not None:
-            return switched_violation(table, motion.qs, motion.vs)
-        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
-
-    def drifts(self, xs: Array) -> Array:
-        """Largest defect of the configurations of states, shape (k,)."""
-        return largest_defects(self.space, xs[:, self.layout.z])
-
-    def velocity_multipliers(self, multipliers: Array) -> Array:
-        """Multipliers of limits of velocities from those of states."""
-        return multipliers[:, self.layout.s]

@@ -56,7 +56,7 @@ def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
     after = State(at.at1[layout.z], at.at1[layout.s])
     impulse, difference = force * at.y, space.configuration_difference
     states = (mechanics, scheme, before, after)
-    if at.switches:
+    if at.switched is not None:
         point = switched_point(*states, dt, at.switched)
         own = (impulse, at.controls, dt, at.switched)
         rows = switched_rows(*states, point, *own, difference=difference)
@@ -64,7 +64,7 @@ def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
         point = evaluation_point(*states, dt)
         rows = step_rows(*states, point, impulse, at.controls, dt, difference=difference)
     momentum = (1.0 / force) * rows.momentum
-    c = ca.densify(ca.vertcat(rows.kinematic, momentum, at.memory_rows, at.length_rows, rows.constraint))
+    c = ca.densify(ca.vertcat(rows.kinematic, momentum, at.memory_rows, at.own_rows, rows.constraint))
     cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))
     z = ca.vertcat(at.d1, at.y, at.d0, at.inputs)
     hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)

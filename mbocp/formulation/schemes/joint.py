@@ -1,23 +1,30 @@
-"""What implicit and explicit schemes in joint coordinates have in common when an iterate is read."""
+"""What all schemes in joint coordinates have in common, whichever family they are of."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.features.switches import breaks_symmetries
+from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.build import Pieces
+from mbocp.formulation.features.switches import breaks_symmetries, labels_of, switched_violation
+from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.states import read_motion, states_and_controls, with_memory
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics.diagnostics import control_momenta
+from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation, control_momenta
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
+from mbocp.robot import Label
 from mbocp.terms import TermNumbers, running_terms
 
 __all__ = [
+    "JointFormulation",
     "boundary_duals",
     "largest_defects",
     "momenta_of_symmetries",
@@ -27,6 +34,77 @@ __all__ = [
 ]
 
 _KEPT = 16  # functions of configuration spaces
+
+
+@dataclass(frozen=True, eq=False)
+class JointFormulation:
+    """States are coordinates and speeds of the joints; schemes say what is otherwise with theirs."""
+
+    problem: Problem
+    programme: StagewiseProgramme
+    layout: StateLayout
+    space: ConfigurationSpace
+    end_rows: EndRows
+    pieces: Pieces
+
+    counts_turns = True
+
+    @property
+    def constraint_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each holonomic constraint."""
+        return labels_of(self.problem)
+
+    @property
+    def can_drift(self) -> bool:
+        """Whether configurations can leave their group."""
+        return not self.space.is_vector
+
+    @property
+    def start_velocity(self) -> Array:
+        """Velocity of the joints with which the steps begin, shape (nv,)."""
+        return self.problem.v_start
+
+    def start_state(self, q: Array, v: Array) -> Array:
+        """First state of the programme at a state of the robot, without what it remembers."""
+        return np.concatenate([self.space.coordinates(q[None])[0], v])
+
+    def states_and_controls(
+        self, motion: Motion, speeds: Array, lams: Array | None = None
+    ) -> tuple[Array, Array]:
+        """States and controls of the programme at a motion, see `mbocp.formulation.states`."""
+        given = (self.problem, self.pieces.signature.features, self.layout)
+        states = (self.space.coordinates(motion.qs), speeds)
+        xs, us = states_and_controls(*given, motion, states, self.programme.x_start)
+        return with_memory(*given, xs, us, lams), us
+
+    def motion_of(self, iterate: Iterate) -> Motion:
+        """Motion of the joints that an iterate stands for; speeds in the place of velocities."""
+        at, xs = self.layout, iterate.xs
+        zs = xs[:, at.z]
+        qs = self.space.configurations(zs) if at.is_flat or at.nz != self.problem.robot.nq else zs
+        features = self.pieces.signature.features
+        return read_motion(self.problem, features, at, (qs, xs[:, at.s]), xs, iterate.us)
+
+    def control_momenta(
+        self, iterate: Iterate, motion: Motion, duals: Duals
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Control momenta of the problem's symmetries, and their names."""
+        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
+
+    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
+        """Largest violation of the robot's constraints."""
+        table = self.problem.switches
+        if table is not None:
+            return switched_violation(table, motion.qs, motion.vs)
+        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
+
+    def drifts(self, xs: Array) -> Array:
+        """Largest defect of the configurations of states, shape (k,)."""
+        return largest_defects(self.space, xs[:, self.layout.z])
+
+    def velocity_multipliers(self, multipliers: Array) -> Array:
+        """Multipliers of limits of velocities from those of states."""
+        return multipliers[:, self.layout.s]
 
 
 def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:

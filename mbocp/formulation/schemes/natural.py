@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -11,9 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
-from mbocp.formulation.features.progress import with_paces
-from mbocp.formulation.features.remembered import with_memory
-from mbocp.formulation.features.step_lengths import given_lengths, without_lengths
+from mbocp.formulation.features.step_lengths import given_lengths
 from mbocp.formulation.features.switches import (
     breaks_symmetries,
     filled_impulses,
@@ -36,6 +34,7 @@ from mbocp.formulation.schemes.joint import (
 )
 from mbocp.formulation.schemes.natural_steps import NaturalSteps
 from mbocp.formulation.start import consistent_velocity
+from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
@@ -93,7 +92,12 @@ class NaturalFormulation:
             end_rows=rows,
             end=_natural_end(problem, mechanics, rows),
             turning=np.zeros(at.ndx),
-            x_start=_start_state(problem, space, at, problem.q_start, consistent_velocity(problem)),
+            x_start=first_state(
+                problem,
+                signature.features,
+                at,
+                *_start(problem, space, problem.q_start, consistent_velocity(problem)),
+            ),
             speed_bounds=(-unbounded, unbounded),
             labels=RowLabels(names, "momentum balance", names, labels),
         )
@@ -121,7 +125,7 @@ class NaturalFormulation:
 
     def start_state(self, q: Array, v: Array) -> Array:
         """First state of the programme at a state of the robot, without what it remembers."""
-        return _start_state(self.problem, self.space, self.layout, q, v)[: self.layout.r.start]
+        return np.concatenate(_start(self.problem, self.space, q, v))
 
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """Configurations and velocities at which the forces of each step are taken."""
@@ -134,32 +138,29 @@ class NaturalFormulation:
         velocities are not. The robot's constraints are few of the bodies': their multipliers are not used.
         Those that are balance the momenta best, in the least-squares sense.
         """
-        at, programme = self.layout, self.programme
-        xs = np.zeros((len(motion.qs), at.nx))
-        xs[:, at.z] = self.space.coordinates(motion.qs)
+        at, programme, features = self.layout, self.programme, self.pieces.signature.features
+        zs = self.space.coordinates(motion.qs)
         if self.tau == 1.0:
             lengths = filled_lengths(self.problem, motion.dts)[:, None]
-            xs[1:, at.s] = repeated(np.diff(xs[:, at.z], axis=0) / lengths, impacts_of(self.problem))
+            rates = repeated(np.diff(zs, axis=0) / lengths, impacts_of(self.problem))
+            ws = np.vstack([programme.x_start[at.s], rates])
         else:
-            xs[:, at.s] = self.space.rates(motion.qs, motion.vs)
-        xs[0] = programme.x_start
-        us = with_paces(self.problem, at, motion.us, motion.qs)
+            ws = self.space.rates(motion.qs, motion.vs)
+        given = (self.problem, features, at)
+        xs, us = states_and_controls(*given, motion, (zs, ws), programme.x_start)
         acts = _acting(self.problem, self.space.mechanics)
         ys = _impulses(programme, at, xs, us, acts)  # what is remembered has no part in the balance
         loops = ys[:, self.space.mechanics.nc - self.problem.robot.nc :]
-        xs = with_memory(self.problem, at, xs, us, loops / filled_impulses(self.problem, motion.dts))
+        xs = with_memory(*given, xs, us, loops / filled_impulses(self.problem, motion.dts))
         return zero_multipliers(programme, xs, ys, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
-        zs, ws = iterate.xs[:, self.layout.z], iterate.xs[:, self.layout.s]
-        dts = given_lengths(self.problem)
-        return Motion(
-            self.space.configurations(zs),
-            self.space.velocities(zs, ws),
-            repeated(without_lengths(self.layout, iterate.us), impacts_of(self.problem)),
-            dts,
-        )
+        at, xs, features = self.layout, iterate.xs, self.pieces.signature.features
+        zs, ws = xs[:, at.z], xs[:, at.s]
+        states = (self.space.configurations(zs), self.space.velocities(zs, ws))
+        motion = read_motion(self.problem, features, at, states, xs, iterate.us)
+        return replace(motion, us=repeated(motion.us, impacts_of(self.problem)))
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
@@ -247,13 +248,13 @@ def _is_structured(problem: Problem, at: StateLayout) -> bool:
     return problem.scheme == "se1" and at.nr == 0 and problem.switches is None
 
 
-def _start_state(problem: Problem, space: NaturalSpace, at: StateLayout, q: Array, v: Array) -> Array:
+def _start(problem: Problem, space: NaturalSpace, q: Array, v: Array) -> tuple[Array, Array]:
     z = space.coordinates(q[None])[0]
     w = space.rates(q[None], v[None])[0]
     if VELOCITY_TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
         dt = given_lengths(problem)[0]
         w = (space.coordinates(problem.robot.integrate(q, dt * v)[None])[0] - z) / dt
-    return np.concatenate([z, w, np.zeros(at.nr)])
+    return z, w
 
 
 def _natural_end(problem: Problem, mechanics: NaturalMechanics, rows: EndRows) -> EndTarget:

@@ -11,27 +11,22 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
-from mbocp.formulation.features.remembered import memory_at_start, with_memory
-from mbocp.formulation.features.step_lengths import start_of_lengths
-from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
-from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.goal import EndTarget, end_condition_rows
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.schemes.joint import (
+    JointFormulation,
     boundary_duals,
-    largest_defects,
-    momenta_of_symmetries,
     tangent_duals,
 )
-from mbocp.formulation.schemes.joint_states import positions_and_speeds, states_and_controls
 from mbocp.formulation.schemes.partitioned_steps import PartitionedSteps
+from mbocp.formulation.states import first_state
 from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import PAIRS, Pair, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
-from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation
 from mbocp.problem import Problem
-from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
+from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot import Label
 from mbocp.robot.nodes import steps_between
 
@@ -39,18 +34,10 @@ __all__ = ["PartitionedFormulation"]
 
 
 @dataclass(frozen=True, eq=False)
-class PartitionedFormulation:
+class PartitionedFormulation(JointFormulation):
     """States are (q, v) of the joints; steps have stages, whose rates are unknowns."""
 
-    problem: Problem
-    programme: StagewiseProgramme
-    layout: StateLayout
-    space: ConfigurationSpace
-    end_rows: EndRows
-    pieces: Pieces
-
     end_rows_may_depend = False
-    counts_turns = True
     keeps_adjoints = False  # rows of stages have multipliers that a solution does not store
     tau = force_tau = 0.5
 
@@ -65,7 +52,6 @@ class PartitionedFormulation:
         at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
         algebraic = _algebraic(pair, robot.nv, robot.nc, problem.dt)
         check_size(problem, signature, at, algebraic.size)
-        start = [problem.q_start, problem.v_start, memory_at_start(problem, at), start_of_lengths(at)]
         pieces = Pieces(
             problem=problem,
             joints=space,
@@ -77,7 +63,7 @@ class PartitionedFormulation:
             end_rows=rows,
             end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
             turning=turning_factors(robot.turns, space, at),
-            x_start=np.concatenate(start),
+            x_start=first_state(problem, signature.features, at, problem.q_start, problem.v_start),
             speed_bounds=problem.limits_along()["v"],
             labels=RowLabels(
                 robot.v_labels,
@@ -94,34 +80,14 @@ class PartitionedFormulation:
         """Coefficients of the scheme."""
         return PAIRS[self.problem.scheme]
 
-    @property
-    def constraint_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each holonomic constraint."""
-        return self.problem.robot.constraint_labels
-
-    @property
-    def can_drift(self) -> bool:
-        """Whether configurations can leave their group."""
-        return not self.space.is_vector
-
-    @property
-    def start_velocity(self) -> Array:
-        """Velocity of the joints with which the steps begin, shape (nv,)."""
-        return self.problem.v_start
-
-    def start_state(self, q: Array, v: Array) -> Array:
-        """First state of the programme at a state of the robot, without what it remembers."""
-        return np.concatenate([self.space.coordinates(q[None])[0], v])
-
     def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
         """The middles of the steps, as a guess takes them."""
         return evaluation_points(self.problem.robot, self.tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion, with rates of stages of the cubic through both nodes; adjoints are zero."""
-        at, start, dts = self.layout, self.programme.x_start, motion.dts[:, None]
-        xs, us = states_and_controls(self.problem, at, self.space, motion, motion.vs, start)
-        xs = with_memory(self.problem, at, xs, us, lams)
+        dts = motion.dts[:, None]
+        xs, us = self.states_and_controls(motion, motion.vs, lams)
         rates = self._rates(motion)
         ys = np.hstack([*rates, *[dts * lams] * self.pair.num_stages])
         return zero_multipliers(self.programme, xs, ys, us)
@@ -133,10 +99,6 @@ class PartitionedFormulation:
             6 * c * (1 - c) * mean + (1 - c) * (1 - 3 * c) * vs[:-1] + c * (3 * c - 2) * vs[1:]
             for c in self.pair.c
         ]
-
-    def motion_of(self, iterate: Iterate) -> Motion:
-        """Motion of the joints that an iterate stands for."""
-        return positions_and_speeds(self.problem, self.layout, self.space, iterate)
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion.
@@ -172,24 +134,6 @@ class PartitionedFormulation:
             return np.full(N, np.nan)
         by_length: Array = found / motion.dts
         return by_length
-
-    def control_momenta(
-        self, iterate: Iterate, motion: Motion, duals: Duals
-    ) -> tuple[Array, tuple[str, ...]]:
-        """Control momenta of the problem's symmetries, and their names."""
-        return momenta_of_symmetries(self.problem, motion.qs, motion.vs, duals.costates)
-
-    def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
-        """Largest violation of the robot's constraints."""
-        return constraint_violation(self.problem.robot, motion.qs, motion.vs)
-
-    def drifts(self, xs: Array) -> Array:
-        """Largest defect of the configurations of states, shape (k,)."""
-        return largest_defects(self.space, xs[:, self.layout.z])
-
-    def velocity_multipliers(self, multipliers: Array) -> Array:
-        """Multipliers of limits of velocities from those of states."""
-        return multipliers[:, self.layout.s]
 
 
 def _algebraic(pair: Pair, nv: int, nc: int, dt: float) -> Algebraic:

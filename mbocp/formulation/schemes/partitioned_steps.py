@@ -58,7 +58,7 @@ class _Derivation:
     def __init__(self, mechanics: JointMechanics, step: PartitionedStep, at: StepSymbols) -> None:
         self._mechanics, self._step, self._at = mechanics, step, at
         ndx = at.space.layout.ndx
-        ny, nu = at.y.numel(), at.own.numel()
+        ny, nu = at.y.numel(), at.space.layout.num_own
         self._symbols = [at.d1, at.y, at.d0, at.inputs]
         still, is_flat = ca.SX.zeros(ndx), at.space.layout.is_flat
         self._given = [at.theta, at.rho] if is_flat else [at.x0, at.x1, at.theta, at.rho]
@@ -73,7 +73,7 @@ class _Derivation:
         at, chain = self._at, self._chain
         rows = self._rows()
         in_units = 1.0 / at.given["force"]
-        more = ca.vertcat(at.memory_rows, at.length_rows)
+        more = ca.vertcat(at.memory_rows, at.own_rows)
         kept = [self._made_of_unknowns(more)] if more.numel() else []
         stages = [in_units * row for row in rows.stages]
         pieces = [rows.kinematic, in_units * rows.momentum, *kept, *stages, *rows.constraints]
@@ -93,13 +93,13 @@ class _Derivation:
         at = self._at
         before, after = (self._node(state) for state in (at.at0, at.at1))
         pushed = self._controls()
-        h = self._made_of_unknowns(at.dt) if at.space.layout.nh else at.dt
+        h = self._made_of_unknowns(at.dt) if "h" in at.space.layout.states else at.dt
         return self._step(self._chain, before, after, self._stages(), pushed, h)
 
     def _controls(self) -> list[Affine]:
         """Those of each stage."""
         at, pair = self._at, self._step.pair
-        if at.space.layout.shares:
+        if at.shares:
             return [self._made_of_unknowns(at.controls_at(c)) for c in pair.c]
         units = ca.diag(at.units_of_u)
         pushed = Affine(units @ self._u.value, {k: units @ m for k, m in self._u.parts.items()})
@@ -129,7 +129,7 @@ class _Derivation:
         between = [(0.0, before), *inner, (1.0, after)]
         cost = ca.SX(0)
         for weight, c, q, v in zip(pair.b, pair.c, qs, vs, strict=True):
-            if not layout.shares:
+            if not at.shares:
                 acceleration = partial(mean_acceleration, self._mechanics, before, after, at.dt)
                 cost += weight * at.running_cost(q, v, acceleration, share=c)
                 continue

@@ -1,0 +1,38 @@
+"""All features, in the order in which their blocks, controls and parameters stand."""
+
+from __future__ import annotations
+
+from mbocp.formulation.features.control_values import ControlValues
+from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.memory import Memory
+from mbocp.formulation.features.moment import Moment
+from mbocp.formulation.features.moved_start import MovedStart
+from mbocp.formulation.features.progress import Progress
+from mbocp.formulation.features.reactions import Reactions
+from mbocp.formulation.features.step_lengths import StepLengths
+from mbocp.formulation.features.switches import Switches
+from mbocp.formulation.features.unequal_lengths import UnequalLengths
+from mbocp.formulation.features.varying_weights import VaryingWeights
+from mbocp.problem import Problem
+
+__all__ = ["features_of"]
+
+# Lengths take the time of a step as `Moment` gives it, and the state as a free start moves it.
+_KINDS: tuple[type[Feature], ...] = (
+    Moment,
+    UnequalLengths,
+    VaryingWeights,
+    ControlValues,
+    Memory,
+    Progress,
+    Reactions,
+    MovedStart,
+    StepLengths,
+    Switches,
+)
+
+
+def features_of(problem: Problem, asked: Asked) -> tuple[Feature, ...]:
+    """Return the features of a problem."""
+    found = (kind.of(problem, asked) for kind in _KINDS)
+    return tuple(feature for feature in found if feature is not None)

@@ -1,0 +1,41 @@
+"""The time at which a step is evaluated, a parameter of each step: where the cost asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from mbocp._arrays import Array
+from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.switches import evaluation_times
+from mbocp.formulation.steps import StepSymbols
+from mbocp.problem import Problem
+
+__all__ = ["Moment"]
+
+_TIME = "t"  # [s]
+
+
+@dataclass(frozen=True)
+class Moment(Feature):
+    """Time of a share `tau` of each step; states that have a clock tell the time themselves."""
+
+    tau: float
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> Moment | None:
+        """Return it where a term looks at the time, and states have no clock."""
+        return cls(asked.tau) if asked.uses_time and len(problem.phases) <= 1 else None
+
+    @property
+    def stage_parameters(self) -> Mapping[str, int]:
+        """The time."""
+        return {_TIME: 1}
+
+    def enter(self, at: StepSymbols) -> StepSymbols:
+        """Take the time as it is given."""
+        return replace(at, moment=at.given[_TIME])
+
+    def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
+        """Times of the steps, or the guess of them."""
+        return {_TIME: evaluation_times(problem, self.tau)[:, None]}

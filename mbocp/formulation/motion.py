@@ -1,0 +1,56 @@
+"""Motions of the joints, from which programmes begin and to which their numbers are read back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.integrators import control_basis, control_powers
+
+__all__ = ["Motion"]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion of the joints.
+
+    Attributes
+    ----------
+    qs : ndarray, shape (N + 1, nq)
+        Configurations [m, rad, unit quaternion xyzw].
+    vs : ndarray, shape (N + 1, nv)
+        Velocities [m/s, rad/s].
+    us : ndarray, shape (N, nu)
+        Controls [N, N m, and the units of drives]; where they vary within steps their means.
+    dts : ndarray, shape (N,)
+        Lengths of the steps [s].
+    values : ndarray, shape (N, k, nu)
+        Controls at `shares` of each step; of shape (0, 0, 0) where they are constant.
+    shares : tuple of float
+        See `mbocp.integrators.controls`.
+    """
+
+    qs: Array
+    vs: Array
+    us: Array
+    dts: Array
+    values: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    shares: tuple[float, ...] = ()
+
+    @property
+    def us_at_ends(self) -> Array:
+        """Controls at the ends of the steps, shape (N, nu)."""
+        if not self.shares:
+            return self.us
+        found: Array = np.einsum("k,nku->nu", control_basis(self.shares, [1.0])[0], self.values)
+        return found
+
+    @property
+    def us_in_powers(self) -> Array:
+        """Coefficients of 1, s, s^2, ... in the share s of a step that has passed, shape (N, k nu)."""
+        if not self.shares:
+            return self.us
+        found: Array = np.einsum("pk,nku->npu", control_powers(self.shares), self.values)
+        return found.reshape(len(self.us), -1)
