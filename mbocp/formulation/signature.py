@@ -7,12 +7,11 @@ step length are parameters.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from mbocp.formulation.features.control_values import ControlValues
-from mbocp.formulation.features.feature import Feature
+from mbocp.formulation.features.feature import Feature, joined
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
@@ -117,8 +116,8 @@ class FunctionSignature:
             {
                 **self._state,
                 **self.steps.stage_key,
-                **_joined(feature.unknowns_key for feature in self.features),
-                **_joined(feature.stage_key for feature in self.features),
+                **joined(feature.unknowns_key for feature in self.features),
+                **joined(feature.stage_key for feature in self.features),
                 "cost": [term.signature for term in self.cost],
                 "path": [term.signature for term in self.path],
             }
@@ -147,7 +146,7 @@ class FunctionSignature:
             **self.steps.end_key,
             "switches": None,
             "shares": (),
-            **_joined(feature.unknowns_key for feature in self.features),
+            **joined(feature.unknowns_key for feature in self.features),
             "goal": self.goal.signature,
             "own": [term.signature for term in self.ends],
             "guarded": self.guarded,
@@ -162,12 +161,8 @@ class FunctionSignature:
             **self.steps.state_key,
             "is_flat": self.is_flat,
             "memory": [b.name for f in self.features for b in f.blocks(0, 0) if b.is_remembered],
-            **_joined(feature.state_key for feature in self.features),
+            **joined(feature.state_key for feature in self.features),
         }
-
-
-def _joined(keys: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    return {name: value for key in keys for name, value in key.items()}
 
 
 def _text(material: dict[str, Any]) -> str:

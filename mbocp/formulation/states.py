@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.formulation.features.feature import Feature
+from mbocp.formulation.features.feature import Feature, joined
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.features.step_lengths import given_lengths
 from mbocp.formulation.features.switches import impacts_of
@@ -28,9 +28,8 @@ def first_state(
 ) -> Array:
     """Return the state at coordinates and speeds with which a programme begins, shape (nx,)."""
     state = np.concatenate([z, speeds, np.zeros(at.num_more_states)])
-    for feature in features:
-        for name, values in feature.first(problem).items():
-            state[at.states[name]] = values
+    for name, values in joined(feature.first(problem) for feature in features).items():
+        state[at.states[name]] = values
     return state
 
 
@@ -53,12 +52,11 @@ def states_and_controls(
     """
     xs = np.zeros((len(motion.qs), at.nx))
     xs[:, at.z], xs[:, at.s] = z_and_speeds
-    for feature in features:
-        for name, values in feature.states_of(problem, motion).items():
-            xs[:, at.states[name]] = values
+    for name, values in joined(feature.states_of(problem, motion) for feature in features).items():
+        xs[:, at.states[name]] = values
     xs[0] = start
-    us = [values for feature in features for values in feature.controls_of(problem, motion).values()]
-    return xs, us[0] if len(us) == 1 else np.hstack(us)
+    us = joined(feature.controls_of(problem, motion) for feature in features)
+    return xs, np.hstack(list(us.values()))
 
 
 def read_motion(
@@ -94,9 +92,9 @@ def with_memory(
     still = np.zeros((1, problem.robot.nq)), np.zeros((1, problem.robot.nv))  # nobody looks at them
     motion = read_motion(problem, features, at, still, xs, us)
     forces = None if lams is None else np.where(is_impact[:, None], lams / problem.dt, lams)
-    given = {name: rows for f in features for name, rows in f.stage_numbers(problem).items()}
-    units = {name: unit for f in features for name, unit in f.units(problem).items()}
-    first = {name: values for f in features for name, values in f.first(problem).items()}
+    given = joined(feature.stage_numbers(problem) for feature in features)
+    units = joined(feature.units(problem) for feature in features)
+    first = joined(feature.first(problem) for feature in features)
     controls = {name: us[:, where] for name, where in at.controls.items()}
     known: dict[str, Array] = {}
     filled = np.array(xs)

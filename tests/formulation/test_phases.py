@@ -12,7 +12,7 @@ import pytest
 from mbocp import Problem, load_problem
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.step_lengths import begins_phase, length_bounds
+from mbocp.formulation.features.step_lengths import StepLengths, begins_phase
 from mbocp.problem import ProblemWarning
 from mbocp.problem.timeline.phases import Mark, node_times, phases_between
 from mbocp.terms import running_cost
@@ -147,11 +147,12 @@ def test_motions_keep_the_lengths_of_their_phases() -> None:
 
 def test_bounds_are_those_of_first_steps_and_last_nodes() -> None:
     problem = free("loops/four_bar", {"scheme": "se1"}, has_rates=False)
-    bounds, T = length_bounds(problem), problem.duration
-    assert np.flatnonzero(np.isfinite(bounds.h_lower)).tolist() == [0, BEGINS]
-    assert np.flatnonzero(np.isfinite(bounds.t_upper)).tolist() == [N - 1]
-    assert bounds.h_lower[0] == pytest.approx(1e-3 / 3)
-    assert (bounds.t_lower[-1], bounds.t_upper[-1]) == pytest.approx((1 / 3, 3.0))
+    bounds, T = StepLengths(has_clock=True).state_bounds(problem), problem.duration
+    (shortest, _), (earliest, latest) = bounds["h"], bounds["t"]
+    assert np.flatnonzero(np.isfinite(shortest)).tolist() == [0, BEGINS]
+    assert np.flatnonzero(np.isfinite(latest)).tolist() == [N - 1]
+    assert shortest[0, 0] == pytest.approx(1e-3 / 3)
+    assert (earliest[-1, 0], latest[-1, 0]) == pytest.approx((1 / 3, 3.0))
     described = formulate(problem).programme.describe_row
     words = {described(n, row) for n in range(N) for row in range(formulate(problem).layout.ndx)}
     assert f"length in step {BEGINS + 1} of {N}" in words

@@ -11,9 +11,9 @@ state, of the controls and of the parameters.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -26,7 +26,9 @@ from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
 from mbocp.robot import Label
 
-__all__ = ["Asked", "Feature", "unbounded"]
+__all__ = ["Asked", "Feature", "joined", "unbounded"]
+
+V = TypeVar("V")
 
 _NOTHING: Mapping[str, Any] = {}
 
@@ -193,6 +195,11 @@ class Feature(ABC):
     def read(self, problem: Problem, at: StateLayout, xs: Array, us: Array, motion: Motion) -> Motion:
         """Return the motion with what it makes of states (N + 1, nx) and controls (N, any)."""
         return motion
+
+
+def joined(parts: Iterable[Mapping[str, V]]) -> dict[str, V]:
+    """Return what all features say, as one mapping."""
+    return {name: value for part in parts for name, value in part.items()}
 
 
 def unbounded(*shape: int) -> tuple[Array, Array]:

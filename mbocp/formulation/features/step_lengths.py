@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.features.switches import impacts_of
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
@@ -37,11 +37,9 @@ from mbocp.problem.timeline.phases import step_lengths
 from mbocp.robot import Label
 
 __all__ = [
-    "LengthBounds",
     "StepLengths",
     "begins_phase",
     "given_lengths",
-    "length_bounds",
     "length_controls",
     "lengths_of_states",
 ]
@@ -147,15 +145,19 @@ class StepLengths(Feature):
         return {"h": np.ones(1)}
 
     def state_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
-        """Of lengths at the first nodes of phases, and of times at their last."""
-        found = length_bounds(problem)
-        lengths = {"h": (found.h_lower[:, None], found.h_upper[:, None])}
-        times = {"t": (found.t_lower[:, None], found.t_upper[:, None])}
-        return lengths | times if self.has_clock else lengths
+        """Of lengths at the first nodes of phases, and of times at their last; in the units of the guess."""
+        lengths, times = (unbounded(problem.num_steps, 1) for _ in range(2))
+        for phase in problem.phases:
+            begins, ends, guessed = phase.first, phase.last - 1, phase.num_steps * problem.dt
+            lengths[0][begins], lengths[1][begins] = phase.shortest / guessed, phase.longest / guessed
+            if phase.earliest > 0.0:
+                times[0][ends] = phase.earliest / problem.duration
+            times[1][ends] = phase.latest / problem.duration
+        return {"h": lengths, "t": times} if self.has_clock else {"h": lengths}
 
     def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """None."""
-        return {"lengths": (np.full((1, 1), -np.inf), np.full((1, 1), np.inf))}
+        return {"lengths": unbounded(1, 1)}
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
         """What they say."""
@@ -193,39 +195,6 @@ def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:
     return e
 
 
-@dataclass(frozen=True, eq=False)
-class LengthBounds:
-    """Bounds of lengths and times at nodes 1..N; infinite where there is none.
-
-    Attributes
-    ----------
-    h_lower, h_upper : ndarray, shape (N,)
-        Of the length of the step that leads to the node, in units of the guessed one.
-    t_lower, t_upper : ndarray, shape (N,)
-        Of the time, in units of the guessed duration.
-    """
-
-    h_lower: Array
-    h_upper: Array
-    t_lower: Array
-    t_upper: Array
-
-
-def length_bounds(problem: Problem) -> LengthBounds:
-    """Return bounds of the lengths of steps and of the times of nodes."""
-    N, dt, T = problem.num_steps, problem.dt, problem.duration
-    none = np.full(N, np.inf)
-    found = LengthBounds(-none, none.copy(), -none, none.copy())
-    for phase in problem.phases:
-        begins, ends = phase.first, phase.last - 1
-        found.h_lower[begins] = phase.shortest / (phase.num_steps * dt)
-        found.h_upper[begins] = phase.longest / (phase.num_steps * dt)
-        if phase.earliest > 0.0:
-            found.t_lower[ends] = phase.earliest / T
-        found.t_upper[ends] = phase.latest / T
-    return found
-
-
 def given_lengths(problem: Problem) -> Array:
     """Return step lengths [s] of a problem, or their guess, shape (N,)."""
     return step_lengths(problem)
@@ -245,11 +214,12 @@ def length_controls(problem: Problem, dts: Array) -> Array:
 
 def _phase_lengths(problem: Problem, dts: Array) -> Array:
     """Lengths h of all nodes, shape (N + 1,): the mean of each phase, within bounds."""
-    dt, phases, bounds = problem.dt, problem.phases, length_bounds(problem)
+    dt, phases = problem.dt, problem.phases
     starts, counts = [p.first for p in phases], np.array([p.num_steps for p in phases])
     durations = np.add.reduceat(dts, starts)
     if len(phases) > 1:
         whole = float(durations.sum())
         durations *= min(max(whole, phases[-1].earliest), phases[-1].latest) / whole
-    lengths = np.clip(durations / (counts * dt), bounds.h_lower[starts], bounds.h_upper[starts])
+    shortest, longest = ([getattr(p, side) for p in phases] for side in ("shortest", "longest"))
+    lengths = np.clip(durations, shortest, longest) / (counts * dt)
     return np.append(1.0, np.repeat(lengths, [p.last - p.first for p in phases]))

@@ -13,19 +13,18 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
 from mbocp.formulation.bounds import free_speed_bounds
-from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
-from mbocp.formulation.goal import EndTarget, end_condition_rows, guarded_parts
+from mbocp.formulation.build import needs_plain_states, signature_of
+from mbocp.formulation.goal import end_condition_rows, guarded_parts
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.schemes.joint import (
     JointFormulation,
     boundary_duals,
+    joint_pieces,
     stage_costs,
     tangent_duals,
 )
-from mbocp.formulation.states import first_state
-from mbocp.formulation.turning import turning_factors
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
 from mbocp.mechanics.forward import ForwardMechanics
@@ -64,27 +63,10 @@ class ExplicitFormulation(JointFormulation):
             is_flat=leaves_the_group or needs_plain_states(problem) or robot.is_vector_space,
             guarded=guarded,
         )
-        at = signature.state_layout(space.nz, space.nv, robot.num_speeds, robot.nu)
-        check_size(problem, signature, at, 0)
-        q, v = problem.q_start, problem.v_start
-        pieces = Pieces(
-            problem=problem,
-            joints=space,
-            space=space,
-            signature=signature,
-            layout=at,
-            algebraic=impulses(0, problem.dt),
-            groups=(),
-            end_rows=rows,
-            end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
-            turning=turning_factors(robot.turns, space, at),
-            x_start=first_state(
-                problem, signature.features, at, space.coordinates(q[None])[0], robot.speeds(q, v)
-            ),
-            speed_bounds=free_speed_bounds(problem),
-            labels=RowLabels(robot.v_labels, "rate", robot.speed_labels),
-        )
-        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
+        words = RowLabels(robot.v_labels, "rate", robot.speed_labels)
+        start_speeds = robot.speeds(problem.q_start, problem.v_start)
+        own = (impulses(0, problem.dt), start_speeds, free_speed_bounds(problem))
+        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), space, deadline)
 
     def start_state(self, q: Array, v: Array) -> Array:
         """First state of the programme at a state of the robot, without what it remembers."""

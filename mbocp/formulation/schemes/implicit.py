@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
-from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
+from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.features.switches import (
     acting,
     filled_impulses,
@@ -20,19 +20,18 @@ from mbocp.formulation.features.switches import (
     ties_at_end,
     with_held,
 )
-from mbocp.formulation.goal import EndTarget, end_condition_rows
+from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.schemes.joint import (
     JointFormulation,
     boundary_duals,
+    joint_pieces,
     stage_costs,
     tangent_duals,
 )
 from mbocp.formulation.start import consistent_velocity
-from mbocp.formulation.states import first_state
-from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import dual_of_momentum, duals_of_momenta
@@ -57,27 +56,10 @@ class ImplicitFormulation(JointFormulation):
         rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem, problem.goal.q))
         is_flat = needs_plain_states(problem) or robot.is_vector_space
         signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
-        at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
         labels = labels_of(problem)
-        check_size(problem, signature, at, len(labels))
-        pieces = Pieces(
-            problem=problem,
-            joints=space,
-            space=space,
-            signature=signature,
-            layout=at,
-            algebraic=impulses(len(labels), problem.dt),
-            groups=(),
-            end_rows=rows,
-            end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
-            turning=turning_factors(robot.turns, space, at),
-            x_start=first_state(
-                problem, signature.features, at, problem.q_start, consistent_velocity(problem)
-            ),
-            speed_bounds=problem.limits_along()["v"],
-            labels=RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels),
-        )
-        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
+        words = RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels)
+        own = (impulses(len(labels), problem.dt), consistent_velocity(problem), problem.limits_along()["v"])
+        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), space, deadline)
 
     @property
     def keeps_adjoints(self) -> bool:

@@ -11,12 +11,13 @@ from mbocp.formulation.features.accelerations import mean_acceleration
 from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
 from mbocp.integrators import TAU, State, evaluation_point, step_rows
 from mbocp.integrators.switched import switched_point, switched_rows
-from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
+from mbocp.mechanics import JointMechanics, Mechanics, natural_mechanics, symbols_of
 from mbocp.robot import Robot
 
-__all__ = ["ImplicitSteps", "implicit_derivatives"]
+__all__ = ["ImplicitSteps", "NaturalSteps"]
 
 _OPERATIONS = 525  # of "complete" by nv^2, with arms and chains
+_OPERATIONS_BY_COORDINATE = 400  # of "complete" of bodies: they grow with their number
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,40 @@ class ImplicitSteps(EquationSteps):
 
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
         """Rows and cost of a step, with exact first and second derivatives."""
-        return implicit_derivatives(self.scheme, symbols)
+        return _derivatives(self.scheme, symbols)
 
 
-def implicit_derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
+@dataclass(frozen=True)
+class NaturalSteps(EquationSteps):
+    """Equations between two states of the bodies; see `Steps`."""
+
+    coordinates = "natural"
+    takes_numbers = False
+    remedy = "Lock joints"
+
+    @property
+    def tau(self) -> float:
+        """Where in a step its running cost is evaluated."""
+        return TAU[self.scheme]
+
+    def operations(self, nv: int) -> float:
+        """Bodies know their neighbours alone."""
+        return float(_OPERATIONS_BY_COORDINATE * nv)
+
+    def mechanics(self, robot: Robot) -> Mechanics:
+        """Equations of motion of the bodies."""
+        return natural_mechanics(robot)
+
+    def num_algebraic(self, mechanics: Mechanics) -> int:
+        """One impulse for each constraint, those of rigid bodies and joints included."""
+        return mechanics.nc
+
+    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
+        """Rows and cost of a step, with exact first and second derivatives."""
+        return _derivatives(self.scheme, symbols)
+
+
+def _derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
     """Kinematics, momentum balance, memory and constraints, with their derivatives."""
     mechanics, space, layout = at.mechanics, at.space, at.space.layout
     dt, force = at.dt, at.given["force"]

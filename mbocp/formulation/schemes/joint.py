@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
-from mbocp.formulation.build import Pieces
+from mbocp.formulation.build import Pieces, build_programme, check_size
 from mbocp.formulation.features.switches import breaks_symmetries, labels_of, switched_violation
-from mbocp.formulation.goal import EndRows
+from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.states import read_motion, states_and_controls, with_memory
+from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.schemes.algebraic import Algebraic
+from mbocp.formulation.signature import FunctionSignature
+from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation, control_momenta
 from mbocp.problem import Problem
@@ -26,12 +30,16 @@ from mbocp.terms import TermNumbers, running_terms
 __all__ = [
     "JointFormulation",
     "boundary_duals",
+    "joint_pieces",
     "largest_defects",
     "momenta_of_symmetries",
     "stage_costs",
     "tangent_duals",
+    "turning_factors",
     "weighed_components",
 ]
+
+F = TypeVar("F", bound="JointFormulation")
 
 _KEPT = 16  # functions of configuration spaces
 
@@ -48,6 +56,12 @@ class JointFormulation:
     pieces: Pieces
 
     counts_turns = True
+
+    @classmethod
+    def made_of(cls: type[F], pieces: Pieces, space: ConfigurationSpace, deadline: float) -> F:
+        """Return the formulation with its programme, compiled or from the cache."""
+        programme = build_programme(pieces, deadline=deadline)
+        return cls(pieces.problem, programme, pieces.layout, space, pieces.end_rows, pieces)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:
@@ -105,6 +119,60 @@ class JointFormulation:
     def velocity_multipliers(self, multipliers: Array) -> Array:
         """Multipliers of limits of velocities from those of states."""
         return multipliers[:, self.layout.s]
+
+
+def joint_pieces(
+    problem: Problem,
+    signature: FunctionSignature,
+    space: ConfigurationSpace,
+    rows: EndRows,
+    algebraic: Algebraic,
+    start_speeds: Array,
+    speed_bounds: tuple[Array, Array],
+    labels: RowLabels,
+) -> Pieces:
+    """Return what a programme with states (z, s) of the joints is made of.
+
+    Raises
+    ------
+    TooManyOperations, MemoryLimitExceeded
+        If it would be too large.
+    """
+    robot, goal = problem.robot, problem.goal
+    at = signature.state_layout(space.nz, space.nv, len(start_speeds), robot.nu)
+    check_size(problem, signature, at, algebraic.size)
+    z = space.coordinates(problem.q_start[None])[0]
+    return Pieces(
+        problem=problem,
+        joints=space,
+        space=space,
+        signature=signature,
+        layout=at,
+        algebraic=algebraic,
+        groups=(),
+        end_rows=rows,
+        end=EndTarget(rows.D_q, rows.D_rate, np.asarray(goal.value)),
+        turning=turning_factors(robot.turns, space, at),
+        x_start=first_state(problem, signature.features, at, z, start_speeds),
+        speed_bounds=speed_bounds,
+        labels=labels,
+    )
+
+
+def turning_factors(turns: Array, space: ConfigurationSpace, layout: StateLayout) -> Array:
+    """Angle [rad] by unit of each entry of a state's tangent, shape (ndx,); 0: not an angle.
+
+    The joints' own angles only. Attitudes of free-flyers and ball joints have none. `turns` are those of the
+    robot, see `RobotModel.turns`.
+    """
+    factors = np.zeros(layout.ndx)
+    for part in space.parts:
+        at = part.at_z if layout.is_flat else part.at_v
+        if part.group.is_vector:
+            factors[at] = turns[part.at_v]
+        elif part.group.nv == 1:
+            factors[at] = 1.0  # cosine and sine, or the angle
+    return factors
 
 
 def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:

@@ -26,13 +26,13 @@ from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.schemes.implicit_steps import NaturalSteps
 from mbocp.formulation.schemes.joint import (
     boundary_duals,
     stage_costs,
     weighed_components,
     weighs_control_changes,
 )
-from mbocp.formulation.schemes.natural_steps import NaturalSteps
 from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points

@@ -10,18 +10,17 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Motion
-from mbocp.formulation.build import Pieces, build_programme, check_size, needs_plain_states, signature_of
-from mbocp.formulation.goal import EndTarget, end_condition_rows
+from mbocp.formulation.build import needs_plain_states, signature_of
+from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.schemes.joint import (
     JointFormulation,
     boundary_duals,
+    joint_pieces,
     tangent_duals,
 )
 from mbocp.formulation.schemes.partitioned_steps import PartitionedSteps
-from mbocp.formulation.states import first_state
-from mbocp.formulation.turning import turning_factors
 from mbocp.integrators import PAIRS, Pair, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
@@ -49,31 +48,16 @@ class PartitionedFormulation(JointFormulation):
         rows = end_condition_rows(robot, problem.goal)
         is_flat = needs_plain_states(problem) or robot.is_vector_space
         signature = signature_of(problem, space, rows, PartitionedSteps(problem.scheme), is_flat=is_flat)
-        at = signature.state_layout(space.nz, space.nv, robot.nv, robot.nu)
-        algebraic = _algebraic(pair, robot.nv, robot.nc, problem.dt)
-        check_size(problem, signature, at, algebraic.size)
-        pieces = Pieces(
-            problem=problem,
-            joints=space,
-            space=space,
-            signature=signature,
-            layout=at,
-            algebraic=algebraic,
-            groups=(),
-            end_rows=rows,
-            end=EndTarget(rows.D_q, rows.D_rate, np.asarray(problem.goal.value)),
-            turning=turning_factors(robot.turns, space, at),
-            x_start=first_state(problem, signature.features, at, problem.q_start, problem.v_start),
-            speed_bounds=problem.limits_along()["v"],
-            labels=RowLabels(
-                robot.v_labels,
-                "momentum balance",
-                robot.v_labels,
-                tuple(robot.constraint_labels) * pair.num_stages,
-                _words_of_stages(pair, robot.v_labels),
-            ),
+        words = RowLabels(
+            robot.v_labels,
+            "momentum balance",
+            robot.v_labels,
+            tuple(robot.constraint_labels) * pair.num_stages,
+            _words_of_stages(pair, robot.v_labels),
         )
-        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
+        algebraic = _algebraic(pair, robot.nv, robot.nc, problem.dt)
+        own = (algebraic, problem.v_start, problem.limits_along()["v"])
+        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), space, deadline)
 
     @property
     def pair(self) -> Pair:
