@@ -106,8 +106,9 @@ def with_memory(
             before = {name: values[:-1] for name, values in known.items()} | {block.name: 0.0}
             step = _passage(problem, motion, xs[:, at.s], taken, before, units, controls, given, forces)
             after = feature.following(block.name, step)
-            after = np.cumsum(after, axis=0) if block.adds_up else after
-            known[block.name] = np.vstack([first.get(block.name, np.zeros(after.shape[1])), after])
+            begin = first.get(block.name, np.zeros(after.shape[1]))
+            after = begin + np.cumsum(after, axis=0) if block.adds_up else after
+            known[block.name] = np.vstack([begin, after])
             nodes = np.cumsum(np.append(0, taken))  # for each its place among those after such steps
             filled[:, at.states[block.name]] = known[block.name][nodes]
     return filled

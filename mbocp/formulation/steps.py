@@ -179,6 +179,11 @@ class StepSymbols:
         return ca.SX(0) if self.switched is None else self.switched.is_impact
 
     @property
+    def has_free_length(self) -> bool:
+        """Whether the length of the step depends on the unknowns."""
+        return bool(ca.depends_on(self.dt, ca.vertcat(self.d0, self.d1, self.inputs)))
+
+    @property
     def inputs(self) -> ca.SX:
         """All controls of the programme, one after the other."""
         return ca.vertcat(*self.named_inputs.values())

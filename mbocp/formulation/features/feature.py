@@ -123,7 +123,10 @@ class Feature(ABC):
     # A step in symbols
 
     def enter(self, at: StepSymbols) -> StepSymbols:
-        """Return the symbols of a step with what it changes: features change them one after the other."""
+        """Return the symbols of a step with what it changes: features change them one after the other.
+
+        Lengths of steps may depend on unknowns, linearly.
+        """
         return at
 
     def following(self, name: str, step: Passage) -> Any:

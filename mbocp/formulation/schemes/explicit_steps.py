@@ -93,7 +93,7 @@ class ExplicitSteps:
         mechanics = symbols.mechanics
         if not isinstance(mechanics, ForwardMechanics):
             raise TypeError("an explicit scheme needs ForwardMechanics")
-        is_free = "h" in symbols.space.layout.states
+        is_free = symbols.has_free_length
         step = ExplicitStep(mechanics, self.scheme, self.lie, self.substeps, is_free=is_free)
         return _explicit_derivatives(mechanics, step, symbols)
 
@@ -114,7 +114,7 @@ def _explicit_derivatives(
     units = ca.diag(at.units_of_u)
     pushed = Affine(units @ u.value, {k: units @ matrix for k, matrix in u.parts.items()})
     dt, between = (
-        Affine(length, {0: ca.jacobian(length, unknowns)}) if "h" in layout.states else length
+        Affine(length, {0: ca.jacobian(length, unknowns)}) if at.has_free_length else length
         for length in (at.dt, at.spacing)
     )
     reached = step(chain, before, pushed, dt, Gains(gains[0], gains[1], gains[2]))

@@ -93,7 +93,7 @@ class _Derivation:
         at = self._at
         before, after = (self._node(state) for state in (at.at0, at.at1))
         pushed = self._controls()
-        h = self._made_of_unknowns(at.dt) if "h" in at.space.layout.states else at.dt
+        h = self._made_of_unknowns(at.dt) if at.has_free_length else at.dt
         return self._step(self._chain, before, after, self._stages(), pushed, h)
 
     def _controls(self) -> list[Affine]:
