@@ -7,7 +7,6 @@ the same is solved again from where it is. Other ways, where one comes to nothin
 
 from __future__ import annotations
 
-import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -227,10 +226,7 @@ def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | Non
     if way is None:
         return None
     corners = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))[1:-1]
-    found = copy.copy(problem)
-    object.__setattr__(found, "guess", Guess(kind="way", q=corners))
-    object.__setattr__(found, "solver", solver)
-    return found
+    return replace(problem, guess=Guess(kind="way", q=corners), solver=solver)
 
 
 def _solved(

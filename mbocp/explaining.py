@@ -135,7 +135,7 @@ def _solved(problem: Problem, near: Solution | None) -> Solution | None:
         problem.solver, method="monolithic", starts=1, max_iterations=_ITERATIONS, time_limit=_SECONDS
     )
     try:
-        solution = solve(replace(problem, solver=options), warm_start=near)
+        solution = solve(problem.with_(solver=options), warm_start=near)
     except MbocpError:
         return None
     return solution if solution.converged else None

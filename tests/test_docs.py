@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -156,9 +155,7 @@ def test_the_examples_of_the_readme_are_the_same_problem(tmp_path: Path) -> None
     exec(made, names)
     file = tmp_path / "readme.toml"
     file.write_text(written["toml"])
-    in_python, in_toml = (
-        replace(problem, name="") for problem in (names["problem"], mbocp.load_problem(file))
-    )
+    in_python, in_toml = (problem.with_(name="") for problem in (names["problem"], mbocp.load_problem(file)))
     assert problem_to_toml(in_python) == problem_to_toml(in_toml)
 
 

@@ -31,7 +31,7 @@ def changed(_: Path) -> mbocp.Problem:
 
 def replaced(_: Path) -> mbocp.Problem:
     problem = mbocp.load_problem(PENDULUM)
-    return dataclasses.replace(problem, goal=dataclasses.replace(problem.goal, enforce="none"))
+    return problem.with_(goal=dataclasses.replace(problem.goal, enforce="none"))
 
 
 @pytest.mark.parametrize(

@@ -162,11 +162,11 @@ def _multiples(counts: Array, bases: _Whole) -> _Counts:
 
 def first_mesh(problem: Problem) -> Mesh:
     """Steps with which a search begins: 20, or those that phases say."""
-    bases = tuple(_COARSEST * base for base in base_counts(problem))
+    bases = tuple(_COARSEST * base for base in base_counts(problem.places))
     if problem.phase:
         return _multiples(np.array([phase.steps for phase in problem.phase], dtype=np.float64), bases)
     follows = any(constraint.kind == "follow" for constraint in problem.frame_constraints)
     is_joint = COORDINATES[problem.coordinates].has_joint_states
-    if problem.has_free_lengths or follows or has_places(problem) or not is_joint:
+    if problem.has_free_lengths or follows or has_places(problem.places) or not is_joint:
         return _multiples(np.array([float(problem.num_steps)]), bases)
     return _Lengths(np.full(problem.num_steps, problem.duration / problem.num_steps))

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
@@ -25,11 +24,10 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import Scheme, has_rotations
 from mbocp.problem.path import PathConstraint
-from mbocp.problem.timeline.named_phase import NamedPhase
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
 
-__all__ = ["AUTO_SCHEME", "ChosenScheme", "Undecided", "chosen_scheme"]
+__all__ = ["AUTO_SCHEME", "ChosenScheme", "choose_scheme"]
 
 AUTO_SCHEME = "auto"
 _SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
@@ -51,51 +49,40 @@ class ChosenScheme:
     reason: str
 
 
-class Undecided(Protocol):
-    """What of a problem decides, see `mbocp.problem.Problem`."""
+def choose_scheme(
+    robot: Robot,
+    coordinates: str,
+    controls: str,
+    goal: Goal,
+    path: Sequence[object],
+    *,
+    has_switches: bool,
+    ends: tuple[int, float],
+) -> ChosenScheme:
+    """Choose the scheme that suits a problem, and say why.
 
-    # fmt: off
-    @property
-    def robot(self) -> Robot: ...  # noqa: D102
-    @property
-    def coordinates(self) -> str: ...  # noqa: D102
-    @property
-    def controls(self) -> str: ...  # noqa: D102
-    @property
-    def goal(self) -> Goal: ...  # noqa: D102
-    @property
-    def path(self) -> Sequence[object]: ...  # noqa: D102
-    @property
-    def phase(self) -> Sequence[NamedPhase]: ...  # noqa: D102
-    @property
-    def holds(self) -> Sequence[object]: ...  # noqa: D102
-    @property
-    def releases(self) -> Sequence[object]: ...  # noqa: D102
-    @property
-    def impacts(self) -> Sequence[int]: ...  # noqa: D102
-    @property
-    def num_steps(self) -> int: ...  # noqa: D102
-    @property
-    def dt(self) -> float: ...  # noqa: D102
-    # fmt: on
-
-
-def chosen_scheme(problem: Undecided) -> ChosenScheme:
-    """Scheme that suits a problem, and why."""
-    robot = problem.robot
+    Parameters
+    ----------
+    robot, coordinates, controls, goal, path
+        As in `mbocp.problem.Problem`.
+    has_switches : bool
+        Whether constraints begin or end along the way.
+    ends : tuple of int and float
+        Number of steps, and their length [s].
+    """
     if robot.drives:
         return ChosenScheme("rk4", "controls that prescribe velocities")
     if robot.rotations == "dcm" and has_rotations(robot):
         return ChosenScheme("rk4", "rotation matrices")
-    if COORDINATES[problem.coordinates].needs_constraints:
-        return ChosenScheme("midpoint", f"{problem.coordinates} coordinates")
-    if _has_switches(problem):
+    if COORDINATES[coordinates].needs_constraints:
+        return ChosenScheme("midpoint", f"{coordinates} coordinates")
+    if has_switches:
         return ChosenScheme("midpoint", "constraints that begin or end along the way")
-    if _has_forces(problem):
+    if any(isinstance(one, ContactForce | ContactBounds) for one in path):
         return ChosenScheme("midpoint", "bounds of contact forces")
-    if problem.controls != "constant":
+    if controls != "constant":
         return ChosenScheme("lobatto3" if robot.nc else "gauss2", "controls that vary within steps")
-    if _alternates(problem):
+    if _alternates(goal, path, ends):
         return ChosenScheme("se1", "equations on frames at all nodes")
     if robot.nc and robot.nv <= _SMALL_LOOP:
         return ChosenScheme("lobatto3", "small closed loops")
@@ -108,18 +95,8 @@ def chosen_scheme(problem: Undecided) -> ChosenScheme:
     return ChosenScheme("gauss2", "an open chain of joints")
 
 
-def _has_forces(problem: Undecided) -> bool:
-    return any(isinstance(one, ContactForce | ContactBounds) for one in problem.path)
-
-
-def _has_switches(problem: Undecided) -> bool:
-    of_phases = any(phase.holds or phase.releases for phase in problem.phase)
-    return of_phases or bool(problem.holds or problem.releases or problem.impacts)
-
-
-def _alternates(problem: Undecided) -> bool:
+def _alternates(goal: Goal, path: Sequence[object], ends: tuple[int, float]) -> bool:
     """Whether equations at all nodes and a velocity at the end are too much for mean velocities."""
-    goal, ends = problem.goal, (problem.num_steps, problem.dt)
-    frames = [one for one in problem.path if isinstance(one, PathConstraint)]
+    frames = [one for one in path if isinstance(one, PathConstraint)]
     asks = goal.is_exact and bool(goal.rate_active.any())
     return asks and any(has_equations_throughout(one, *ends) for one in frames)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -105,7 +104,7 @@ def agrees_with_differences(problem: mbocp.Problem, solution: Solution, toleranc
             away = np.zeros(2 * robot.nv)
             away[i] = sign * STEP
             q = robot.integrate(problem.q_start, away[: robot.nv])
-            moved = replace(problem, q_start=q, v_start=problem.v_start + away[robot.nv :])
+            moved = problem.with_(q_start=q, v_start=problem.v_start + away[robot.nv :])
             firsts.append(solved(moved, warm_start=solution).us[0])
         slope = (firsts[0] - firsts[1]) / (2.0 * STEP)
         np.testing.assert_allclose(

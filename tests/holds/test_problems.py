@@ -182,7 +182,7 @@ def test_a_solution_is_a_guess(tmp_path: Any) -> None:
     s = mbocp.solve(problem, check=True)
     s.save(tmp_path / "held.h5")
     guess = replace(problem.guess, kind="solution", path=tmp_path / "held.h5")
-    warm = mbocp.solve(replace(problem, guess=guess), check=True)
+    warm = mbocp.solve(problem.with_(guess=guess), check=True)
     assert warm.iterations <= 2
 
 

@@ -304,7 +304,7 @@ def test_a_jump(tmp_path: Path) -> None:
     problem = hopper(tmp_path, "", goal=goal, duration=0.4, cost={"effort": 1e-3})
     held = Hold(name="stance", frame="foot", kind="plane", spans=((0, 12),))
     bounds = ContactForce(name="ground force", constraint="stance", min_normal=0.0, max_normal=55.0)
-    problem = replace(problem, holds=(held,), path=(bounds,))
+    problem = problem.with_(holds=(held,), path=(bounds,))
     solution = solve(problem, check=True)
     normal = forces(problem, solution)["ground force"][:, 0]
     assert normal[:12].min() > -1e-6
@@ -315,4 +315,4 @@ def test_a_jump(tmp_path: Path) -> None:
     assert np.allclose(np.diff(momentum) / problem.dt, normal - (BODY + FOOT) * GRAVITY, rtol=0, atol=1e-8)
     assert solution.limit_violation < 1e-6
     with pytest.raises(MbocpError, match=r"no constraint 'stand'.*stance"):
-        replace(problem, path=(replace(bounds, constraint="stand"),))
+        problem.with_(path=(replace(bounds, constraint="stand"),))

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mbocp.problem.file.read import from_tables
+from mbocp.problem.document import make_document
+from mbocp.problem.file.messages import in_file
 from mbocp.problem.problem import Problem
 from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
@@ -23,5 +24,7 @@ def problem_from_tables(
     name: str = "",
     terms: Sequence[OwnTerm] = (),
 ) -> Problem:
-    """Validate the tables and make the problem, see `mbocp.problem.file.read.from_tables`."""
-    return from_tables(Problem, document, robot=robot, source=source, label=label, name=name, terms=terms)
+    """Validate the tables and make the problem, see `mbocp.problem.document.make_document`."""
+    made = make_document(document, robot=robot, source=source, label=label, name=name, terms=tuple(terms))
+    with in_file(label):
+        return Problem.of(made)

@@ -1,41 +1,77 @@
-"""`Problem.with_`: a problem with other fields, or other keys of the tables that it was made from."""
+"""What `Problem.with_` changes: keys of the tables that a problem was made from, or values in their place."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
-from functools import partial
-from typing import Any, TypeVar
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
 
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
-from mbocp.problem.default_scheme import AUTO_SCHEME
+from mbocp.problem.document import Document
 from mbocp.problem.file.overrides import plain
-from mbocp.problem.file.read import from_tables
-from mbocp.problem.file.tables import ProblemFields, tables_of
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.duration import duration_from
-from mbocp.problem.timeline.named_phase import horizon_of
-from mbocp.problem.timeline.phase_holds import takes_switches
-from mbocp.problem.timeline.step_counts import FIRST_STEPS
+from mbocp.problem.timeline.duration import written_duration
 from mbocp.problem.timeline.step_table import scaled_lengths
+from mbocp.terms.written import AUTO
 
-__all__ = ["changed", "written_tables"]
+__all__ = ["FIELDS", "change_document"]
 
-P = TypeVar("P", bound=ProblemFields)
-
+# Of each field that is given as a value: its name among those that are said, and the table it stands for.
+FIELDS = {
+    "q_start": ("said_q_start", "start"),
+    "v_start": ("said_v_start", "start"),
+    "a_start": ("said_a_start", "start"),
+    "start_free": ("start_free", "start"),
+    "goal": ("said_goal", "goal"),
+    "goals": ("goals", "goal"),
+    "cost": ("said_cost", "cost"),
+    "limits": ("said_limits", "limits"),
+    "via": ("said_via", "via"),
+    "path": ("said_path", "path"),
+    "obstacle": ("said_obstacle", "obstacle"),
+    "self_collision": ("said_self_collision", "self_collision"),
+    "phase": ("said_phase", "phase"),
+    "lengths": ("said_lengths", "horizon"),
+    "guess": ("guess", "guess"),
+    "solver": ("solver", "solver"),
+    "holds": ("said_holds", ""),
+    "releases": ("said_releases", ""),
+    "impacts": ("said_impacts", ""),
+}
 _TABLES = ("start", "goal", "cost", "limits", "guess", "integrator", "solver")
-_VALUES = {"goal": Goal, "cost": Cost, "limits": Bounds, "guess": Guess, "solver": SolverOptions}
-_SWITCHES = ("holds", "releases", "impacts")
+_LISTS = ("phase", "via", "path", "obstacle")
+_WHOLE = (*_LISTS, "guess")  # lists, and a kind with what belongs to it
+_OBJECTS = {"goal": Goal, "cost": Cost, "limits": Bounds, "guess": Guess, "solver": SolverOptions}
+_HORIZON = ("num_steps", "duration", "duration_range", "accuracy", "lengths", "controls")
+_INTEGRATOR = ("scheme", "lie", "substeps", "stabilisation")
+_ABOUT = ("robot", "terms", "source", "name", "coordinates")
 _RATES = {"v": "p", "p": "v"}  # of start and goal: one takes the place of the other
+_SHORT = {"solver": "method"}  # `solver = "ipopt"` is short for its table
+
+Written = Callable[[], Mapping[str, Any]]
 
 
-def changed(problem: P, changes: Mapping[str, Any]) -> P:
-    """Return the problem with `changes`: fields of `Problem`, or words of `Problem.create`.
+def change_document(
+    document: Document, changes: Mapping[str, Any], made: Mapping[str, Any], written: Written
+) -> tuple[Document, bool]:
+    """Return the document with `changes`, and whether tables are among them.
+
+    Parameters
+    ----------
+    document : Document
+    changes : mapping of str
+        Fields of `Problem`, or words of `Problem.create`.
+    made : mapping of str
+        Values of the problem that was made from the document.
+    written : callable
+        Returns the tables of that problem: those of values that are changed by their keys are taken from it.
 
     Raises
     ------
@@ -46,55 +82,75 @@ def changed(problem: P, changes: Mapping[str, Any]) -> P:
     if "steps" in values:
         values["num_steps"] = values.pop("steps")
     tables = {name: values.pop(name) for name in list(values) if _is_table(name, values[name])}
-    if "duration" in values:
-        written = plain(values.pop("duration"))
-        values = {**duration_from(written), **values}
-        if tables:  # at once: what they ask for may need it
-            tables["horizon"] = {"duration": written}
-    if values.get("accuracy") is not None and not values.get("phase", problem.phase):
-        values.setdefault("num_steps", FIRST_STEPS)
-    values = {**_new_lengths(problem, values), **values}
-    if values.get("phase"):
-        whole = horizon_of(values["phase"])
-        values = {
-            "num_steps": whole.steps,
-            "duration": whole.duration,
-            "duration_range": whole.duration_range,
-            **dict.fromkeys(_SWITCHES, ()),  # those of the phases before
-            **values,
-        }
-    if isinstance(values.get("goal"), Goal):
-        values.setdefault("goals", ())  # in the place of several
-    if problem.chooses_scheme and "scheme" not in tables.get("integrator", ()):
-        values.setdefault("scheme", AUTO_SCHEME)  # what suits may be another now
-    known = [field.name for field in fields(problem) if field.init]
+    _check_words(values)
+    changed = _with_tables(document, tables, written)
+    changed = _with_horizon(changed, tables, values, made)
+    changed = _with_integrator(changed, values)
+    given = {FIELDS[name][0]: _value_of(name, values[name]) for name in FIELDS.keys() & values.keys()}
+    if "said_goal" in given:
+        given.setdefault("goals", ())  # in the place of several
+    if "said_phase" in given:
+        given["phases_unweighted"] = given["said_phase"]
+    changed = _with_about(changed, values).with_values(given)
+    return changed, bool(tables)
+
+
+def _check_words(values: Mapping[str, Any]) -> None:
+    known = (*_HORIZON, *_INTEGRATOR, *_ABOUT, *FIELDS)
     for name, value in values.items():
-        if name in _VALUES and not isinstance(value, _VALUES[name]):
-            raise ProblemError(f"{name}: got {shown(value)}, expected a table, or a {_VALUES[name].__name__}")
+        if name in _OBJECTS and not isinstance(value, _OBJECTS[name]):
+            kind = _OBJECTS[name].__name__
+            raise ProblemError(f"{name}: got {shown(value)}, expected a table, or a {kind}")
         if name in ("start", "integrator"):
             raise ProblemError(f"{name}: got {shown(value)}, expected a table")
         if name not in known:
-            words = [*_TABLES, "phase", "via", "path", "obstacle", "steps", *known]
-            raise ProblemError(
-                f"{name}: a problem has no such field: {suggest(name, dict.fromkeys(words), 40)}"
-            )
-    made = _with_tables(problem, tables) if tables else problem
-    return replace(made, **values) if values or made is problem else made  # what has been made is checked
-
-
-def _new_lengths(problem: ProblemFields, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Lengths of steps where their number or the duration changes."""
-    if problem.lengths is None or not values.keys() & {"num_steps", "duration", "accuracy", "phase"}:
-        return {}
-    if values.keys() & {"num_steps", "accuracy", "phase"} or values.get("duration_range") is not None:
-        return {"lengths": None}
-    return {"lengths": scaled_lengths(problem.lengths, float(values["duration"]))}
+            words = dict.fromkeys([*_TABLES, *_LISTS, "steps", *known])
+            raise ProblemError(f"{name}: a problem has no such field: {suggest(name, words, 40)}")
 
 
 def _is_table(name: str, value: Any) -> bool:
-    if name in ("phase", "via", "path", "obstacle"):
+    if name in _LISTS:
         return isinstance(value, (list, tuple)) and any(isinstance(entry, Mapping) for entry in value)
-    return name in _TABLES and isinstance(value, Mapping)
+    return name in (*_TABLES, "self_collision") and isinstance(value, Mapping)
+
+
+def _value_of(name: str, value: Any) -> Any:
+    if name in _LISTS or name in ("goals", "holds", "releases", "impacts"):
+        return tuple(value)
+    return np.array(value, dtype=np.float64) if isinstance(value, (np.ndarray, list)) else value
+
+
+def _with_tables(document: Document, tables: Mapping[str, Any], written: Written) -> Document:
+    """Put keys into tables; tables for which values stand are written first."""
+    found, values = dict(document.tables), dict(document.values)
+    for name, value in tables.items():
+        stand_in = [key for key, table in FIELDS.values() if table == name and key in values]
+        if stand_in:
+            found[name] = written().get(name, {})
+        for key in (*stand_in, *(("phases_unweighted",) if name == "phase" else ())):
+            values.pop(key, None)
+        found[name] = _changed_table(name, found.get(name), plain(value))
+    if "phase" in tables:  # it says how long all is, and what is held
+        found["horizon"] = _without(found.get("horizon", {}), "duration", "steps", "lengths")
+        values = {key: value for key, value in values.items() if key not in ("said_holds", "said_releases")}
+        values.pop("said_impacts", None)
+    return replace(document, tables=found, values=values)
+
+
+def _changed_table(name: str, old: Any, table: Any) -> Any:
+    if name in _WHOLE or name == "self_collision":
+        return table
+    if old is None:
+        old = {"velocity": AUTO} if name == "cost" else {}
+    if isinstance(old, str):
+        old = {_SHORT[name]: old}
+    if name == "goal" and "any" in {**old, **table}:
+        return _goal_of_several(old, table)
+    if name in ("start", "goal"):
+        old = {key: entry for key, entry in old.items() if _RATES.get(key) not in table}
+    if name == "goal" and "frame" in table and isinstance(old.get("q"), list):  # it gives every joint
+        old = _without(old, "q")
+    return {**old, **table}
 
 
 def _goal_of_several(old: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
@@ -102,54 +158,78 @@ def _goal_of_several(old: Mapping[str, Any], table: Mapping[str, Any]) -> dict[s
     if "any" in table:
         return dict(table)
     others = [{k: v for k, v in member.items() if _RATES.get(k) not in table} for member in old["any"]]
-    return {"any": [{**member, **table} for member in others]}
+    return {**old, "any": [{**member, **table} for member in others]}
 
 
-def _maker(problem: P, tables: Mapping[str, Any]) -> Callable[..., P]:
-    """What makes the changed problem; holds that no phase says have no table, and are kept."""
-    if "phase" in tables or takes_switches(problem.phase):
-        return type(problem)
-    return partial(type(problem), **{name: getattr(problem, name) for name in _SWITCHES})
+def _without(table: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if key not in keys}
 
 
-def written_tables(problem: ProblemFields) -> dict[str, Any]:
-    """Tables of a problem as they are read from its file: without what is None, and without empty tables."""
-    return {name: table for name, table in _without_none(plain(tables_of(problem))).items() if table != {}}
+def _with_horizon(
+    document: Document, tables: Mapping[str, Any], values: Mapping[str, Any], made: Mapping[str, Any]
+) -> Document:
+    """Steps and duration; one way to say which steps there are takes the place of another."""
+    if not (values.keys() & {*_HORIZON, "phase"} or "phase" in tables):
+        return document
+    old = dict(document.tables.get("horizon", {}))
+    given, lengths = dict(document.values), made["lengths"]
+    has_phases = bool(values["phase"] if "phase" in values else tables.get("phase", made["phase"]))
+    if values.get("phase"):
+        old = _without(old, "duration", "steps", "accuracy")
+    elif "phase" in values:  # none any more: what they came to
+        old |= {"steps": made["num_steps"], "duration": _written(made)}
+    if "duration" in values or "duration_range" in values:
+        bounds = values.get("duration_range")
+        duration = values.get("duration", made["duration"])
+        old["duration"] = plain(duration) if bounds is None else written_duration(duration, bounds)
+    if "num_steps" in values:
+        old = {**_without(old, "accuracy"), "steps": plain(values["num_steps"])}
+    if values.get("accuracy") is not None:
+        old = {**_without(old, "steps"), "accuracy": plain(values["accuracy"])}
+    elif "accuracy" in values:
+        old = {**({} if has_phases else {"steps": made["num_steps"]}), **_without(old, "accuracy")}
+    if "controls" in values:
+        old["controls"] = values["controls"]
+    if "lengths" in values:
+        is_given = values["lengths"] is not None
+        old = _without(old, "lengths")
+        if is_given and not has_phases:
+            old = {**_without(old, "accuracy"), "steps": old.get("steps", made["num_steps"])}
+            old.setdefault("duration", _written(made))
+    elif lengths is not None:
+        given.pop("said_lengths", None)
+        old = _without(old, "lengths")
+        is_kept = not values.keys() & {"num_steps", "accuracy", "phase"} and "phase" not in tables
+        if is_kept and not isinstance(old.get("duration"), Mapping):
+            old.setdefault("duration", made["duration"])
+            old["steps"] = made["num_steps"]
+            given["said_lengths"] = scaled_lengths(lengths, float(old["duration"]))
+        elif not has_phases and not {"steps", "accuracy"} & old.keys():
+            old["steps"] = made["num_steps"]
+    if not has_phases and old.get("duration") is None:
+        old["duration"] = _written(made)
+    return replace(document, tables={**document.tables, "horizon": old}, values=given)
 
 
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
-    return [_without_none(entry) for entry in value] if isinstance(value, list) else value
+def _written(made: Mapping[str, Any]) -> Any:
+    return written_duration(made["duration"], made["duration_range"])
 
 
-def _with_tables(problem: P, tables: Mapping[str, Any]) -> P:
-    """Take the problem's tables as a file has them, put keys into them, and read them again."""
-    document = written_tables(problem)
-    if problem.chooses_scheme:
-        document["integrator"]["scheme"] = AUTO_SCHEME
-    for name, value in tables.items():
-        table = plain(value)
-        if name in ("phase", "via", "path", "obstacle", "guess"):  # lists, and a kind with what belongs to it
-            document[name] = table
-            if name == "phase" and "horizon" not in tables:  # it says how long all is
-                del document["horizon"]
-            continue
-        old = document.get(name, {})
-        if name == "goal" and "any" in {**old, **table}:
-            document[name] = _goal_of_several(old, table)
-            continue
-        if name in ("start", "goal"):
-            old = {key: entry for key, entry in old.items() if _RATES.get(key) not in table}
-        if name == "goal" and "frame" in table and isinstance(old.get("q"), list):  # it gives every joint
-            del old["q"]
-        document[name] = {**old, **table}
-    return from_tables(
-        _maker(problem, tables),
-        document,
-        robot=problem.robot,
-        source=problem.source,
-        label=problem.name,
-        name=problem.name,
-        terms=problem.terms,
-    )
+def _with_integrator(document: Document, values: Mapping[str, Any]) -> Document:
+    words = {key: values[key] for key in _INTEGRATOR if key in values}
+    if not words:
+        return document
+    rates = words.pop("stabilisation", None)
+    words |= {} if rates is None else asdict(rates)
+    table = {**document.tables.get("integrator", {}), **plain(words)}
+    return replace(document, tables={**document.tables, "integrator": table})
+
+
+def _with_about(document: Document, values: Mapping[str, Any]) -> Document:
+    about = {key: values[key] for key in ("robot", "source", "name") if key in values}
+    if "terms" in values:
+        about["terms"] = tuple(values["terms"])
+        about["tables"] = _without(document.tables, "terms")
+    if "coordinates" in values:
+        about["tables"] = {**about.get("tables", document.tables), "coordinates": values["coordinates"]}
+    return replace(document, **about) if about else document

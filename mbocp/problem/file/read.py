@@ -1,28 +1,31 @@
-"""From the tables of a problem file, or the arguments of `Problem.create`, to the fields of a `Problem`."""
+"""From the tables of a problem file, or the arguments of `Problem.create`, to arrays for a robot.
+
+Each step reads one table. Its values have names that begin with `said_` where `mbocp.problem.resolve` makes
+more of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._files import is_file
-from mbocp._text import printable, shown
+from mbocp._text import shown
 from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.completion import assembled, assembled_velocity
 from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.cost import Cost, further_terms
 from mbocp.problem.file.frame_table import frames_from
 from mbocp.problem.file.limits_table import bounds_from
-from mbocp.problem.file.messages import in_file, located, schema_error
+from mbocp.problem.file.messages import located, schema_error
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
 from mbocp.problem.file.obstacle_table import obstacles_from, self_collision_from
-from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.path_table import path_from
 from mbocp.problem.file.periodic_table import free_from, periodic_from
 from mbocp.problem.file.phase_table import (
@@ -36,10 +39,17 @@ from mbocp.problem.file.schema import (
     GoalMemberTable,
     GoalTable,
     GuessTable,
+    HorizonTable,
     IntegratorTable,
+    LimitsTable,
+    ObstacleTable,
+    PhaseTable,
     ProblemTable,
     RobotTable,
+    SelfCollisionTable,
+    SolverTable,
     StartTable,
+    ViaTable,
     WeightsTable,
     checked_table,
 )
@@ -48,141 +58,164 @@ from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import via_from
 from mbocp.problem.goals.drives import without_driven_velocities
 from mbocp.problem.goals.frames import start_at
+from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import RATES, Goal
 from mbocp.problem.goals.goal_set import of_member
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
+from mbocp.problem.limits import Bounds
+from mbocp.problem.obstacles.clearance import SelfCollision
+from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.duration import check_duration
 from mbocp.problem.timeline.horizon import check_horizon
-from mbocp.problem.timeline.named_phase import are_alike
+from mbocp.problem.timeline.named_phase import NamedPhase, are_alike
+from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.robot import Robot, robot_from_spec
+from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import COST_TERMS, OwnTerm
 from mbocp.terms.written import AUTO
 
-__all__ = ["from_tables"]
-
-P = TypeVar("P")
+__all__ = ["READ", "load_its_robot", "read_tables"]
 
 
-def from_tables(
-    make: Callable[..., P],
-    document: Mapping[str, Any],
-    *,
-    robot: Robot | str | Path | Mapping[str, Any] | None = None,
-    source: Path | None = None,
-    label: str = "problem",
-    name: str = "",
-    terms: Sequence[OwnTerm] = (),
-) -> P:
-    """Validate the tables and make the problem.
+def read_tables(document: Mapping[str, Any], label: str) -> ProblemTable:
+    """Check the tables of a problem against the schema.
 
-    Parameters
-    ----------
-    make : callable
-        `Problem`, which takes its fields by keyword. `Problem` itself reads tables by this function, so it is
-        an argument here and no import.
-    document : mapping
-        The parsed file.
-    robot : Robot, str, Path or mapping, optional
-        Takes the place of the key `robot`.
-    source : Path, optional
-        The file; relative paths are relative to its folder.
-    label : str
-        What errors call the file.
-    name : str
-        Name of the problem; default: the stem of the file.
-    terms : sequence of OwnTerm
-        Terms of one's own: those that the tables name, and others.
+    Raises
+    ------
+    ProblemFileError
     """
-    document = dict(plain(document))
-    if robot is not None:
-        document["robot"] = "" if isinstance(robot, Robot) else plain(robot)
     try:
-        table = checked_table(document)
+        return checked_table(document)
     except ValidationError as error:
         raise schema_error(label, ProblemTable, error) from error
-    folder = source.parent if source is not None else Path()
-    with in_file(label):
-        loaded = (
-            robot if isinstance(robot, Robot) else _robot(table.robot, folder if source is not None else None)
-        )
-        name = name or (printable(source.stem) if source else "problem")
-        return make(**_fields(table, loaded, folder, source, name, terms))
 
 
-def _fields(
-    table: ProblemTable, robot: Robot, folder: Path, source: Path | None, name: str, terms: Sequence[OwnTerm]
-) -> dict[str, Any]:
-    phases = phases_from(robot, table.phase)
-    whole = horizon_from(table.horizon, phases)
-    horizon = {"duration": whole.duration, "duration_range": whole.duration_range}
-    num_steps = whole.steps
-    check_horizon(num_steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
-    q_start, v_start = _start(table.start, robot)
-    goals = _goals(table.goal, robot, q_start)
-    goal = goals[0] if goals else _goal(table.goal, robot, q_start)
-    is_left_to_us = "cost" not in table.model_fields_set and not (terms or table.terms)
-    written: Any = table.cost
-    if goals and written.tracking and written.target is None and written.target_file is None:
-        raise ProblemError("cost.tracking: of several goals none is the target; give cost.target")
-    cost = written.model_copy(update={"velocity": AUTO}) if is_left_to_us else written
-    via = via_from(robot, with_via(table.via, table.phase), q_start)
-    has_free_times = any(point.is_free for point in via) or not are_alike(phases)
-    start = (q_start, v_start)
-    reader = _CostReader(robot, goal, folder, horizon, has_free_times, num_steps, *start)
-    weighed = (
-        replace(phase, weights=phase_weights(of_phase, reader))
-        for phase, of_phase in zip(phases, table.phase, strict=True)
-    )
-    return {
-        "cost": _cost(cost, reader),
-        "phase": tuple(weighed),
-        **horizon,
-        "num_steps": num_steps,
-        "lengths": table.horizon.lengths,
-        "accuracy": table.horizon.accuracy,
-        "controls": table.horizon.controls,
-        "robot": robot,
-        "coordinates": table.coordinates,
-        "scheme": table.integrator.scheme,
-        "lie": table.integrator.lie,
-        "substeps": table.integrator.substeps,
-        "stabilisation": _stabilisation(table.integrator),
-        "goal": goal,
-        "goals": goals,
-        "limits": bounds_from(robot, **dict(table.limits)),
-        "via": via,
-        "path": path_from(robot, with_paths(table.path, table.phase), q_start, goal, folder),
-        "obstacle": obstacles_from(table.obstacle, folder),
-        "self_collision": self_collision_from(table.self_collision, folder),
-        "terms": terms_from(robot, table.terms, terms),
-        "q_start": q_start,
-        "v_start": v_start,
-        "a_start": _tangent(robot, table.start.a, "start.a")[0] if table.start.a is not None else np.zeros(0),
-        "start_free": free_from(robot, table.start.free),
-        "guess": _guess(table.guess, robot, q_start, folder),
-        "solver": SolverOptions(**table.solver.model_dump()),
-        "source": source,
-        "name": name,
-    }
-
-
-def _robot(table: RobotTable, folder: Path | None) -> Robot:
+def load_its_robot(table: RobotTable, folder: Path | None) -> Robot:
+    """Load the robot that a problem names."""
     with located("robot"):
         return robot_from_spec(table.model_dump(exclude_none=True), base=folder)
 
 
-def _stabilisation(table: IntegratorTable) -> Stabilisation:
-    return Stabilisation(
+def _phases(phase_table: list[PhaseTable], robot: Robot) -> tuple[NamedPhase, ...]:
+    """The phases, but for their weights."""
+    return phases_from(robot, phase_table)
+
+
+def _horizon(
+    horizon_table: HorizonTable, phases_unweighted: tuple[NamedPhase, ...], robot: Robot
+) -> tuple[Any, ...]:
+    whole = horizon_from(horizon_table, phases_unweighted)
+    check_horizon(whole.steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
+    written = horizon_table
+    ends = whole.duration, whole.duration_range, whole.steps
+    return *ends, written.lengths, written.accuracy, written.controls
+
+
+def _start(start_table: StartTable, robot: Robot) -> tuple[Array, Array, Array, FreeStart | None]:
+    q, v = _start_state(start_table, robot)
+    has_a = start_table.a is not None
+    a = _tangent(robot, start_table.a, "start.a")[0] if has_a else np.zeros(0)
+    return q, v, a, free_from(robot, start_table.free)
+
+
+def _goal_or_goals(goal_table: GoalTable, robot: Robot, said_q_start: Array) -> tuple[Goal, tuple[Goal, ...]]:
+    """The goal, and all of them where there are several."""
+    goals = _goals(goal_table, robot, said_q_start)
+    return (goals[0] if goals else _goal(goal_table, robot, said_q_start)), goals
+
+
+def _limits(limits_table: LimitsTable, robot: Robot) -> Bounds:
+    return bounds_from(robot, **dict(limits_table))
+
+
+def _via(
+    via_table: list[ViaTable], phase_table: list[PhaseTable], robot: Robot, said_q_start: Array
+) -> tuple[ViaPoint, ...]:
+    return via_from(robot, with_via(via_table, phase_table), said_q_start)
+
+
+def _cost_reader(
+    robot: Robot,
+    said_goal: Goal,
+    folder: Path,
+    said_duration: float,
+    said_duration_range: tuple[float, float] | None,
+    said_via: tuple[ViaPoint, ...],
+    phases_unweighted: tuple[NamedPhase, ...],
+    said_num_steps: int,
+    said_q_start: Array,
+    said_v_start: Array,
+) -> _CostReader:
+    has_free_times = any(point.is_free for point in said_via) or not are_alike(phases_unweighted)
+    horizon = {"duration": said_duration, "duration_range": said_duration_range}
+    start = (said_q_start, said_v_start)
+    return _CostReader(robot, said_goal, folder, horizon, has_free_times, said_num_steps, *start)
+
+
+def _cost(cost_table: Any, goals: tuple[Goal, ...], is_cost_left: bool, cost_reader: _CostReader) -> Cost:
+    """The cost; that of a file without one weighs velocities as suits the motion."""
+    table = cost_table.model_copy(update={"velocity": AUTO}) if is_cost_left else cost_table
+    if goals and table.tracking and table.target is None and table.target_file is None:
+        raise ProblemError("cost.tracking: of several goals none is the target; give cost.target")
+    values: dict[str, Any] = {}
+    for term in COST_TERMS:
+        values |= term.read(table, cost_reader)
+    further = {key: values.pop(key) for key in further_terms()}
+    return Cost(**values, further=further)
+
+
+def _weights_of_phases(
+    phase_table: list[PhaseTable], phases_unweighted: tuple[NamedPhase, ...], cost_reader: _CostReader
+) -> tuple[NamedPhase, ...]:
+    return tuple(
+        replace(phase, weights=phase_weights(table, cost_reader))
+        for phase, table in zip(phases_unweighted, phase_table, strict=True)
+    )
+
+
+def _path(
+    path_table: list[Any],
+    phase_table: list[PhaseTable],
+    robot: Robot,
+    said_q_start: Array,
+    said_goal: Goal,
+    folder: Path,
+) -> tuple[Any, ...]:
+    return path_from(robot, with_paths(path_table, phase_table), said_q_start, said_goal, folder)
+
+
+def _obstacles(obstacle_table: list[ObstacleTable], folder: Path) -> tuple[Obstacle, ...]:
+    return obstacles_from(obstacle_table, folder)
+
+
+def _self_collision(
+    self_collision_table: bool | SelfCollisionTable | None, folder: Path
+) -> SelfCollision | bool | None:
+    return self_collision_from(self_collision_table, folder)
+
+
+def _terms(terms_table: list[Any], robot: Robot, terms_given: tuple[OwnTerm, ...]) -> tuple[OwnTerm, ...]:
+    return terms_from(robot, terms_table, terms_given)
+
+
+def _integrator(integrator_table: IntegratorTable) -> tuple[str, str, int, Stabilisation]:
+    table = integrator_table
+    rates = Stabilisation(
         gamma_quaternion=table.gamma_quaternion,
         gamma_dcm=table.gamma_dcm,
         gamma_constraint=table.gamma_constraint,
     )
+    return table.scheme, table.lie, table.substeps, rates
 
 
-def _start(table: StartTable, robot: Robot) -> tuple[Array, Array]:
+def _solver(solver_table: SolverTable) -> SolverOptions:
+    return SolverOptions(**solver_table.model_dump())
+
+
+def _start_state(table: StartTable, robot: Robot) -> tuple[Array, Array]:
     q = _start_configuration(table, robot)
     if table.v is not None and table.p is not None:
         raise ProblemError("start: give v or p, not both")
@@ -337,14 +370,6 @@ class _CostReader:
         _check_targets(self.robot, weights, given, key, source)
 
 
-def _cost(table: Any, reader: _CostReader) -> Cost:
-    values: dict[str, Any] = {}
-    for term in COST_TERMS:
-        values |= term.read(table, reader)
-    further = {key: values.pop(key) for key in further_terms()}
-    return Cost(**values, further=further)
-
-
 def _goal_momentum(robot: Robot, goal: Goal) -> tuple[Array, BoolArray]:
     """Return the momentum at the goal, and which components of it the goal determines."""
     if goal.rate == "p":
@@ -403,8 +428,9 @@ def _check_targets(robot: Robot, weights: Array, given: BoolArray, key: str, sou
         raise ProblemError(f"{key}: all weights are 0, expected at least one above 0")
 
 
-def _guess(table: GuessTable, robot: Robot, q_start: Array, folder: Path) -> Guess:
+def _guess(guess_table: GuessTable, robot: Robot, said_q_start: Array, folder: Path) -> Guess:
     """Make the guess; a `kind` that is written leaves the other kinds' keys unused (`--set guess.kind=`)."""
+    table, q_start = guess_table, said_q_start
     kind = table.kind
     if kind is None:
         given = {"control": table.u, "way": table.q, "solution": table.file}
@@ -424,3 +450,31 @@ def _corners(written: Sequence[Any], robot: Robot, q_start: Array) -> Array:
         raise ProblemError("guess.q: expected at least one configuration between start and goal")
     found = [configuration_from(robot, row, q_start, "guess.q")[0] for row in written]
     return np.array([robot.normalise(q, name="guess.q") for q in found])
+
+
+READ = (
+    Step.of(_phases, "phases_unweighted"),
+    Step.of(
+        _horizon,
+        "said_duration",
+        "said_duration_range",
+        "said_num_steps",
+        "said_lengths",
+        "said_accuracy",
+        "controls",
+    ),
+    Step.of(_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
+    Step.of(_goal_or_goals, "said_goal", "goals"),
+    Step.of(_limits, "said_limits"),
+    Step.of(_via, "said_via"),
+    Step.of(_cost_reader, "cost_reader"),
+    Step.of(_cost, "said_cost"),
+    Step.of(_weights_of_phases, "said_phase"),
+    Step.of(_path, "said_path"),
+    Step.of(_obstacles, "said_obstacle"),
+    Step.of(_self_collision, "said_self_collision"),
+    Step.of(_terms, "said_terms"),
+    Step.of(_integrator, "said_scheme", "lie", "substeps", "stabilisation"),
+    Step.of(_guess, "guess"),
+    Step.of(_solver, "solver"),
+)

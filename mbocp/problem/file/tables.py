@@ -6,120 +6,33 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import SCHEMES
-from mbocp.problem.contact_bounds import ContactBounds
-from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.cost import Cost
+from mbocp.problem.data import ProblemData
 from mbocp.problem.file.frame_table import frame_tables
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.obstacle_table import obstacle_tables, self_collision_table
+from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.periodic_table import free_table, periodic_table
 from mbocp.problem.file.phase_table import phase_tables, written_limits
 from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.file.via_table import via_tables
-from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
-from mbocp.problem.integration import Stabilisation
-from mbocp.problem.limits import Bounds
-from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
-from mbocp.problem.path import PathConstraint
-from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.duration import written_duration
-from mbocp.problem.timeline.meeting import Meeting
-from mbocp.problem.timeline.named_phase import NamedPhase
-from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import Robot
-from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.terms import COST_TERMS, FrameTolerance, OwnPathConstraint, OwnTerm
+from mbocp.terms import COST_TERMS
 
-PathObject: TypeAlias = (
-    ContactForce | ContactBounds | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
-)
-
-__all__ = ["ProblemFields", "tables_of", "to_toml"]
+__all__ = ["tables_of", "to_toml", "written_tables"]
 
 
-class ProblemFields(Protocol):
-    """The fields of `Problem`: it writes and changes itself by this package, which knows no more of it."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    # fmt: off
-    @property
-    def cost(self) -> Cost: ...  # noqa: D102
-    @property
-    def duration(self) -> float: ...  # noqa: D102
-    @property
-    def duration_range(self) -> tuple[float, float] | None: ...  # noqa: D102
-    @property
-    def num_steps(self) -> int: ...  # noqa: D102
-    @property
-    def lengths(self) -> Array | None: ...  # noqa: D102
-    @property
-    def accuracy(self) -> float | None: ...  # noqa: D102
-    @property
-    def controls(self) -> str: ...  # noqa: D102
-    @property
-    def phase(self) -> tuple[NamedPhase, ...]: ...  # noqa: D102
-    @property
-    def robot(self) -> Robot: ...  # noqa: D102
-    @property
-    def coordinates(self) -> str: ...  # noqa: D102
-    @property
-    def scheme(self) -> str: ...  # noqa: D102
-    @property
-    def chooses_scheme(self) -> bool: ...  # noqa: D102
-    @property
-    def lie(self) -> str: ...  # noqa: D102
-    @property
-    def substeps(self) -> int: ...  # noqa: D102
-    @property
-    def stabilisation(self) -> Stabilisation: ...  # noqa: D102
-    @property
-    def goal(self) -> Goal: ...  # noqa: D102
-    @property
-    def goals(self) -> tuple[Goal, ...]: ...  # noqa: D102
-    @property
-    def limits(self) -> Bounds: ...  # noqa: D102
-    @property
-    def via(self) -> tuple[ViaPoint, ...]: ...  # noqa: D102
-    @property
-    def path(self) -> tuple[PathConstraint | PathObject, ...]: ...  # noqa: D102
-    @property
-    def obstacle(self) -> tuple[Obstacle, ...]: ...  # noqa: D102
-    @property
-    def self_collision(self) -> SelfCollision | bool | None: ...  # noqa: D102
-    @property
-    def terms(self) -> tuple[OwnTerm, ...]: ...  # noqa: D102
-    @property
-    def q_start(self) -> Array: ...  # noqa: D102
-    @property
-    def v_start(self) -> Array: ...  # noqa: D102
-    @property
-    def a_start(self) -> Array: ...  # noqa: D102
-    @property
-    def start_free(self) -> FreeStart | None: ...  # noqa: D102
-    @property
-    def guess(self) -> Guess: ...  # noqa: D102
-    @property
-    def solver(self) -> SolverOptions: ...  # noqa: D102
-    @property
-    def source(self) -> Path | None: ...  # noqa: D102
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    # fmt: on
-
-
-def tables_of(problem: ProblemFields) -> dict[str, Any]:
+def tables_of(problem: ProblemData) -> dict[str, Any]:
     """Return the tables of a problem file that loads as the same problem.
 
     Everything is written out: overrides and defaults are resolved, a target file becomes numbers, and paths
@@ -157,11 +70,22 @@ def tables_of(problem: ProblemFields) -> dict[str, Any]:
     }
 
 
-def _steps(problem: ProblemFields) -> dict[str, Any]:
+def _steps(problem: ProblemData) -> dict[str, Any]:
     """What says which steps there are."""
     if problem.accuracy is not None:
         return {"accuracy": problem.accuracy}
     return {"steps": problem.num_steps} if problem.lengths is None else {"lengths": problem.lengths}
+
+
+def written_tables(problem: ProblemData) -> dict[str, Any]:
+    """Tables of a problem as they are read from its file: without what is None, and without empty tables."""
+    return {name: table for name, table in _without_none(plain(tables_of(problem))).items() if table != {}}
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
+    return [_without_none(entry) for entry in value] if isinstance(value, list) else value
 
 
 def to_toml(document: Mapping[str, Any]) -> str:
@@ -204,7 +128,7 @@ def _cost(cost: Cost) -> dict[str, Any]:
     return table
 
 
-def _integrator(problem: ProblemFields) -> dict[str, Any]:
+def _integrator(problem: ProblemData) -> dict[str, Any]:
     options = {"lie": problem.lie, "substeps": problem.substeps, **asdict(problem.stabilisation)}
     taken = {key: v for key, v in options.items() if SCHEMES[problem.scheme].takes(f"integrator.{key}")}
     return {"scheme": problem.scheme, **taken}

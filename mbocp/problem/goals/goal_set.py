@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,17 +17,7 @@ from mbocp.problem.goals.goal import Goal
 __all__ = ["check_goals", "of_member", "reachable_members"]
 
 
-class WithGoals(Protocol):
-    """A problem with several goals, see `mbocp.problem.Problem`."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def goals(self) -> tuple[Goal, ...]:
-        """All of them."""
-
-
-P = TypeVar("P", bound=WithGoals)
+P = TypeVar("P")
 
 
 @contextmanager
@@ -60,24 +49,30 @@ def check_goals(goals: Sequence[Goal]) -> None:
                 )
 
 
-def reachable_members(problem: P) -> tuple[tuple[int, P], ...]:
+def reachable_members(goals: Sequence[Goal], resolve: Callable[[Goal], P]) -> tuple[tuple[int, P], ...]:
     """Place and problem of each goal that is not out of reach; the others are left out with a warning.
+
+    Parameters
+    ----------
+    goals : sequence of Goal
+    resolve : callable
+        Makes the problem of one of them.
 
     Raises
     ------
     UnreachableGoal
         If all are out of reach.
     """
-    check_goals(problem.goals)
+    check_goals(goals)
     found: list[tuple[int, P]] = []
     refused: list[UnreachableGoal] = []
     told: dict[str, type[Warning]] = {}
-    for place, goal in enumerate(problem.goals):
+    for place, goal in enumerate(goals):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
                 with of_member(place):
-                    found.append((place, replace(problem, goal=goal, goals=())))
+                    found.append((place, resolve(goal)))
             except UnreachableGoal as error:
                 if not str(error).startswith("goal"):
                     raise  # a via point
@@ -86,7 +81,7 @@ def reachable_members(problem: P) -> tuple[tuple[int, P], ...]:
         told |= {_named(place, str(entry.message)): entry.category for entry in caught}
     if not found:
         raise UnreachableGoal(
-            f"goal.any: all {len(problem.goals)} goals are out of reach; {'; '.join(map(str, refused))}"
+            f"goal.any: all {len(goals)} goals are out of reach; {'; '.join(map(str, refused))}"
         ) from refused[0]
     for message, category in told.items():
         warn_caller(message, category)

@@ -6,8 +6,8 @@ dozen. The others have no rows as long as no motion comes near them, too.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Collection
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,10 +58,8 @@ def with_pairs(problem: Problem, chosen: Collection[int]) -> Problem:
     rows = rows_of(problem)
     if rows is None:
         return problem
-    found = copy.copy(problem)
     path = tuple(rows.of_pairs(tuple(chosen), rows.reserve) if c is rows else c for c in problem.path)
-    object.__setattr__(found, "path", path)
-    return found
+    return replace(problem, path=path)
 
 
 def rows_of(problem: Problem) -> Clearance | None:

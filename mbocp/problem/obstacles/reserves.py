@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -145,6 +145,4 @@ def _with(problem: Problem, rows: Clearance, chosen: tuple[int, ...] | None, res
     if problem.goal.q_active.all():
         reserve = np.minimum(reserve, np.maximum(room - _RESERVE, 0.0))
     larger = rows.of_pairs(chosen, reserve)
-    found = copy.copy(problem)
-    object.__setattr__(found, "path", tuple(larger if c is rows else c for c in problem.path))
-    return found
+    return replace(problem, path=tuple(larger if c is rows else c for c in problem.path))

@@ -59,13 +59,13 @@ def relaxations(problem: Problem) -> Iterator[Relaxation]:
 
 
 def _without_obstacles(problem: Problem) -> Callable[[float], Problem]:
-    return lambda _: replace(problem, obstacle=(), self_collision=None)
+    return lambda _: problem.with_(obstacle=(), self_collision=None)
 
 
 def _limits_of(problem: Problem, letter: str) -> Callable[[float], Problem]:
     def relaxed(factor: float) -> Problem:
         phases = tuple(replace(p, limits=_wider(p.limits, letter, factor)) for p in problem.phase)
-        return replace(problem, limits=_wider(problem.limits, letter, factor), phase=phases)
+        return problem.with_(limits=_wider(problem.limits, letter, factor), phase=phases)
 
     return relaxed
 
@@ -101,7 +101,7 @@ def _path_of(problem: Problem, name: str) -> Callable[[float], Problem]:
         path = tuple(
             widened(c) if isinstance(c, PathConstraint) and c.name == name else c for c in problem.path
         )
-        return replace(problem, path=path)
+        return problem.with_(path=path)
 
     return relaxed
 
@@ -110,6 +110,6 @@ def _duration_of(problem: Problem) -> Callable[[float], Problem]:
     def relaxed(factor: float) -> Problem:
         T, bounds = factor * problem.duration, problem.duration_range
         longer = None if bounds is None else (bounds[0], factor * bounds[1])
-        return replace(problem, duration=T, duration_range=longer)
+        return problem.with_(duration=T, duration_range=longer)
 
     return relaxed

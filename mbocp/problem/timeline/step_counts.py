@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from dataclasses import dataclass
 
 from mbocp.exceptions import ProblemError
 from mbocp.problem.path import PathConstraint
@@ -18,33 +18,26 @@ from mbocp.problem.timeline.via_time import InPhase
 from mbocp.terms import OwnTerm
 from mbocp.terms.span import SPAN, AtVia, End, Share, Span
 
-__all__ = ["FIRST_STEPS", "Placed", "base_counts", "first_count", "has_places"]
+__all__ = ["FIRST_STEPS", "Places", "base_counts", "first_count", "has_places"]
 
 FIRST_STEPS = 20  # with which the search for steps begins
 _MOST = 200  # steps among which nodes are looked for
 _ON_NODE = 1e-6  # of a step
 
 
-class Placed(Protocol):
-    """What says where nodes are, see `mbocp.problem.Problem`."""
+@dataclass(frozen=True, eq=False)
+class Places:
+    """What says where nodes are, by the names of `mbocp.problem.Problem`."""
 
-    # fmt: off
-    @property
-    def duration(self) -> float: ...  # noqa: D102
-    @property
-    def duration_range(self) -> tuple[float, float] | None: ...  # noqa: D102
-    @property
-    def phase(self) -> Sequence[NamedPhase]: ...  # noqa: D102
-    @property
-    def via(self) -> Sequence[ViaPoint]: ...  # noqa: D102
-    @property
-    def path(self) -> Sequence[object]: ...  # noqa: D102
-    @property
-    def terms(self) -> Sequence[OwnTerm]: ...  # noqa: D102
-    # fmt: on
+    duration: float
+    duration_range: tuple[float, float] | None
+    phase: Sequence[NamedPhase]
+    via: Sequence[ViaPoint]
+    path: Sequence[object]
+    terms: Sequence[OwnTerm]
 
 
-def base_counts(problem: Placed) -> tuple[int, ...]:
+def base_counts(places: Places) -> tuple[int, ...]:
     """Least numbers of steps, one for each phase or one for all, whose multiples have the nodes.
 
     Raises
@@ -53,22 +46,22 @@ def base_counts(problem: Placed) -> tuple[int, ...]:
         If no 200 steps have a node where one is asked for.
     """
     found: dict[str, dict[float, str]] = defaultdict(dict)  # of phases by name: shares, and who asks
-    for key, phase, share in _places(problem):
+    for key, phase, share in _places(places):
         if 0.0 < share < 1.0:
             found[phase][share] = key
-    names = [phase.name for phase in problem.phase] or [""]
+    names = [phase.name for phase in places.phase] or [""]
     return tuple(_least(found[name]) for name in names)
 
 
-def first_count(problem: Placed) -> int:
+def first_count(places: Places) -> int:
     """Number of steps with which a search begins."""
-    (base,) = base_counts(problem)
+    (base,) = base_counts(places)
     return base * -(-FIRST_STEPS // base)
 
 
-def has_places(problem: Placed) -> bool:
+def has_places(places: Places) -> bool:
     """Whether anything belongs to nodes on the way."""
-    return bool(problem.via) or any(end is not None for _, span in _spans(problem) for end in _ends(span))
+    return bool(places.via) or any(end is not None for _, span in _spans(places) for end in _ends(span))
 
 
 def _least(shares: dict[float, str]) -> int:
@@ -82,31 +75,31 @@ def _least(shares: dict[float, str]) -> int:
     )
 
 
-def _places(problem: Placed) -> Iterator[tuple[str, str, float]]:
+def _places(places: Places) -> Iterator[tuple[str, str, float]]:
     """Who asks for a node, the phase in which it is, and at which part of it."""
-    are_found = any(point.is_free for point in problem.via) or problem.duration_range is not None
-    for point in problem.via:
+    are_found = any(point.is_free for point in places.via) or places.duration_range is not None
+    for point in places.via:
         key = f"via {point.name!r}"
         if isinstance(point.time, InPhase):
             yield key, point.time.name, point.time.share
         elif point.time is None and point.share is not None and not point.is_free:
-            yield key, _whole(problem, key), point.share
+            yield key, _whole(places, key), point.share
         elif isinstance(point.time, float) and not are_found:
-            yield key, _whole(problem, key), point.time / problem.duration
-    phases = {phase.name for phase in problem.phase}
-    for key, span in _spans(problem):
+            yield key, _whole(places, key), point.time / places.duration
+    phases = {phase.name for phase in places.phase}
+    for key, span in _spans(places):
         for side, end in zip(SPAN, _ends(span), strict=True):
             if isinstance(end, AtVia):
                 if end.name in phases and end.share is not None:
                     yield f"{key}: {side}", end.name, end.share
             elif end is not None:
-                share = end.value if isinstance(end, Share) else end / problem.duration
-                yield f"{key}: {side}", _whole(problem, f"{key}: {side}"), share
+                share = end.value if isinstance(end, Share) else end / places.duration
+                yield f"{key}: {side}", _whole(places, f"{key}: {side}"), share
 
 
-def _whole(problem: Placed, key: str) -> str:
+def _whole(places: Places, key: str) -> str:
     """The name of all steps; refused where they belong to phases."""
-    if problem.phase:
+    if places.phase:
         raise ProblemError(
             f"horizon.accuracy: {key}: each phase gets a number of steps of its own; say a part of a phase: "
             "{ phase = name, share = number }"
@@ -114,11 +107,11 @@ def _whole(problem: Placed, key: str) -> str:
     return ""
 
 
-def _spans(problem: Placed) -> Iterator[tuple[str, Span]]:
-    for constraint in problem.path:
+def _spans(places: Places) -> Iterator[tuple[str, Span]]:
+    for constraint in places.path:
         if isinstance(constraint, PathConstraint):
             yield f"path {constraint.name!r}", constraint.span
-    for term in problem.terms:
+    for term in places.terms:
         if term.role == "path":
             yield f"term {term.name!r}", term.span
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +11,8 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_finite, check_number
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.cost import Cost
 from mbocp.problem.path import PathConstraint
-from mbocp.problem.timeline.step_counts import Placed, base_counts
+from mbocp.problem.timeline.step_counts import Places, base_counts
 
 __all__ = ["check_accuracy", "check_lengths", "check_takes_steps", "scaled_lengths"]
 
@@ -74,70 +73,64 @@ def scaled_lengths(lengths: Sequence[float] | Array, duration: float) -> Array:
     return scaled
 
 
-class Stepped(Placed, Protocol):
-    """What a problem says that steps of different lengths may not go with, see `mbocp.problem.Problem`."""
-
-    # fmt: off
-    @property
-    def accuracy(self) -> float | None: ...
-    @property
-    def lengths(self) -> Array | None: ...
-    @property
-    def has_free_duration(self) -> bool: ...
-    @property
-    def holds(self) -> Sequence[object]: ...
-    @property
-    def releases(self) -> Sequence[object]: ...
-    @property
-    def impacts(self) -> Sequence[int]: ...
-    @property
-    def coordinates(self) -> str: ...
-    @property
-    def frame_constraints(self) -> Sequence[PathConstraint]: ...
-    @property
-    def cost(self) -> Cost: ...
-    # fmt: on
-
-
-def check_takes_steps(problem: Stepped) -> None:
+def check_takes_steps(
+    places: Places,
+    accuracy: float | None,
+    lengths: Array | None,
+    coordinates: str,
+    *,
+    is_switched: bool,
+    has_targets: bool,
+) -> None:
     """Refuse what steps of different lengths, or steps that are found, do not go with.
+
+    Parameters
+    ----------
+    places : Places
+    accuracy, lengths, coordinates
+        As in `mbocp.problem.Problem`.
+    is_switched : bool
+        Whether there are holds, releases or impacts.
+    has_targets : bool
+        Whether the cost has a target for each step.
 
     Raises
     ------
     ProblemError
     """
-    if problem.accuracy is None and problem.lengths is None:
+    if accuracy is None and lengths is None:
         return
-    key = "horizon.accuracy" if problem.accuracy is not None else "horizon.lengths"
-    if problem.accuracy is not None and problem.lengths is not None:
+    key = "horizon.accuracy" if accuracy is not None else "horizon.lengths"
+    if accuracy is not None and lengths is not None:
         raise ProblemError(f"{key}: horizon.lengths gives the steps; leave one of them out")
-    coordinates = COORDINATES[problem.coordinates]
-    switched = problem.holds or problem.releases or problem.impacts
-    refused: list[tuple[object, str]] = [(problem.cost.is_trajectory, "a target for each step")]
-    if problem.accuracy is not None and switched and not problem.phase:
+    refused: list[tuple[object, str]] = [(has_targets, "a target for each step")]
+    if accuracy is not None and is_switched and not places.phase:
         raise ProblemError(
             f"{key}: does not go with holds, releases and impacts that are given by numbers of steps; say "
             "them in phases, as in [[phase.hold]], whose steps are found, or give horizon.steps in its place"
         )
-    if problem.lengths is not None:
-        spans = [constraint.span for constraint in problem.frame_constraints]
-        spans += [term.span for term in problem.terms if term.role == "path"]
+    if lengths is not None:
+        constraints = [one for one in places.path if isinstance(one, PathConstraint)]
+        spans = [constraint.span for constraint in constraints]
+        spans += [term.span for term in places.terms if term.role == "path"]
         has_parts = any(span.since is not None or span.until is not None for span in spans)
-        kinds = [constraint.kind for constraint in problem.frame_constraints]
         refused += [
-            (switched, "constraints that begin or end along the way, whose steps phases give"),
+            (is_switched, "constraints that begin or end along the way, whose steps phases give"),
             (
-                not coordinates.has_joint_states,
-                f'coordinates = "{problem.coordinates}", whose steps are as long as each other',
+                not COORDINATES[coordinates].has_joint_states,
+                f'coordinates = "{coordinates}", whose steps are as long as each other',
             ),
-            (problem.phase, "[[phase]], of which each has a number of steps"),
-            (problem.has_free_duration, "a free horizon.duration, whose steps are as long as each other"),
-            (problem.via, "[[via]], which are at nodes of equal steps"),
+            (places.phase, "[[phase]], of which each has a number of steps"),
+            (
+                places.duration_range is not None,
+                "a free horizon.duration, whose steps are as long as each other",
+            ),
+            (places.via, "[[via]], which are at nodes of equal steps"),
             (has_parts, "from and until of [[path]]"),
-            ("follow" in kinds, 'kind = "follow"'),
+            (any(constraint.kind == "follow" for constraint in constraints), 'kind = "follow"'),
         ]
     for is_there, words in refused:
         if is_there:
             raise ProblemError(f"{key}: does not go with {words}; give horizon.steps in its place")
-    if problem.accuracy is not None:
-        base_counts(problem)
+    if accuracy is not None:
+        base_counts(places)

@@ -1,0 +1,345 @@
+"""What a problem is: plain data that follow from what was said of it, and what is read off them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.integrators import ControlKind
+from mbocp.problem.completion import (
+    PathObject,
+)
+from mbocp.problem.contact_bounds import ContactBounds
+from mbocp.problem.cost import Cost
+from mbocp.problem.goals.consistency import check_end_conditions
+from mbocp.problem.goals.frames import goal_branches
+from mbocp.problem.goals.free_start import FreeStart
+from mbocp.problem.goals.goal import Goal
+from mbocp.problem.guess import Guess
+from mbocp.problem.integration import (
+    Lie,
+    Scheme,
+    Stabilisation,
+)
+from mbocp.problem.limits import Bounds
+from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
+from mbocp.problem.path import PathConstraint
+from mbocp.problem.rates import RateLimit, rate_limits
+from mbocp.problem.resolve import free_at_end
+from mbocp.problem.solver import SolverOptions
+from mbocp.problem.timeline.hold import Hold, Release
+from mbocp.problem.timeline.named_phase import NamedPhase, are_alike, step_counts
+from mbocp.problem.timeline.phase_cost import heaviest_cost, weight_shares
+from mbocp.problem.timeline.phase_limits import limits_along, limits_of_phases, widest_limits
+from mbocp.problem.timeline.phases import Phase
+from mbocp.problem.timeline.step_counts import Places
+from mbocp.problem.timeline.switches import SwitchTable
+from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.timeline.via_constraint import ViaConstraint
+from mbocp.robot import InverseKinematics, Robot
+from mbocp.robot.collision.obstacle import Obstacle
+from mbocp.terms import OwnTerm
+
+__all__ = ["ProblemData"]
+
+Inequality: TypeAlias = PathObject | RateLimit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProblemData:
+    r"""Optimal control of a multibody system, Eqs. (6) to (9) of [Bijalwan2025]_.
+
+    .. math::
+        \min_{y,\, u} \quad & \mathcal{J} = \int_0^T \mathcal{L}(y, u)\, dt + \beta_T\, \psi(y(T)) & (7) \\
+        & \mathcal{L} = \tfrac{\beta}{2} (y - y_d)^T Q (y - y_d) + \tfrac{\alpha}{2} u^T u          & (8) \\
+        & \psi = \tfrac{1}{2} (y(T) - y_T)^T Q_T (y(T) - y_T)                                       & (9) \\
+        \text{s.t.} \quad
+        & \dot{y} = f(y, \lambda, u), \qquad \Phi(q) = 0                                            & (6) \\
+        & \gamma\, g_T(y(T)) = 0                                                                      \\
+        & \underline{u} \le u \le \overline{u}, \quad \underline{y} \le y \le \overline{y}, \quad
+            \underline{h} \le h(q, v) \le \overline{h}                                                \\
+        & y(0) = y_0
+
+    with the state y = (q, p), the momentum p = M(q) v, and the time [0, T] in N steps of length dt. The
+    fields follow the formula: what is minimised and over which time, which mechanics, which end, which
+    limits, which start; then how to begin and how to solve. `Problem.create` takes the same words as a
+    problem file.
+
+    Limits of the robot are enforced only where `limits` has them. A start or goal outside position limits
+    that are not is a `ProblemWarning`.
+
+    Attributes
+    ----------
+    cost : Cost
+        alpha, beta, Q, y_d, beta_T, Q_T and y_T of Eqs. (7) to (9).
+    duration : float
+        T [s]; a guess of it where `duration_range` says that it is free.
+    duration_range : tuple of float, optional
+        Least and greatest T [s]. T is found with the motion then, and `cost` may weigh it. None: T is given.
+    phase : tuple of NamedPhase
+        Phases one after the other, each with a duration of its own and with what differs in it: `num_steps`
+        and `duration` are their sums. Empty where there are none with names.
+    phases : tuple of Phase
+        Runs of steps that are as long as each other, where lengths are found with the motion: one for a free
+        duration, and more where times of via points are free, too, or durations of `phase`. Follows from the
+        others.
+    num_steps : int
+        N, impacts included; with `accuracy` the number with which the search begins.
+    lengths : ndarray, shape (N,), optional
+        Lengths of the steps [s], where they differ and are given.
+    accuracy : float, optional
+        What errors of steps [rad, m], and that of the cost as a share of it, are to stay below: steps are
+        found that do, see `mbocp.accuracy.refining`.
+    controls : {"constant", "linear", "stages"}
+        How controls vary within a step: not at all; linearly, and continuous; or with a value at each stage
+        of the scheme. See `mbocp.integrators.controls`.
+    holds : tuple of Hold
+        Constraints that are taken on and let go along the horizon, see `mbocp.problem.timeline.hold`. Where
+        phases hold or release something, this and the next two follow from them.
+    releases : tuple of Release
+        Steps in which constraints of the robot itself do not hold.
+    impacts : tuple of int
+        Steps of no duration, counted from 0, in which velocities leap: M (v+ - v-) = Phi_q^T Lambda. The
+        others are as long as each other, or as long as `phases` says.
+    robot : Robot
+        The mechanics f, and the holonomic constraints Phi.
+    coordinates : {"joint", "natural"}
+        In which coordinates the mechanics are written: the joints' own, or positions and directors of all
+        bodies, see `mbocp.mechanics.natural_coordinates`. Start, goal and results are in those of the joints
+        in either case.
+    scheme : {"auto", "se1", "se2", "midpoint", "semi_implicit_euler", "gauss1", "gauss2", "gauss3", \
+            "lobatto2", "lobatto3", "euler", "heun", "rk4", "rkf5"}
+        How time is discretised, see `mbocp.integrators`; the last four are explicit. Of a problem that is
+        made, never "auto", which takes what suits it, see `mbocp.problem.default_scheme`.
+    chooses_scheme : bool
+        Whether the scheme was left open, and another may be taken where the problem changes.
+    scheme_reason : str
+        What of the problem decided then, as a phrase; empty where the scheme was named.
+    lie : {"plain", "baumgarte", "munthe_kaas"}
+        How explicit schemes keep rotations on their manifold: not at all, by stabilisation, or by
+        construction.
+    substeps : int
+        Steps of an explicit scheme within each of the N.
+    stabilisation : Stabilisation
+        Rates for ``lie = "baumgarte"`` and for holonomic constraints.
+    goal : Goal
+        g_T and gamma; of several goals the first that is not out of reach.
+    goals : tuple of Goal
+        Several of which the best is taken; empty where there is one goal.
+    limits : Bounds
+        On controls, velocities and configurations; none by default.
+    via : tuple of ViaPoint
+        States, or poses of frames, that the motion goes through.
+    obstacle : tuple of Obstacle
+        Shapes that the links keep away from.
+    self_collision : SelfCollision, optional
+        Whether links keep away from each other; True: with the defaults.
+    path : tuple of PathConstraint
+        h: where frames may be, and how fast; path constraints among `terms`; tolerances of the goal's
+            frames; `via`; `obstacle` and `self_collision` as one `Clearance`.
+    terms : tuple of OwnTerm
+        Costs, path constraints and end conditions of one's own, see `mbocp.terms.own`.
+    q_start : ndarray, shape (nq,)
+        Configuration of y_0 [m, rad, unit quaternion xyzw].
+    v_start : ndarray, shape (nv,)
+        Velocity of y_0 [m/s, rad/s].
+    a_start : ndarray, shape (nv,), optional
+        Acceleration before the start, the mean of a step that would end there: limits of jerk hold from it
+        on. Zero by default [m/s^2, rad/s^2].
+    start_free : FreeStart, optional
+        Which entries of q_start and v_start are guesses, and found with the motion; None: all are given.
+    guess : Guess
+        Where the solver starts.
+    solver : SolverOptions
+        Which solver, and when it stops.
+    source : Path, optional
+        The problem file.
+    name : str
+        What the problem is called in output; the stem of the file.
+
+    Raises
+    ------
+    DimensionMismatch, InvalidValue, ProblemError
+        If a value does not fit the robot, or cannot be right.
+    InconsistentStart
+        If start or exact goal violate a holonomic constraint, at position or velocity level.
+    UnreachableGoal
+        If closed loops keep the robot from getting to an exact goal, or all of several are out of reach.
+    UnreachablePose
+        If nothing within the limits brings a frame to the pose of an exact goal.
+    OverdeterminedGoal
+        If there are more exact end conditions than the controls can meet.
+    """
+
+    cost: Cost
+    duration: float
+    duration_range: tuple[float, float] | None
+    num_steps: int
+    lengths: Array | None
+    accuracy: float | None
+    controls: ControlKind
+    holds: tuple[Hold, ...]
+    releases: tuple[Release, ...]
+    impacts: tuple[int, ...]
+    phase: tuple[NamedPhase, ...]
+    robot: Robot
+    coordinates: Literal["joint", "natural"]
+    scheme: Scheme
+    lie: Lie
+    substeps: int
+    stabilisation: Stabilisation
+    goal: Goal
+    goals: tuple[Goal, ...]
+    phases: tuple[Phase, ...]
+    chooses_scheme: bool
+    scheme_reason: str
+    clearance: Clearance | None
+    switches: SwitchTable | None
+    limits: Bounds
+    via: tuple[ViaPoint, ...]
+    obstacle: tuple[Obstacle, ...]
+    self_collision: SelfCollision | bool | None
+    path: tuple[PathObject, ...]
+    terms: tuple[OwnTerm, ...]
+    q_start: Array
+    v_start: Array
+    a_start: Array
+    start_free: FreeStart | None
+    guess: Guess
+    solver: SolverOptions
+    source: Path | None
+    name: str
+
+    @property
+    def places(self) -> Places:
+        """What says where nodes are."""
+        ends = self.duration, self.duration_range
+        return Places(*ends, self.phase, self.via, self.path, self.terms)
+
+    @property
+    def dt(self) -> float:
+        """Length of a step [s]; the guess of it where the duration is free."""
+        return self.duration / self.num_timed_steps
+
+    @property
+    def num_timed_steps(self) -> int:
+        """Number of the steps that take time: all but impacts."""
+        return self.num_steps - len(self.impacts)
+
+    @property
+    def has_free_duration(self) -> bool:
+        """Whether the duration is found with the motion."""
+        return self.duration_range is not None
+
+    @property
+    def has_free_lengths(self) -> bool:
+        """Whether lengths of steps are found with the motion: the duration, or times on the way."""
+        return bool(self.phases)
+
+    @property
+    def has_unequal_lengths(self) -> bool:
+        """Whether lengths of steps are given, and differ."""
+        return self.lengths is not None or (not self.phases and not are_alike(self.phase))
+
+    @property
+    def _num_lengths(self) -> int:
+        """Number of lengths of steps that are found, or differ; 0 where all are given and the same."""
+        return len(self.phase) if self.has_unequal_lengths else len(self.phases)
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether there are inequalities: limits, path constraints or bounds of a free duration."""
+        has_bounds = self.start_free is not None and self.start_free.is_bounded
+        return self.widest_limits.any_finite or bool(self.path) or self.has_free_lengths or has_bounds
+
+    @property
+    def widest_limits(self) -> Bounds:
+        """Bounds that are finite where those of any phase are, and as wide as the widest of them."""
+        return widest_limits(self.limits, self.phase)
+
+    @property
+    def has_limits_of_phases(self) -> bool:
+        """Whether limits differ from phase to phase."""
+        return any(phase.limits.any_finite for phase in self.phase)
+
+    def limits_along(self) -> Mapping[str, tuple[Array, Array]]:
+        """Lower and upper bounds at the nodes 1..N, or in the N steps, by letters of `LIMITS`.
+
+        Shapes are (N, n), or (1, n) where limits are the same in all phases.
+        """
+        return limits_along(self.limits, self.phase)
+
+    @property
+    def limits_of_ends(self) -> tuple[Bounds, Bounds]:
+        """Limits at the start and at the end: those of the first and of the last phase."""
+        each = limits_of_phases(self.limits, self.phase) or [self.limits]
+        return each[0], each[-1]
+
+    @property
+    def heaviest_cost(self) -> Cost:
+        """The cost with the largest weights of all phases."""
+        return heaviest_cost(self.cost, self.phase, self.robot)
+
+    @property
+    def weight_shares(self) -> dict[str, Array]:
+        """Which part of the heaviest weights counts in each step, shape (N, size), by the term's key."""
+        counts = step_counts(self.phase)
+        shares = weight_shares(self.cost, self.phase, self.robot)
+        return {key: np.repeat(rows, counts, axis=0) for key, rows in shares.items()}
+
+    @property
+    def rate_limits(self) -> tuple[RateLimit, ...]:
+        """Limits of accelerations, jerks, rates of controls and powers, one for each key that has some."""
+        return rate_limits(self.robot, self.widest_limits)
+
+    @property
+    def inequalities(self) -> tuple[Inequality, ...]:
+        """Path constraints and limits of rates: functions of a state that have bounds."""
+        return (*self.path, *self.rate_limits)
+
+    @property
+    def waypoints(self) -> tuple[ViaConstraint, ...]:
+        """The via points among the path constraints, in the order of their nodes."""
+        return tuple(constraint for constraint in self.path if isinstance(constraint, ViaConstraint))
+
+    @property
+    def frame_constraints(self) -> tuple[PathConstraint, ...]:
+        """The path constraints of `[[path]]`."""
+        return tuple(constraint for constraint in self.path if isinstance(constraint, PathConstraint))
+
+    @property
+    def contacts(self) -> tuple[ContactBounds, ...]:
+        """The bounds of contact forces among the path constraints."""
+        return tuple(constraint for constraint in self.path if isinstance(constraint, ContactBounds))
+
+    @property
+    def p_start(self) -> Array:
+        """Momentum at the start, shape (nv,) [kg m/s, N m s]."""
+        return self.robot.momentum(self.q_start, self.v_start)
+
+    def goal_branches(self) -> InverseKinematics:
+        """Configurations at the poses that the goal asks of frames, the nearest to the start first.
+
+        They are searched for now: a problem is made with a `goal.q` of a short search, the nearest to the
+        start of the first few that it finds. ``replace(goal, q=...)`` takes another.
+
+        Raises
+        ------
+        InvalidValue
+            If the goal asks for no pose.
+        """
+        return goal_branches(self.robot, self.goal, self.q_start, self.limits)
+
+    @property
+    def num_end_conditions(self) -> int:
+        """Number of independent exact end conditions, after the null-space projection."""
+        return check_end_conditions(self.robot, self.goal, self.num_steps)
+
+    def free_at_end(self, q: Array) -> Array:
+        """Directions of velocities that the constraints of the last step leave at q, shape (nv, any)."""
+        return free_at_end(self.robot, self.switches, q)

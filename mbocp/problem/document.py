@@ -1,0 +1,133 @@
+"""What is said of a problem: the tables of its file, and values that a program gives in their place.
+
+It is all that `Problem.with_` changes. A problem is worked out of it, see `mbocp.problem.resolve`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbocp._arrays import frozen_array
+from mbocp._text import printable
+from mbocp.problem.file.messages import in_file
+from mbocp.problem.file.overrides import plain
+from mbocp.problem.file.read import READ, load_its_robot, read_tables
+from mbocp.problem.file.schema import ProblemTable
+from mbocp.problem.pipeline import run_steps
+from mbocp.robot import Robot
+from mbocp.terms import OwnTerm
+
+__all__ = ["Document", "make_document", "read_document"]
+
+_UNSAID: dict[str, Any] = {"said_holds": (), "said_releases": (), "said_impacts": ()}  # no table says them
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """Tables, and what they are read with.
+
+    Attributes
+    ----------
+    tables : mapping of str
+        As in a problem file, without that of the robot; of plain values.
+    robot : Robot
+    values : mapping of str
+        Arrays and objects that stand for what tables would say, by the names of `mbocp.problem.resolve`.
+    terms : tuple of OwnTerm
+        Terms of one's own: those that the tables name, and others.
+    source : Path, optional
+        The file; relative paths are relative to its folder.
+    label : str
+        What errors call the file.
+    name : str
+        Of the problem.
+    """
+
+    tables: Mapping[str, Any]
+    robot: Robot
+    values: Mapping[str, Any] = field(default_factory=dict)
+    terms: tuple[OwnTerm, ...] = ()
+    source: Path | None = None
+    label: str = "problem"
+    name: str = "problem"
+
+    def with_values(self, values: Mapping[str, Any]) -> Document:
+        """Return the document with more values, of which arrays are copied."""
+        copies = {
+            key: frozen_array(value) if isinstance(value, np.ndarray) else value
+            for key, value in values.items()
+        }
+        return replace(self, values={**self.values, **copies})
+
+
+def make_document(
+    document: Mapping[str, Any],
+    *,
+    robot: Robot | str | Path | Mapping[str, Any] | None = None,
+    source: Path | None = None,
+    label: str = "problem",
+    name: str = "",
+    terms: tuple[OwnTerm, ...] = (),
+) -> Document:
+    """Check tables, and load the robot that they name, or `robot`, which takes the place of the key.
+
+    Raises
+    ------
+    ProblemFileError
+        If a key is unknown, or a value of the wrong kind.
+    MbocpError
+        If the robot cannot be loaded.
+    """
+    tables = dict(plain(document))
+    if robot is not None:
+        tables["robot"] = "" if isinstance(robot, Robot) else plain(robot)
+    checked = read_tables(tables, label)
+    with in_file(label):
+        folder = source.parent if source is not None else None
+        loaded = robot if isinstance(robot, Robot) else load_its_robot(checked.robot, folder)
+    tables.pop("robot", None)
+    name = name or (printable(source.stem) if source else "problem")
+    return Document(tables, loaded, {}, terms, source, label, name)
+
+
+def read_document(document: Document, before: tuple[Document, Mapping[str, Any]] | None) -> dict[str, Any]:
+    """Return what the tables say, as arrays for the robot.
+
+    Parameters
+    ----------
+    document : Document
+    before : tuple of Document and mapping, optional
+        An earlier document with what followed from it: tables that are the same are not read again.
+    """
+    given = {**_UNSAID, **document.values, **_tables(document, before), "robot": document.robot}
+    given["terms_given"] = document.terms
+    given["folder"] = document.source.parent if document.source is not None else Path()
+    has_cost = "cost" in document.tables
+    given["is_cost_left"] = not (has_cost or document.terms or document.tables.get("terms"))
+    return run_steps(READ, given, before[1] if before is not None else None)
+
+
+def _tables(document: Document, before: tuple[Document, Mapping[str, Any]] | None) -> dict[str, Any]:
+    """Tables that are checked against the schema, by their names with `_table` behind."""
+    tables = document.tables
+    known = (
+        {}
+        if before is None
+        else {name: before[1][f"{name}_table"] for name in _same(tables, before[0].tables)}
+    )
+    others = {name: table for name, table in tables.items() if name not in known}
+    checked = read_tables({**others, "robot": ""}, document.label)
+    names = (name for name in ProblemTable.model_fields if name != "robot")
+    found = {f"{name}_table": known.get(name, getattr(checked, name)) for name in names}
+    return {**found, "coordinates": found.pop("coordinates_table")}
+
+
+def _same(now: Mapping[str, Any], then: Mapping[str, Any]) -> list[str]:
+    """Names of tables that are the same, or not there, in both."""
+    names = (name for name in ProblemTable.model_fields if name not in ("robot", "coordinates"))
+    return [name for name in names if now.get(name) is then.get(name)]

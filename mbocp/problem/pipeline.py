@@ -1,0 +1,77 @@
+"""Values that follow from each other, step by step; what has not changed is not worked out again.
+
+A step is a function whose parameters are names of values. It returns the values that it gives. A check gives
+none.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Step", "run_steps"]
+
+_PLAIN = (int, float, str, bytes, bool, tuple, type(None))  # compared by value; all else by identity
+
+
+@dataclass(frozen=True)
+class Step:
+    """A function of values.
+
+    Attributes
+    ----------
+    work : callable
+    takes, gives : tuple of str
+        Names of the values that it needs, and of those that it returns: one by itself, several as a tuple.
+    """
+
+    work: Callable[..., Any]
+    takes: tuple[str, ...]
+    gives: tuple[str, ...]
+
+    @classmethod
+    def of(cls, work: Callable[..., Any], *gives: str) -> Step:
+        """Make a step of a function whose parameters have the names of what it takes."""
+        return cls(work, tuple(inspect.signature(work).parameters), gives)
+
+
+def run_steps(
+    steps: Sequence[Step], given: Mapping[str, Any], before: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return all values: those that are given, and those that the steps give.
+
+    A value that is given stays, whatever step would give it.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+    given : mapping of str
+    before : mapping of str, optional
+        What an earlier run returned. A step that takes the same as then gives the same.
+    """
+    values = dict(given)
+    for step in steps:
+        if step.gives and all(name in given for name in step.gives):
+            continue
+        if before is not None and all(_is_same(values[name], before.get(name, step)) for name in step.takes):
+            found = {name: before[name] for name in step.gives if name in before}
+            if len(found) == len(step.gives):
+                values.update({**found, **{name: given[name] for name in step.gives if name in given}})
+                continue
+        result = step.work(*(values[name] for name in step.takes))
+        made = (result,) if len(step.gives) == 1 else result if step.gives else ()
+        values.update((name, given.get(name, value)) for name, value in zip(step.gives, made, strict=True))
+    return values
+
+
+def _is_same(now: Any, then: Any) -> bool:
+    return now is then or (type(now) is type(then) and isinstance(now, _PLAIN) and _equals(now, then))
+
+
+def _equals(now: Any, then: Any) -> bool:
+    """Whether plain values are equal; tuples by their entries, since arrays have no truth value."""
+    if isinstance(now, tuple):
+        return len(now) == len(then) and all(map(_is_same, now, then))
+    return bool(now == then)

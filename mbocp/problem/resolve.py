@@ -1,0 +1,476 @@
+"""From what is said of a problem to all that follows: the horizon, the scheme, phases, ends, path, checks.
+
+Each step is a function of values by their names: those that start with `said_` are as a file, or a program,
+gives them; the others follow, and most are fields of `Problem`. The order is that in which errors are told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from mbocp._arrays import Array
+from mbocp._linear import null_space
+from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.mechanisms.consistency import tangent_space
+from mbocp.problem._checks import check_choice, check_integer
+from mbocp.problem.completion import (
+    PathObject,
+    checked_terms,
+    listed_path,
+    ordered_via,
+    phases_of_via,
+    spread_phases,
+    via_placed,
+    with_contacts,
+    with_places,
+)
+from mbocp.problem.coordinate_checks import check_coordinates
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.cost import Cost
+from mbocp.problem.default_scheme import AUTO_SCHEME, choose_scheme
+from mbocp.problem.goals.consistency import check_end_conditions
+from mbocp.problem.goals.ends import checked_acceleration, checked_start, completed_goal
+from mbocp.problem.goals.free_start import FreeStart, check_free_start, check_periodic
+from mbocp.problem.goals.goal import Goal
+from mbocp.problem.goals.rest import at_rest
+from mbocp.problem.guess import Guess
+from mbocp.problem.integration import Stabilisation, check_control_terms, check_controls, check_integrator
+from mbocp.problem.limits import Bounds, check_limits
+from mbocp.problem.obstacles.clear_goal import clear_configuration
+from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
+from mbocp.problem.obstacles.clearance_pairs import clearance_of
+from mbocp.problem.path import PathConstraint, check_path
+from mbocp.problem.pipeline import Step
+from mbocp.problem.rates import check_rates
+from mbocp.problem.solver import SolverOptions
+from mbocp.problem.timeline.duration import check_duration
+from mbocp.problem.timeline.hold import Hold, Release
+from mbocp.problem.timeline.hold_checks import check_holds
+from mbocp.problem.timeline.named_phase import Horizon, NamedPhase, are_alike
+from mbocp.problem.timeline.phase_cost import heaviest_cost
+from mbocp.problem.timeline.phase_holds import Switches, checked_switches
+from mbocp.problem.timeline.phase_limits import limits_along, limits_of_phases, widest_limits
+from mbocp.problem.timeline.phases import Phase, free_phases
+from mbocp.problem.timeline.seam import check_seam
+from mbocp.problem.timeline.step_counts import Places, first_count
+from mbocp.problem.timeline.step_table import check_accuracy, check_lengths, check_takes_steps
+from mbocp.problem.timeline.switches import SwitchTable, switch_table
+from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.timeline.via_points import via_constraints
+from mbocp.problem.together import (
+    check_guess,
+    check_has_actuators,
+    check_leaps,
+    check_method,
+    check_weights,
+)
+from mbocp.problem.warn import warn_alternating
+from mbocp.robot import Robot
+from mbocp.robot.collision.obstacle import Obstacle
+from mbocp.terms import OwnTerm
+
+__all__ = ["RESOLVE", "free_at_end"]
+
+_Range = tuple[float, float] | None
+
+
+def _duration(said_duration: float, said_duration_range: _Range) -> tuple[float, _Range]:
+    return check_duration(said_duration, said_duration_range)
+
+
+def _steps(
+    said_num_steps: int,
+    said_lengths: Any,
+    said_accuracy: Any,
+    said_impacts: Iterable[int],
+    said_phase: tuple[NamedPhase, ...],
+    said_via: tuple[ViaPoint, ...],
+    said_path: tuple[PathObject, ...],
+    said_terms: tuple[OwnTerm, ...],
+    duration: float,
+    duration_range: _Range,
+) -> tuple[int, Array | None, float | None, tuple[int, ...]]:
+    steps = check_integer("horizon.steps", said_num_steps, minimum=1)
+    accuracy = check_accuracy(said_accuracy)
+    if accuracy is not None and said_lengths is None and not said_phase:
+        places = Places(duration, duration_range, said_phase, said_via, said_path, said_terms)
+        steps = first_count(places)
+    impacts = tuple(sorted({int(step) for step in said_impacts}))
+    return steps, check_lengths(said_lengths, steps, duration), accuracy, impacts
+
+
+def _scheme(
+    said_scheme: str,
+    robot: Robot,
+    coordinates: str,
+    controls: str,
+    said_goal: Goal,
+    said_path: tuple[PathObject, ...],
+    said_phase: tuple[NamedPhase, ...],
+    said_holds: tuple[Hold, ...],
+    said_releases: tuple[Release, ...],
+    said_steps_of_impacts: tuple[int, ...],
+    num_steps: int,
+    duration: float,
+) -> tuple[str, bool, str]:
+    """Choose a scheme where none is said."""
+    check_choice("coordinates", coordinates, COORDINATES)
+    if said_scheme != AUTO_SCHEME:
+        return said_scheme, False, ""
+    of_phases = any(phase.holds or phase.releases for phase in said_phase)
+    chosen = choose_scheme(
+        robot,
+        coordinates,
+        controls,
+        said_goal,
+        said_path,
+        has_switches=of_phases or bool(said_holds or said_releases or said_steps_of_impacts),
+        ends=(num_steps, duration / (num_steps - len(said_steps_of_impacts))),
+    )
+    return chosen.scheme, True, chosen.reason
+
+
+def _check_scheme(
+    robot: Robot,
+    scheme: str,
+    scheme_reason: str,
+    lie: str,
+    substeps: int,
+    stabilisation: Stabilisation,
+    controls: str,
+) -> None:
+    check_integrator(robot, scheme, lie, substeps, stabilisation, suits=scheme_reason)
+    check_controls(controls, scheme)
+    check_has_actuators(robot)
+
+
+def _limits(said_limits: Bounds, robot: Robot) -> Bounds:
+    return said_limits.completed(robot)
+
+
+def _switches(
+    said_phase: tuple[NamedPhase, ...],
+    said_holds: tuple[Hold, ...],
+    said_releases: tuple[Release, ...],
+    said_steps_of_impacts: tuple[int, ...],
+) -> Switches:
+    return checked_switches(
+        said_phase, Switches(tuple(said_holds), tuple(said_releases), said_steps_of_impacts)
+    )
+
+
+def _phase(
+    robot: Robot,
+    said_phase: tuple[NamedPhase, ...],
+    limits: Bounds,
+    said_cost: Cost,
+    num_steps: int,
+    duration: float,
+    duration_range: _Range,
+) -> tuple[tuple[NamedPhase, ...], tuple[float, float]]:
+    """Spread the duration over the phases; bounds of the sum that those of phases do not imply."""
+    if not said_phase:
+        return (), (0.0, math.inf)
+    return spread_phases(robot, said_phase, limits, said_cost, Horizon(num_steps, duration, duration_range))
+
+
+def _limits_of_ends(limits: Bounds, phase: tuple[NamedPhase, ...]) -> tuple[Bounds, Bounds, Bounds]:
+    """The widest limits, and those at both ends."""
+    each = limits_of_phases(limits, phase) or [limits]
+    return widest_limits(limits, phase), each[0], each[-1]
+
+
+def _check_natural(
+    robot: Robot,
+    coordinates: str,
+    scheme: str,
+    widest: Bounds,
+    said_goal: Goal,
+    said_via: tuple[ViaPoint, ...],
+    duration_range: _Range,
+    phase: tuple[NamedPhase, ...],
+) -> None:
+    is_free = duration_range is not None or any(part.is_free for part in phase)
+    check_coordinates(robot, coordinates, scheme, widest, said_goal, via=said_via, is_free=is_free)
+
+
+def _terms(
+    said_terms: tuple[OwnTerm, ...], said_path: tuple[PathObject, ...], said_goal: Goal, robot: Robot
+) -> tuple[tuple[OwnTerm, ...], tuple[PathObject, ...]]:
+    terms = checked_terms(said_terms, robot)
+    return terms, listed_path(said_path, terms, said_goal, robot)
+
+
+def _start(
+    robot: Robot, limits_at_start: Bounds, said_q_start: Array, said_v_start: Array, said_a_start: Array
+) -> tuple[Array, Array, Array]:
+    q, v = checked_start(robot, limits_at_start, said_q_start, said_v_start)
+    return q, v, checked_acceleration(robot, limits_at_start, said_a_start)
+
+
+def _acting(
+    robot: Robot,
+    scheme: str,
+    coordinates: str,
+    num_steps: int,
+    holds: tuple[Hold, ...],
+    releases: tuple[Release, ...],
+    impacts: tuple[int, ...],
+    q_start: Array,
+    v_start: Array,
+    path_of_frames: tuple[PathObject, ...],
+) -> tuple[SwitchTable | None, tuple[PathObject, ...]]:
+    """Find which rows of constraints act in which steps, and whose forces are bounded."""
+    check_holds(robot, scheme, coordinates, num_steps, Switches(holds, releases, impacts))
+    table = None
+    if holds or releases or impacts:
+        table = switch_table(robot, holds, releases, impacts, num_steps, (q_start, v_start))
+        check_leaps(table, coordinates)
+    return table, with_contacts(path_of_frames, robot, scheme, table)
+
+
+def _via(
+    robot: Robot,
+    said_via: tuple[ViaPoint, ...],
+    phase: tuple[NamedPhase, ...],
+    num_steps: int,
+    duration: float,
+    duration_range: _Range,
+    q_start: Array,
+    limits: Bounds,
+) -> tuple[tuple[ViaPoint, ...], tuple[int | None, ...]]:
+    """Via points in the order of the motion, with configurations; their nodes, as far as known."""
+    horizon = Horizon(num_steps, duration, duration_range)
+    via, nodes = ordered_via(robot, said_via, phase, horizon, q_start, limits)
+    return via, tuple(nodes)
+
+
+def free_at_end(robot: Robot, switches: SwitchTable | None, q: Array) -> Array:
+    """Directions of velocities that the constraints of the last step leave at q, shape (nv, any)."""
+    if switches is None:
+        return tangent_space(robot, q)
+    return null_space(switches.at_end(q, of_rates=True), RANK_TOLERANCE)
+
+
+def _goal(
+    robot: Robot,
+    said_goal: Goal,
+    limits_at_end: Bounds,
+    q_start: Array,
+    via_in_order: tuple[ViaPoint, ...],
+    num_steps: int,
+    scheme: str,
+    scheme_reason: str,
+    switches: SwitchTable | None,
+) -> Goal:
+    """Complete the goal with what its poses and loops leave open."""
+    goal = completed_goal(
+        robot,
+        said_goal,
+        limits_at_end,
+        q_start,
+        via_in_order[-1].goal.q if via_in_order else q_start,
+        num_steps=num_steps,
+        scheme=scheme,
+        suits=scheme_reason,
+        closes_loops=switches is None or bool(switches.own[-1].all()),
+    )
+    goal = at_rest(robot, goal, limits_at_end, free_at_end(robot, switches, goal.q))
+    check_end_conditions(robot, goal, num_steps)
+    return goal
+
+
+def _places(
+    robot: Robot,
+    via_in_order: tuple[ViaPoint, ...],
+    nodes_of_via: tuple[int | None, ...],
+    q_start: Array,
+    goal_at_pose: Goal,
+    num_steps: int,
+    duration: float,
+    duration_range: _Range,
+    impacts: tuple[int, ...],
+    phase: tuple[NamedPhase, ...],
+    bounds_of_sum: tuple[float, float],
+    path_with_contacts: tuple[PathObject, ...],
+    switches: SwitchTable | None,
+) -> tuple[tuple[ViaPoint, ...], tuple[PathObject, ...], tuple[Phase, ...]]:
+    """Find nodes and runs of steps of via points; as path constraints they come last."""
+    at = via_placed(robot, via_in_order, nodes_of_via, q_start, goal_at_pose, num_steps)
+    found = via_constraints(robot, via_in_order, at, num_steps)
+    via = tuple(constraint.via for constraint in found)
+    path = with_places(path_with_contacts, found, switches, phase)
+    if phase:
+        return via, path, free_phases(phase, duration, bounds_of_sum)
+    return via, path, phases_of_via(via, at, Horizon(num_steps, duration, duration_range), impacts)
+
+
+def _obstacles(
+    robot: Robot,
+    said_obstacle: Sequence[Obstacle],
+    said_self_collision: SelfCollision | bool | None,
+    limits: Bounds,
+    limits_at_end: Bounds,
+    q_start: Array,
+    goal_at_pose: Goal,
+    path_with_places: tuple[PathObject, ...],
+) -> tuple[tuple[Obstacle, ...], SelfCollision | None, Clearance | None, tuple[PathObject, ...], Goal]:
+    """Pairs of spheres and what they keep away from, as the last path constraint."""
+    said = said_self_collision
+    own = said if isinstance(said, SelfCollision) else SelfCollision() if said else None
+    obstacle = tuple(said_obstacle)
+    if not obstacle and own is None:
+        return obstacle, own, None, path_with_places, goal_at_pose
+    found = clearance_of(robot, obstacle, own, limits)
+    path = (*path_with_places, found) if found.rows else path_with_places
+    return obstacle, own, found, path, clear_configuration(robot, goal_at_pose, q_start, limits_at_end, found)
+
+
+def _check_free_start(
+    robot: Robot,
+    coordinates: str,
+    start_free: FreeStart | None,
+    goal: Goal,
+    q_start: Array,
+    v_start: Array,
+    limits_at_start: Bounds,
+    switches: SwitchTable | None,
+) -> None:
+    """Refuse a free start, and a periodic motion, where they do not fit the rest."""
+    check_periodic(robot, goal, coordinates)
+    if switches is not None:
+        check_seam(switches, start_free, goal.periodic, (q_start, goal.q))
+    if start_free is not None:
+        state = (q_start, v_start)
+        check_free_start(
+            robot, start_free, limits_at_start, state, coordinates=coordinates, switches=switches
+        )
+
+
+def _check_steps(
+    duration: float,
+    duration_range: _Range,
+    accuracy: float | None,
+    lengths: Array | None,
+    coordinates: str,
+    holds: tuple[Hold, ...],
+    releases: tuple[Release, ...],
+    impacts: tuple[int, ...],
+    phase: tuple[NamedPhase, ...],
+    via: tuple[ViaPoint, ...],
+    path: tuple[PathObject, ...],
+    terms: tuple[OwnTerm, ...],
+    said_cost: Cost,
+) -> None:
+    check_takes_steps(
+        Places(duration, duration_range, phase, via, path, terms),
+        accuracy,
+        lengths,
+        coordinates,
+        is_switched=bool(holds or releases or impacts),
+        has_targets=said_cost.is_trajectory,
+    )
+
+
+def _cost(
+    robot: Robot,
+    said_cost: Cost,
+    limits: Bounds,
+    num_steps: int,
+    goal: Goal,
+    terms: tuple[OwnTerm, ...],
+    via: tuple[ViaPoint, ...],
+    phase: tuple[NamedPhase, ...],
+    duration_range: _Range,
+) -> Cost:
+    """Refuse weights that do not fit the robot, or do not go with the goal."""
+    cost = said_cost.on_controls(robot.nu)
+    cost.check_controls(limits.finite("u"), [label.name for label in robot.u_labels])
+    cost.check_dimensions(robot.nq, robot.nv, num_steps)
+    is_free = duration_range is not None or any("time" in part.weights for part in phase)
+    check_weights(cost, goal, is_free=is_free, has_more=bool(terms or via))
+    return cost
+
+
+def _check_inequalities(
+    robot: Robot,
+    scheme: str,
+    controls: str,
+    cost: Cost,
+    limits: Bounds,
+    widest: Bounds,
+    limits_at_start: Bounds,
+    limits_at_end: Bounds,
+    q_start: Array,
+    v_start: Array,
+    goal: Goal,
+    phase: tuple[NamedPhase, ...],
+    phases: tuple[Phase, ...],
+    path: tuple[PathObject, ...],
+    num_steps: int,
+    impacts: tuple[int, ...],
+    duration: float,
+    lengths: Array | None,
+) -> None:
+    """Refuse limits and path constraints that cannot hold."""
+    check_rates(robot, limits)
+    heaviest = heaviest_cost(cost, phase, robot)
+    check_control_terms(controls, heaviest, widest, limits_along(limits, phase)["u"])
+    check_limits(robot, limits_at_start, q_start, v_start, goal, of_end=limits_at_end)
+    dt = duration / (num_steps - len(impacts))
+    differ = lengths is not None or (not phases and not are_alike(phase))
+    count = len(phase) if differ else len(phases)
+    check_path(robot, path, q_start, v_start, goal, num_steps=num_steps, dt=dt, num_phases=count)
+    frames = [one for one in path if isinstance(one, PathConstraint)]
+    warn_alternating(frames, goal, scheme, num_steps=num_steps, dt=dt)
+
+
+def _check_method(
+    solver: SolverOptions,
+    widest: Bounds,
+    path: tuple[PathObject, ...],
+    phases: tuple[Phase, ...],
+    via: tuple[ViaPoint, ...],
+    clearance: Clearance | None,
+    start_free: FreeStart | None,
+    duration_range: _Range,
+) -> None:
+    """Refuse a method that would not keep what is to be kept."""
+    is_bounded = widest.any_finite or path or phases or (start_free is not None and start_free.is_bounded)
+    if is_bounded:
+        table = "limits" if widest.any_finite else "via" if via else "path"
+        table = "obstacle" if clearance is not None else table
+        is_free = duration_range is not None
+        check_method(solver, table, is_free=is_free, has_free_times=len(phases) > 1)
+
+
+def _check_guess(guess: Guess, robot: Robot, coordinates: str) -> None:
+    check_guess(guess, robot, coordinates)
+
+
+RESOLVE = (
+    Step.of(_duration, "duration", "duration_range"),
+    Step.of(_steps, "num_steps", "lengths", "accuracy", "said_steps_of_impacts"),
+    Step.of(_scheme, "scheme", "chooses_scheme", "scheme_reason"),
+    Step.of(_check_scheme),
+    Step.of(_limits, "limits"),
+    Step.of(_switches, "holds", "releases", "impacts"),
+    Step.of(_phase, "phase", "bounds_of_sum"),
+    Step.of(_limits_of_ends, "widest", "limits_at_start", "limits_at_end"),
+    Step.of(_check_natural),
+    Step.of(_terms, "terms", "path_of_frames"),
+    Step.of(_start, "q_start", "v_start", "a_start"),
+    Step.of(_acting, "switches", "path_with_contacts"),
+    Step.of(_via, "via_in_order", "nodes_of_via"),
+    Step.of(_goal, "goal_at_pose"),
+    Step.of(_places, "via", "path_with_places", "phases"),
+    Step.of(_obstacles, "obstacle", "self_collision", "clearance", "path", "goal"),
+    Step.of(_check_free_start),
+    Step.of(_check_steps),
+    Step.of(_cost, "cost"),
+    Step.of(_check_inequalities),
+    Step.of(_check_method),
+    Step.of(_check_guess),
+)
