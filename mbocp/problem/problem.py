@@ -184,7 +184,7 @@ class Problem(ProblemData):
 
         members = reachable_members(said["goals"], resolve)
         first = members[0][1]
-        return replace(first, document=document, goals=said["goals"], members_in_reach=members)
+        return replace(first, document=document, draft=said, goals=said["goals"], members_in_reach=members)
 
     @classmethod
     def _of_one(cls, document: Document, draft: dict[str, Any]) -> Problem:
