@@ -89,7 +89,7 @@ def make_document(
     checked = read_tables(tables, label)
     with in_file(label):
         folder = source.parent if source is not None else None
-        loaded = robot if isinstance(robot, Robot) else load_its_robot(checked.robot, folder)
+        loaded = robot if isinstance(robot, Robot) else load_its_robot(checked["robot"], folder)
     tables.pop("robot", None)
     name = name or (printable(source.stem) if source else "problem")
     return Document(tables, loaded, {}, terms, source, label, name)
@@ -123,7 +123,7 @@ def _tables(document: Document, before: tuple[Document, Mapping[str, Any]] | Non
     others = {name: table for name, table in tables.items() if name not in known}
     checked = read_tables({**others, "robot": ""}, document.label)
     names = (name for name in ProblemTable.model_fields if name != "robot")
-    found = {f"{name}_table": known.get(name, getattr(checked, name)) for name in names}
+    found = {f"{name}_table": known[name] if name in known else checked[name] for name in names}
     return {**found, "coordinates": found.pop("coordinates_table")}
 
 

@@ -277,9 +277,10 @@ def _goal(
         suits=scheme_reason,
         closes_loops=switches is None or bool(switches.own[-1].all()),
     )
-    goal = at_rest(robot, goal, limits_at_end, free_at_end(robot, switches, goal.q))
-    check_end_conditions(robot, goal, num_steps)
-    return goal
+    rests = at_rest(robot, goal, limits_at_end, free_at_end(robot, switches, goal.q))
+    if rests.a_rule == "rest":  # more conditions than what was said
+        check_end_conditions(robot, rests, num_steps)
+    return rests
 
 
 def _places(

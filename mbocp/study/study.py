@@ -19,7 +19,7 @@ from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
 from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.file.overrides import apply_overrides, plain
-from mbocp.problem.file.schema import ProblemTable, checked_table
+from mbocp.problem.file.schema import ProblemTable, checked_tables
 from mbocp.study.rows import check_record
 from mbocp.study.schema import StudyTable
 from mbocp.study.task import Job
@@ -276,7 +276,7 @@ def _check_document(job: Job, overrides: Mapping[str, Any], label: str) -> None:
     except ProblemFileError as error:
         raise StudyFileError(label, error.reason) from error
     try:
-        checked_table(document)
+        checked_tables(document)
     except ValidationError as error:
         wrong = schema_error(job.label, ProblemTable, error)
         key = wrong.key or ""

@@ -139,7 +139,7 @@ def _functions(formulation: Formulation) -> list[float]:
 
 
 def equals(now: Any, then: Any) -> bool:
-    """Whether two fingerprints are the same, numbers as well as searches for poses give them on any processor."""
+    """Whether two fingerprints are the same, numbers as well as searches for poses do on all processors."""
     if isinstance(then, Mapping):
         return now.keys() == then.keys() and all(equals(now[key], then[key]) for key in then)
     if isinstance(then, list):

@@ -51,7 +51,7 @@ from mbocp.problem.file.schema import (
     StartTable,
     ViaTable,
     WeightsTable,
-    checked_table,
+    checked_tables,
 )
 from mbocp.problem.file.target import read_target
 from mbocp.problem.file.term_table import terms_from
@@ -80,15 +80,15 @@ from mbocp.terms.written import AUTO
 __all__ = ["READ", "load_its_robot", "read_tables"]
 
 
-def read_tables(document: Mapping[str, Any], label: str) -> ProblemTable:
-    """Check the tables of a problem against the schema.
+def read_tables(document: Mapping[str, Any], label: str) -> dict[str, Any]:
+    """Check the tables of a problem against the schema; they are by their names.
 
     Raises
     ------
     ProblemFileError
     """
     try:
-        return checked_table(document)
+        return checked_tables(document)
     except ValidationError as error:
         raise schema_error(label, ProblemTable, error) from error
 

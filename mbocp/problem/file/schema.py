@@ -66,7 +66,7 @@ __all__ = [
     "TargetTable",
     "ViaTable",
     "WeightsTable",
-    "checked_table",
+    "checked_tables",
 ]
 
 Limit: TypeAlias = float | list[float]
@@ -494,8 +494,8 @@ class ProblemTable(Table):
     solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable.model_construct()
 
 
-def checked_table(document: Mapping[str, Any]) -> ProblemTable:
-    """A whole problem file from its tables, checked by a model of those that it has.
+def checked_tables(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of a whole problem file by their names, checked by a model of those that it has.
 
     What is not there is what it is by default. A validator for all of it takes pydantic three times as long
     to build as one for the tables of most files.
@@ -506,12 +506,14 @@ def checked_table(document: Mapping[str, Any]) -> ProblemTable:
         If there are unknown keys, or values of a wrong kind.
     """
     keys = frozenset(name for name in ProblemTable.model_fields if name in document or name == "robot")
-    found = _model_of(keys).model_validate(document)
-    values = {name: [] for name in _LISTS} | dict(found)  # pydantic looks at a factory's signature each time
-    return ProblemTable.model_construct(found.model_fields_set, **values)
+    return {**_defaults(), **dict(_model_of(keys).model_validate(document))}
 
 
-_LISTS = tuple(name for name, field in ProblemTable.model_fields.items() if field.default_factory is list)
+@lru_cache(maxsize=1)
+def _defaults() -> dict[str, Any]:
+    """Of the tables that a file leaves out."""
+    fields = ProblemTable.model_fields.items()
+    return {name: field.get_default(call_default_factory=True) for name, field in fields if name != "robot"}
 
 
 @lru_cache(maxsize=32)
