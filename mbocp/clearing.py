@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
-from mbocp.formulation import Formulation
 from mbocp.guesses.around import around, has_no_way, near_the_way
+from mbocp.job import Attempt, Job
 from mbocp.problem import Guess, Problem, SolverOptions
 from mbocp.problem.obstacles.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.problem.obstacles.reserves import (
@@ -26,15 +26,13 @@ from mbocp.problem.obstacles.reserves import (
     with_room,
     with_rows_and_room,
 )
-from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold
-from mbocp.solution.records import StartRecord
 from mbocp.solution.rest import Rest
-from mbocp.solvers import IterationRecord, Outcome, Phase, Status
+from mbocp.solvers import Phase, Status
 from mbocp.solvers.strategies.patience import Patience
 
-__all__ = ["Attempt", "solve_clear"]
+__all__ = ["solve_clear"]
 
 _ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 _ROUGH = 2e-2  # residual of a motion that shows what it comes near
@@ -46,87 +44,29 @@ _WITH_WAYS = ("auto", "way")  # guesses beside which there are others
 _METHODS = ("auto", "monolithic")  # those that can end there
 
 
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """What a solver came to, before anything is read from it.
+def solve_clear(job: Job) -> Solution:
+    """Solve a problem, so that the motion touches nothing, if that can be had.
 
-    Attributes
-    ----------
-    formulation : Formulation
-    outcome : Outcome
-    phases : tuple of Phase
-    guess_used, left_out : str
-        Words for the guess, and for end conditions that were left out.
-    begun : float
-        Time of `time.perf_counter` at which it began.
-    starts : tuple of StartRecord
-        What each start came to, where there were several.
+    Where a warm start leads to no solution soon, the problem's own guess comes next.
     """
-
-    formulation: Formulation
-    outcome: Outcome
-    phases: tuple[Phase, ...]
-    guess_used: str
-    left_out: str
-    begun: float
-    starts: tuple[StartRecord, ...] = ()
-
-    @property
-    def is_converged(self) -> bool:
-        """Whether the solver says so."""
-        return self.outcome.result.status is Status.CONVERGED
-
-    @property
-    def carried(self) -> Carried:
-        """Where a problem of other path constraints may begin."""
-        return Carried.of(self.outcome.result.iterate, self.formulation.programme)
-
-
-Callback = Callable[[IterationRecord], object]
-Try = Callable[..., Attempt]  # of a problem, a start, the residual of a rough solve, and a callback
-Read = Callable[[Attempt], Solution]
-
-
-def solve_clear(
-    problem: Problem,
-    warm_start: Solution | Rest | None,
-    attempt: Try,
-    read: Read,
-    deadline: float,
-    patience: Patience,
-    callback: Callback | None = None,
-) -> Solution:
-    """Solution of a problem; one that touches nothing, if that can be had.
-
-    Where a warm start leads to none soon, the problem's own guess comes next.
-
-    Parameters
-    ----------
-    problem : Problem
-    warm_start : Solution or Rest, optional
-    attempt : callable
-        Solves a problem from a start; roughly, where a third argument is the residual that will do; with
-        another callback for its solvers, where `callback` is given; with few iterations, where `is_brief`.
-    read : callable
-        Makes a solution of what `attempt` returns.
-    deadline : float
-        Time of `time.perf_counter` after which nothing is solved again.
-    patience : Patience
-        Of the attempts: where it is over, nothing else is tried.
-    callback : callable, optional
-        Called with every record.
-    """
-    if warm_start is None:
-        return _from_guess(problem, attempt, read, deadline, patience, callback)
-    if not _has_a_guess_left(problem):
-        return _solved(problem, warm_start, attempt, read, deadline, patience)
-    solution = _solved(problem, warm_start, partial(attempt, is_brief=True), read, deadline, patience)
-    if _is_final(solution, patience):
+    solution = _solve_in_turn(job)
+    if solution.is_stationary or not job.patience.words:
         return solution
-    again = _from_guess(problem, attempt, read, deadline, patience, callback)
-    if not _is_final(again, patience):
-        at_length = _solved(problem, warm_start, attempt, read, deadline, patience)
-        again = _later(again, at_length, "from the guess")
+    return retold(solution, advice=f"{solution.advice}; {job.patience.words}")
+
+
+def _solve_in_turn(job: Job) -> Solution:
+    """From the warm start, briefly; from the problem's guess; from the warm start, at length."""
+    if job.start is None:
+        return _from_guess(job)
+    if not _has_a_guess_left(job.problem):
+        return _solved(job, job.problem, job.start)
+    solution = _solved(job, job.problem, job.start, is_brief=True)
+    if _is_final(solution, job.patience):
+        return solution
+    again = _from_guess(job)
+    if not _is_final(again, job.patience):
+        again = _later(again, _solved(job, job.problem, job.start), "from the guess")
     return _later(solution, again, "from the warm start")
 
 
@@ -157,49 +97,33 @@ def _later(first: Solution, second: Solution, name: str) -> Solution:
     )
 
 
-def _from_guess(
-    problem: Problem,
-    attempt: Try,
-    read: Read,
-    deadline: float,
-    patience: Patience,
-    callback: Callback | None,
-) -> Solution:
+def _from_guess(job: Job) -> Solution:
     """Solution from the problem's own guess; if that leads to none, from other ways around obstacles."""
-    solution = _solved(problem, None, attempt, read, deadline, patience)
-    if solution.converged or solution.status in _STOPPED or patience.is_over:
+    solution = _solved(job, job.problem, None)
+    if solution.converged or solution.status in _STOPPED or job.patience.is_over:
         return solution
-    if has_no_way(problem):
+    if has_no_way(job.problem):
         return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")
-    if not _may_be_on_the_wrong_side(problem):
-        return solution
-    return _by_other_ways(problem, solution, attempt, read, deadline, patience, callback)
+    return _by_other_ways(job, solution) if _may_be_on_the_wrong_side(job.problem) else solution
 
 
-def _by_other_ways(
-    problem: Problem,
-    known: Solution,
-    attempt: Try,
-    read: Read,
-    deadline: float,
-    patience: Patience,
-    callback: Callback | None,
-) -> Solution:
+def _by_other_ways(job: Job, known: Solution) -> Solution:
     """Solution on the first other way that leads to one, or the known one; ways side by side."""
+    problem = job.problem
     has_ours = problem.guess.kind == "way" and around(problem) is not None  # None: the line is clear
     seeds = range(0 if has_ours else 1, 1 + _OTHER_WAYS)
 
     def work(place: int, watch: Watch) -> Solution | None:
         other = _on_way(problem, seeds[place], replace(problem.solver, threads=threads // len(seeds) or 1))
-        if other is None or time.perf_counter() > deadline or patience.is_over:
+        if other is None or job.is_late or job.patience.is_over:
             return None
-        return _solved(other, None, partial(attempt, callback=watch), read, deadline, patience)
+        return _solved(replace(job, callback=watch), other, None)
 
     def ends(found: Solution | None) -> bool:
         return found is None or found.converged or found.status in _STOPPED
 
     begun, threads = time.perf_counter(), problem.solver.num_threads
-    row = SideBySide(work, len(seeds), callback, ends=ends, is_interrupted=_is_interrupted)
+    row = SideBySide(work, len(seeds), job.callback, ends=ends, is_interrupted=_is_interrupted)
     tried = [found for found in row.run(threads).values() if found is not None]
     spent = time.perf_counter() - begun
     for number, again in enumerate(tried, start=2):
@@ -229,26 +153,20 @@ def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | Non
     return replace(problem, guess=Guess(kind="way", q=corners), solver=solver)
 
 
-def _solved(
-    problem: Problem,
-    warm_start: Solution | Rest | None,
-    attempt: Try,
-    read: Read,
-    deadline: float,
-    patience: Patience,
-) -> Solution:
+def _solved(job: Job, problem: Problem, start: Solution | Rest | None, *, is_brief: bool = False) -> Solution:
     """Solution from one guess, with the rows and the room that it asks for."""
-    near = _near(problem, warm_start)
+    attempt = partial(job.attempt, is_brief=is_brief)
+    near = _near(problem, start)
     before: list[Attempt] = []
-    if warm_start is None and near.solver.starts == 1 and _may_be_rough(near):
-        near = _roughly(near, attempt, before, deadline)
-    start = before[-1].carried if before and before[-1].is_converged else warm_start
-    found = attempt(near, start)
-    if before and start is not None and not (found.is_converged or patience.is_over):
+    if start is None and near.solver.starts == 1 and _may_be_rough(near):
+        near = _roughly(job, near, before)
+    begin = before[-1].carried if before and before[-1].is_converged else start
+    found = attempt(near, begin)
+    if before and begin is not None and not (found.is_converged or job.patience.is_over):
         before.append(found)
         found = attempt(near, None)
-    solution = _after(before, read(found))
-    return solution if problem.goals else _cleared(near, solution, found, attempt, read, deadline)
+    solution = _after(before, job.read(found))
+    return solution if problem.goals else _cleared(job, near, solution, found, attempt)
 
 
 def _near(problem: Problem, warm_start: Solution | Rest | None) -> Problem:
@@ -269,14 +187,14 @@ def _may_be_rough(near: Problem) -> bool:
     return rows is not None and rows.chosen is not None and is_left_to_us and solver.max_iterations is None
 
 
-def _roughly(near: Problem, attempt: Try, before: list[Attempt], deadline: float) -> Problem:
+def _roughly(job: Job, near: Problem, before: list[Attempt]) -> Problem:
     """The problem with the rows that rough solutions ask for; these are added to `before`.
 
     Each begins at the guess: what is deep in something has come there on a way that is no good any more.
     """
     for _ in range(_ROUNDS):
-        before.append(attempt(near, None, _ROUGH))
-        if not before[-1].is_converged or time.perf_counter() > deadline:
+        before.append(job.attempt(near, None, _ROUGH))
+        if not before[-1].is_converged or job.is_late:
             break
         motion = before[-1].formulation.motion_of(before[-1].outcome.result.iterate)
         missing = missing_pairs(near, motion.qs)
@@ -303,12 +221,12 @@ def _after(before: list[Attempt], solution: Solution) -> Solution:
 
 
 def _cleared(
-    near: Problem, solution: Solution, found: Attempt, attempt: Try, read: Read, deadline: float
+    job: Job, near: Problem, solution: Solution, found: Attempt, attempt: Callable[..., Attempt]
 ) -> Solution:
     """The solution, or one with rows and room at the nodes for what it touches, there or between them."""
     solution = retold(solution, advice=solution.advice + _of_room(near))
     for _ in range(_ROUNDS):
-        if not solution.is_stationary or time.perf_counter() > deadline:
+        if not solution.is_stationary or job.is_late:
             break
         lacks, touching = 0.0, ""
         if is_there(solution, "clearance"):  # else nothing is nearer than it may be
@@ -320,11 +238,11 @@ def _cleared(
         larger, has_more_rows = wider
         is_deep = has_more_rows and lacks > _DEEP
         tried = attempt(larger, None if is_deep else found.carried)
-        again = read(tried)
+        again = job.read(tried)
         is_lost = has_more_rows and not again.is_stationary
         if is_lost and not is_deep:  # from the guess, with all that is known
             tried = attempt(larger, None)
-            again = read(tried)
+            again = job.read(tried)
         if not has_more_rows and not (again.is_stationary and again.clearance > solution.clearance):
             break
         near, found, name = larger, tried, "fewer rows" if has_more_rows else "smaller margins"

@@ -46,6 +46,7 @@ LAYERS = (
     "accuracy",
     "view",
     "guesses",
+    "job",
     "clearing",
     "solving",
     "receding",

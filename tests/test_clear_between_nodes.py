@@ -152,8 +152,8 @@ def test_other_ways_are_tried_where_the_first_comes_to_nothing(around_a_post, mo
             seeds.append(seed)
         return way if seed else None
 
-    def touching(near, *arguments):
-        found = solved(near, *arguments)
+    def touching(job, near, *arguments):
+        found = solved(job, near, *arguments)
         is_first = near.guess.q is None
         return replace(found, status=Status.UNDER_RESOLVED) if is_first else found
 
@@ -178,12 +178,12 @@ def test_the_first_way_that_leads_somewhere_is_taken_whoever_ends_first(good, ar
         bump = np.array([0.1 * seed, 0.0, 0.0])
         return None if not seed else lambda q, s: line(q, s) + np.sin(np.pi * s)[:, None] * bump
 
-    def touching(near, *arguments):
+    def touching(job, near, *arguments):
         given, middle = near.guess.q, straight(near)(near.q_start, np.array([30 / 59]))[0]
         seed = 0 if given is None else round(10.0 * float(given[29][0] - middle[0]))
         if seed == good:
             sleep(0.05)
-        found = solved(near, *arguments)
+        found = solved(job, near, *arguments)
         return found if seed >= good else replace(found, status=Status.UNDER_RESOLVED)
 
     solved = clearing._solved
@@ -207,8 +207,8 @@ def test_other_ways_are_tried_where_a_given_one_comes_to_nothing(around_a_post, 
         seeds.append(seed)
         return around(problem, seed)
 
-    def touching(near, *arguments):
-        found = solved(near, *arguments)
+    def touching(job, near, *arguments):
+        found = solved(job, near, *arguments)
         is_given = len(near.guess.q) == len(middle)
         return replace(found, status=Status.UNDER_RESOLVED) if is_given else found
 

@@ -15,6 +15,7 @@ from mbocp.exceptions import MbocpError, ProblemError, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.updates import ParameterUpdates
 from mbocp.guesses.attempts import solve_from_guesses
+from mbocp.job import formulated
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
@@ -26,7 +27,6 @@ from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solvers import Phase, Status
 from mbocp.solvers.receding import RecedingSettings, receding_horizon
-from mbocp.solving import formulated
 
 __all__ = ["HorizonStep", "RecedingHorizon"]
 

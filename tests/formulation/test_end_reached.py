@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import mbocp
 import mbocp.guesses.end_rates
-from mbocp import solving
+from mbocp import job
 from mbocp._linear import null_space
 from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
@@ -194,9 +194,9 @@ def test_a_motion_that_is_not_at_rest_has_not_converged(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Whatever the cause: here a row of the end condition was lost."""
-    whole = solving.formulated
-    monkeypatch.setattr(solving, "formulated", lambda *given: (without_end_rows(whole(*given)[0], [3]), ""))
-    monkeypatch.setattr(solving, "with_rates_at_end", lambda *given: given[:2])
+    whole = job.formulated
+    monkeypatch.setattr(job, "formulated", lambda *given: (without_end_rows(whole(*given)[0], [3]), ""))
+    monkeypatch.setattr(job, "with_rates_at_end", lambda *given: given[:2])
     problem = swing(coordinates="joint", goal={"q": [1.0, 0.0], "v": [0.0, 0.0]}, cost={"velocity": 0.1})
     s = mbocp.solve(problem)
     assert s.status is Status.OTHER_ROOT
@@ -220,7 +220,7 @@ def test_the_end_is_looked_at_again_where_the_motion_ends(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(mbocp.guesses.end_rates, "rates_missed", missed_once)
     blind = without_end_rows(right, [len(right.end_rows.of_joints) - 1])
-    monkeypatch.setattr(solving, "formulated", lambda *given: (blind, ""))
+    monkeypatch.setattr(job, "formulated", lambda *given: (blind, ""))
     s = mbocp.solve(problem)
     assert settings["rounds"] == 2
     assert s.converged, s.advice

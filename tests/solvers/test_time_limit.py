@@ -120,14 +120,14 @@ def test_a_later_guess_without_time_does_not_lose_the_first(monkeypatch: pytest.
 
 def test_a_long_compilation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is left is not enough: a result, and the reason."""
-    build = mbocp.solving.formulate
+    build = mbocp.job.formulate
 
     def slow(*args: object, **kwargs: object) -> object:
         time.sleep(0.4)
         return build(*args, **kwargs)
 
     mbocp.solve(pendulum("solver.max_iterations=1"))
-    monkeypatch.setattr(mbocp.solving, "formulate", slow)
+    monkeypatch.setattr(mbocp.job, "formulate", slow)
     s = mbocp.solve(pendulum("solver.time_limit=0.3"))
     assert s.status is Status.TIME_LIMIT
     assert s.iterations == 0
