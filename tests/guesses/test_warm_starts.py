@@ -43,7 +43,7 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
     ),
     "lobatto3": lambda: pendulum("lobatto3", limits={"velocity": 1.6}),
     "limits": lambda: pendulum(limits={"effort": 1.2, "velocity": 1.6}),
-    "rates": lambda: pendulum(limits={"acceleration": 9.0, "effort_rate": 15.0}),
+    "rates": lambda: pendulum("midpoint", 64, limits={"acceleration": 9.0, "effort_rate": 15.0}),
     "free duration": lambda: pendulum(
         duration=FREE, cost={"time": 1.0, "effort": 0.01}, limits={"effort": 3.0, "velocity": 4.0}
     ),

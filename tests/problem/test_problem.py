@@ -24,7 +24,7 @@ def same(a: object, b: object) -> None:
     elif dataclasses.is_dataclass(a) and not isinstance(a, type):
         assert type(a) is type(b)
         for field in dataclasses.fields(a):
-            if field.name not in ("source", "name"):
+            if field.name not in ("source", "name", "document", "draft"):  # what was said, and how
                 same(getattr(a, field.name), getattr(b, field.name))
     elif isinstance(a, tuple) and isinstance(b, tuple):
         assert len(a) == len(b)

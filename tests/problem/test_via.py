@@ -16,7 +16,7 @@ from mbocp.exceptions import MbocpError, ProblemError, UnknownFrame, Unreachable
 from mbocp.formulation import build
 from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, ProblemWarning, ViaPoint, load_problem, parse_problem, problem_to_toml
-from mbocp.problem.problem import ViaConstraint
+from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import load_robot
 from mbocp.solution import Solution
 from mbocp.terms import Point
