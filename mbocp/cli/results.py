@@ -70,10 +70,9 @@ def _rows(solution: Solution) -> list[tuple[str, str | Text]]:
     """What a result says of itself."""
     from mbocp.cli.summary import robot_words, solution_rows
     from mbocp.problem.coordinates import COORDINATES
-    from mbocp.solution.problem_text import held_by_phases
 
     known = COORDINATES.get(solution.coordinates)  # where others have multipliers of rigid bodies, too
-    held = held_by_phases(solution.problem_text)
+    held = solution.facts.held
     own = [label for label in solution.labels.lam if label.name.rpartition(".")[0] not in held]
     nc = len(own) if known is not None and known.has_robot_multipliers else 0
     return solution_rows(solution, robot_words(solution.robot_name, solution.nv, solution.nu, nc))

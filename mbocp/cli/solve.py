@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -190,28 +190,10 @@ def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple
     if outputs.result is not None:
         written.append(("result", solution.save(outputs.result, meshes=outputs.meshes)))
     if outputs.replay is not None:
-        from mbocp.view.forces import forces_of
-        from mbocp.view.marks import marks_of
-        from mbocp.view.replay import write_replay
+        from mbocp.view.of_solution import replay_solution
 
-        place = solution.goal_place
-        goals, others = (
-            [frame.target for goal in several for frame in goal.poses]
-            for several in (
-                [problem.member(place).goal],
-                [goal for i, goal in enumerate(problem.goals) if i != place],
-            )
-        )
-        page = write_replay(
-            problem.robot,
-            solution.t,
-            solution.qs,
-            outputs.replay,
-            goals=goals,
-            other_goals=others,
-            marks=replace(marks_of(problem, solution.t), forces=forces_of(solution, problem.robot, problem)),
-            title=problem.name,
-        )
+        page = replay_solution(solution, outputs.replay, robot=problem.robot)
+        assert page is not None
         written.append(("replay", page))
     if outputs.plot is not None:
         from mbocp.view.plots import plot_solution

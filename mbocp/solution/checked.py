@@ -7,20 +7,22 @@ names for all columns, times that grow, and finite numbers wherever the status s
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
 from mbocp._text import printable, shown
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.accuracy import Accuracy
+from mbocp.solution.facts import Facts
 from mbocp.solution.records import IterationRecord, Phase, StartRecord, Status
 from mbocp.storage.content import FileContent
 
-__all__ = ["check_content", "read_records"]
+__all__ = ["check_content", "read_facts", "read_records"]
 
 _Record = TypeVar("_Record", Phase, IterationRecord, StartRecord, Accuracy)
 
@@ -97,6 +99,7 @@ class _Structures(_Strict):
     history: list[dict[str, Any]]
     starts: list[dict[str, Any]] = []  # of several guesses
     accuracy: list[dict[str, Any]] = []  # one, where somebody has looked
+    facts: dict[str, Any] = {}  # not in older files
     robot_spec: dict[str, Any]
     options: dict[str, Any]
     versions: dict[str, str]
@@ -136,6 +139,28 @@ def read_records(kind: type[_Record], tables: list[Mapping[str, Any]]) -> tuple[
     return tuple(kind(**{name: _printed(value) for name, value in table.items()}) for table in tables)
 
 
+def read_facts(table: Mapping[str, Any] | None) -> Facts | None:
+    """Facts of the problem from the table that they were stored as; None where a file has none.
+
+    Raises
+    ------
+    InvalidValue
+        If one is of another kind.
+    """
+    if table is None:
+        return None
+    try:
+        return TypeAdapter(Facts).validate_json(json.dumps(_printed_all(table)), strict=True)
+    except ValidationError as error:
+        raise _refusal("facts", error) from error
+
+
+def _printed_all(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {_printed(key): _printed_all(part) for key, part in value.items()}
+    return [_printed_all(part) for part in value] if isinstance(value, list) else _printed(value)
+
+
 def _printed(value: Any) -> Any:
     return printable(value) if isinstance(value, str) else value
 
@@ -147,10 +172,15 @@ def _validated(model: type[_Model], where: str, values: Mapping[str, Any]) -> _M
     try:
         return model.model_validate(dict(values))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        name = ".".join(str(step) for step in first["loc"])
-        got = "nothing" if first["type"] == "missing" else shown(first["input"])
-        raise InvalidValue(f"{where}: {name}", got, first["msg"]) from error
+        raise _refusal(where, error) from error
+
+
+def _refusal(where: str, error: ValidationError) -> InvalidValue:
+    """The first thing that is wrong."""
+    first = error.errors(include_url=False)[0]
+    name = ".".join(str(step) for step in first["loc"])
+    got = "nothing" if first["type"] == "missing" else shown(first["input"])
+    return InvalidValue(f"{where}: {name}", got, first["msg"])
 
 
 _VECTORS = (

@@ -18,15 +18,8 @@ from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
+from mbocp.solution.facts import Facts, PhasePlace
 from mbocp.solution.later import Later, complete
-from mbocp.solution.phase_text import PhasePlace
-from mbocp.solution.problem_text import (
-    duration_range_of,
-    integrator_of,
-    limits_of,
-    phase_places_of,
-    via_places_of,
-)
 from mbocp.solution.records import IterationRecord, Labels, Phase, StartRecord, Status
 
 __all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "SolutionData"]
@@ -157,6 +150,7 @@ class SolutionData:
     robot_name: str = ""
     robot_spec: Mapping[str, Any] = field(default_factory=dict)
     problem_text: str = ""
+    facts_kept: Facts | None = field(default=None, compare=False)
     guess_used: str = ""
     starts: tuple[StartRecord, ...] = ()
     accuracy: Accuracy = field(default_factory=Accuracy)
@@ -169,13 +163,9 @@ class SolutionData:
     def __post_init__(self) -> None:
         object.__setattr__(self, "path_names", tuple(map(str, self.path_names)))
         given = {name: getattr(self, name) for name in (*ARRAYS, *OPTIONAL)}
-        for name, limits in limits_of(self.problem_text).items():
-            given[name] = given[name] if np.size(given[name]) else limits
         checked = checked_arrays(given, len(tuple(self.control_momentum_names)), len(self.path_names))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        for name, word in integrator_of(self.problem_text).items():
-            object.__setattr__(self, name, getattr(self, name) or word)
         if math.isnan(self.manifold_drift) and np.isfinite(self.manifold_drifts).all():
             object.__setattr__(self, "manifold_drift", float(self.manifold_drifts.max()))
         object.__setattr__(self, "status", Status(self.status))
@@ -197,7 +187,15 @@ class SolutionData:
 
     def __getstate__(self) -> dict[str, Any]:
         complete(self)
-        return dict(vars(self))
+        return {f.name: vars(self)[f.name] for f in fields(self)}
+
+    @property
+    def facts(self) -> Facts:
+        """What the problem asked of the motion, as far as it is known."""
+        return self._fitted(self.facts_kept or Facts())
+
+    def _fitted(self, facts: Facts) -> Facts:
+        return facts.fit(self.num_steps, {"q": self.nq, "v": self.nv, "u": self.nu})
 
     @property
     def goal_place(self) -> int | None:
@@ -297,19 +295,17 @@ class SolutionData:
     @property
     def duration_range(self) -> tuple[float, float] | None:
         """Bounds [s] between which the duration was free; None where it was given."""
-        return duration_range_of(self.problem_text)
+        return self.facts.duration_range
 
     @property
     def via_times(self) -> dict[str, float]:
         """When the motion passes each via point [s], by its name."""
-        places = via_places_of(self.problem_text)
-        return {p.name: float(self.t[p.node] - self.t[0]) for p in places if p.node <= self.num_steps}
+        return {place.name: float(self.t[place.node] - self.t[0]) for place in self.facts.via}
 
     @property
     def named_phases(self) -> tuple[PhasePlace, ...]:
         """The phases of the motion that have names, in their order; none where there are none."""
-        places = phase_places_of(self.problem_text)
-        return places if places and places[-1].last == self.num_steps else ()
+        return self.facts.phases
 
     @property
     def phase_times(self) -> dict[str, tuple[float, float]]:

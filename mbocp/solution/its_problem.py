@@ -1,48 +1,156 @@
-"""The problem of a solution, wherever it is read: what a picture of it does not need."""
+"""The problem of a solution, wherever it is read, and what a result keeps of it in plain values."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from mbocp._arrays import Array
 from mbocp._files import parse_toml
 from mbocp.exceptions import ProblemFileError, Unreadable
-from mbocp.problem import Problem
+from mbocp.problem import Problem, ProblemWarning
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.overrides import apply_overrides
+from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.timeline.named_phase import phase_nodes
+from mbocp.problem.timeline.phase_holds import begin_with_impacts, end_with_partings
+from mbocp.problem.timeline.via_constraint import ViaConstraint
+from mbocp.problem.timeline.via_time import FreeTime
 from mbocp.robot import Robot, load_stored
 from mbocp.solution.data import SolutionData
-from mbocp.solution.its_robot import held_files, robot_of, tell_changed
-from mbocp.terms import OwnTerm
+from mbocp.solution.facts import Facts, PathRow, PhasePlace, ViaPlace
+from mbocp.solution.its_robot import held_files, tell_changed
+from mbocp.terms import RATE_TERMS, OwnTerm
 
-__all__ = ["problem_of"]
+__all__ = ["facts_of", "problem_of", "problem_to_show"]
 
 
 def problem_of(
-    solution: SolutionData, overrides: Mapping[str, Any] | Sequence[str], terms: Sequence[OwnTerm]
+    solution: SolutionData,
+    load_robot: Callable[[], Robot],
+    overrides: Mapping[str, Any] | Sequence[str] = (),
+    terms: Sequence[OwnTerm] = (),
 ) -> Problem:
-    """The problem that was solved, see `Solution.load_problem`."""
-    label = f"the problem of {solution.problem_name or 'a result'}"
-    try:
-        document = parse_toml(solution.problem_text)
-    except Unreadable as error:
-        raise ProblemFileError(label, error.reason) from error
+    """Make the problem that was solved, see `Solution.load_problem`."""
+    document = _document(solution)
     tables = apply_overrides(document, overrides)
-    robot = _robot_in(solution, document, tables)
-    return problem_from_tables(tables, robot=robot, label=label, name=solution.problem_name, terms=terms)
+    robot = _robot_in(solution, load_robot, document, tables)
+    return problem_from_tables(
+        tables, robot=robot, label=_label(solution), name=solution.problem_name, terms=terms
+    )
 
 
-def _robot_in(solution: SolutionData, document: Mapping[str, Any], tables: Mapping[str, Any]) -> Robot | None:
+def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> Problem:
+    """Make the problem without terms of one's own, which no text holds and no picture needs."""
+    document = _document(solution)
+    tables = {key: table for key, table in document.items() if key != "terms"}
+    robot = load_robot() if solution.robot_spec else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ProblemWarning)  # said when it was solved
+        return problem_from_tables(tables, robot=robot, label=_label(solution), name=solution.problem_name)
+
+
+def _label(solution: SolutionData) -> str:
+    return f"the problem of {solution.problem_name or 'a result'}"
+
+
+def _document(solution: SolutionData) -> Mapping[str, Any]:
+    try:
+        return parse_toml(solution.problem_text)
+    except Unreadable as error:
+        raise ProblemFileError(_label(solution), error.reason) from error
+
+
+def _robot_in(
+    solution: SolutionData,
+    load_robot: Callable[[], Robot],
+    document: Mapping[str, Any],
+    tables: Mapping[str, Any],
+) -> Robot | None:
     """The robot of changed tables; None if it is no longer that of the solution."""
     was, now = (
         {"name": entry} if isinstance(entry, str) else dict(entry)
         for entry in (document.get("robot", {}), tables.get("robot", {}))
     )
     if was == now and solution.robot_spec:
-        return robot_of(solution)
+        return load_robot()
     files = held_files(solution)
     is_other = any(was.get(key) != now.get(key) for key in ("name", "part"))
     if files is None or is_other:
         return None
     tell_changed(files)
     return load_stored(files, now)
+
+
+def facts_of(problem: Problem) -> Facts:
+    """Return what a result keeps of a problem in plain values; of several goals the problem of one."""
+    widest = problem.widest_limits
+    rates = {key: (f"{term.letter}_lower", f"{term.letter}_upper") for key, term in RATE_TERMS.items()}
+    return Facts(
+        duration_range=problem.duration_range,
+        via=tuple(_via_place(constraint) for constraint in problem.waypoints),
+        phases=_phase_places(problem),
+        path=tuple(row for constraint in problem.path for row in _rows(problem, constraint)),
+        rates={
+            key: (_plain(getattr(widest, lower)), _plain(getattr(widest, upper)))
+            for key, (lower, upper) in rates.items()
+            if RATE_TERMS[key].letter in widest.letters
+        },
+        along=_limits_along(problem),
+        held=tuple(sorted({hold.hold.name for phase in problem.phase for hold in phase.holds})),
+        contacts=tuple(sorted({bounds.contact.constraint for bounds in problem.contacts})),
+        a_start=_plain(problem.a_start),
+    )
+
+
+def _via_place(constraint: ViaConstraint) -> ViaPlace:
+    time = constraint.via.time
+    bounds = time if isinstance(time, FreeTime) else FreeTime()
+    return ViaPlace(
+        constraint.via.name, constraint.node, constraint.via.is_free, bounds.earliest, bounds.latest
+    )
+
+
+def _phase_places(problem: Problem) -> tuple[PhasePlace, ...]:
+    nodes = phase_nodes(problem.phase)
+    ends = zip(
+        problem.phase, begin_with_impacts(problem.phase), end_with_partings(problem.phase), strict=True
+    )
+    return tuple(
+        PhasePlace(
+            phase.name,
+            *nodes[phase.name],
+            *(phase.duration_range or (phase.duration, phase.duration)),
+            has_impact,
+            has_parting,
+        )
+        for phase, has_impact, has_parting in ends
+    )
+
+
+def _rows(problem: Problem, constraint: Any) -> list[PathRow]:
+    """Rows of a path constraint; of clearances without what they keep beyond their margins."""
+    asked = constraint
+    if isinstance(constraint, Clearance) and constraint.reserve is not None:
+        asked = constraint.of_pairs(constraint.chosen)
+    total = int(np.count_nonzero(constraint.span.nodes(problem.num_steps, problem.dt)))
+    sides = zip(constraint.labels, asked.lower, asked.upper, strict=True)
+    return [PathRow(label.name, float(low), float(high), label.unit, total) for label, low, high in sides]
+
+
+def _limits_along(problem: Problem) -> dict[str, Any]:
+    """Limits that differ from phase to phase."""
+    if not problem.has_limits_of_phases:
+        return {}
+    return {
+        letter: tuple(tuple(_plain(row) for row in side) for side in sides)
+        for letter, sides in problem.limits_along().items()
+        if letter in ("u", "v", "q") and any(phase.limits.finite(letter).any() for phase in problem.phase)
+    }
+
+
+def _plain(values: Array) -> tuple[float, ...]:
+    return tuple(np.asarray(values, dtype=np.float64).tolist())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -72,7 +73,8 @@ def complete(instance: object) -> None:
     rest = vars(instance).get(_REST)
     if rest is None:
         return
-    given = {name: value for name, value in vars(instance).items() if name not in (_REST, _ALONE)}
+    names = {f.name for f in fields(instance)}  # type: ignore[arg-type]  # of a dataclass
+    given = {name: value for name, value in vars(instance).items() if name in names}
     whole = type(instance)(**{**rest(), **given})
     vars(instance).update({name: value for name, value in vars(whole).items() if name not in given})
     for name in (_REST, _ALONE):

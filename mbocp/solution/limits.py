@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,18 +11,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.problem.timeline.phase_time import least_time
 from mbocp.solution.data import SolutionData
-from mbocp.solution.problem_text import (
-    PathRow,
-    duration_range_of,
-    limits_along_of,
-    margins_of,
-    path_rows_of,
-    rate_bounds_of,
-    via_places_of,
-)
+from mbocp.solution.facts import Facts, PathRow
 from mbocp.solution.records import Column
 from mbocp.terms import RATE_TERMS
-from mbocp.terms.span import Span
 
 __all__ = ["ActiveLimit", "active_limits"]
 
@@ -67,63 +58,48 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
 
     Path constraints that are equations are none: every motion touches them.
     """
-    labels = solution.labels
+    labels, facts = solution.labels, solution.facts
     found: list[ActiveLimit] = []
-    for kind, columns, values, limits in (
-        ("control", labels.u, _nearest(solution), solution.limits_u),
-        ("velocity", labels.v, solution.vs[1:], solution.limits_v),
-        ("position", labels.q, solution.qs[1:], solution.limits_q),
+    for kind, letter, columns, values, limits in (
+        ("control", "u", labels.u, _nearest(solution, facts), solution.limits_u),
+        ("velocity", "v", labels.v, solution.vs[1:], solution.limits_v),
+        ("position", "q", labels.q, solution.qs[1:], solution.limits_q),
     ):
-        key = "effort" if kind == "control" else kind
-        along = limits_along_of(solution.problem_text, key, limits)
-        if along is None or along.shape[1:] != values.shape:
+        along = facts.limits_along(letter)
+        if along is None:
             found += _touched(kind, columns, values, limits)
         else:
             found += _touched_along(kind, columns, values, along)
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
-    rows = path_rows_of(solution.problem_text, solution.goal_place) if solution.path_names else {}
-    rates = _rate_bounds(solution) if solution.path_names else {}
-    margins = margins_of(solution.problem_text) if solution.path_names else {}
-    N, unknown = len(solution.t) - 1, PathRow(np.nan, np.nan, "", Span())
+    rows, rates = {row.name: row for row in facts.path}, _rate_bounds(solution, facts)
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
         if name in rates:
             found += _pulled(rates[name], multipliers, pulls)
             continue
-        row = rows.get(name) or rows.get(name.partition(": ")[0] + ": ")
-        row = row or _clearance_row(name, margins) or unknown
-        total = N if row.span == Span() else int(np.count_nonzero(row.span.nodes(N, solution.t[-1] / N)))
+        row = rows.get(name) or PathRow(name, np.nan, np.nan, "", solution.num_steps)
         for side, bound, active in (
             ("lower", row.lower, multipliers < -pulls),
             ("upper", row.upper, multipliers > pulls),
         ):
             if active.any() and not row.is_equation:
                 count = int(np.count_nonzero(active))
-                found.append(ActiveLimit("path", name, side, bound, row.unit, count, total))
-    of_duration = duration_range_of(solution.problem_text)
-    if of_duration is not None:
-        taken = np.array([[float(solution.t[-1] - solution.t[0])]])
-        bounds_of_it = np.array(of_duration)[:, None]
+                found.append(ActiveLimit("path", name, side, bound, row.unit, count, row.total))
+    if facts.duration_range is not None:
+        bounds_of_it = np.array(facts.duration_range)[:, None]
+        taken = np.array([[solution.duration]])
         found += _touched("duration", (Column("horizon", "s"),), taken, bounds_of_it)
-    return (*found, *_of_via(solution, of_duration), *_of_phases(solution))
+    return (*found, *_of_via(solution, facts), *_of_phases(solution))
 
 
-def _nearest(solution: SolutionData) -> Array:
+def _nearest(solution: SolutionData, facts: Facts) -> Array:
     """Of the values of each control in a step the one that is nearest to a limit, shape (N, nu)."""
     if solution.has_constant_controls:
         return solution.us
-    values, found = solution.u_values, limits_along_of(solution.problem_text, "effort", solution.limits_u)
-    lower, upper = solution.limits_u[:, None] if found is None else found
+    values, along = solution.u_values, facts.limits_along("u")
+    lower, upper = solution.limits_u[:, None] if along is None else along
     room = np.minimum(values - lower[:, None], upper[:, None] - values)
     nearest: Array = np.take_along_axis(values, room.argmin(axis=1)[:, None], axis=1)[:, 0]
     return nearest
-
-
-def _clearance_row(name: str, margins: Mapping[str, float]) -> PathRow | None:
-    """What a row of clearances says, by the obstacle at the end of its name; None if it is none of them."""
-    if not name.startswith("distance of "):
-        return None
-    found = next((m for key, m in margins.items() if name.endswith(f" from {key}")), margins.get(""))
-    return None if found is None else PathRow(found, np.inf, "m", Span())
 
 
 def _of_phases(solution: SolutionData) -> Iterator[ActiveLimit]:
@@ -148,17 +124,17 @@ def _touched_along(
                 yield from _touched(kind, (column,), values[where, i : i + 1], sides)
 
 
-def _of_via(solution: SolutionData, of_duration: tuple[float, float] | None) -> Iterator[ActiveLimit]:
+def _of_via(solution: SolutionData, facts: Facts) -> Iterator[ActiveLimit]:
     """Bounds of times that were found, and ways between via points on which hardly any time is left."""
     t, N = solution.t - solution.t[0], solution.num_steps
-    places = [place for place in via_places_of(solution.problem_text) if 0 < place.node < N]
+    places = [place for place in facts.via if place.node < N]
     for place in places:
         if place.is_found and place.earliest < place.latest:
             sides = np.array([[place.earliest or -np.inf], [place.latest]])
             at = t[place.node].reshape(1, 1)
             yield from _touched("time", (Column(place.name, "s"),), at, sides)
     if any(place.is_found for place in places):
-        whole = float(t[-1]) if of_duration is None else of_duration[0]
+        whole = float(t[-1]) if facts.duration_range is None else facts.duration_range[0]
         stops = [0, *(place.node for place in places), N]
         for (first, last), name in zip(
             pairwise(stops), [*(place.name for place in places), "end"], strict=True
@@ -168,13 +144,13 @@ def _of_via(solution: SolutionData, of_duration: tuple[float, float] | None) -> 
                 yield ActiveLimit("way", name, "lower", least, "s", 1, 1)
 
 
-def _rate_bounds(solution: SolutionData) -> dict[str, tuple[str, str, float, float, str]]:
+def _rate_bounds(solution: SolutionData, facts: Facts) -> dict[str, tuple[str, str, float, float, str]]:
     """Kind, name, bounds and unit of limited rates, by the name of their row."""
     found = {}
-    for key, (lower, upper) in rate_bounds_of(solution.problem_text).items():
+    for key, (lower, upper) in facts.rates.items():
         term = RATE_TERMS[key]
         columns = solution.labels.v if term.over == "v" else solution.labels.u
-        for column, low, high in zip(columns, lower, upper, strict=False):
+        for column, low, high in zip(columns, lower, upper, strict=True):
             found[term.row_name(column.name)] = (key, column.name, low, high, term.unit(column.unit))
     return found
 

@@ -30,6 +30,7 @@ from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_appr
 from mbocp.programme import Iterate
 from mbocp.robot import Robot, RobotFiles, singular_closure
 from mbocp.solution.accuracy import Accuracy
+from mbocp.solution.its_problem import facts_of
 from mbocp.solution.later import deferred
 from mbocp.solution.records import Labels, StartRecord
 from mbocp.solution.solution import Solution
@@ -126,9 +127,11 @@ def read_solution(
     }
     if clearance is None or approach is not None:
         now |= _told(approach)
+    now["problem"] = asked or problem
     rest = partial(_rest, formulation, result.iterate, asked or problem, t, motion.qs)
     alone = measures_of(formulation, result.iterate, motion)
     alone["iterate"] = partial(carried_of, formulation, result.iterate)
+    alone["facts_kept"] = partial(facts_of, problem)
     return deferred(Solution, now, rest, alone)
 
 
@@ -147,6 +150,12 @@ def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, 
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
         "robot_spec": dict(robot.spec),
         "problem_text": problem_to_toml(asked),
+        "facts_kept": facts_of(problem),
+        **asked.limits.fields,
+        "scheme": asked.scheme,
+        "lie": asked.lie,
+        "substeps": asked.substeps,
+        "rotations": robot.rotations,
         "options": asdict(problem.solver),
         "versions": dict(_versions()),
         "labels": Labels.of_robot(robot, formulation.constraint_labels),

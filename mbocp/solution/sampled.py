@@ -12,7 +12,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.data import SolutionData
-from mbocp.solution.problem_text import rate_bounds_of
 from mbocp.terms import RATE_TERMS
 
 __all__ = ["Excess", "Sampled", "excesses", "sample"]
@@ -163,7 +162,7 @@ def excesses(solution: SolutionData, rate: float | None = None) -> tuple[Excess,
     samples = sample(solution, rate)
     accelerations, at_accelerations = _differences(samples.velocities, samples.t)
     jerks, at_jerks = _differences(accelerations, at_accelerations)
-    rates = rate_bounds_of(solution.problem_text)
+    facts = solution.facts
     q_places = {column.name: k for k, column in enumerate(solution.labels.q)}
     found: list[Excess] = []
     for k, name in enumerate(columns):
@@ -176,9 +175,9 @@ def excesses(solution: SolutionData, rate: float | None = None) -> tuple[Excess,
             ("acceleration", accelerations, at_accelerations),
             ("jerk", jerks, at_jerks),
         ):
-            if kind in rates:
+            if kind in facts.rates:
                 unit = RATE_TERMS[kind].unit(of_v)
-                found += _over(kind, name, values[:, k], rates[kind][:, places[k]], t, unit)
+                found += _over(kind, name, values[:, k], facts.bounds_of_rate(kind)[:, places[k]], t, unit)
     return tuple(sorted(found, key=lambda excess: -excess.ratio))
 
 

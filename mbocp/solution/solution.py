@@ -6,13 +6,16 @@ import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mbocp
-from mbocp.exceptions import DimensionMismatch, InvalidValue, ResultFileError
+from mbocp._warn import warn_caller
+from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ResultFileError
 from mbocp.solution._values import same
 from mbocp.solution.data import SolutionData
+from mbocp.solution.facts import Facts
 from mbocp.solution.limits import ActiveLimit, active_limits
 
 if TYPE_CHECKING:
@@ -22,7 +25,11 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.terms import OwnTerm
 
-__all__ = ["Solution"]
+__all__ = ["ProblemNotShownWarning", "Solution"]
+
+
+class ProblemNotShownWarning(UserWarning):
+    """The problem of a result cannot be made of its text, and what it asked for is missing in pictures."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -130,6 +137,9 @@ class Solution(SolutionData):
     problem_name, robot_name : str
     robot_spec : dict
         Arguments with which `mbocp.load_robot` loads the robot again.
+    facts_kept : Facts, optional
+        What the problem asked of the motion, in plain values; None of a result of an older mbocp. `facts` has
+        them in either case.
     robot_files : RobotFiles, optional
         The robot's files, of a solution that was read from a result which holds them.
     problem_text : str
@@ -287,9 +297,61 @@ class Solution(SolutionData):
         RobotChangedWarning
             If files of the robot are others on this machine by now; those that the result holds are used.
         """
+        return self._robot
+
+    @cached_property
+    def _robot(self) -> Robot:
         from mbocp.solution.its_robot import robot_of  # as slow to import as all else
 
         return robot_of(self)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem that was solved; of a result from a file, made of its text and robot when asked for.
+
+        Raises
+        ------
+        InvalidValue, RobotError, ProblemFileError
+            As `load_problem`, which takes terms of one's own, too.
+        """
+        return self.load_problem()
+
+    @cached_property
+    def problem_to_show(self) -> Problem | None:
+        """The problem without terms of one's own where these are missing; None where it cannot be made.
+
+        Warns
+        -----
+        ProblemNotShownWarning
+            If it cannot be made.
+        """
+        if "problem" in vars(self):
+            return self.problem
+        from mbocp.solution.its_problem import problem_to_show  # as slow to import as all else
+
+        try:
+            return problem_to_show(self, self.load_robot)
+        except MbocpError as error:
+            warn_caller(f"what the problem asked for is not shown: {error}", ProblemNotShownWarning)
+            return None
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What the problem asked of the motion, in plain values: as the result keeps them, or as it follows.
+
+        Warns
+        -----
+        ProblemNotShownWarning
+            If it keeps none, and the problem cannot be made.
+        """
+        if self.facts_kept is not None or not self.problem_text:
+            return super().facts
+        problem = self.problem_to_show
+        if problem is None:
+            return Facts()
+        from mbocp.solution.its_problem import facts_of  # as slow to import as all else
+
+        return self._fitted(facts_of(problem.member(self.goal_place)))
 
     def load_problem(
         self, overrides: Mapping[str, Any] | Sequence[str] = (), *, terms: Sequence[OwnTerm] = ()
@@ -310,7 +372,7 @@ class Solution(SolutionData):
         """
         from mbocp.solution.its_problem import problem_of  # as slow to import as all else
 
-        return problem_of(self, overrides, terms)
+        return problem_of(self, self.load_robot, overrides, terms)
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:

@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp._text import printable
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution.accuracy import Accuracy
-from mbocp.solution.checked import check_content, read_records
+from mbocp.solution.checked import check_content, read_facts, read_records
 from mbocp.solution.data import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, SolutionData
 from mbocp.solution.its_iterate import MEANING, arrays_of, columns_of, is_part, iterate_in
 from mbocp.solution.records import Column, IterationRecord, Labels, Phase, StartRecord, dual_columns
@@ -21,6 +21,7 @@ from mbocp.storage.content import FileContent
 __all__ = ["content_of", "fields_of"]
 
 _STRUCTURES = ("phases", "history", "robot_spec", "options", "versions")
+_FACTS = "facts"
 _LABELLED = ("q", "v", "p", "u", "lam", "mu", "zeta")
 
 
@@ -36,6 +37,8 @@ def content_of(solution: SolutionData, robot: RobotFiles | None = None) -> FileC
         structures["starts"] = [{**record, "status": str(record["status"])} for record in starts]
     if solution.accuracy.is_known:
         structures["accuracy"] = [dataclasses.asdict(solution.accuracy)]
+    if solution.facts_kept is not None:
+        structures[_FACTS] = dataclasses.asdict(solution.facts_kept)
     arrays = {name: getattr(solution, name) for name in ARRAYS}
     arrays |= {name: getattr(solution, name) for name in OPTIONAL if _says_something(solution, name)}
     arrays |= arrays_of(solution.iterate, arrays)
@@ -66,6 +69,7 @@ def fields_of(content: FileContent) -> dict[str, Any]:
     words = {name: printable(value) for name, value in content.summary.items() if isinstance(value, str)}
     words["advice"] = printable(str(content.summary.get("advice", "")), keep="\n")
     fields: dict[str, Any] = {**own, **content.summary, **words, **content.structures}
+    fields["facts_kept"] = read_facts(fields.pop(_FACTS, None))
     fields["iterate"] = iterate_in(content)
     fields["phases"] = read_records(Phase, fields["phases"])
     fields["history"] = read_records(IterationRecord, fields["history"])

@@ -12,10 +12,8 @@ from mbocp.exceptions import MbocpError
 from mbocp.robot.loops.constraints import Rod
 from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.loops.wrench import wrench_map
-from mbocp.solution.problem_text import held_by_phases
 
 if TYPE_CHECKING:
-    from mbocp.problem import Problem
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
@@ -49,22 +47,20 @@ class ForceMark:
     forces: Array
 
 
-def forces_of(solution: Solution, robot: Robot, problem: Problem | None = None) -> tuple[ForceMark, ...]:
+def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
     """Forces of all constraints between frames: loops, contacts, and what phases hold.
 
     Parameters
     ----------
     solution : Solution
     robot : Robot
-    problem : Problem, optional
-        What was solved; it is made from the text of the solution where phases hold something.
     """
     columns = {label.name: k for k, label in enumerate(solution.labels.lam)}
     if not columns or not np.isfinite(solution.lams).all():
         return ()
     found = [(constraint, robot.model) for constraint in robot.constraints]
-    if held_by_phases(solution.problem_text):
-        made = _problem(solution) if problem is None else problem
+    if solution.facts.held:
+        made = solution.problem_to_show
         if made is not None and made.switches is not None:
             found += [(held.constraint, made.robot.model) for held in made.switches.held]
     marks = []
@@ -99,11 +95,3 @@ def in_time(values: Array, dts: Array) -> Array:
     before = np.maximum(np.searchsorted(timed, np.arange(len(dts)), side="right") - 1, 0)
     found: Array = values[timed[before]]
     return found
-
-
-def _problem(solution: Solution) -> Problem | None:
-    """The problem that was solved, if it can still be made."""
-    try:
-        return solution.load_problem()
-    except MbocpError:
-        return None

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mbocp._arrays import Array
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.kinematics import WORLD
-from mbocp.solution.problem_text import lines_of, obstacles_of, via_goals_of
 from mbocp.view.forces import ForceMark, forces_of
 
 if TYPE_CHECKING:
@@ -55,21 +55,21 @@ class Marks:
     forces: tuple[ForceMark, ...] = ()
 
 
-def marks_of(problem: Problem, times: Array | None = None) -> Marks:
-    """Poses of frames at the via points of a problem, lines and paths of its path constraints, obstacles.
-
-    Parameters
-    ----------
-    problem : Problem
-    times : ndarray, shape (N + 1,), optional
-        Of the nodes of a motion [s]; default: those of the problem, or their guess.
-    """
+def marks_of(problem: Problem) -> Marks:
+    """Poses of frames at the via points of a problem, lines and paths of its path constraints, obstacles."""
     from mbocp.problem.timeline.phases import node_times  # slow to import, and of no use to a result
 
-    at = node_times(problem) if times is None else times
+    at = node_times(problem)
+    shares = {point.via.name: float(at[point.node] / at[-1]) for point in problem.waypoints}
+    return _marks(problem, shares)
+
+
+def _marks(problem: Problem, shares: Mapping[str, float]) -> Marks:
+    """What is drawn of a problem, with the via points of which it is known when they are passed."""
     via = (
-        ViaMark(float(at[point.node] / at[-1]), frame)
+        ViaMark(shares[point.via.name], frame)
         for point in problem.waypoints
+        if point.via.name in shares
         for frame in point.via.goal.poses
     )
     lines = (constraint.term.drawn(constraint) for constraint in problem.frame_constraints)
@@ -78,13 +78,13 @@ def marks_of(problem: Problem, times: Array | None = None) -> Marks:
 
 
 def marks_of_result(solution: Solution, robot: Robot) -> Marks:
-    """The same from the text of the problem that a result holds; frames that the robot lacks are left out."""
-    t, known = solution.t - solution.t[0], {WORLD, *robot.frame_names}
-    via = [
-        ViaMark(float(t[min(node, solution.num_steps)] / t[-1]) if t[-1] > 0.0 else 0.0, goal)
-        for node, goal in via_goals_of(solution.problem_text)
-        if {goal.name, goal.target.relative_to} <= known
-    ]
-    obstacles = (o for o in obstacles_of(solution.problem_text) if o.frame in known)
-    forces = forces_of(solution, robot)
-    return Marks(tuple(via), lines_of(solution.problem_text), tuple(obstacles), forces)
+    """Return the same of a solution's problem, and its forces; frames that `robot` lacks are left out."""
+    known, forces = {WORLD, *robot.frame_names}, forces_of(solution, robot)
+    problem = solution.problem_to_show
+    if problem is None:
+        return Marks(forces=forces)
+    whole = solution.duration or 1.0
+    marks = _marks(problem, {name: time / whole for name, time in solution.via_times.items()})
+    via = (mark for mark in marks.via if {mark.goal.name, mark.goal.target.relative_to} <= known)
+    obstacles = (obstacle for obstacle in marks.obstacles if obstacle.frame in known)
+    return replace(marks, via=tuple(via), obstacles=tuple(obstacles), forces=forces)

@@ -10,16 +10,16 @@ import numpy as np
 
 from mbocp.exceptions import ReplayError
 from mbocp.robot.kinematics import WORLD
-from mbocp.solution.problem_text import goal_targets_of, other_goal_targets_of
 from mbocp.view.marks import marks_of_result
 from mbocp.view.movie import Film, frame_times, pictures_of, write_frames, write_movie
 from mbocp.view.replay import OtherMotion, open_replay, replay_page, write_replay
 
 if TYPE_CHECKING:
-    from mbocp.robot import Robot
+    from mbocp.problem import Problem
+    from mbocp.robot import FrameTarget, Robot
     from mbocp.solution import Solution
 
-__all__ = ["drawn_of", "film_solution", "replay_solution"]
+__all__ = ["drawn_of", "film_solution", "goals_of", "replay_solution"]
 
 _MAX_GHOSTS = 50
 
@@ -140,17 +140,20 @@ def _spread(solution: Solution, count: int) -> list[float]:
     return [last] if count == 1 else [float(time) for time in np.linspace(first, last, count)]
 
 
+def goals_of(problem: Problem, place: int | None) -> tuple[list[FrameTarget], list[FrameTarget]]:
+    """Poses that the goal asks of frames, and those that the others ask, where there are several."""
+    others = [goal for k, goal in enumerate(problem.goals) if k != place]
+    ours = problem.member(place).goal
+    return [pose.target for pose in ours.poses], [pose.target for goal in others for pose in goal.poses]
+
+
 def drawn_of(solution: Solution, robot: Robot) -> dict[str, Any]:
     """What a replay of a solution draws besides the robot, as arguments of `write_replay`."""
-    known = {WORLD, *robot.frame_names}
-    text, place = solution.problem_text, solution.goal_place
-    goals, others = (
-        [goal for goal in found(text, place) if {goal.name, goal.relative_to} <= known]
-        for found in (goal_targets_of, other_goal_targets_of)
-    )
+    known, problem = {WORLD, *robot.frame_names}, solution.problem_to_show
+    ours, others = ([], []) if problem is None else goals_of(problem, solution.goal_place)
     return {
-        "goals": goals,
-        "other_goals": others,
+        "goals": [goal for goal in ours if {goal.name, goal.relative_to} <= known],
+        "other_goals": [goal for goal in others if {goal.name, goal.relative_to} <= known],
         "marks": marks_of_result(solution, robot),
         "title": solution.problem_name or robot.name,
     }

@@ -159,8 +159,10 @@ def _meshes() -> tuple[Entry, ...]:
 
 def _results() -> tuple[Entry, ...]:
     text = (ROOT / "examples/paper/rigid_pendulum.toml").read_text(encoding="utf-8")
+    words = {"num_steps": 12, "robot_spec": {"name": "rigid_pendulum"}, "problem_text": text}
     solutions = {
-        "pendulum": pendulum(num_steps=12, robot_spec={"name": "rigid_pendulum"}, problem_text=text),
+        "pendulum": pendulum(**words),
+        "without facts": pendulum(**words, facts_kept=None),
         "limited": limited(),
         "arm": arm(num_steps=5),
     }

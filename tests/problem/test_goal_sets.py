@@ -19,8 +19,8 @@ from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_tom
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.robot import FrameTarget, load_robot
 from mbocp.solution import Solution, limits
-from mbocp.solution.problem_text import goal_targets_of, other_goal_targets_of
 from mbocp.view.meshcat.goals import goal_commands, goal_placements
+from mbocp.view.of_solution import goals_of
 from tests.integrators.conftest import interpreted_functions
 
 NEAR = {"frame": {"name": "tool0", "position": [0.45, 0.25, 0.35]}}
@@ -187,10 +187,9 @@ def test_tolerances_are_those_of_the_goal_that_is_taken() -> None:
 
 
 def test_replays_draw_the_others_faint() -> None:
-    problem = posed(FAR, NEAR)
-    text = problem_to_toml(problem)
-    assert [t.position[0] for t in goal_targets_of(text, 1) if t.position is not None] == [0.45]
-    assert [t.position[0] for t in other_goal_targets_of(text, 1) if t.position is not None] == [-0.45]
+    ours, others = goals_of(posed(FAR, NEAR), 1)
+    assert [t.position[0] for t in ours if t.position is not None] == [0.45]
+    assert [t.position[0] for t in others if t.position is not None] == [-0.45]
     robot = load_robot("ur5")
     targets = [FrameTarget(**NEAR["frame"]), FrameTarget(**FAR["frame"])]
     placed = goal_placements(robot, targets, robot.q0)

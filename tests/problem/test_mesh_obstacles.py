@@ -17,7 +17,6 @@ from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot
 from mbocp.robot.collision.hull import hull_of
-from mbocp.solution.problem_text import obstacles_of
 from mbocp.terms import Point
 from mbocp.view.meshcat.collision import obstacle_commands, obstacle_points
 from tests.problem.test_obstacles import box, planar, problem
@@ -128,8 +127,6 @@ def test_a_file_says_the_same_again(planar: Robot, tmp_path: Path) -> None:
     np.testing.assert_allclose(again.obstacle[0].hull.volume, hull_of(np.array(STONE)).volume)
     for name, value in p.clearance.numbers.items():
         np.testing.assert_array_equal(again.clearance.numbers[name], value)
-    (drawn,) = obstacles_of(text)
-    assert drawn.hull == p.obstacle[0].hull
 
 
 def test_files_are_beside_the_problem(tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot, load_robot
-from mbocp.solution.problem_text import obstacles_of
 from mbocp.terms import Point
 from tests.robot.urdfs import link, robot, write
 
@@ -193,7 +192,7 @@ def test_a_file_says_the_same_again(planar):
     assert again.clearance.labels == p.clearance.labels
     for name, value in p.clearance.numbers.items():
         np.testing.assert_array_equal(again.clearance.numbers[name], value)
-    assert [o.table.keys() for o in obstacles_of(text)] == [o.table.keys() for o in p.obstacle]
+    assert [o.table.keys() for o in again.obstacle] == [o.table.keys() for o in p.obstacle]
     changed = p.with_(obstacle=[box(margin=0.03)])
     assert (changed.obstacle[0].margin, len(changed.obstacle)) == (0.03, 1)
 

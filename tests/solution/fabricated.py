@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbocp.solution import Column, IterationRecord, Labels, Phase, Solution, Status
+from mbocp.solution.facts import Facts
 
 ARM_JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
 
@@ -76,6 +77,7 @@ def fabricate(
         "robot_name": "wavy",
         "robot_spec": {"spec": "wavy", "lock": ["finger"]},
         "problem_text": 'robot = "wavy"  # π\n',
+        "facts_kept": Facts(),
         "guess_used": "hold",
         "options": {"tolerance": 1e-9, "limit": float("inf"), "weights": np.array([1.0, float("nan")])},
         "versions": {"mbocp": "0.1.0"},

@@ -13,8 +13,10 @@ import h5py
 import numpy as np
 import pytest
 
-from mbocp.exceptions import InvalidValue, ResultFileError
+from mbocp.exceptions import MbocpError, ResultFileError
 from mbocp.solution import Solution
+from mbocp.solution.facts import Facts
+from mbocp.solution.solution import ProblemNotShownWarning
 from mbocp.storage import guarded, reading, seal
 
 from .damage import edit, edited_image, make_old
@@ -302,14 +304,8 @@ WRONG: dict[str, tuple[Callable[[h5py.File], object], str]] = {
         lambda file: [file[f"{T}/eta"].attrs.__setitem__(k, ["a"]) for k in ("columns", "units")],
         "columns of eta: got 1",
     ),
-    "limits_3": (put_text("problem_text", "limits = 3"), "problem_text: got limits"),
-    "integrator_3": (put_text("problem_text", "integrator = 3"), "problem_text: got integrator"),
-    "substeps_text": (put_text("problem_text", "[integrator]\nsubsteps = 'x'"), "integrator.substeps"),
-    "substeps_inf": (put_text("problem_text", "[integrator]\nsubsteps = inf"), "integrator.substeps"),
-    "words_in_limits": (
-        put_text("problem_text", "[limits]\neffort = [['a', 'b']]\nposition = [[1, 2]]"),
-        "limits_q",
-    ),
+    "facts_of_words": (put_text("facts", '{"via": [["a", "b"]]}'), "facts: via.0.1: got 'b'"),
+    "facts_that_are_none": (put_text("facts", "[]"), "text: facts: got"),
     "not_utf8": (put(f"{TEXT}/problem_text", np.full(3, 255, dtype=np.uint8)), "damaged or incomplete"),
     "not_json": (put_text("options", "{"), "damaged or incomplete"),
     "deep_json": (put_text("options", "[" * 100_000), "damaged or incomplete"),
@@ -353,11 +349,27 @@ def test_no_numbers_are_needed_where_nothing_converged(tmp_path: Path) -> None:
     assert Solution.load(tmp_path / "result.h5") == saved
 
 
-def test_texts_that_are_no_problem_are_refused_by_solutions() -> None:
-    with pytest.raises(InvalidValue, match="problem_text: got limits: Input should be a valid dictionary"):
-        pendulum(problem_text="limits = 3")
-    for text in ("[" * 50_000, "x = " + "1" * 5000):  # beyond what TOML's reader reads
-        assert pendulum(problem_text=text).scheme == ""
+@pytest.mark.parametrize(
+    "text",
+    [
+        "limits = 3",
+        "[" * 50_000,
+        "x = " + "1" * 5000,
+        "horizon = 1",
+        "[horizon]\nsteps = 'x'",
+        "[[via]]\nq = 3",
+    ],
+)
+def test_texts_that_are_no_problem_are_told_when_the_problem_is_wanted(text: str, tmp_path: Path) -> None:
+    """Older results keep no facts: they have none where the problem cannot be made."""
+    made = pendulum(problem_text=text, robot_spec={"name": "rigid_pendulum"}, facts_kept=None)
+    loaded = Solution.load(made.save(tmp_path / "old.h5"))
+    with pytest.raises(MbocpError):
+        loaded.problem  # noqa: B018
+    with pytest.warns(ProblemNotShownWarning, match="not shown: .*"):
+        assert loaded.facts == Facts()
+    assert loaded.active_limits == ()
+    assert loaded.problem_to_show is None  # said once
 
 
 # Any change at all.
@@ -410,6 +422,7 @@ def strange(value: Any, draw: random.Random) -> Any:
 @pytest.mark.parametrize(
     ("count", "seed"), [(40, 1), pytest.param(1500, 2, marks=pytest.mark.slow)], ids=["short", "long"]
 )
+@pytest.mark.filterwarnings("ignore::mbocp.solution.solution.ProblemNotShownWarning")
 def test_any_change_gives_a_solution_or_one_error(make: Any, count: int, seed: int, tmp_path: Path) -> None:
     path = make(num_steps=20).save(tmp_path / "result.h5")
     for image in mutants(path.read_bytes()[seal.SEAL_SIZE :], count, seed):

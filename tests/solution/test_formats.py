@@ -11,6 +11,7 @@ import pytest
 
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution import Column, Solution
+from mbocp.solution.facts import Facts
 from mbocp.solution.sampled import excesses, sample
 
 from .fabricated import fabricate
@@ -82,8 +83,8 @@ def test_the_worst_excess_comes_first():
 
 def test_accelerations_and_jerks_are_differences_of_samples():
     """Of sin(k t) / k the acceleration is k at most, and the jerk k^2."""
-    text = 'robot = "x"\n[limits]\nacceleration = [[-1.0, 1.0], [-1.5, 1.5]]\njerk = [[-20, 20], [-2, 2]]\n'
-    solution = replace(arm(2), problem_text=text)
+    rates = {"acceleration": ((-1.0, -1.5), (1.0, 1.5)), "jerk": ((-20.0, -2.0), (20.0, 2.0))}
+    solution = replace(arm(2), facts_kept=Facts(rates=rates))
     for rate in (None, 125.0, 500.0):
         found = {(e.kind, e.name): e for e in excesses(solution, rate)}
         assert ("acceleration", "j0") not in found

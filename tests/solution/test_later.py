@@ -91,7 +91,8 @@ def test_every_use_has_all_fields(use: str) -> None:
 
 def test_fields_that_are_there_have_the_types_of_checked_ones() -> None:
     solution = mbocp.solve(PENDULUM)
-    given = {name: value for name, value in vars(solution).items() if not name.startswith("_")}
+    names = {field.name for field in dataclasses.fields(solution)}
+    given = {name: value for name, value in vars(solution).items() if name in names}
     complete(solution)
     whole = Solution(**{field.name: getattr(solution, field.name) for field in dataclasses.fields(solution)})
     for name, value in given.items():

@@ -10,6 +10,7 @@ import pytest
 
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.solution import Column, IterationRecord, Labels, Status
+from mbocp.solution.facts import Facts, PathRow
 
 from .fabricated import arm, limited, pendulum
 
@@ -63,16 +64,6 @@ def test_without_limits_nothing_is_active() -> None:
     assert solution.limit_violation == 0.0
 
 
-def test_the_limits_are_those_of_the_problem_unless_they_are_given() -> None:
-    text = "[limits]\neffort = [[-1, 1], [-2, 2], [-inf, 3]]\nvelocity = true\n"
-    made = pendulum(problem_text=text)
-    np.testing.assert_array_equal(made.limits_u, [[-1, -2, -np.inf], [1, 2, 3]])
-    assert np.isinf(made.limits_v).all()  # what the robot's own are only the robot knows
-    np.testing.assert_array_equal(limited(problem_text=text).limits_u[0], [-20, -20, -20])
-    with pytest.raises(DimensionMismatch, match="limits_u"):
-        arm(problem_text=text)
-
-
 def test_limits_that_the_motion_touches() -> None:
     solution = limited()
     found = {(a.kind, a.name, a.side): a for a in solution.active_limits}
@@ -85,8 +76,8 @@ def test_limits_that_the_motion_touches() -> None:
 
 
 def test_bounds_of_path_constraints_are_those_of_the_problem() -> None:
-    text = 'path = [{name = "ceiling", kind = "position", frame = "bob", z = [-5.5, inf]}]\n'
-    (ceiling,) = [a for a in limited(problem_text=text).active_limits if a.kind == "path"]
+    facts = Facts(path=(PathRow("ceiling.z", -5.5, np.inf, "m", 20),))
+    (ceiling,) = [a for a in limited(facts_kept=facts).active_limits if a.kind == "path"]
     assert (ceiling.name, ceiling.side, ceiling.bound, ceiling.unit) == ("ceiling.z", "lower", -5.5, "m")
     (unknown,) = [a for a in limited().active_limits if a.kind == "path"]
     assert np.isnan(unknown.bound)
@@ -211,22 +202,3 @@ def test_options_are_copied() -> None:
     solution = pendulum(options=options)
     options["nested"]["tolerance"] = 1.0
     assert solution.options["nested"]["tolerance"] == 1e-9
-
-
-@pytest.mark.parametrize(
-    ("text", "scheme"),
-    [
-        ('[integrator]\nscheme = "midpoint"\n', "midpoint"),
-        ('robot = "ur5"\n', "se1"),  # the default of a problem file
-        ("not a problem file", ""),
-    ],
-)
-def test_scheme_is_that_of_the_problem(text: str, scheme: str) -> None:
-    assert arm(problem_text=text).scheme == scheme
-
-
-def test_the_integrator_is_that_of_the_problem_unless_it_is_given() -> None:
-    text = '[robot]\nrotations = "dcm"\n[integrator]\nscheme = "rk4"\nlie = "plain"\nsubsteps = 3\n'
-    made = arm(problem_text=text)
-    assert (made.scheme, made.lie, made.substeps, made.rotations) == ("rk4", "plain", 3, "dcm")
-    assert (limited().scheme, limited().substeps, limited().rotations) == ("rk4", 2, "dcm")

@@ -9,6 +9,7 @@ import pytest
 
 import mbocp
 from mbocp.robot import Label
+from mbocp.solution.facts import Facts
 from mbocp.view.forces import ForceMark, forces_of, in_time
 from mbocp.view.meshcat.arrows import force_arrows
 from mbocp.view.motion import sample_motion
@@ -59,7 +60,7 @@ def test_forces_of_a_loop_are_those_on_its_first_frame() -> None:
     names = [constraint.rows[k].name for k in range(len(constraint.rows))]
     lams = rng.normal(size=(4, len(names)))
     labels = SimpleNamespace(lam=tuple(Label(name, "J/m") for name in names))
-    made = SimpleNamespace(labels=labels, lams=lams, t=np.linspace(0.0, 1.0, 5), problem_text="")
+    made = SimpleNamespace(labels=labels, lams=lams, t=np.linspace(0.0, 1.0, 5), facts=Facts())
     (mark,) = forces_of(made, robot)
     assert (mark.frame, mark.other) == (constraint.frame_a, constraint.frame_b)
     np.testing.assert_allclose(mark.forces[:, 0], -lams[:, 0])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp.solution import Solution
-from mbocp.solution.problem_text import contacts_of, held_by_phases
 from mbocp.view.figures.lines import LinePanel
 from mbocp.view.figures.style import plain_text
 from mbocp.view.forces import in_time
@@ -20,7 +19,7 @@ def force_panels(solution: Solution) -> list[LinePanel]:
 
     Impulses are no forces: in steps of no duration the force of the step before goes on.
     """
-    asked = held_by_phases(solution.problem_text) | contacts_of(solution.problem_text)
+    asked = {*solution.facts.held, *solution.facts.contacts}
     columns: dict[str, list[int]] = {}
     for k, column in enumerate(solution.labels.lam):
         owner = column.name if column.name in asked else column.name.rpartition(".")[0]

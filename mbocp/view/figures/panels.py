@@ -14,7 +14,6 @@ from mbocp.integrators import control_basis
 from mbocp.mechanics.rates import rates_along
 from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
-from mbocp.solution.problem_text import acceleration_before, held_by_phases, rate_bounds_of
 from mbocp.solution.records import dual_columns
 from mbocp.terms import RATE_TERMS
 from mbocp.view.figures.forces import force_panels
@@ -127,21 +126,22 @@ def rate_limit_panels(
 
     `always`: keys of `mbocp.terms.RATE_TERMS` that are shown without limits, too.
     """
-    found, bounds = [], rate_bounds_of(solution.problem_text)
-    keys = [key for key in RATE_TERMS if key in bounds or key in always]
+    found, facts = [], solution.facts
+    keys = [key for key in RATE_TERMS if key in facts.rates or key in always]
     if not keys:
         return []
     linear = solution.u_values if solution.has_linear_controls else None
     ends = solution.us_at_ends
-    before = acceleration_before(solution.problem_text)
+    before = np.array(facts.a_start) if facts.a_start else None
     motion = (solution.qs, solution.vs, solution.us, np.diff(solution.t), ends, linear)
-    rates = rates_along(robot, *motion, before if before.size == solution.nv else None)
+    rates = rates_along(robot, *motion, before)
     for key in keys:
         term = RATE_TERMS[key]
         labels = solution.labels.v if term.over == "v" else solution.labels.u
-        limits = bounds.get(key, np.array([[-np.inf], [np.inf]]) * np.ones(len(labels)))
-        if key not in rates or limits.shape != (2, len(labels)):
+        if key not in rates:
             continue
+        none = np.outer([-np.inf, np.inf], np.ones(len(labels)))
+        limits = facts.bounds_of_rate(key) if key in facts.rates else none
         columns = [Column(column.name, term.unit(column.unit)) for column in labels]
         title, symbol = _RATES[key]
         found += line_panels(title, symbol, columns, solution.t, rates[key], step=True, limits=limits)
@@ -319,7 +319,7 @@ def _violations(solution: Solution, violation: Array) -> list[tuple[str, Array]]
     if count > _MAX_CONSTRAINTS:
         return [(f"worst of {count}", np.abs(violation).max(axis=1))]
     # Natural coordinates have more constraints; those of the robot are the last, but for what phases hold.
-    held = held_by_phases(solution.problem_text)
+    held = {*solution.facts.held}
     own = [c.name for c in solution.labels.lam if not {c.name, c.name.rpartition(".")[0]} & held]
     names = own[-count:]
     return [(name, np.abs(violation[:, i])) for i, name in enumerate(names)]

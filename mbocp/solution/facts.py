@@ -1,0 +1,173 @@
+"""What a problem asks of a motion, in plain values that a result keeps.
+
+They follow from the problem, see `mbocp.solution.its_problem`. A result has them beside the text of its
+problem: nobody has to make the problem again to say which limits a motion touches, or where its phases end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.terms.rates import RATE_TERMS
+
+__all__ = ["Facts", "PathRow", "PhasePlace", "ViaPlace"]
+
+_Numbers = tuple[float, ...]
+
+
+class ViaPlace(NamedTuple):
+    """A via point of a solved problem.
+
+    Attributes
+    ----------
+    name : str
+    node : int
+    is_found : bool
+        Whether the solver found its time.
+    earliest, latest : float
+        Bounds of that time [s]; infinite, or 0, where there is none.
+    """
+
+    name: str
+    node: int
+    is_found: bool
+    earliest: float
+    latest: float
+
+
+class PhasePlace(NamedTuple):
+    """A phase of a solved problem.
+
+    Attributes
+    ----------
+    name : str
+    first, last : int
+        Nodes where it begins and ends; an impact at its beginning is part of it.
+    shortest, longest : float
+        Bounds of its duration [s]; the same where it was given.
+    has_impact : bool
+        Whether its first step takes no time.
+    has_parting : bool
+        Whether its last step takes no time.
+    """
+
+    name: str
+    first: int
+    last: int
+    shortest: float
+    longest: float
+    has_impact: bool = False
+    has_parting: bool = False
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the solver found its duration."""
+        return self.shortest < self.longest
+
+
+class PathRow(NamedTuple):
+    """What a row of the path constraints says.
+
+    Attributes
+    ----------
+    name : str
+    lower, upper : float
+        Bounds; the same where it is an equation.
+    unit : str
+    total : int
+        At how many nodes it holds.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    unit: str
+    total: int
+
+    @property
+    def is_equation(self) -> bool:
+        """Whether both bounds are the same."""
+        return self.lower == self.upper
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a problem asks of a motion.
+
+    Attributes
+    ----------
+    duration_range : tuple of float, optional
+        Least and greatest duration [s]; None where it is given.
+    via : tuple of ViaPlace
+        The via points, in the order of their nodes.
+    phases : tuple of PhasePlace
+        The phases that have names, in their order.
+    path : tuple of PathRow
+        The rows of the path constraints.
+    rates : mapping of str to (tuple of float, tuple of float)
+        Lower and upper bounds by key of `mbocp.terms.RATE_TERMS`, for all velocities or controls; where
+        phases differ, the widest of them.
+    along : mapping of str to (tuple, tuple)
+        Lower and upper limits of "u" in the N steps, and of "v" and "q" at the nodes 1..N, where phases have
+        limits of their own.
+    held, contacts : tuple of str
+        Names of what phases hold, and of constraints whose forces are bounded.
+    a_start : tuple of float
+        Acceleration before the start, for each velocity.
+    """
+
+    duration_range: tuple[float, float] | None = None
+    via: tuple[ViaPlace, ...] = ()
+    phases: tuple[PhasePlace, ...] = ()
+    path: tuple[PathRow, ...] = ()
+    rates: Mapping[str, tuple[_Numbers, _Numbers]] = field(default_factory=dict)
+    along: Mapping[str, tuple[tuple[_Numbers, ...], tuple[_Numbers, ...]]] = field(default_factory=dict)
+    held: tuple[str, ...] = ()
+    contacts: tuple[str, ...] = ()
+    a_start: _Numbers = ()
+
+    def fit(self, num_steps: int, sizes: Mapping[str, int]) -> Facts:
+        """Return what fits a motion; a file may say something else, and so may a problem of other steps.
+
+        Parameters
+        ----------
+        num_steps : int
+        sizes : mapping of str to int
+            Numbers of "q", "v" and "u".
+        """
+        ends = [0, *(phase.last for phase in self.phases)]
+        begins = [*(phase.first for phase in self.phases), num_steps]
+        is_whole = ends == begins and all(first < last for first, last in pairwise(ends))
+        return replace(
+            self,
+            via=tuple(place for place in self.via if 0 < place.node <= num_steps),
+            phases=self.phases if is_whole else (),
+            rates={
+                key: bounds
+                for key, bounds in self.rates.items()
+                if key in RATE_TERMS and all(len(side) == sizes[RATE_TERMS[key].over] for side in bounds)
+            },
+            along={
+                letter: sides
+                for letter, sides in self.along.items()
+                if letter in sizes
+                and all(len(side) == num_steps for side in sides)
+                and all(len(row) == sizes[letter] for side in sides for row in side)
+            },
+            a_start=self.a_start if len(self.a_start) == sizes["v"] else (),
+        )
+
+    def bounds_of_rate(self, key: str) -> Array:
+        """Lower and upper bounds of a key of `rates`, shape (2, n)."""
+        return np.array(self.rates[key], dtype=np.float64)
+
+    def limits_along(self, letter: str) -> Array | None:
+        """Limits in the steps, or at the nodes 1..N, shape (2, N, n); None where all phases have the same."""
+        sides = self.along.get(letter)
+        return None if sides is None else np.array(sides, dtype=np.float64)
