@@ -318,7 +318,7 @@ class Solution(SolutionData):
 
     @cached_property
     def problem_to_show(self) -> Problem | None:
-        """The problem without terms of one's own where these are missing; None where it cannot be made.
+        """The problem, without terms of one's own where these are missing; None where it cannot be made.
 
         Warns
         -----
@@ -327,6 +327,8 @@ class Solution(SolutionData):
         """
         if "problem" in vars(self):
             return self.problem
+        if not self.problem_text:
+            return None
         from mbocp.solution.its_problem import problem_to_show  # as slow to import as all else
 
         try:
@@ -344,7 +346,7 @@ class Solution(SolutionData):
         ProblemNotShownWarning
             If it keeps none, and the problem cannot be made.
         """
-        if self.facts_kept is not None or not self.problem_text:
+        if self.facts_kept is not None:
             return super().facts
         problem = self.problem_to_show
         if problem is None:

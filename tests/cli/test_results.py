@@ -57,7 +57,8 @@ def test_a_motion_that_is_none_cannot_be_drawn(folder: Path, run: Run, command: 
     """The line names the file."""
     spec = dict(mbocp.load_robot("rigid_pendulum").spec)
     nothing = np.full((101, 3), np.nan)
-    pendulum(status="diverged", qs=nothing, robot_spec=spec).save(folder / "diverged.h5")
+    made = pendulum(status="diverged", qs=nothing, robot_spec=spec, problem_text="")
+    made.save(folder / "diverged.h5")
     done = run(command, "diverged.h5")
     assert done.exit_code == 2
     words = " ".join(done.stderr.split())

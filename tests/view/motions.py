@@ -19,7 +19,7 @@ def motion(robot: Robot, q_end: Any, **others: Any) -> Solution:
     dq = pin.difference(robot.model, robot.q0, np.asarray(q_end, dtype=float))
     qs = np.array([pin.integrate(robot.model, robot.q0, x * x * (3 - 2 * x) * dq) for x in s])
     q, v, u = list(labels.q), list(labels.v), list(labels.u)
-    made = fabricate(q, v, u, num_steps=20, num_constraints=robot.nc, qs=qs, labels=labels)
+    made = fabricate(q, v, u, num_steps=20, num_constraints=robot.nc, qs=qs, labels=labels, problem_text="")
     return dataclasses.replace(made, **others)
 
 

@@ -13,6 +13,7 @@ from PIL import Image
 
 from mbocp.robot import load_robot
 from mbocp.solution import Labels, Solution
+from mbocp.solution.solution import ProblemNotShownWarning
 from mbocp.view import browser
 from mbocp.view.figures.space import frame_panels
 from mbocp.view.report import write_report
@@ -41,7 +42,8 @@ def a_solution(name: str) -> Solution:
 def page(request, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp(request.param)
     facts = [("status", "all <well>")]
-    return write_report(a_solution(request.param), folder / "page.html", facts=facts)
+    with pytest.warns(ProblemNotShownWarning, match="horizon: this key is missing"):
+        return write_report(a_solution(request.param), folder / "page.html", facts=facts)
 
 
 def test_a_report_is_one_file(page: Path) -> None:
