@@ -20,6 +20,7 @@ from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.solution.records import Status
+from mbocp.storage.content import QUANTITIES
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -126,6 +127,17 @@ def test_every_key_of_the_summary_is_explained() -> None:
     page = text("docs/results.md")
     for key in solution.to_dict():
         assert f"`{key}`" in page, key
+
+
+def test_every_quantity_of_a_result_is_explained() -> None:
+    """With the axis that its rows run over."""
+    rows = re.findall(r"^\| (`[^|]*`) \| [^|]* \|([^|]*)\| [^|]* \|$", text("docs/results.md"), re.MULTILINE)
+    told = {name: words.strip() for names, words in rows for name in re.findall(r"`(\w+)`", names)}
+    axes = {"node": "nodes", "later node": "nodes 1..N", "step": "steps", "side": "lower, upper"}
+    for name, quantity in QUANTITIES.items():
+        assert name in told, name
+        if quantity.axes[0] in axes:
+            assert told[name] == axes[quantity.axes[0]], name
 
 
 def test_references_have_an_entry() -> None:

@@ -13,8 +13,11 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue
+from mbocp.storage.content import QUANTITIES, Quantity
 
 __all__ = ["checked_arrays", "json_copy", "same"]
+
+_NAMED = ("lam", "zeta", "symmetry", "path")  # axes of which there may be none
 
 
 def same(a: Any, b: Any) -> bool:
@@ -62,61 +65,54 @@ def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) ->
     t = frozen_array(given["t"], shape=(None,), name="t")
     if len(t) < 2:
         raise DimensionMismatch("t", t.shape, (None,), "a trajectory has at least one step, so two nodes")
-    nodes, steps = len(t), len(t) - 1
+    sizes = _sizes(given, len(t), num_momenta, num_path)
+    found = {}
+    for name, quantity in QUANTITIES.items():
+        array, shape = np.asarray(given[name], dtype=float), tuple(sizes[axis] for axis in quantity.axes)
+        if quantity.may_lack and quantity.absent is None and not array.size:
+            array, shape = np.zeros((0,) * len(shape)), (0,) * len(shape)
+        elif quantity.absent is not None and not array.size:
+            array = _absent(quantity, sizes)
+        found[name] = frozen_array(array, shape=shape, name=name)
+    return found
+
+
+def _sizes(given: Mapping[str, Any], nodes: int, num_momenta: int, num_path: int) -> dict[str, int | None]:
+    """Lengths of the axes of `QUANTITIES`; None where any will do."""
     vs = frozen_array(given["vs"], shape=(nodes, None), name="vs")
-    lams = _or_absent(given["lams"], np.zeros((steps, 0)))
-    nv, nc = vs.shape[1], _width("lams", lams)
-    shapes: dict[str, tuple[int | None, ...]] = {
-        "t": (nodes,),
-        "qs": (nodes, None),
-        "vs": (nodes, nv),
-        "ps": (nodes, nv),
-        "us": (steps, None),
-        "lams": (steps, nc),
-        "mus": (nodes, 2 * nv),
-        "zetas": (steps, nc),
-        "eta": (None,),
-        "control_hamiltonians": (steps,),
-        "control_momenta": (nodes, num_momenta),
-        "manifold_drifts": (nodes,),
-        "lam_path": (steps, num_path),
-        "gains": (None, None, None),
-        "u_values": (None, None, None),
-        "u_shares": (None,),
+    nv, nu, nq = vs.shape[1], _width("us", given["us"]), _width("qs", given["qs"])
+    nc = _width("lams", given["lams"]) if np.size(given["lams"]) else 0
+    num_values = np.size(given["u_shares"])
+    moves = np.shape(given["gains"])[-1]  # linear controls answer what they are away themselves, too
+    return {
+        "node": nodes,
+        "later node": nodes - 1,
+        "step": nodes - 1,
+        "side": 2,
+        "condition": None,
+        "q": nq,
+        "v": nv,
+        "p": nv,
+        "u": nu,
+        "lam": nc,
+        "zeta": nc,
+        "mu": 2 * nv,
+        "symmetry": num_momenta,
+        "path": num_path,
+        "share": num_values,
+        "answer": max(num_values, 1) * nu,
+        "move": 2 * nv,
+        **({"move": moves} if num_values == 2 and moves == 2 * nv + nu else {}),
     }
-    widths = (
-        ("u", _width("us", given["us"]), steps),
-        ("v", nv, nodes),
-        ("q", _width("qs", given["qs"]), nodes),
-    )
-    for letter, size, rows in widths:
-        shapes |= {f"limits_{letter}": (2, size), f"lam_{letter}s": (rows, size)}
-    absent = {
-        "lams": np.zeros((steps, 0)),
-        "zetas": np.zeros((steps, 0)),
-        "control_hamiltonians": np.full(steps, np.nan),
-        "control_momenta": np.zeros((nodes, 0)),
-        "manifold_drifts": np.full(nodes, np.nan),
-        "lam_path": np.zeros((steps, 0)),
-        "gains": np.zeros((0, 0, 0)),
-        "u_values": np.zeros((0, 0, 0)),
-        "u_shares": np.zeros(0),
-    }
-    num_u, num_values = _width("us", given["us"]), np.size(given["u_shares"])
-    if num_values or np.size(given["u_values"]):
-        shapes["u_values"] = (steps, num_values, num_u)
-    if np.size(given["gains"]):
-        width = np.shape(given["gains"])[-1]  # linear controls answer what they are away themselves, too
-        width = width if num_values == 2 and width == 2 * nv + num_u else 2 * nv
-        shapes["gains"] = (steps, max(num_values, 1) * num_u, width)
-    for letter in "uvq":
-        size = shapes[f"limits_{letter}"][1] or 0
-        absent[f"limits_{letter}"] = np.outer([-np.inf, np.inf], np.ones(size))
-        absent[f"lam_{letter}s"] = np.zeros((shapes[f"lam_{letter}s"][0] or 0, size))
-    values = {
-        name: _or_absent(given[name], absent[name]) if name in absent else given[name] for name in shapes
-    }
-    return {name: frozen_array(values[name], shape=shape, name=name) for name, shape in shapes.items()}
+
+
+def _absent(quantity: Quantity, sizes: Mapping[str, int | None]) -> Array:
+    """What stands for numbers that nobody has worked out; what has names of its own has no columns then."""
+    shape = [0 if axis in _NAMED else sizes[axis] or 0 for axis in quantity.axes]
+    array = np.full(shape, quantity.absent)
+    if quantity.axes[0] == "side":
+        array[0] *= -1.0
+    return array
 
 
 def _width(name: str, rows: Any) -> int:
@@ -125,11 +121,6 @@ def _width(name: str, rows: Any) -> int:
     if len(shape) != 2:
         raise DimensionMismatch(name, shape, (None, None))
     return int(shape[1])
-
-
-def _or_absent(value: Any, substitute: Array) -> Array:
-    array = np.asarray(value, dtype=float)
-    return array if array.size else substitute
 
 
 def _plain(value: Any) -> Any:

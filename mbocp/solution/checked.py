@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -18,9 +19,10 @@ from mbocp._text import printable, shown
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.accuracy import Accuracy
+from mbocp.solution.data import COUNTS, NUMBERS, WORDS, SolutionData
 from mbocp.solution.facts import Facts
 from mbocp.solution.records import IterationRecord, Phase, StartRecord, Status
-from mbocp.storage.content import FileContent
+from mbocp.storage.content import ITERATE, QUANTITIES, FileContent
 
 __all__ = ["check_content", "read_facts", "read_records"]
 
@@ -41,37 +43,23 @@ _Count = Annotated[int, Field(ge=0, lt=2**63)]
 _Size = Annotated[float, AfterValidator(_not_negative)]
 
 
-class _Summary(_Strict):
-    """What has no default here stands in every file."""
-
-    status: Annotated[Status, Field(strict=False)]
-    advice: str = ""
-    solver: str
-    iterations: _Count
-    cost: float
-    residual: _Size
-    increment: _Size = 0.0
-    constraint_violation: _Size = 0.0
-    velocity_violation: _Size = 0.0
-    limit_violation: _Size = 0.0
-    limit_excess: _Size = 0.0
-    limit_excess_of: str = ""
-    limit_excess_time: float = 0.0
-    manifold_drift: _Size = 0.0
-    manifold_drift_resimulated: _Size = 0.0
-    clearance: float = 0.0
-    clearance_time: float = 0.0
-    unknowns: _Count
-    wall_time_s: _Size = 0.0
-    substeps: _Count = 0
-    problem_name: str = ""
-    robot_name: str = ""
-    guess_used: str = ""
-    clearance_between: str = ""
-    coordinates: str = ""
-    scheme: str = ""
-    lie: str = ""
-    rotations: str = ""
+_SIGNED = ("cost", "clearance", "clearance_time", "limit_excess_time")  # other numbers are sizes
+_KINDS: dict[str, Any] = {
+    **dict.fromkeys(WORDS, str),
+    **dict.fromkeys(COUNTS, _Count),
+    **dict.fromkeys(NUMBERS, _Size),
+    **dict.fromkeys(_SIGNED, float),
+    "status": Annotated[Status, Field(strict=False)],
+}
+_Summary = create_model(  # type: ignore[call-overload]
+    "_Summary",
+    __base__=_Strict,
+    **{
+        f.name: (_KINDS[f.name], ... if f.default is dataclasses.MISSING else f.default)
+        for f in dataclasses.fields(SolutionData)
+        if f.name in _KINDS
+    },
+)
 
 
 def _table_of(record: type) -> type[_Strict]:
@@ -118,11 +106,11 @@ def check_content(content: FileContent) -> None:
     InvalidValue
         Naming the value, what it is and what it should be.
     """
-    summary = _validated(_Summary, "summary", content.summary)
+    _validated(_Summary, "summary", content.summary)
     _validated(_Structures, "text", content.structures)
     _validated(_Texts, "text", content.texts)
     _check_columns(content)
-    _check_numbers(content, summary.status)
+    _check_numbers(content, Status(content.summary["status"]))
 
 
 def read_records(kind: type[_Record], tables: list[Mapping[str, Any]]) -> tuple[_Record, ...]:
@@ -183,32 +171,24 @@ def _refusal(where: str, error: ValidationError) -> InvalidValue:
     return InvalidValue(f"{where}: {name}", got, first["msg"])
 
 
-_VECTORS = (
-    "t",
-    "eta",
-    "control_hamiltonians",
-    "manifold_drifts",
-    "u_shares",
-    "iterate_lam_guard",
-    "iterate_room",
-)
-_BLOCKS = ("gains", "u_values")
+_EVERY = {**QUANTITIES, **ITERATE}
+_AXES = ("a vector", "a table", "a block")
 
 
 def _check_columns(content: FileContent) -> None:
     for name, array in content.arrays.items():
-        axes = 1 if name in _VECTORS else 3 if name in _BLOCKS else 2
+        quantity = _EVERY[name]
+        axes = len(quantity.axes)
         if array.ndim != axes:
-            raise InvalidValue(name, f"shape {array.shape}", ("a vector", "a table", "a block")[axes - 1])
-        # Vectors have one column, but for eta, in which every number has a name.
-        width = 1 if name in _VECTORS and name != "eta" else array.shape[-1]
+            raise InvalidValue(name, f"shape {array.shape}", _AXES[axes - 1])
+        width = 1 if quantity.has_one_column else array.shape[-1]
         if len(content.columns[name]) != width:
             raise InvalidValue(f"columns of {name}", len(content.columns[name]), f"{width} names")
 
 
 # What may have no value, and then NaN in its place; and what may be infinite, because nothing limits it.
-_UNKNOWN = ("control_hamiltonians", "manifold_drifts")
-_SIDES = ("limits_u", "limits_v", "limits_q")
+_UNKNOWN = [name for name, quantity in QUANTITIES.items() if quantity.absent is math.nan]
+_SIDES = [name for name, quantity in QUANTITIES.items() if quantity.axes[0] == "side"]
 
 
 def _check_numbers(content: FileContent, status: Status) -> None:

@@ -20,65 +20,18 @@ from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
 from mbocp.solution.facts import Facts, PhasePlace
 from mbocp.solution.later import Later, complete
-from mbocp.solution.records import IterationRecord, Labels, Phase, StartRecord, Status
+from mbocp.solution.records import (
+    Column,
+    IterationRecord,
+    Labels,
+    Phase,
+    StartRecord,
+    Status,
+    dual_columns,
+)
+from mbocp.storage.content import QUANTITIES
 
-__all__ = ["ARRAYS", "COUNTS", "NUMBERS", "OPTIONAL", "WORDS", "SolutionData"]
-
-ARRAYS = (
-    "t",
-    "qs",
-    "vs",
-    "ps",
-    "us",
-    "lams",
-    "mus",
-    "zetas",
-    "eta",
-    "control_hamiltonians",
-    "control_momenta",
-)
-OPTIONAL = (  # left out of the file where they say nothing
-    "manifold_drifts",
-    "lam_us",
-    "lam_qs",
-    "lam_vs",
-    "lam_path",
-    "limits_u",
-    "limits_v",
-    "limits_q",
-    "gains",
-    "u_values",
-    "u_shares",
-)
-NUMBERS = (
-    "cost",
-    "residual",
-    "increment",
-    "constraint_violation",
-    "velocity_violation",
-    "limit_violation",
-    "limit_excess",
-    "limit_excess_time",
-    "manifold_drift",
-    "manifold_drift_resimulated",
-    "clearance",
-    "clearance_time",
-    "wall_time_s",
-)
-COUNTS = ("iterations", "unknowns", "substeps")
-WORDS = (
-    "advice",
-    "solver",
-    "problem_name",
-    "robot_name",
-    "guess_used",
-    "limit_excess_of",
-    "clearance_between",
-    "coordinates",
-    "scheme",
-    "lie",
-    "rotations",
-)
+__all__ = ["COUNTS", "NUMBERS", "WORDS", "SolutionData"]
 
 
 def _absent() -> Array:
@@ -162,7 +115,7 @@ class SolutionData:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path_names", tuple(map(str, self.path_names)))
-        given = {name: getattr(self, name) for name in (*ARRAYS, *OPTIONAL)}
+        given = {name: getattr(self, name) for name in QUANTITIES}
         checked = checked_arrays(given, len(tuple(self.control_momentum_names)), len(self.path_names))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -196,6 +149,31 @@ class SolutionData:
 
     def _fitted(self, facts: Facts) -> Facts:
         return facts.fit(self.num_steps, {"q": self.nq, "v": self.nv, "u": self.nu})
+
+    def columns(self, name: str) -> tuple[Column, ...]:
+        """Return name and unit of each column, along the last axis, of one of the arrays."""
+        words = QUANTITIES[name].columns
+        kind, _, letter = words.rpartition(" ")
+        if letter in Labels.__dataclass_fields__:
+            columns: tuple[Column, ...] = getattr(self.labels, letter)
+            return dual_columns(columns) if kind == "dual" else columns
+        if words == "symmetries":
+            return tuple(Column(symmetry, "cost") for symmetry in self.control_momentum_names)
+        if words == "path":
+            return tuple(Column(row, "") for row in self.path_names)
+        if words == "numbers":
+            return tuple(Column(str(i), "") for i in range(getattr(self, name).shape[-1]))
+        if words == "moves":
+            return self._moves()
+        word, _, unit = words.partition(" ")
+        return (Column(word, unit.strip("[]")),)
+
+    def _moves(self) -> tuple[Column, ...]:
+        """What gains answer: moves of (q, v), and of linear controls."""
+        moves = tuple(Column(f"{part}:{v.name}", "") for part in ("q", "v") for v in self.labels.v)
+        if self.gains.shape[-1] <= len(moves):
+            return moves
+        return moves + tuple(Column(f"u:{u.name}", "") for u in self.labels.u)
 
     @property
     def goal_place(self) -> int | None:
@@ -366,5 +344,11 @@ class SolutionData:
         return meanings or ("",) * len(names)
 
 
+def _of_kind(kind: str) -> tuple[str, ...]:
+    """Names of the fields of the summary, by their kind."""
+    return tuple(f.name for f in fields(SolutionData) if f.type == kind and f.name != "problem_text")
+
+
+WORDS, COUNTS, NUMBERS = _of_kind("str"), _of_kind("int"), _of_kind("float")
 for _field in fields(SolutionData):
     setattr(SolutionData, _field.name, Later(_field.name))

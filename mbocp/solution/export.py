@@ -14,7 +14,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.solution.atomic import atomic_path
 from mbocp.solution.data import SolutionData
-from mbocp.solution.records import Column, dual_columns
+from mbocp.solution.records import Column
+from mbocp.storage.content import QUANTITIES
 
 __all__ = ["solution_dict", "table", "write_csv"]
 
@@ -31,46 +32,38 @@ def table(solution: SolutionData) -> tuple[list[str], Array]:
         `t [s]`, then `q:joint [rad]` and so on.
     rows : ndarray, shape (N + 1, columns)
     """
-    labels, num_v = solution.labels, solution.nv
-    momenta = tuple(Column(name, "cost") for name in solution.control_momentum_names)
-    blocks: list[tuple[str, tuple[Column, ...], Array]] = [
-        ("q:", labels.q, solution.qs),
-        ("v:", labels.v, solution.vs),
-        ("p:", labels.p, solution.ps),
-        ("u:", labels.u, solution.us),
-        *_value_blocks(solution),
-        ("lam:", labels.lam, solution.lams),
-        ("mu_q:", labels.mu[:num_v], solution.mus[:, :num_v]),
-        ("mu_p:", labels.mu[num_v:], solution.mus[:, num_v:]),
-        ("zeta:", labels.zeta, solution.zetas),
-        ("", (Column("H", "cost/s"),), solution.control_hamiltonians[:, None]),
-        ("xi:", momenta, solution.control_momenta),
-        *_limit_blocks(solution),
-    ]
     header, columns = ["t [s]"], [solution.t[:, None]]
-    for prefix, names, values in blocks:
+    for prefix, names, values in _blocks(solution):
         header += [prefix + column.header for column in names]
         missing = np.full((len(solution.t) - len(values), values.shape[1]), np.nan)
         columns.append(np.vstack([values, missing]))
     return header, np.hstack(columns)
 
 
-def _value_blocks(solution: SolutionData) -> Iterator[tuple[str, tuple[Column, ...], Array]]:
-    """Controls within the steps, where they vary: `u` itself is their mean then."""
-    for k, share in enumerate(solution.u_shares):
-        yield f"u@{share:.6g}:", solution.labels.u, solution.u_values[:, k]
+def _blocks(solution: SolutionData) -> Iterator[tuple[str, tuple[Column, ...], Array]]:
+    """Beginning of the names, columns and rows of each quantity, those of no limits left out."""
+    for name, quantity in QUANTITIES.items():
+        values, columns, prefix = getattr(solution, name), solution.columns(name), quantity.heading
+        if prefix is None:
+            continue
+        if quantity.axes[1:2] == ("share",):  # where controls vary within steps
+            for k, share in enumerate(solution.u_shares):
+                yield f"{prefix}@{share:.6g}:", columns, values[:, k]
+        elif quantity.axes[1:] == ("mu",):
+            num_v = solution.nv
+            yield f"{prefix}_q:", columns[:num_v], values[:, :num_v]
+            yield f"{prefix}_p:", columns[num_v:], values[:, num_v:]
+        elif quantity.axes[0] == "later node":  # nothing is constrained at the start
+            start = np.full((1, values.shape[1]), np.nan)
+            yield f"{prefix}:", columns, np.vstack([start, values])
+        elif len(quantity.axes) == 1:
+            yield "", columns, values[:, None]
+        elif not quantity.columns.startswith("dual ") or _has_limits(solution, quantity.axes[1]):
+            yield f"{prefix}:", columns, values
 
 
-def _limit_blocks(solution: SolutionData) -> Iterator[tuple[str, tuple[Column, ...], Array]]:
-    """Multipliers of limits and path constraints, where there are any."""
-    for letter in "uqv":
-        if np.isfinite(getattr(solution, f"limits_{letter}")).any():
-            columns = dual_columns(getattr(solution.labels, letter))
-            yield f"lam_{letter}:", columns, getattr(solution, f"lam_{letter}s")
-    if solution.path_names:  # nothing is constrained at the start
-        start = np.full((1, len(solution.path_names)), np.nan)
-        names = tuple(Column(name, "") for name in solution.path_names)
-        yield "lam_path:", names, np.vstack([start, solution.lam_path])
+def _has_limits(solution: SolutionData, letter: str) -> bool:
+    return bool(np.isfinite(getattr(solution, f"limits_{letter}")).any())
 
 
 def write_csv(solution: SolutionData, path: str | Path) -> Path:

@@ -9,16 +9,14 @@ import numpy as np
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.data import SolutionData
 from mbocp.solution.records import Column
-from mbocp.storage.content import ENTRIES, OPTIONAL_ENTRIES
+from mbocp.storage.content import QUANTITIES
 
 if TYPE_CHECKING:
     import xarray
 
 __all__ = ["dataset_of"]
 
-# Dimension of the rows, and name of the labels, of each array.
-_AT_NODES = {"qs": "q", "vs": "v", "ps": "p", "mus": "mu"}
-_IN_STEPS = {"us": "u", "lams": "lam", "zetas": "zeta"}
+_DIMENSIONS = {"node": "t", "step": "step"}  # of rows, by the first axis
 
 
 def dataset_of(solution: SolutionData) -> xarray.Dataset:
@@ -45,23 +43,21 @@ def dataset_of(solution: SolutionData) -> xarray.Dataset:
         "t": ("t", solution.t, {"units": "s"}),
         "step": ("step", solution.t[:-1], {"units": "s", "description": "begin of the step"}),
     }
-    for rows, arrays in (("t", _AT_NODES), ("step", _IN_STEPS)):
-        for key, letter in arrays.items():
-            columns: tuple[Column, ...] = getattr(solution.labels, letter)
-            if not columns:
-                continue
-            entry, names = ENTRIES[key], f"{letter}_name"
-            words = {"symbol": entry.symbol, "description": entry.description}
-            variables[letter] = ((rows, names), getattr(solution, key), words)
-            coordinates[names] = (names, _distinct(columns))
-            coordinates[f"{letter}_unit"] = (names, [column.unit for column in columns])
+    for key, entry in QUANTITIES.items():
+        letter, rows = entry.columns, _DIMENSIONS.get(entry.axes[0], "")
+        if not rows or entry.axes[1:] != (letter,) or not (columns := solution.columns(key)):
+            continue
+        names, words = f"{letter}_name", {"symbol": entry.symbol, "description": entry.description}
+        variables[letter] = ((rows, names), getattr(solution, key), words)
+        coordinates[names] = (names, _distinct(columns))
+        coordinates[f"{letter}_unit"] = (names, [column.unit for column in columns])
     if not solution.has_constant_controls:
-        entry = OPTIONAL_ENTRIES["u_values"]
+        entry = QUANTITIES["u_values"]
         words = {"symbol": entry.symbol, "description": entry.description}
         variables["u_within"] = (("step", "share", "u_name"), solution.u_values, words)
         coordinates["share"] = ("share", solution.u_shares, {"description": "part of the step"})
     if np.isfinite(solution.control_hamiltonians).any():
-        entry = ENTRIES["control_hamiltonians"]
+        entry = QUANTITIES["control_hamiltonians"]
         words = {"symbol": entry.symbol, "description": entry.description, "units": "cost/s"}
         variables["control_hamiltonian"] = ("step", solution.control_hamiltonians, words)
     facts = {

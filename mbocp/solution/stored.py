@@ -13,10 +13,10 @@ from mbocp._text import printable
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_facts, read_records
-from mbocp.solution.data import ARRAYS, COUNTS, NUMBERS, OPTIONAL, WORDS, SolutionData
+from mbocp.solution.data import COUNTS, NUMBERS, WORDS, SolutionData
 from mbocp.solution.its_iterate import MEANING, arrays_of, columns_of, is_part, iterate_in
-from mbocp.solution.records import Column, IterationRecord, Labels, Phase, StartRecord, dual_columns
-from mbocp.storage.content import FileContent
+from mbocp.solution.records import Column, IterationRecord, Labels, Phase, StartRecord
+from mbocp.storage.content import QUANTITIES, FileContent
 
 __all__ = ["content_of", "fields_of"]
 
@@ -39,8 +39,7 @@ def content_of(solution: SolutionData, robot: RobotFiles | None = None) -> FileC
         structures["accuracy"] = [dataclasses.asdict(solution.accuracy)]
     if solution.facts_kept is not None:
         structures[_FACTS] = dataclasses.asdict(solution.facts_kept)
-    arrays = {name: getattr(solution, name) for name in ARRAYS}
-    arrays |= {name: getattr(solution, name) for name in OPTIONAL if _says_something(solution, name)}
+    arrays = {name: getattr(solution, name) for name in QUANTITIES if _says_something(solution, name)}
     arrays |= arrays_of(solution.iterate, arrays)
     meaning = {} if solution.iterate is None else {MEANING: solution.iterate.meaning}
     return FileContent(
@@ -91,38 +90,15 @@ def fields_of(content: FileContent) -> dict[str, Any]:
 
 
 def _says_something(solution: SolutionData, name: str) -> bool:
-    """Whether an optional array differs from its default."""
-    value = getattr(solution, name)
-    if name in ("u_values", "u_shares"):
+    """Whether an array has to be in a file: it differs from what stands for it, or names something."""
+    value, quantity = getattr(solution, name), QUANTITIES[name]
+    if not quantity.may_lack:
+        return True
+    if quantity.absent is None or quantity.columns == "path":
         return bool(value.size)
-    if name.startswith(("limits", "manifold")):
-        return bool(np.isfinite(value).any())
-    return bool(value.size if name == "lam_path" else value.any())
+    return bool(value.any() if quantity.absent == 0.0 else np.isfinite(value).any())
 
 
 def _columns(solution: SolutionData, arrays: Mapping[str, Array]) -> dict[str, tuple[Column, ...]]:
-    labels = solution.labels
-    return {
-        **{f"{name}s": getattr(labels, name) for name in _LABELLED},
-        "t": (Column("t", "s"),),
-        "eta": tuple(Column(str(i), "") for i in range(len(solution.eta))),
-        "control_hamiltonians": (Column("H", "cost/s"),),
-        "control_momenta": tuple(Column(name, "cost") for name in solution.control_momentum_names),
-        "manifold_drifts": (Column("drift", ""),),
-        **{f"lam_{name}s": dual_columns(getattr(labels, name)) for name in ("u", "q", "v")},
-        "lam_path": tuple(Column(name, "") for name in solution.path_names),
-        **{f"limits_{name}": getattr(labels, name) for name in ("u", "v", "q")},
-        "u_values": labels.u,
-        "u_shares": (Column("share", ""),),
-        "gains": _gain_columns(solution),
-        **columns_of(solution.iterate, arrays),
-    }
-
-
-def _gain_columns(solution: SolutionData) -> tuple[Column, ...]:
-    """What gains answer: moves of (q, v), and of linear controls."""
-    labels = solution.labels
-    moves = tuple(Column(f"{part}:{v.name}", "") for part in ("q", "v") for v in labels.v)
-    if solution.gains.shape[-1] <= len(moves):
-        return moves
-    return moves + tuple(Column(f"u:{u.name}", "") for u in labels.u)
+    own = {name: solution.columns(name) for name in arrays if name in QUANTITIES}
+    return {**own, **columns_of(solution.iterate, arrays)}

@@ -2,62 +2,182 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from mbocp._arrays import Array
 
-__all__ = ["ENTRIES", "OPTIONAL_ENTRIES", "Entry", "FileContent"]
+__all__ = ["ITERATE", "QUANTITIES", "FileContent", "Quantity"]
+
+_ROWS = {  # what the first axis runs over
+    "node": "nodes n = 0..N",
+    "later node": "nodes n = 1..N",
+    "step": "steps n -> n+1, n = 0..N-1",
+    "side": "lower, upper",
+    "condition": "end conditions",
+    "share": "values",
+    "guard": "guards",
+    "pair": "pairs",
+}
 
 
-class Entry(NamedTuple):
-    """What a result file says of an array."""
+class Quantity(NamedTuple):
+    """An array of a result: what it is, over what it runs, and what its columns are.
+
+    Attributes
+    ----------
+    symbol, description : str
+    axes : tuple of str
+        The first is a key of `_ROWS`; "any" is an axis of no given length.
+    columns : str
+        Names and units of the last axis: a field of `mbocp.solution.Labels`; "dual " before one: multipliers
+        of bounds on these; "symmetries", "path", "moves": names that the solution has; "numbers": there are
+        none; else of a vector the name and unit of its only column.
+    absent : float, optional
+        Value of all numbers where nobody has worked them out; None: they must be there, or may be empty.
+    may_lack : bool
+        Whether it is left out of files where it says nothing.
+    heading : str, optional
+        How names of its columns begin in CSV tables; None: it is in none.
+    """
 
     symbol: str
     description: str
-    rows: str
+    axes: tuple[str, ...]
+    columns: str
+    absent: float | None = None
+    may_lack: bool = False
+    heading: str | None = None
+
+    @property
+    def rows(self) -> str:
+        """What its first axis runs over, in words."""
+        return _ROWS[self.axes[0]]
+
+    @property
+    def has_one_column(self) -> bool:
+        """Whether it is a vector of one quantity."""
+        return len(self.axes) == 1 and self.columns != "numbers"
 
 
-_NODES = "nodes n = 0..N"
-_STEPS = "steps n -> n+1, n = 0..N-1"
-_SIDES = "lower, upper"
+def _limit(letter: str, what: str) -> Quantity:
+    axes, symbol = ("side", letter), f"{letter}_min, {letter}_max"
+    return Quantity(symbol, f"limits of the {what}", axes, letter, math.inf, may_lack=True)
 
-ENTRIES: dict[str, Entry] = {
-    "t": Entry("t", "time of the nodes", _NODES),
-    "qs": Entry("q", "configuration", _NODES),
-    "vs": Entry("v", "velocity in the tangent space of the joints", _NODES),
-    "ps": Entry("p", "momentum M(q) v", _NODES),
-    "us": Entry("u", "control over its step; its mean where it varies", _STEPS),
-    "lams": Entry("lambda", "multiplier of the holonomic constraints in the step", _STEPS),
-    "mus": Entry("mu", "adjoint of the state: first of q, then of p", _NODES),
-    "zetas": Entry("zeta", "adjoint of the holonomic constraints", _STEPS),
-    "eta": Entry("eta", "multiplier of the exact end condition", "end conditions"),
-    "control_hamiltonians": Entry("H", "control Hamiltonian, eq. (11)", _STEPS),
-    "control_momenta": Entry("xi", "control momentum, eq. (15), one column a symmetry", _NODES),
-}
-OPTIONAL_ENTRIES: dict[str, Entry] = {
-    "manifold_drifts": Entry("d", "distance of the rotations from their manifold", _NODES),
-    "lam_us": Entry("lambda_u", "multiplier of the limits of u: positive at an upper one", _STEPS),
-    "lam_qs": Entry("lambda_q", "multiplier of the limits of q: positive at an upper one", _NODES),
-    "lam_vs": Entry("lambda_v", "multiplier of the limits of v: positive at an upper one", _NODES),
-    "lam_path": Entry("lambda_h", "multiplier of the path constraints", "nodes n = 1..N"),
-    "limits_u": Entry("u_min, u_max", "limits of the control", _SIDES),
-    "limits_v": Entry("v_min, v_max", "limits of the velocity", _SIDES),
-    "limits_q": Entry("q_min, q_max", "limits of the configuration", _SIDES),
-    "u_values": Entry("u", "control at the shares of a step, second axis; between them a polynomial", _STEPS),
-    "u_shares": Entry("c", "where in a step controls have values", "values"),
-    "iterate_xs": Entry("x", "solver's states, for a warm start", _NODES),
-    "iterate_ys": Entry("y", "solver's algebraic unknowns", _STEPS),
-    "iterate_us": Entry("u", "solver's controls", _STEPS),
-    "iterate_ms": Entry("m", "multiplier of the equations of a step, as the solver has it", _STEPS),
-    "iterate_lam_xs": Entry("lambda_x", "multiplier of the limits of the solver's states", _NODES),
-    "iterate_lam_us": Entry("lambda_u", "multiplier of the limits of the solver's controls", _STEPS),
-    "iterate_lam_path": Entry("lambda_h", "multiplier of the solver's path constraints", "nodes n = 1..N"),
-    "iterate_lam_guard": Entry("lambda_g", "multiplier of what guards the end condition", "guards"),
-    "iterate_room": Entry("d", "what rows keep beyond margins [m]; -1: none", "pairs"),
-    "gains": Entry("K", "feedback: what u, second axis, answers to moves of (q, v), third", _STEPS),
-}
+
+def _of_limit(letter: str, row: str) -> Quantity:
+    words = f"multiplier of the limits of {letter}: positive at an upper one"
+    return Quantity(
+        f"lambda_{letter}",
+        words,
+        (row, letter),
+        f"dual {letter}",
+        0.0,
+        may_lack=True,
+        heading=f"lam_{letter}",
+    )
+
+
+# A row is all that files, tables, datasets and checks know of a quantity: a new one is a row here, a field
+# of `mbocp.solution.data.SolutionData`, and the place where it is worked out.
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "t": Quantity("t", "time of the nodes", ("node",), "t [s]"),
+        "qs": Quantity("q", "configuration", ("node", "q"), "q", heading="q"),
+        "vs": Quantity("v", "velocity in the tangent space of the joints", ("node", "v"), "v", heading="v"),
+        "ps": Quantity("p", "momentum M(q) v", ("node", "p"), "p", heading="p"),
+        "us": Quantity(
+            "u", "control over its step; its mean where it varies", ("step", "u"), "u", heading="u"
+        ),
+        "u_values": Quantity(
+            "u",
+            "control at the shares of a step, second axis; between them a polynomial",
+            ("step", "share", "u"),
+            "u",
+            may_lack=True,
+            heading="u",
+        ),
+        "u_shares": Quantity("c", "where in a step controls have values", ("share",), "share", may_lack=True),
+        "lams": Quantity(
+            "lambda",
+            "multiplier of the holonomic constraints in the step",
+            ("step", "lam"),
+            "lam",
+            0.0,
+            heading="lam",
+        ),
+        "mus": Quantity(
+            "mu", "adjoint of the state: first of q, then of p", ("node", "mu"), "mu", heading="mu"
+        ),
+        "zetas": Quantity(
+            "zeta", "adjoint of the holonomic constraints", ("step", "zeta"), "zeta", 0.0, heading="zeta"
+        ),
+        "eta": Quantity("eta", "multiplier of the exact end condition", ("condition",), "numbers"),
+        "control_hamiltonians": Quantity(
+            "H", "control Hamiltonian, eq. (11)", ("step",), "H [cost/s]", math.nan, heading=""
+        ),
+        "control_momenta": Quantity(
+            "xi",
+            "control momentum, eq. (15), one column a symmetry",
+            ("node", "symmetry"),
+            "symmetries",
+            0.0,
+            heading="xi",
+        ),
+        "manifold_drifts": Quantity(
+            "d", "distance of the rotations from their manifold", ("node",), "drift", math.nan, may_lack=True
+        ),
+        "lam_us": _of_limit("u", "step"),
+        "lam_qs": _of_limit("q", "node"),
+        "lam_vs": _of_limit("v", "node"),
+        "lam_path": Quantity(
+            "lambda_h",
+            "multiplier of the path constraints",
+            ("later node", "path"),
+            "path",
+            0.0,
+            may_lack=True,
+            heading="lam_path",
+        ),
+        "limits_u": _limit("u", "control"),
+        "limits_v": _limit("v", "velocity"),
+        "limits_q": _limit("q", "configuration"),
+        "gains": Quantity(
+            "K",
+            "feedback: what u, second axis, answers to moves of (q, v), third",
+            ("step", "answer", "move"),
+            "moves",
+            may_lack=True,
+        ),
+    }
+)
+
+
+def _part(symbol: str, description: str, *axes: str) -> Quantity:
+    return Quantity(symbol, description, axes, "numbers" if len(axes) > 1 else "", may_lack=True)
+
+
+ITERATE: Mapping[str, Quantity] = MappingProxyType(  # of the solver's last iterate
+    {
+        "iterate_xs": _part("x", "solver's states, for a warm start", "node", "any"),
+        "iterate_ys": _part("y", "solver's algebraic unknowns", "step", "any"),
+        "iterate_us": _part("u", "solver's controls", "step", "any"),
+        "iterate_ms": _part(
+            "m", "multiplier of the equations of a step, as the solver has it", "step", "any"
+        ),
+        "iterate_lam_xs": _part("lambda_x", "multiplier of the limits of the solver's states", "node", "any"),
+        "iterate_lam_us": _part(
+            "lambda_u", "multiplier of the limits of the solver's controls", "step", "any"
+        ),
+        "iterate_lam_path": _part(
+            "lambda_h", "multiplier of the solver's path constraints", "later node", "any"
+        ),
+        "iterate_lam_guard": _part("lambda_g", "multiplier of what guards the end condition", "guard"),
+        "iterate_room": _part("d", "what rows keep beyond margins [m]; -1: none", "pair"),
+    }
+)
 
 
 class FileContent(NamedTuple):

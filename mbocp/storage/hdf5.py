@@ -21,12 +21,13 @@ import h5py
 import numpy as np
 
 from mbocp.exceptions import ResultFileError
-from mbocp.storage.content import ENTRIES, OPTIONAL_ENTRIES, FileContent
+from mbocp.storage.content import ITERATE, QUANTITIES, FileContent
 from mbocp.storage.seal import FORMAT_VERSION, LARGEST, SEAL_SIZE, newer_words
 
 __all__ = ["FORMAT", "content_of", "image_of"]
 
 FORMAT = "mbocp solution"
+_EVERY = {**QUANTITIES, **ITERATE}
 _ROBOT, _LIST, _CONTENTS = "robot", "list", "contents"  # group of the robot's files, and what is in it
 
 # What h5py raises where an image is damaged or somebody else's.
@@ -56,9 +57,10 @@ def _write(file: h5py.File, content: FileContent, format_version: int) -> None:
         summary.attrs[name] = value
     group = file.create_group("trajectories")
     for name, array in content.arrays.items():
-        entry, columns = (ENTRIES | OPTIONAL_ENTRIES)[name], content.columns[name]
+        entry, columns = _EVERY[name], content.columns[name]
         data = group.create_dataset(name, data=array)
-        data.attrs["symbol"], data.attrs["description"], data.attrs["rows"] = entry
+        data.attrs["symbol"], data.attrs["description"] = entry.symbol, entry.description
+        data.attrs["rows"] = entry.rows
         data.attrs["columns"] = _strings(name for name, _ in columns)
         data.attrs["units"] = _strings(unit for _, unit in columns)
         if name in content.meanings:
@@ -138,7 +140,7 @@ def _check_format(path: str | Path, file: h5py.File, *, is_sealed: bool) -> None
 
 def _read(path: str | Path, file: h5py.File, largest: int) -> FileContent:
     group, text = _member(file, "trajectories", h5py.Group), _member(file, "text", h5py.Group)
-    names = (*ENTRIES, *(name for name in OPTIONAL_ENTRIES if name in group))
+    names = [name for name, entry in _EVERY.items() if name in group or not entry.may_lack]
     data = {name: _dataset(group, name, np.float64) for name in names}
     words = {name: _dataset(text, name, np.uint8) for name in text}
     robot, contents = _robot_of(file)

@@ -13,7 +13,7 @@ from mbocp.exceptions import MbocpError, ProblemFileError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot
 from mbocp.solution.files import FileContent, write_content
-from mbocp.storage.content import ENTRIES
+from mbocp.storage.content import QUANTITIES
 
 Loader = Callable[..., Problem]
 Maker = Callable[..., Problem]
@@ -121,7 +121,7 @@ def test_target_file_csv(kinova: Robot, tmp_path: Path) -> None:
 def _save(path: Path, **motion: np.ndarray) -> None:
     """A result file with this motion, and nothing else in it that counts."""
     rows = len(motion["t"])
-    arrays = {name: np.zeros((rows, 1)) for name in ENTRIES} | motion
+    arrays = {name: np.zeros((rows, 1)) for name, row in QUANTITIES.items() if not row.may_lack} | motion
     columns = {
         name: (("x", ""),) * (array.shape[1] if array.ndim == 2 else 1) for name, array in arrays.items()
     }
