@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,19 +13,23 @@ from mbocp._files import parse_toml
 from mbocp.exceptions import ProblemFileError, Unreadable
 from mbocp.problem import Problem, ProblemWarning
 from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.file.messages import in_file
+from mbocp.problem.file.obstacle_table import obstacles_from
 from mbocp.problem.file.overrides import apply_overrides
+from mbocp.problem.file.read import read_tables
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.timeline.named_phase import phase_nodes
 from mbocp.problem.timeline.phase_holds import begin_with_impacts, end_with_partings
 from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.problem.timeline.via_time import FreeTime
 from mbocp.robot import Robot, load_stored
+from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, PathRow, PhasePlace, ViaPlace
 from mbocp.solution.its_robot import held_files, tell_changed
 from mbocp.terms import RATE_TERMS, OwnTerm
 
-__all__ = ["facts_of", "problem_of", "problem_to_show"]
+__all__ = ["Shown", "facts_of", "facts_of_text", "problem_of", "problem_to_show"]
 
 
 def problem_of(
@@ -43,10 +47,37 @@ def problem_of(
     )
 
 
-def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> Problem:
-    """Make the problem without terms of one's own, which no text holds and no picture needs."""
-    document = _document(solution)
-    tables = {key: table for key, table in document.items() if key != "terms"}
+class Shown(NamedTuple):
+    """What pictures show of a problem.
+
+    Attributes
+    ----------
+    problem : Problem
+        Without terms of one's own, which no text holds; and of a result from a file without clearances, for
+        which links would have to be covered with spheres.
+    obstacles : tuple of Obstacle
+    """
+
+    problem: Problem
+    obstacles: tuple[Obstacle, ...]
+
+
+def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> Shown:
+    """Make what pictures show of the problem that was solved."""
+    problem = _without(solution, load_robot, "terms", "obstacle", "self_collision")
+    with in_file(_label(solution)):
+        tables = read_tables(_document(solution), _label(solution))
+        return Shown(problem, obstacles_from(tables["obstacle"]))
+
+
+def facts_of_text(solution: SolutionData, load_robot: Callable[[], Robot]) -> Facts:
+    """Return the facts of a result that keeps none: those of its problem without terms of one's own."""
+    return facts_of(_without(solution, load_robot, "terms").member(solution.goal_place))
+
+
+def _without(solution: SolutionData, load_robot: Callable[[], Robot], *keys: str) -> Problem:
+    """The problem without some of its tables."""
+    tables = {key: table for key, table in _document(solution).items() if key not in keys}
     robot = load_robot() if solution.robot_spec else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ProblemWarning)  # said when it was solved

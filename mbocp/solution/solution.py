@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mbocp
 from mbocp._warn import warn_caller
@@ -23,9 +23,12 @@ if TYPE_CHECKING:
 
     from mbocp.problem import Problem
     from mbocp.robot import Robot
+    from mbocp.solution.its_problem import Shown
     from mbocp.terms import OwnTerm
 
 __all__ = ["ProblemNotShownWarning", "Solution"]
+
+T = TypeVar("T")
 
 
 class ProblemNotShownWarning(UserWarning):
@@ -317,25 +320,21 @@ class Solution(SolutionData):
         return self.load_problem()
 
     @cached_property
-    def problem_to_show(self) -> Problem | None:
-        """The problem, without terms of one's own where these are missing; None where it cannot be made.
+    def shown(self) -> Shown | None:
+        """What pictures show of the problem; None where it has no text, or cannot be made of it.
 
         Warns
         -----
         ProblemNotShownWarning
             If it cannot be made.
         """
-        if "problem" in vars(self):
-            return self.problem
-        if not self.problem_text:
+        if "problem" not in vars(self) and not self.problem_text:
             return None
-        from mbocp.solution.its_problem import problem_to_show  # as slow to import as all else
+        from mbocp.solution.its_problem import Shown, problem_to_show  # as slow to import as all else
 
-        try:
-            return problem_to_show(self, self.load_robot)
-        except MbocpError as error:
-            warn_caller(f"what the problem asked for is not shown: {error}", ProblemNotShownWarning)
-            return None
+        if "problem" in vars(self):
+            return Shown(self.problem, self.problem.obstacle)
+        return self._told(partial(problem_to_show, self, self.load_robot))
 
     @cached_property
     def facts(self) -> Facts:
@@ -346,14 +345,19 @@ class Solution(SolutionData):
         ProblemNotShownWarning
             If it keeps none, and the problem cannot be made.
         """
-        if self.facts_kept is not None:
+        if self.facts_kept is not None or not self.problem_text:
             return super().facts
-        problem = self.problem_to_show
-        if problem is None:
-            return Facts()
-        from mbocp.solution.its_problem import facts_of  # as slow to import as all else
+        from mbocp.solution.its_problem import facts_of_text  # as slow to import as all else
 
-        return self._fitted(facts_of(problem.member(self.goal_place)))
+        return self._fitted(self._told(partial(facts_of_text, self, self.load_robot)) or Facts())
+
+    def _told(self, make: Callable[[], T]) -> T | None:
+        """What is made of the problem; None, with a warning, where that cannot be."""
+        try:
+            return make()
+        except MbocpError as error:
+            warn_caller(f"what the problem asked for is not shown: {error}", ProblemNotShownWarning)
+            return None
 
     def load_problem(
         self, overrides: Mapping[str, Any] | Sequence[str] = (), *, terms: Sequence[OwnTerm] = ()

@@ -60,9 +60,10 @@ def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
         return ()
     found = [(constraint, robot.model) for constraint in robot.constraints]
     if solution.facts.held:
-        made = solution.problem_to_show
-        if made is not None and made.switches is not None:
-            found += [(held.constraint, made.robot.model) for held in made.switches.held]
+        shown = solution.shown
+        if shown is not None and shown.problem.switches is not None:
+            model = shown.problem.robot.model
+            found += [(held.constraint, model) for held in shown.problem.switches.held]
     marks = []
     for constraint, model in found:
         rows = [k for k, row in enumerate(constraint.rows) if row.name in columns]

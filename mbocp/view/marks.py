@@ -80,11 +80,11 @@ def _marks(problem: Problem, shares: Mapping[str, float]) -> Marks:
 def marks_of_result(solution: Solution, robot: Robot) -> Marks:
     """Return the same of a solution's problem, and its forces; frames that `robot` lacks are left out."""
     known, forces = {WORLD, *robot.frame_names}, forces_of(solution, robot)
-    problem = solution.problem_to_show
-    if problem is None:
+    asked = solution.shown
+    if asked is None:
         return Marks(forces=forces)
     whole = solution.duration or 1.0
-    marks = _marks(problem, {name: time / whole for name, time in solution.via_times.items()})
+    marks = _marks(asked.problem, {name: time / whole for name, time in solution.via_times.items()})
     via = (mark for mark in marks.via if {mark.goal.name, mark.goal.target.relative_to} <= known)
-    obstacles = (obstacle for obstacle in marks.obstacles if obstacle.frame in known)
+    obstacles = (obstacle for obstacle in asked.obstacles if obstacle.frame in known)
     return replace(marks, via=tuple(via), obstacles=tuple(obstacles), forces=forces)

@@ -149,8 +149,8 @@ def goals_of(problem: Problem, place: int | None) -> tuple[list[FrameTarget], li
 
 def drawn_of(solution: Solution, robot: Robot) -> dict[str, Any]:
     """What a replay of a solution draws besides the robot, as arguments of `write_replay`."""
-    known, problem = {WORLD, *robot.frame_names}, solution.problem_to_show
-    ours, others = ([], []) if problem is None else goals_of(problem, solution.goal_place)
+    known, asked = {WORLD, *robot.frame_names}, solution.shown
+    ours, others = ([], []) if asked is None else goals_of(asked.problem, solution.goal_place)
     return {
         "goals": [goal for goal in ours if {goal.name, goal.relative_to} <= known],
         "other_goals": [goal for goal in others if {goal.name, goal.relative_to} <= known],

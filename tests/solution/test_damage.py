@@ -369,7 +369,9 @@ def test_texts_that_are_no_problem_are_told_when_the_problem_is_wanted(text: str
     with pytest.warns(ProblemNotShownWarning, match="not shown: .*"):
         assert loaded.facts == Facts()
     assert loaded.active_limits == ()
-    assert loaded.problem_to_show is None  # said once
+    with pytest.warns(ProblemNotShownWarning):
+        assert loaded.shown is None
+    assert loaded.shown is None  # said once
 
 
 # Any change at all.

@@ -93,7 +93,8 @@ def test_a_solve_hands_over_the_problem_that_was_solved(tmp_path: Path) -> None:
     problem = mbocp.load_problem(Path(__file__).parents[2] / "examples/paper/rigid_pendulum.toml")
     solution = mbocp.solve(problem)
     assert solution.problem is problem
-    assert solution.problem_to_show is problem
+    assert solution.shown is not None
+    assert solution.shown.problem is problem
     for field in ("scheme", "lie", "substeps", "coordinates"):
         assert getattr(solution, field) == getattr(problem, field)
     for name, limits in problem.limits.fields.items():
@@ -120,8 +121,8 @@ def test_terms_of_ones_own_are_left_out_of_pictures() -> None:
     )  # fmt: skip
     with pytest.raises(ProblemFileError, match="high"):
         solution.problem  # noqa: B018
-    shown = solution.problem_to_show
+    shown = solution.shown
     assert shown is not None
-    assert [constraint.name for constraint in shown.path] == ["room"]
+    assert [constraint.name for constraint in shown.problem.path] == ["room"]
     assert [row.name for row in solution.facts.path] == ["room.z"]
     assert [term.name for term in solution.load_problem(terms=[high]).terms] == ["high"]
