@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, RobotFileError
-from mbocp.robot.loading.sources import Kind
+from mbocp.robot.loading.kinds import Kind
 from mbocp.robot.loading.unpacked import LIST, PREFIX
 
 __all__ = ["RobotFiles", "StoredFile", "digest_of"]

@@ -18,23 +18,23 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import mbocp
 from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
 from mbocp.robot.loading import chain, examples
+from mbocp.robot.loading.kinds import Kind
 from mbocp.robot.loading.schema import read_robot_toml
 from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
-__all__ = ["Kind", "RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
+__all__ = ["RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
 
 TOML = "robot.toml"
 YAML = "robot.yaml"
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"
 _FILE_ENDINGS = (".urdf", ".xml", ".toml", ".yaml", ".xacro")
 
-Kind: TypeAlias = Literal["toml", "yaml", "urdf", "chain", "example"]
 _FILES: dict[Kind, str] = {"toml": TOML, "yaml": YAML}  # the first of them in a folder
 
 
