@@ -374,10 +374,12 @@ def _goal_momentum(robot: Robot, goal: Goal) -> tuple[Array, BoolArray]:
     """Return the momentum at the goal, and which components of it the goal determines."""
     if goal.rate == "p":
         return goal.value, goal.rate_active
-    if goal.q_active.all() and goal.rate_active.all():
+    is_known = bool(goal.rate_active.all())
+    if not (is_known and goal.value.any()):
+        return np.zeros(robot.nv), np.full(robot.nv, is_known)  # at rest p = 0, whatever q
+    if goal.q_active.all():
         return np.array(robot.momentum(goal.q, goal.value)), goal.rate_active
-    at_rest = goal.rate_active.all() and not goal.value.any()  # then p = 0, whatever q
-    return np.zeros(robot.nv), np.full(robot.nv, at_rest)
+    return np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
 
 
 def _target_rows(robot: Robot, written: Any, letter: str, base: Array) -> tuple[Array, BoolArray]:

@@ -189,6 +189,8 @@ def placed(
     ProblemError
         If there are fewer steps than points.
     """
+    if not via:
+        return ()
     stops = [0, *nodes, num_steps]
     qs = [q_start, *(point.goal.q for point in via), q_end]
     ways = np.array([np.linalg.norm(robot.difference(a, b)) for a, b in pairwise(qs)])
