@@ -30,8 +30,8 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.robot.kinematics import frame_jacobian
-from mbocp.robot.loops.constraints import Weld
-from mbocp.robot.loops.projection import closure_by_angle, components, reduced
+from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduced
 from mbocp.robot.poses.bounds import joint_bounds
 from mbocp.robot.poses.rows import CLOSURE_WEIGHT, PoseRows, placement_of
 from mbocp.robot.poses.search import reach
@@ -91,17 +91,17 @@ class _Ties:
     def residual(self, q: Array, qs: Array) -> Array:
         """Rows at a configuration, held from nodes whose configurations are known, shape (count,).
 
-        Those of welds are rotation vectors, as their equations vanish at half turns, too.
+        Those of attitudes are rotation vectors, as their equations vanish at half turns, too.
         """
         robot, found = self.table.robot, np.zeros(len(self.rows))
         for anchor in np.unique(self.anchors[self.rows]):
             mine = self.rows & (self.anchors == anchor)
             known = q if anchor < 0 else qs[anchor]
             found[mine] = self.table.residuals(q[None], known[None])[0][mine]
-        for weld, at in self._welds:
-            turn = _turn(robot, weld, q)
+        for constraint, at in self._attitudes:
+            turn = _turn(robot, constraint, q)
             if self.anchors[at.start] >= 0:
-                turn = _turn(robot, weld, qs[self.anchors[at.start]]).T @ turn
+                turn = _turn(robot, constraint, qs[self.anchors[at.start]]).T @ turn
             found[at] = pin.log3(turn)
         own = closure_by_angle(robot, q)[0][self._kept]
         return np.concatenate([own, found[self.rows]])
@@ -110,11 +110,11 @@ class _Ties:
         """Their derivative, of rotation vectors the angular velocity, shape (count, nv)."""
         robot = self.table.robot
         found = self.table.jacobians(q[None])[0]
-        for weld, at in self._welds:
+        for constraint, at in self._attitudes:
             in_a, in_b = (
-                frame_jacobian(robot.model, q, frame, pin.LOCAL)[3:] for frame in (weld.frame_a, weld.frame_b)
+                frame_jacobian(robot.model, q, frame, pin.LOCAL)[3:] for frame in constraint.frame_ids
             )
-            found[at] = in_a - _turn(robot, weld, q).T @ in_b
+            found[at] = in_a - _turn(robot, constraint, q).T @ in_b
         own = closure_by_angle(robot, q)[1]()[self._kept]
         return np.vstack([own, found[self.rows]])
 
@@ -124,15 +124,10 @@ class _Ties:
         return np.array(self.table.robot.kept_rows, dtype=np.intp)[self.own]
 
     @cached_property
-    def _welds(self) -> list[tuple[Weld, slice]]:
-        """What is welded, and the rows of its rotation."""
-        found, first = [], 0
-        for frame in self.table.held:
-            at = slice(first + 3, first + 6)
-            if isinstance(frame.constraint, Weld) and self.rows[at].any():
-                found.append((frame.constraint, at))
-            first += len(frame.rows)
-        return found
+    def _attitudes(self) -> list[tuple[Constraint, slice]]:
+        """What keeps an attitude, and the rows of its rotation."""
+        kept = attitude_rows(frame.constraint for frame in self.table.held)
+        return [(constraint, at) for constraint, at in kept if self.rows[at].any()]
 
     def fitted(self, q: Array, qs: Array) -> Array:
         """The configuration moved so that the rows hold, shape (nq,)."""
@@ -301,9 +296,9 @@ def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
     return found
 
 
-def _turn(robot: Robot, weld: Weld, q: Array) -> Array:
-    """Axes of the first frame of a weld in those of the second, shape (3, 3)."""
-    found: Array = placement_of(robot.model, q, weld.frame_a, weld.frame_b).rotation
+def _turn(robot: Robot, constraint: Constraint, q: Array) -> Array:
+    """Axes of the first frame of a constraint in those of the second, shape (3, 3)."""
+    found: Array = placement_of(robot.model, q, *constraint.frame_ids).rotation
     return found
 
 

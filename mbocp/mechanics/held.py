@@ -1,22 +1,16 @@
 r"""Frames that are held along a part of the horizon: their equations, for steps, impacts and nodes.
 
-With :math:`r = R_b^T (p_a - p_b)` and :math:`R = R_b^T R_a`, where frame a is in the axes of frame b, a frame
-that is held *where it is* keeps them from one end of a step to the other,
-
-.. math::
-    \Phi(q_1; q_0) = \begin{pmatrix} r(q_1) - r(q_0) \\ (E - E^T)^\vee / 2 \end{pmatrix}, \qquad
-    E = R(q_0)^T R(q_1)
-
-of a weld; a point has the first three rows, a plane and a line have these along a normal or across a
-direction, and a hinge has :math:`e_i^T E n` for both :math:`e_i` across its axis n. Steps add up, so
-that a frame stays where it was when its span began: nothing has to remember where that is. Frames that
-*coincide* have the rows of the loops of robots, see `mbocp.robot.loops.equations`.
+A frame that is held *where it is* keeps the rows of its constraint from one end of a step to the other,
+:math:`\Phi(q_1; q_0) = 0`, see `Constraint.anchored`. Steps add up, so that a frame stays where it was when
+its span began: nothing has to remember where that is. Frames that *coincide* have the rows of the loops of
+robots, see `Constraint.equations`. Both are those of `mbocp.robot.loops.kinds`.
 
 What a hold pushes along, and what it leaves of velocities, is the derivative in q_1 where q_1 = q_0:
 
 .. math:: J(q) = \partial_{q_1} \Phi(q_1; q_0) |_{q_0 = q_1 = q}.
 
-At a solution E is the identity (or a turn about n), and its rows span those of the derivative in q_1.
+At a solution the frame is where it was (or turned about its axis), and the rows of J span those of the
+derivative in q_1.
 """
 
 from __future__ import annotations
@@ -33,18 +27,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
-from mbocp.robot import Label, Robot, constraint_rows
-from mbocp.robot.loops.constraints import (
-    Axis,
-    Constraint,
-    FrameConstraint,
-    Hinge,
-    PointOnLine,
-    PointOnPlane,
-    Weld,
-    perpendiculars,
-)
-from mbocp.robot.loops.coupling import Coupling
+from mbocp.robot import Label, Robot
+from mbocp.robot.loops.constraints import Constraint
 
 __all__ = [
     "Acting",
@@ -84,12 +68,9 @@ class HeldFrame:
 
         What is held where it is moves along, unless a plane or a line of the world holds it.
         """
-        if isinstance(self.constraint, Coupling):
-            return False
-        ends = (self.constraint.frame_a, self.constraint.frame_b)
+        ends = self.constraint.frame_ids
         is_of_world = any(robot.model.frames[frame].parentJoint == 0 for frame in ends)
-        has_direction = isinstance(self.constraint, PointOnPlane | PointOnLine)
-        return is_of_world and (not self.is_anchored or has_direction)
+        return is_of_world and (not self.is_anchored or self.constraint.is_directed)
 
     @property
     def signature(self) -> dict[str, Any]:
@@ -168,35 +149,6 @@ def _functions(robot: Robot, held: tuple[HeldFrame, ...]) -> tuple[ca.Function, 
 
 
 def _rows(held: HeldFrame, mechanics: _Mechanics, q: ca.SX, anchor: ca.SX) -> ca.SX:
-    constraint = held.constraint
-    if not held.is_anchored or isinstance(constraint, Coupling):
-        return constraint_rows(constraint, mechanics, q)
-    moved = _place(constraint, mechanics, q) - _place(constraint, mechanics, anchor)
-    if isinstance(constraint, PointOnPlane):
-        return _along(constraint.normal, moved)
-    if isinstance(constraint, PointOnLine):
-        return ca.vertcat(*[_along(e, moved) for e in perpendiculars(constraint.axis)])
-    if not isinstance(constraint, Hinge | Weld):
-        return moved
-    E = _attitude(constraint, mechanics, anchor).T @ _attitude(constraint, mechanics, q)
-    if isinstance(constraint, Weld):
-        return ca.vertcat(moved, ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2)
-    axis = E @ ca.DM(np.array(constraint.axis_a))
-    return ca.vertcat(moved, *[_along(e, axis) for e in perpendiculars(constraint.axis_a)])
-
-
-def _place(constraint: FrameConstraint, mechanics: _Mechanics, q: ca.SX) -> ca.SX:
-    """Origin of frame a from that of frame b, in the axes of b."""
-    a, b = constraint.frame_a, constraint.frame_b
-    between = mechanics.frame_position(a, q) - mechanics.frame_position(b, q)
-    return mechanics.frame_rotation(b, q).T @ between
-
-
-def _attitude(constraint: FrameConstraint, mechanics: _Mechanics, q: ca.SX) -> ca.SX:
-    """Axes of frame a in those of frame b."""
-    axes = mechanics.frame_rotation(constraint.frame_b, q)
-    return axes.T @ mechanics.frame_rotation(constraint.frame_a, q)
-
-
-def _along(direction: Axis, vector: ca.SX) -> ca.SX:
-    return ca.dot(ca.DM(np.array(direction)), vector)
+    if held.is_anchored:
+        return held.constraint.anchored(mechanics, q, anchor)
+    return held.constraint.equations(mechanics, q)

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
-from mbocp.robot import Robot, constraint_rows
+from mbocp.robot import Robot
 from mbocp.symbolic import ModelNumber, model_functions, values_of
 from mbocp.symbolic.matrices import call_with_matrices
 
@@ -219,7 +219,7 @@ class JointMechanics:
 
     def constraints(self, q: ca.SX) -> ca.SX:
         """Holonomic constraints Phi(q), the rows that are kept, shape (nc,) [m, rad, m^2 for rods]."""
-        rows = [constraint_rows(constraint, self, q) for constraint in self.robot.constraints]
+        rows = [constraint.equations(self, q) for constraint in self.robot.constraints]
         if not rows:
             return ca.SX.zeros(0, 1)
         return ca.vertcat(*rows)[list(self.robot.kept_rows)]

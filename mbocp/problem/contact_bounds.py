@@ -16,7 +16,6 @@ from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.constraints import Constraint, perpendiculars
-from mbocp.robot.loops.wrench import wrench_map
 from mbocp.terms import ContactTerm, Span
 
 __all__ = ["ContactBounds", "ForceSource", "contact_bounds", "force_sources"]
@@ -86,7 +85,7 @@ class ContactBounds:
         """From the forces of its rows to force and torque along the normal and two tangents, shape (6, k)."""
         normal = self.contact.normal_of(self.source.constraint)
         axes = np.array([normal, *perpendiculars(normal)])
-        whole = wrench_map(self.source.constraint)[:, list(self.source.rows)]
+        whole = self.source.constraint.wrench_map[:, list(self.source.rows)]
         found: Array = np.vstack([axes @ whole[:3], axes @ whole[3:]])
         return found
 
@@ -324,10 +323,10 @@ def _source(asked: ContactForce, robot: Robot, sources: Mapping[str, ForceSource
             f"{suggest(asked.constraint, sources)}"
         )
     found = sources[asked.constraint]
-    if found.constraint.kind == "coupling":
+    if not found.constraint.frame_ids:
         raise ProblemError(
-            f"{asked.key}: the coupling {asked.constraint!r} joins two joints and exerts no force at a "
-            "point; name a constraint between frames"
+            f"{asked.key}: the {found.constraint.kind} {asked.constraint!r} joins two joints and exerts no "
+            "force at a point; name a constraint between frames"
         )
     asked.check_kind(found.constraint)
     return found

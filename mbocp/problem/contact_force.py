@@ -6,26 +6,18 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_bool, check_integer, check_number, check_positive
-from mbocp.robot.loops.constraints import (
-    Axis,
-    Constraint,
-    Hinge,
-    Point,
-    PointOnLine,
-    PointOnPlane,
-    Rod,
-    Weld,
-    unit_axis,
-)
+from mbocp.robot.loops.constraints import Axis, Constraint, unit_axis
 from mbocp.terms import ContactTerm, Span
 
 __all__ = ["ContactForce"]
 
 _Z: Axis = (0.0, 0.0, 1.0)
 _LEAST_FACETS, _MOST_FACETS = 3, 64
-_ALONG = 1e-6  # cosine by which a direction counts as that of a line
+_ALONG = 1e-6  # part of a normal along which there is no force
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,30 +142,24 @@ class ContactForce:
         ProblemError
         """
         key, kind = self.key, found.kind
-        if self.normal is not None and isinstance(found, PointOnPlane | Rod):
+        if self.normal is not None and found.own_normal is not None:
             raise ProblemError(f"{key}: normal: a {kind} has its own; leave it out")
-        if self.friction is not None and not isinstance(found, Point | Hinge | Weld):
+        if self.friction is not None and not found.fixes_origin:
             raise ProblemError(
                 f"{key}: friction: a {kind} lets the frame slide and has no friction; hold the frame by a "
                 "point, a hinge or a weld"
             )
         for name in ("pressure", "yaw_friction"):
-            if getattr(self, name) is not None and not isinstance(found, Weld):
+            if getattr(self, name) is not None and found.attitude is None:
                 raise ProblemError(f"{key}: {name}: a {kind} exerts no such torque; a weld does")
-        if isinstance(found, PointOnLine) and self._bounds_normal:
-            along = sum(a * n for a, n in zip(found.axis, self.normal_of(found), strict=True))
-            if abs(along) > _ALONG:
-                raise ProblemError(
-                    f"{key}: normal: a line exerts no force along its axis; give one across it"
-                )
+        forces, normal = found.wrench_map[:3], np.array(self.normal_of(found))
+        missing = normal - forces @ np.linalg.pinv(forces) @ normal
+        if self._bounds_normal and np.linalg.norm(missing) > _ALONG:
+            raise ProblemError(f"{key}: normal: a {kind} exerts no force along its axis; give one across it")
 
     def normal_of(self, found: Constraint) -> Axis:
         """The normal in the axes of the second frame; of a rod the first component is along it."""
-        if isinstance(found, Rod):
-            return (1.0, 0.0, 0.0)
-        if isinstance(found, PointOnPlane):
-            return found.normal
-        return _Z if self.normal is None else self.normal
+        return found.own_normal or self.normal or _Z
 
     def write(self) -> dict[str, Any]:
         """Keys of `[[path]]` that read back as the same."""

@@ -19,9 +19,17 @@ if TYPE_CHECKING:
     from mbocp.robot.loading.load import load_robot, robot_from_spec
     from mbocp.robot.loading.sources import RobotEntry, list_robots
     from mbocp.robot.loading.world import load_parts
-    from mbocp.robot.loops.constraints import Constraint, Hinge, Point, PointOnLine, PointOnPlane, Rod, Weld
-    from mbocp.robot.loops.coupling import Coupling
-    from mbocp.robot.loops.equations import Kinematics, constraint_rows
+    from mbocp.robot.loops.constraints import (
+        Constraint,
+        Coupling,
+        Hinge,
+        Kinematics,
+        Point,
+        PointOnLine,
+        PointOnPlane,
+        Rod,
+        Weld,
+    )
     from mbocp.robot.loops.redundancy import singular_closure
     from mbocp.robot.parts import (
         Actuation,
@@ -88,7 +96,6 @@ __all__ = [
     "SingularMassMatrix",
     "SpringDamper",
     "Weld",
-    "constraint_rows",
     "describe",
     "gather",
     "list_robots",

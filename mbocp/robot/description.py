@@ -9,8 +9,7 @@ import numpy as np
 
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
-from mbocp.robot.loops.constraints import Constraint, Rod
-from mbocp.robot.loops.coupling import Coupling
+from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
 
@@ -109,14 +108,7 @@ def _constraint(robot: Robot, constraint: Constraint) -> dict[str, Any]:
         start += len(other.rows)
     rows = [label.name for label in constraint.rows]
     redundant = [name for i, name in enumerate(rows) if start + i in robot.redundant_rows]
-    facts: dict[str, Any] = {"name": constraint.name, "type": constraint.kind}
-    if isinstance(constraint, Coupling):
-        numbers = {"ratio": constraint.ratio, "offset": constraint.offset}
-        facts |= {"joints": list(constraint.joints), **numbers}
-    else:
-        facts["frames"] = list(constraint.frames)
-    if isinstance(constraint, Rod):
-        facts["length"] = constraint.length
+    facts = {"name": constraint.name, "type": constraint.kind, **constraint.facts}
     return {**facts, "rows": rows, "redundant_rows": redundant}
 
 

@@ -9,9 +9,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError
-from mbocp.robot.loops.constraints import Rod
-from mbocp.robot.loops.coupling import Coupling
-from mbocp.robot.loops.wrench import wrench_map
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -67,17 +64,16 @@ def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
     marks = []
     for constraint, model in found:
         rows = [k for k, row in enumerate(constraint.rows) if row.name in columns]
-        if isinstance(constraint, Coupling) or not rows:
+        if not constraint.frame_ids or not rows:
             continue
         try:
-            frame = robot.frame_id(model.frames[constraint.frame_a].name)
-            other = robot.frame_id(model.frames[constraint.frame_b].name)
+            frame, other = (robot.frame_id(model.frames[end].name) for end in constraint.frame_ids)
         except MbocpError:  # shown with another robot
             continue
         lams = solution.lams[:, [columns[constraint.rows[k].name] for k in rows]]
-        forces = lams @ wrench_map(constraint)[:3, rows].T
+        forces = lams @ constraint.wrench_map[:3, rows].T
         timed, t = in_time(forces, np.diff(solution.t)), solution.t - solution.t[0]
-        marks.append(ForceMark(constraint.name, frame, other, isinstance(constraint, Rod), t, timed))
+        marks.append(ForceMark(constraint.name, frame, other, constraint.is_pushing, t, timed))
     return tuple(marks)
 
 

@@ -14,8 +14,9 @@ from mbocp.formulation.base import Formulation
 from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.held import held_jacobians
 from mbocp.problem import Problem
-from mbocp.problem.timeline.hold import HOLD_KINDS, Hold
+from mbocp.problem.timeline.hold import Hold
 from mbocp.programme.kernel import kernel_programme
+from mbocp.robot.loops.constraints import HOLDS
 from mbocp.terms import MeetingTerm, Point
 from tests.formulation.stages import check_derivatives
 from tests.holds.cases import CASES, arm, drone, pendulum
@@ -68,7 +69,7 @@ def test_derivatives_of_leaps_of_bodies(name: str, scheme: str) -> None:
 def test_derivatives_of_conditions_where_frames_meet() -> None:
     """Places and rates of each kind of hold at the node where it is taken on, against differences."""
     robot, rng, step = arm().robot, np.random.default_rng(0), 1e-6
-    for kind in HOLD_KINDS:
+    for kind in HOLDS:
         held = Hold(name="it", frame="tool0", kind=kind, at="coincide").held(robot)
         term = MeetingTerm(held, tuple(range(len(held.rows))), has_place=True, has_rate=True)
         q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)

@@ -27,7 +27,6 @@ from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree
 from mbocp.mechanics.natural_coordinates.joints import JointRow, follower_row, joint_rows
 from mbocp.mechanics.natural_coordinates.kinematics import NaturalKinematics, constant
 from mbocp.robot import Robot
-from mbocp.robot.loops.equations import constraint_rows
 from mbocp.robot.parts import Label
 
 __all__ = ["NaturalMechanics"]
@@ -198,7 +197,7 @@ class NaturalMechanics(NaturalKinematics):
     def _loops(self, q: ca.SX) -> ca.SX:
         if not self.robot.constraints:
             return ca.SX.zeros(0, 1)
-        rows = ca.vertcat(*(constraint_rows(c, self, q) for c in self.robot.constraints))
+        rows = ca.vertcat(*(c.equations(self, q) for c in self.robot.constraints))
         return rows[list(self.robot.kept_rows)]
 
     def _gravity(self) -> ca.SX:

@@ -62,7 +62,7 @@ def _hold(robot: Robot, table: HoldTable) -> PhaseHold:
     words: Any = {"kind": table.kind, "at": table.at}
     words |= {} if table.axis is None else {"axis": tuple(table.axis)}
     hold = Hold(name=name, frame=table.frame, to=table.to, **words)
-    if table.axis is not None and not hold.takes_axis:
+    if table.axis is not None and "axis" not in hold.keys:
         raise ProblemError(f"hold {name!r}: axis: one of kind {table.kind!r} has none; leave it out")
     hold.constraint(robot)
     return PhaseHold(hold, table.meeting)  # type: ignore[arg-type]  # checked by the class
@@ -184,7 +184,7 @@ def _table(phase: NamedPhase) -> dict[str, Any]:
 def _hold_table(held: PhaseHold) -> dict[str, Any]:
     hold = held.hold
     found = {"name": hold.name, "frame": hold.frame, "to": hold.to, "kind": hold.kind, "at": hold.at}
-    return {**found, **({"axis": hold.axis} if hold.takes_axis else {}), "meeting": held.meeting}
+    return {**found, **{key: getattr(hold, key) for key in hold.keys}, "meeting": held.meeting}
 
 
 def _release_table(one: PhaseRelease) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
@@ -30,24 +30,13 @@ from mbocp.mechanics.held import HeldFrame
 from mbocp.problem._checks import check_choice
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loops.constraints import (
-    Axis,
-    FrameConstraint,
-    Hinge,
-    Point,
-    PointOnLine,
-    PointOnPlane,
-    Weld,
-)
+from mbocp.robot.loops.constraints import HOLDS, Axis, FrameConstraint
 
-__all__ = ["HOLD_KINDS", "Hold", "HoldKind", "Release", "Spans", "checked_spans", "holds_in"]
+__all__ = ["Hold", "Release", "Spans", "checked_spans", "holds_in"]
 
-HoldKind = Literal["weld", "point", "hinge", "plane", "line"]
-HOLD_KINDS: tuple[HoldKind, ...] = get_args(HoldKind)
 Spans = tuple[tuple[int, int], ...]
 
 _PLACES = ("where_it_is", "coincide")
-_WITH_AXIS = ("hinge", "plane", "line")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +51,7 @@ class Hold:
         The frame that is held, and the one that holds it; "world" for the ground.
     kind : {"weld", "point", "hinge", "plane", "line"}
         What of the frame is held: all of it, its origin, its origin and an axis, its origin in a plane or on
-        a line.
+        a line; see `mbocp.robot.loops.constraints.HOLDS`.
     at : {"where_it_is", "coincide"}
         Held where it is when a span begins, relative to `to`; or with both frames in one place, as loops of a
         robot are closed.
@@ -75,14 +64,14 @@ class Hold:
     name: str
     frame: str
     to: str = WORLD
-    kind: HoldKind = "weld"
+    kind: str = "weld"
     at: Literal["where_it_is", "coincide"] = "where_it_is"
     axis: Axis = (0.0, 0.0, 1.0)
     spans: Spans = ()
 
     def __post_init__(self) -> None:
         key = f"hold {self.name!r}"
-        check_choice(f"{key}: kind", self.kind, HOLD_KINDS)
+        check_choice(f"{key}: kind", self.kind, tuple(HOLDS))
         check_choice(f"{key}: at", self.at, _PLACES)
         object.__setattr__(self, "spans", checked_spans(key, self.spans))
 
@@ -92,9 +81,9 @@ class Hold:
         return self.at == "where_it_is"
 
     @property
-    def takes_axis(self) -> bool:
-        """Whether its kind has an axis."""
-        return self.kind in _WITH_AXIS
+    def keys(self) -> tuple[str, ...]:
+        """Names of the fields that its kind has beside its frames."""
+        return HOLDS[self.kind].hold_keys or ()
 
     def held(self, robot: Robot) -> HeldFrame:
         """What its equations are written of."""
@@ -114,17 +103,8 @@ class Hold:
         if a == b:
             raise ProblemError(f"hold {self.name!r}: holds frame {self.frame!r} at itself; give another `to`")
         frames = (self.frame, self.to)
-        match self.kind:
-            case "weld":
-                return Weld(self.name, a, b, frames)
-            case "point":
-                return Point(self.name, a, b, frames)
-            case "hinge":
-                return Hinge(self.name, a, b, frames, axis_a=self.axis, axis_b=self.axis)
-            case "plane":
-                return PointOnPlane(self.name, a, b, frames, normal=self.axis)
-            case "line":
-                return PointOnLine(self.name, a, b, frames, axis=self.axis)
+        given = {key: getattr(self, key) for key in self.keys}
+        return HOLDS[self.kind].held(self.name, (a, b), frames, given)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -89,7 +89,7 @@ def assemble_robot(
         limits=parts.limits(efforts),
         source=body.urdf,
         trace_frames=parts.trace_frames(),
-        connectors=parts.connectors((*constraints, *forces)),
+        connectors=parts.connectors(constraints, forces),
         spec=spec,
         description=body.table.description,
         rotations=rotations or body.table.rotations or "quaternion",

@@ -12,23 +12,13 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import UnknownFrame, UnknownJoint
-from mbocp.robot import joints, kinematics
+from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
-from mbocp.robot.loading.constraint_tables import (
-    ConstraintTable,
-    CouplingTable,
-    HingeTable,
-    LineTable,
-    PlaneTable,
-    PointTable,
-    RodTable,
-)
 from mbocp.robot.loading.limits import limits_of
 from mbocp.robot.loading.mimic import Follower
 from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loops.constraints import Constraint, Hinge, Point, PointOnLine, PointOnPlane, Rod, Weld
-from mbocp.robot.loops.coupling import Coupling
+from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import (
     Actuation,
     Connector,
@@ -88,54 +78,19 @@ class Assembly:
         for number, table in enumerate(self.table.constraints):
             name = table.name or f"{table.type}_{number}"
             try:
-                found.append(self._constraint(table, f"constraint[{number}]", name))
+                found.append(table.make(name, f"constraint[{number}]", self._names))
             except (UnknownFrame, UnknownJoint) as error:
                 error.args = (f"constraint {name!r}: {error}",)
                 raise
         self._names.refuse_repeated("constraint", [constraint.name for constraint in found])
         return tuple(found)
 
-    def _constraint(self, table: ConstraintTable, where: str, name: str) -> Constraint:
-        if isinstance(table, CouplingTable):
-            return self._coupling(table, where, name)
-        a, b = self._names.pair(table.frames, where)
-        if isinstance(table, RodTable):
-            length = table.length or self._distance(a, b)
-            if length <= 0.0:
-                self._names.refuse(
-                    f"{where}.length", "not given, and the frames coincide at the initial pose: give a length"
-                )
-            return Rod(name, a, b, length, table.frames)
-        if isinstance(table, HingeTable):
-            return Hinge(name, a, b, table.frames, table.axis, table.axis_b or table.axis)
-        if isinstance(table, PlaneTable):
-            return PointOnPlane(name, a, b, table.frames, table.normal)
-        if isinstance(table, LineTable):
-            return PointOnLine(name, a, b, table.frames, table.axis)
-        return (Point if isinstance(table, PointTable) else Weld)(name, a, b, table.frames)
-
-    def _coupling(self, table: CouplingTable, where: str, name: str) -> Coupling:
-        for locked in (joint for joint in table.joints if joint in self.locked):
-            self._names.refuse(
-                f"{where}.joints", f"joint {locked!r} is locked: lock the other, too, or take this out"
-            )
-        a, b = (self._names.joint(joint) for joint in table.joints)
-        for joint in (a, b):
-            kind = joints.joint_kind(self.model, joint)
-            if len(kind.v) != 1:
-                reason = f"joint {self.model.names[joint]!r} is {kind.word} and has {len(kind.v)} velocities"
-                self._names.refuse(f"{where}.joints", f"{reason}; a coupling takes joints with one")
-        kinds = [joints.joint_kind(self.model, joint) for joint in (a, b)]
-        periodic = (not kinds[0].is_vector, not kinds[1].is_vector)
-        unit = kinds[0].v[0][1]
-        return Coupling(name, a, b, table.ratio, table.offset, table.joints, unit, periodic)
-
     def forces(self) -> tuple[QuarticSpring | SpringDamper, ...]:
         """Springs and dampers."""
         found: list[QuarticSpring | SpringDamper] = []
         for number, table in enumerate(self.table.springs):
             a, b = self._names.pair(table.frames, f"spring[{number}]")
-            length = table.length or self._distance(a, b)
+            length = table.length or self._names.distance(a, b)
             if table.stiffness is not None and length < _MIN_LENGTH:
                 told = "not given, and the frames coincide at the initial pose"
                 if table.length is not None:
@@ -148,25 +103,23 @@ class Assembly:
             )
         for number, damper in enumerate(self.table.spring_dampers):
             a, b = self._names.pair(damper.frames, f"spring_damper[{number}]")
-            length = self._distance(a, b) if damper.length is None else damper.length
+            length = self._names.distance(a, b) if damper.length is None else damper.length
             name = damper.name or f"spring_damper_{number}"
             found.append(SpringDamper(name, a, b, damper.stiffness, damper.damping, length, damper.frames))
         self._names.refuse_repeated("spring or spring_damper", [force.name for force in found])
         return tuple(found)
 
     def connectors(
-        self, elements: Iterable[Constraint | QuarticSpring | SpringDamper]
+        self, constraints: Iterable[Constraint], forces: Iterable[QuarticSpring | SpringDamper]
     ) -> tuple[Connector, ...]:
         """Connectors in a replay: those of the [[visual]] tables, else a rod or coil for each pair."""
         shown: dict[tuple[int, ...], Connector | None] = {}
-        for pair in elements:
-            if not isinstance(pair, Rod | QuarticSpring | SpringDamper):
-                continue  # frames of a closed loop are at one place, or the constraint is visible anyway
-            kind = "rod" if isinstance(pair, Rod) else "spring"
+        # Frames of other constraints are at one place, or the constraint is visible anyway.
+        pairs = [(c.frame_ids, c.connector) for c in constraints if c.connector is not None]
+        pairs += [((force.frame_a, force.frame_b), "spring") for force in forces]
+        for (a, b), kind in pairs:
             radius, color = _LOOKS[kind]
-            shown[_key(pair.frame_a, pair.frame_b)] = Connector(
-                pair.frame_a, pair.frame_b, kind, radius, color
-            )
+            shown[_key(a, b)] = Connector(a, b, kind, radius, color)
         for number, table in enumerate(self.table.visuals):
             a, b = self._names.pair(table.frames, f"visual[{number}]")
             radius, color = _LOOKS.get(table.type, _LOOKS["line"])
@@ -193,11 +146,7 @@ class Assembly:
 
     @cached_property
     def _names(self) -> TableReader:
-        return TableReader(self.model, self.locked, self.robot, self.file)
-
-    def _distance(self, a: int, b: int) -> float:
-        pair = Connector(a, b, "line")
-        return float(np.linalg.norm(kinematics.distances(self.model, self.q0, [pair])[0]))
+        return TableReader(self.model, self.locked, self.robot, self.file, self.q0)
 
 
 def _rgba(color: Sequence[float]) -> tuple[float, float, float, float]:

@@ -8,13 +8,11 @@ import pinocchio as pin
 
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import kinematics
-from mbocp.robot.loading.constraint_tables import ConstraintTable, CouplingTable
 from mbocp.robot.loading.placement_table import placement_from
 from mbocp.robot.loading.schema import RobotTable
+from mbocp.robot.loops.constraints import ConstraintKeys
 
 __all__ = ["with_joint_frames"]
-
-_ENDS = (("a", "position", "orientation"), ("b", "position_b", "orientation_b"))
 
 
 def with_joint_frames(
@@ -46,14 +44,11 @@ def with_joint_frames(
     RobotFileError
         If the name of a frame is taken.
     """
-    model, changed = pin.Model(model), list[ConstraintTable]()
+    model, changed = pin.Model(model), list[ConstraintKeys]()
     for number, constraint in enumerate(table.constraints):
-        if isinstance(constraint, CouplingTable):
-            changed.append(constraint)
-            continue
-        name, frames = constraint.name or f"{constraint.type}_{number}", list(constraint.frames)
-        for end, (letter, *keys) in enumerate(_ENDS):
-            position, orientation = (getattr(constraint, key) for key in keys)
+        name, frames = constraint.name or f"{constraint.type}_{number}", list[str]()
+        for letter, (parent_name, position, orientation) in zip("ab", constraint.placements, strict=False):
+            frames.append(parent_name)
             if position is None and orientation is None:
                 continue
             own = f"{name}.{letter}"
@@ -63,13 +58,14 @@ def with_joint_frames(
                     f"a frame is called {own!r} already: give the constraint another name",
                     f"constraint[{number}].name",
                 )
-            index = kinematics.frame_id(model, frames[end], robot)
+            index = kinematics.frame_id(model, parent_name, robot)
             placement = placement_from(position or (0.0,) * 3, orientation or (0.0, 0.0, 0.0, 1.0))
             parent = model.frames[index]
             frame = pin.Frame(
                 own, parent.parentJoint, index, parent.placement * placement, pin.FrameType.OP_FRAME
             )
             model.addFrame(frame, False)
-            frames[end] = own
-        changed.append(constraint.model_copy(update={"name": name, "frames": tuple(frames)}))
+            frames[-1] = own
+        joined = {"name": name, "frames": tuple(frames)} if frames else {}
+        changed.append(constraint.model_copy(update=joined))
     return model, table.model_copy(update={"constraints": changed})

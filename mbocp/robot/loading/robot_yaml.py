@@ -24,9 +24,9 @@ from mbocp._text import shown
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
 from mbocp.robot.loading.actuator_tables import ActuationTable
-from mbocp.robot.loading.constraint_tables import ConstraintTable, PointTable, WeldTable
 from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.urdf import Urdf
+from mbocp.robot.loops.constraints import ConstraintKeys, Point, Weld
 from mbocp.robot.warnings import IgnoredKeysWarning
 
 __all__ = ["RobotYaml", "read_robot_yaml"]
@@ -58,10 +58,10 @@ class RobotYaml(BaseModel):
         """Loops and motors as the tables of a robot.toml."""
         kinds = self.type or ["6d"] * len(self.closed_loop)
         names = _names(self.closed_loop)
-        loops: list[ConstraintTable] = [
-            PointTable(type="point", name=name, frames=frames)
+        loops: list[ConstraintKeys] = [
+            Point.Keys(type="point", name=name, frames=frames)
             if kind.lower() == "3d"
-            else WeldTable(type="weld", name=name, frames=frames)
+            else Weld.Keys(type="weld", name=name, frames=frames)
             for name, frames, kind in zip(names, self.closed_loop, kinds, strict=True)
         ]
         balls = [n for n, t in zip(self.joint_name, self.joint_type, strict=True) if t == "SPHERICAL"]

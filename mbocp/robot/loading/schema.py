@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
@@ -18,18 +20,7 @@ from mbocp.robot.loading.actuator_tables import (
     Thruster,
     Wrench,
 )
-from mbocp.robot.loading.constraint_tables import (
-    ConstraintTable,
-    CouplingTable,
-    HingeTable,
-    LineTable,
-    PlaneTable,
-    PointTable,
-    QuarticSpringTable,
-    RodTable,
-    SpringDamperTable,
-    WeldTable,
-)
+from mbocp.robot.loading.force_tables import QuarticSpringTable, SpringDamperTable
 from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.robot.loading.schema_errors import first_complaint
@@ -42,6 +33,7 @@ from mbocp.robot.loading.table_types import (
     Table,
     Vector3,
 )
+from mbocp.robot.loops.constraints import CONSTRAINTS, ConstraintKeys
 
 __all__ = [
     "TABLES",
@@ -52,6 +44,13 @@ __all__ = [
     "read_robot_toml",
     "tables_from",
 ]
+
+
+if TYPE_CHECKING:
+    ConstraintTable: TypeAlias = ConstraintKeys
+else:
+    _KINDS = reduce(or_, (kind.Keys for kind in CONSTRAINTS.values()))
+    ConstraintTable = Annotated[_KINDS, Field(discriminator="type")]
 
 
 class InitialTable(Table):
@@ -167,15 +166,7 @@ TABLES: dict[str, tuple[type[BaseModel], ...]] = {
     "actuation": (ActuationTable,),
     "actuator": (JointActuator, Wrench, Thruster),
     "drive": (DriveTable,),
-    "constraint": (
-        RodTable,
-        PointTable,
-        HingeTable,
-        WeldTable,
-        PlaneTable,
-        LineTable,
-        CouplingTable,
-    ),
+    "constraint": tuple(kind.Keys for kind in CONSTRAINTS.values()),
     "spring": (QuarticSpringTable,),
     "spring_damper": (SpringDamperTable,),
     "payload": (PayloadTable,),

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
 import pinocchio as pin
 
+from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.locking import refuse_follower
+from mbocp.robot.parts import Connector
 
 __all__ = ["TableReader"]
 
@@ -30,12 +33,15 @@ class TableReader:
         Name for messages.
     file : Path
         Where the tables stand, for messages.
+    q0 : ndarray, shape (nq,)
+        Initial pose; lengths that are not given are measured there.
     """
 
     model: pin.Model
     locked: tuple[str, ...]
     robot: str
     file: Path
+    q0: Array
 
     def joint(self, name: str) -> int:
         """Index of a joint that moves by itself. Raises `UnknownJoint`; refuses mimic joints."""
@@ -53,6 +59,11 @@ class TableReader:
         if self.model.frames[a].parentJoint == self.model.frames[b].parentJoint:
             self.refuse(where, f"frames {names[0]!r} and {names[1]!r} are on the same rigid body")
         return a, b
+
+    def distance(self, a: int, b: int) -> float:
+        """Distance of the origins of two frames at the initial pose [m]."""
+        pair = Connector(a, b, "line")
+        return float(np.linalg.norm(kinematics.distances(self.model, self.q0, [pair])[0]))
 
     def refuse_repeated(self, what: str, names: Sequence[str]) -> None:
         """Refuse a name that several elements have."""

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    PositiveFloat,
+    model_validator,
+)
 
 from mbocp._text import has_control_characters
 
@@ -15,6 +23,7 @@ __all__ = [
     "Length",
     "Number",
     "Numbers",
+    "PairTable",
     "PositiveNumber",
     "Printable",
     "Table",
@@ -60,3 +69,16 @@ class Table(BaseModel):
     """A table that takes no other keys than its own, and does not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+class PairTable(Table):
+    """What acts between two frames."""
+
+    name: str | None = None
+    frames: FramePair
+
+    @model_validator(mode="after")
+    def _two_frames(self) -> PairTable:
+        if self.frames[0] == self.frames[1]:
+            raise ValueError(f"frames must be two different frames, got {self.frames[0]!r} twice")
+        return self

@@ -7,7 +7,7 @@ stays in the assembly mode that it starts in (elbow up or down), where one long 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -20,13 +20,14 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import kinematics
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.constraints import Weld
+from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.loops.mechanism import Mechanism
 
 __all__ = [
     "REDUNDANT_ROW_TOLERANCE",
     "assemble",
     "assemble_velocity",
+    "attitude_rows",
     "closure_by_angle",
     "components",
     "follow",
@@ -196,24 +197,22 @@ def _by_rows(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
 
 
 def closure_by_angle(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
-    """Like `_by_rows`, with rotation vectors in place of the last three rows of each weld."""
+    """Like `_by_rows`, with rotation vectors in place of the rows that keep an attitude."""
     model, data = robot.model, working_data(robot.model)
     pin.framesForwardKinematics(model, data, q)
-    residual, start, welds = np.array(robot.closure_residual(q)), 0, []
-    for constraint in robot.constraints:
-        if isinstance(constraint, Weld):
-            turn = data.oMf[constraint.frame_b].rotation.T @ data.oMf[constraint.frame_a].rotation
-            residual[start + 3 : start + 6] = pin.log3(turn)
-            welds.append((constraint, slice(start + 3, start + 6), turn))
-        start += len(constraint.rows)
+    residual, kept = np.array(robot.closure_residual(q)), []
+    for constraint, where in attitude_rows(robot.constraints):
+        turn = _turn(data, constraint)
+        residual[where] = pin.log3(turn)
+        kept.append((constraint.frame_ids, where, turn))
 
     def jacobian() -> Array:
         rows = np.array(robot.closure_jacobian(q))
         pin.computeJointJacobians(model, data, q)
-        for weld, where, turn in welds:
+        for frames, where, turn in kept:
             in_a, in_b = (
                 pin.getFrameJacobian(model, data, frame, pin.LOCAL).reshape(6, model.nv)[3:]
-                for frame in (weld.frame_a, weld.frame_b)
+                for frame in frames
             )
             rows[where] = pin.Jlog3(turn) @ (in_a - turn.T @ in_b)
         return rows
@@ -237,18 +236,34 @@ def violations(
         (labels[i].name, float(residual[i]), labels[i].unit)
         for i in np.flatnonzero(np.abs(residual) > limits)
     ]
-    found += [(weld.name, angle, "rad") for weld, angle in _turns(robot, q) if angle > _MAX_WELD_ANGLE]
+    found += [(one.name, angle, "rad") for one, angle in _turns(robot, q) if angle > _MAX_WELD_ANGLE]
     return sorted(found, key=lambda row: -abs(row[1]))
 
 
-def _turns(robot: Mechanism, q: Array) -> list[tuple[Weld, float]]:
-    """Angle between the frames of each weld [rad]."""
-    welds = [constraint for constraint in robot.constraints if isinstance(constraint, Weld)]
+def attitude_rows(constraints: Iterable[Constraint]) -> Iterator[tuple[Constraint, slice]]:
+    """Iterate over the constraints that keep an attitude, with its rows among those of all."""
+    start = 0
+    for constraint in constraints:
+        if constraint.attitude is not None:
+            rows = constraint.attitude
+            yield constraint, slice(start + rows.start, start + rows.stop)
+        start += len(constraint.rows)
+
+
+def _turns(robot: Mechanism, q: Array) -> list[tuple[Constraint, float]]:
+    """Angle between the frames of each constraint that keeps an attitude [rad]."""
+    kept = [constraint for constraint, _ in attitude_rows(robot.constraints)]
     data = working_data(robot.model)
-    if welds:
+    if kept:
         pin.framesForwardKinematics(robot.model, data, q)
-    turns = [data.oMf[w.frame_b].rotation.T @ data.oMf[w.frame_a].rotation for w in welds]
-    return [(weld, float(np.linalg.norm(pin.log3(turn)))) for weld, turn in zip(welds, turns, strict=True)]
+    return [(one, float(np.linalg.norm(pin.log3(_turn(data, one))))) for one in kept]
+
+
+def _turn(data: pin.Data, constraint: Constraint) -> Array:
+    """Axes of frame a in those of frame b."""
+    a, b = constraint.frame_ids
+    turn: Array = data.oMf[b].rotation.T @ data.oMf[a].rotation
+    return turn
 
 
 def _left(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:

@@ -13,8 +13,6 @@ from mbocp._arrays import Array
 from mbocp.robot import joints
 from mbocp.robot.large import working_data
 from mbocp.robot.loops.constraints import Constraint
-from mbocp.robot.loops.coupling import Coupling
-from mbocp.robot.loops.equations import constraint_rows
 
 __all__ = ["Closure"]
 
@@ -33,10 +31,8 @@ class Closure:
 
     def __init__(self, model: pin.Model, constraints: Sequence[Constraint]) -> None:
         self.model, self.constraints = model, tuple(constraints)
-        framed = [c for c in self.constraints if not isinstance(c, Coupling)]
-        coupled = [c for c in self.constraints if isinstance(c, Coupling)]
-        self._frames = tuple(dict.fromkeys(f for c in framed for f in (c.frame_a, c.frame_b)))
-        self._joints = tuple(dict.fromkeys(j for c in coupled for j in (c.joint_a, c.joint_b)))
+        self._frames = tuple(dict.fromkeys(f for c in self.constraints for f in c.frame_ids))
+        self._joints = tuple(dict.fromkeys(j for c in self.constraints for j in c.joint_ids))
         self.size = sum(len(c.rows) for c in self.constraints)
         self._function, self._places = _rows_function(self.constraints, self._frames, self._joints)
         self._idle: list[pin.Data] = []  # making one takes longer than using it
@@ -139,7 +135,7 @@ def _rows_function(
     """
     placements, theta = ca.SX.sym("placements", 12, len(frames)), ca.SX.sym("theta", len(joint_ids))
     placed = _Placed(frames, joint_ids, theta)
-    rows = [constraint_rows(constraint, placed, placements) for constraint in constraints]
+    rows = [constraint.equations(placed, placements) for constraint in constraints]
     phi = ca.vertcat(*rows) if rows else ca.SX.zeros(0, 1)
     by_numbers = ca.jacobian(phi, ca.vec(placements))
     columns = []

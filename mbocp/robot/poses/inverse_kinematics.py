@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
-from mbocp.robot.loops.coupling import Coupling
 from mbocp.robot.loops.mechanism import Mechanism
 from mbocp.robot.loops.projection import assemble, components, violations
 from mbocp.robot.parts import Label, Limits
@@ -277,8 +276,7 @@ def _limits(robot: Posable, choice: LimitChoice) -> tuple[Array, Array]:
 def _coupled(robot: Posable) -> frozenset[int]:
     """Joints whose whole turns count since others follow them."""
     leaders: Sequence[int] = robot.model.mimicked_joints
-    ties = [c for c in robot.constraints if isinstance(c, Coupling)]
-    return frozenset([*leaders, *(joint for tie in ties for joint in (tie.joint_a, tie.joint_b))])
+    return frozenset([*leaders, *(joint for c in robot.constraints for joint in c.joint_ids)])
 
 
 def _is_new(search: _Search, q: Array, found: Sequence[Array]) -> bool:

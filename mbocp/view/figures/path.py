@@ -14,7 +14,6 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from mbocp._arrays import Array
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.constraints import Hinge, Point, Rod, Weld
 from mbocp.view.figures.style import GREY, finish_axes, line_style, plain_text, strip_legend
 
 if TYPE_CHECKING:
@@ -216,17 +215,14 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
         turns[joint] = turns[parent] or joint_kind(model, joint).word in _HINGES
         if turns[joint] and not (parent == 0 and is_over_ground):
             lines.append((data.oMi[parent].translation.copy(), data.oMi[joint].translation.copy()))
-    ends = [
-        f for c in robot.constraints if isinstance(c, Point | Hinge | Weld) for f in (c.frame_a, c.frame_b)
-    ]
+    ends = [frame for c in robot.constraints if c.fixes_origin for frame in c.frame_ids]
     for frame in (*ids, *ends):
         joint = model.frames[frame].parentJoint
         if joint == 0:
             continue  # the ground is no link
         lines.append((data.oMi[joint].translation.copy(), data.oMf[frame].translation.copy()))
-    rods = [constraint for constraint in robot.constraints if isinstance(constraint, Rod)]
-    for element in (*rods, *robot.forces):
-        lines.append(
-            tuple(data.oMf[frame].translation.copy() for frame in (element.frame_a, element.frame_b))
-        )
+    pairs = [c.frame_ids for c in robot.constraints if c.connector is not None]
+    pairs += [(force.frame_a, force.frame_b) for force in robot.forces]
+    for pair in pairs:
+        lines.append(tuple(data.oMf[frame].translation.copy() for frame in pair))
     return np.array(lines, dtype=float).reshape(-1, 2, 3)

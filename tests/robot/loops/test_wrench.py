@@ -10,9 +10,7 @@ import pytest
 
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import load_robot
-from mbocp.robot.loops.constraints import Rod
-from mbocp.robot.loops.coupling import Coupling
-from mbocp.robot.loops.wrench import wrench_map
+from mbocp.robot.loops.constraints import Coupling, Rod
 from tests.robot.urdfs import chain, write
 
 KINDS = {
@@ -39,7 +37,7 @@ def test_force_and_torque_do_the_work_of_the_constraint(kind: str, tmp_path: Pat
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     a, b = (data.oMf[i] for i in (constraint.frame_a, constraint.frame_b))
-    force, torque = np.split(wrench_map(constraint) @ lam, 2)
+    force, torque = np.split(constraint.wrench_map @ lam, 2)
     away = a.translation - b.translation
     force = away / np.linalg.norm(away) * force[0] if isinstance(constraint, Rod) else b.rotation @ force
     torque = b.rotation @ torque
@@ -54,4 +52,4 @@ def test_force_and_torque_do_the_work_of_the_constraint(kind: str, tmp_path: Pat
 
 def test_a_coupling_has_no_force_at_a_point() -> None:
     with pytest.raises(UnsupportedRobot, match="name a constraint between frames"):
-        wrench_map(Coupling("gear", 1, 2, ratio=2.0, offset=0.0))
+        _ = Coupling("gear", 1, 2, ratio=2.0, offset=0.0).wrench_map

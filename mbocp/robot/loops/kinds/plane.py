@@ -1,0 +1,89 @@
+"""The origin of one frame stays in a plane of another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.robot.loading.table_types import Direction
+from mbocp.robot.loops.kinds.axes import Axis, Z, along, in_world, unit_axis
+from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places
+from mbocp.robot.parts import Label
+
+__all__ = ["PointOnPlane"]
+
+
+@dataclass(frozen=True)
+class PointOnPlane(FrameConstraint):
+    r"""The origin of frame a stays in a plane through the origin of frame b.
+
+    .. math:: \Phi(q) = (R_b n)^T (p_a - p_b) \quad [\mathrm{m}]
+
+    Parameters
+    ----------
+    name : str
+        Appears in messages and as the label of the multiplier.
+    frame_a, frame_b : int
+    frames : (str, str)
+        Names of the two frames, for messages.
+    normal : (float, float, float)
+        n in frame b's axes; normalised.
+    """
+
+    frames: tuple[str, str] = ("", "")
+    normal: Axis = Z
+
+    kind: ClassVar[str] = "plane"
+    hold_keys: ClassVar[tuple[str, ...]] = ("axis",)
+    is_directed: ClassVar[bool] = True
+
+    class Keys(FrameKeys):
+        """The origin of the first frame stays in a plane of the second."""
+
+        type: Literal["plane"]
+        normal: Direction = Z
+
+        def make(self, name: str, where: str, places: Places) -> PointOnPlane:
+            """Make the plane."""
+            return PointOnPlane(name, *places.pair(self.frames, where), self.frames, self.normal)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "normal", unit_axis(self.normal, f"plane {self.name!r}: normal"))
+
+    @classmethod
+    def held(
+        cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
+    ) -> PointOnPlane:
+        """The origin is held in a plane."""
+        return cls(name, *frame_ids, frames, given["axis"])
+
+    @property
+    def rows(self) -> tuple[Label, ...]:
+        """The distance from the plane."""
+        return (Label(self.name, "m"),)
+
+    @property
+    def own_normal(self) -> Axis:
+        """That of the plane."""
+        return self.normal
+
+    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+        """Distance from the plane."""
+        axes_b = kinematics.frame_rotation(self.frame_b, q)
+        return ca.dot(in_world(axes_b, self.normal), self.offset(kinematics, q))
+
+    def anchored(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+        """Difference of the positions along the normal."""
+        return along(self.normal, self.moved(kinematics, q, anchor))
+
+    @property
+    def wrench_map(self) -> Array:
+        """A force along the normal."""
+        found = np.zeros((6, 1))
+        found[:3, 0] = -np.array(self.normal)
+        return found
