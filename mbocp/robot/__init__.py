@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         PointOnLine,
         PointOnPlane,
         Rod,
+        Screw,
         Weld,
     )
     from mbocp.robot.loops.redundancy import singular_closure
@@ -93,6 +94,7 @@ __all__ = [
     "RobotFiles",
     "RobotNotStoredWarning",
     "Rod",
+    "Screw",
     "SingularMassMatrix",
     "SpringDamper",
     "Weld",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -70,7 +71,8 @@ def test_derivatives_of_conditions_where_frames_meet() -> None:
     """Places and rates of each kind of hold at the node where it is taken on, against differences."""
     robot, rng, step = arm().robot, np.random.default_rng(0), 1e-6
     for kind in HOLDS:
-        held = Hold(name="it", frame="tool0", kind=kind, at="coincide").held(robot)
+        keys: dict[str, Any] = {"pitch": 0.2} if kind == "screw" else {}
+        held = Hold(name="it", frame="tool0", kind=kind, at="coincide", **keys).held(robot)
         term = MeetingTerm(held, tuple(range(len(held.rows))), has_place=True, has_rate=True)
         q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
         h, x = term.expression(Point(JointMechanics(robot), q, v), {}), ca.vertcat(q, v)

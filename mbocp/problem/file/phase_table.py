@@ -61,6 +61,7 @@ def _hold(robot: Robot, table: HoldTable) -> PhaseHold:
     name = table.name or f"{table.frame} at {table.to}"
     words: Any = {"kind": table.kind, "at": table.at}
     words |= {} if table.axis is None else {"axis": tuple(table.axis)}
+    words |= {} if table.pitch is None else {"pitch": table.pitch}
     hold = Hold(name=name, frame=table.frame, to=table.to, **words)
     if table.axis is not None and "axis" not in hold.keys:
         raise ProblemError(f"hold {name!r}: axis: one of kind {table.kind!r} has none; leave it out")

@@ -357,6 +357,7 @@ class HoldTable(Table):
     kind: str = "weld"
     at: str = "where_it_is"
     axis: Triple = None
+    pitch: Finite | None = None
     meeting: str = "impact"
 
 

@@ -49,14 +49,17 @@ class Hold:
         What it is called; rows of multipliers are ``name.x`` and so on.
     frame, to : str
         The frame that is held, and the one that holds it; "world" for the ground.
-    kind : {"weld", "point", "hinge", "plane", "line"}
+    kind : {"weld", "point", "hinge", "plane", "line", "screw"}
         What of the frame is held: all of it, its origin, its origin and an axis, its origin in a plane or on
-        a line; see `mbocp.robot.loops.constraints.HOLDS`.
+        a line, what does not go along a thread; see `mbocp.robot.loops.constraints.HOLDS`.
     at : {"where_it_is", "coincide"}
         Held where it is when a span begins, relative to `to`; or with both frames in one place, as loops of a
         robot are closed.
     axis : (float, float, float)
-        Of a hinge in the axes of `frame`; normal of a plane and direction of a line in those of `to`.
+        Of a hinge or screw in the axes of `frame`; normal of a plane and direction of a line in those of
+        `to`.
+    pitch : float, optional
+        Of a screw: how far the frame slides in a turn [m].
     spans : tuple of (int, int)
         Steps ``[first, last)`` in which it holds, one after the other.
     """
@@ -67,11 +70,15 @@ class Hold:
     kind: str = "weld"
     at: Literal["where_it_is", "coincide"] = "where_it_is"
     axis: Axis = (0.0, 0.0, 1.0)
+    pitch: float | None = None
     spans: Spans = ()
 
     def __post_init__(self) -> None:
         key = f"hold {self.name!r}"
         check_choice(f"{key}: kind", self.kind, tuple(HOLDS))
+        if (self.pitch is not None) != ("pitch" in self.keys):
+            advice = "has none; leave it out" if self.pitch is not None else "needs one [m]"
+            raise ProblemError(f"{key}: pitch: one of kind {self.kind!r} {advice}")
         check_choice(f"{key}: at", self.at, _PLACES)
         object.__setattr__(self, "spans", checked_spans(key, self.spans))
 

@@ -14,6 +14,7 @@ from mbocp.robot.loops.kinds.line import PointOnLine
 from mbocp.robot.loops.kinds.plane import PointOnPlane
 from mbocp.robot.loops.kinds.point import Point
 from mbocp.robot.loops.kinds.rod import Rod
+from mbocp.robot.loops.kinds.screw import Screw
 from mbocp.robot.loops.kinds.weld import Weld
 
 __all__ = [
@@ -30,12 +31,13 @@ __all__ = [
     "PointOnLine",
     "PointOnPlane",
     "Rod",
+    "Screw",
     "Weld",
     "perpendiculars",
     "unit_axis",
 ]
 
-_KINDS: tuple[type[Constraint], ...] = (Rod, Point, Hinge, Weld, PointOnPlane, PointOnLine, Coupling)
+_KINDS: tuple[type[Constraint], ...] = (Rod, Point, Hinge, Weld, PointOnPlane, PointOnLine, Coupling, Screw)
 
 CONSTRAINTS: dict[str, type[Constraint]] = {kind.kind: kind for kind in _KINDS}
 HOLDS: dict[str, type[FrameConstraint]] = {

@@ -195,7 +195,7 @@ WRONG = {
     r"free_flyer: got 'perhaps'": 'free_flyer = "perhaps"',
     r"actuation\.motors: unknown key; valid names: joints": "[actuation]\nmotors = []",
     r"constraint\[0\]: type is required: type": '[[constraint]]\nframes = ["l1", "l2"]',
-    r"constraint\[0\]: unknown type 'ball', known: rod, point, hinge, weld, plane, line, coupling": (
+    r"constraint\[0\]: unknown type 'ball', known: rod, point, hinge, weld, plane, line, coupling, screw": (
         '[[constraint]]\ntype = "ball"\nframes = ["l1", "l2"]'
     ),
     r"constraint\[0\]\.frames: this key is required": '[[constraint]]\ntype = "rod"',
